@@ -1,0 +1,36 @@
+"""The saved nouns that the stages hand to one another: frozen, shape-checked, with save and load."""
+
+from rfea_vision.artefacts.judgement import (
+    Candidate,
+    Comparison,
+    Diagnosis,
+    ExperimentScore,
+    Ladder,
+    Metrics,
+    ModelFit,
+    NextExperiment,
+    Parameter,
+    Rung,
+    Tie,
+    WorstPlace,
+)
+from rfea_vision.artefacts.measurement import Actuator, Calibration, Recording, Track
+
+__all__ = [
+    "Actuator",
+    "Calibration",
+    "Candidate",
+    "Comparison",
+    "Diagnosis",
+    "ExperimentScore",
+    "Ladder",
+    "Metrics",
+    "ModelFit",
+    "NextExperiment",
+    "Parameter",
+    "Recording",
+    "Rung",
+    "Tie",
+    "Track",
+    "WorstPlace",
+]

@@ -1,0 +1,180 @@
+"""What was concluded: a fit, its comparison with the measurement, a diagnosis, the ladder. JSON, typed by pydantic."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from rfea_vision.errors import InputError
+from rfea_vision.files import write_text
+
+
+class _Json(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="allow", ser_json_inf_nan="null", populate_by_name=True)
+
+    def save(self, path: Path) -> None:
+        write_text(path, json.dumps(self.model_dump(mode="json", by_alias=True), indent=1) + "\n")
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        try:
+            return cls.model_validate_json(path.read_text(encoding="utf-8"))
+        except FileNotFoundError as error:
+            raise InputError(f"{path}: not found; run the stage that writes it") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            raise InputError(f"{path}: {where}: {first['msg']}; run the stage again with --force") from error
+
+
+class Parameter(_Json):
+    """A fitted value in ``unit``; ``stderr`` and ``interval_95`` are null where the data cannot give them, with the reason in ``note``."""
+
+    value: float
+    unit: str
+    stderr: float | None = None
+    interval_95: tuple[float, float] | None = None
+    lower: float | None = None
+    upper: float | None = None
+    fixed: bool = False
+    note: str = ""
+
+
+class Metrics(_Json):
+    """Root mean square errors on the centre line; null where the data cannot give them, with the reason in ``notes``."""
+
+    tip_rmse_mm: float | None = None
+    tip_y_rmse_mm: float | None = None
+    midline_rmse_mm: float | None = None
+    angle_rmse_deg: float | None = None
+    tip_rmse_percent_of_length: float | None = None
+    normalised_fit_percent: float | None = None
+    notes: dict[str, str] = Field(default_factory=dict)
+
+
+class ExperimentScore(Metrics):
+    role: str
+    frames_used: int = 0
+    nuisance: dict[str, float] = Field(default_factory=dict)
+
+
+class ModelFit(_Json):
+    """`model.json`: the fit. Metrics by role; `test` is present only after the ladder has ended."""
+
+    format: Literal["rfea-model/1"] = "rfea-model/1"
+    name: str
+    segments: int
+    joints: Literal["middle", "start"] = "middle"
+    effects: list[str] = Field(default_factory=list)
+    observe: str = "midline"
+    status: Literal["converged", "not_converged", "refused"] = "converged"
+    message: str = ""
+    actuator: dict[str, Any] = Field(default_factory=dict)
+    parameters: dict[str, Parameter]
+    paper_parameters: dict[str, Parameter] = Field(default_factory=dict)
+    correlation: dict[str, Any] = Field(default_factory=dict)  # {"names": [...], "matrix": [[...]]}
+    metrics: dict[str, Metrics]
+    noise_floor_mm: float | None = None
+    noise_floor_source: str = ""
+    experiments: dict[str, ExperimentScore]
+    warnings: list[str] = Field(default_factory=list)
+    steady_state: dict[str, Any] = Field(default_factory=dict)  # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
+    starts: list[dict[str, Any]] = Field(default_factory=list)  # the waterfall: {"start", "cost", "status"}
+    residual_tests: dict[str, Any] = Field(default_factory=dict)
+    laws: dict[str, dict[str, str]] = Field(default_factory=dict)  # effect -> {"title", "latex", "reference", "text"}
+    inputs: dict[str, str] = Field(default_factory=dict)
+
+
+class WorstPlace(_Json):
+    """A stretch of time and tube where model and measurement part."""
+
+    experiment: str
+    from_s: float
+    to_s: float
+    from_sigma: float
+    to_sigma: float
+    rmse_mm: float
+    phase: Literal["hold", "rise", "fall", "reversal", "rest", "ringing"]
+    sentence: str
+
+
+class Comparison(_Json):
+    """`comparison.json`: where a model fails. Tables as lists of rows."""
+
+    format: Literal["rfea-comparison/1"] = "rfea-comparison/1"
+    model: str
+    noise_floor_mm: float | None = None
+    by_phase: list[dict[str, Any]] = Field(default_factory=list)  # {"experiment","role","phase","rmse_mm","share","frames"}
+    by_pressure: list[dict[str, Any]] = Field(default_factory=list)  # {"from_kPa","to_kPa","rmse_mm","frames"}
+    by_segment: list[dict[str, Any]] = Field(default_factory=list)  # {"from_sigma","to_sigma","rmse_mm","bias_mm"}
+    where: list[WorstPlace] = Field(default_factory=list)
+    residual_torque: dict[str, Any] = Field(default_factory=dict)  # {"rms_mNm", "depends_on": [{"on","score","sentence"}], "note"}
+    elongation: dict[str, Any] = Field(default_factory=dict)  # {"sentence","assumption","profiles":[...]}
+    sentences: list[str] = Field(default_factory=list)
+
+
+class Candidate(_Json):
+    effect: str
+    at: str | None = None
+    score_p: float | None = None
+    predicted_rmse_mm: float | None = None
+    train_rmse_mm: float | None = None
+    validate_rmse_mm: float | None = None
+    delta_bic: float | None = None
+    parameters: dict[str, Parameter] = Field(default_factory=dict)
+    refitted: bool = False
+    matters: bool | None = None
+    note: str = ""
+
+
+class Tie(_Json):
+    effects: list[str]
+    split_by: str
+
+
+class NextExperiment(_Json):
+    separates: list[str] = Field(alias="for")
+    pressure: str
+    sentence: str
+
+
+class Diagnosis(_Json):
+    """`diagnosis.json`: which effect is missing."""
+
+    format: Literal["rfea-diagnosis/1"] = "rfea-diagnosis/1"
+    model: str
+    verdict: Literal["missing", "complete", "unexplained"]
+    sentence: str = ""
+    named: list[str] = Field(default_factory=list)
+    tied: list[Tie] = Field(default_factory=list)
+    candidates: list[Candidate] = Field(default_factory=list)
+    where: list[WorstPlace] = Field(default_factory=list)
+    noise_floor_mm: float | None = None
+    explained_fraction: float | None = None
+    next_experiment: NextExperiment | None = None
+    warnings: list[str] = Field(default_factory=list)
+
+
+class Rung(_Json):
+    model: str
+    added: str | None
+    train_tip_rmse_mm: float | None
+    validate_tip_rmse_mm: float | None
+    delta_bic: float | None
+    verdict: str
+
+
+class Ladder(_Json):
+    """`ladder.json`: every rung so far."""
+
+    format: Literal["rfea-ladder/1"] = "rfea-ladder/1"
+    rungs: list[Rung]
+    test: dict[str, Any] | None = None  # {"model", "tip_rmse_mm", "first_model_tip_rmse_mm", "experiments": {...}}
+    noise_floor_mm: float | None = None
+    stopped_because: str = ""
+    findings: list[str] = Field(default_factory=list)
+
+    FILE: ClassVar[str] = "ladder.json"

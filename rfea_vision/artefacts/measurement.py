@@ -1,0 +1,190 @@
+"""What was measured: the tube's dimensions, the camera, the track, and the recording on one clock.
+
+Rig frame everywhere: origin where the centre line leaves the clamp, x to the right as the camera sees it, y up.
+Angles and curvature are positive in the direction that ``actuator.bends`` names. Lengths in files are mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rfea_vision.errors import InputError
+from rfea_vision.files import read_dataset, write_dataset
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """Dimensions and densities of the tube at rest, in SI units.
+
+    The radii default to 4 and 3 mm: the 8 and 6 mm that the paper prints are diameters (see docs/physics.md).
+    """
+
+    outer_radius: float = 0.004
+    inner_radius: float = 0.003
+    length: float = 0.155
+    density: float = 965.0
+    fluid_density: float = 1000.0
+    bends: Literal["left", "right"] = "left"
+
+    def __post_init__(self) -> None:
+        if not 0 < self.inner_radius < self.outer_radius:
+            raise InputError("actuator.inner_radius must be positive and smaller than actuator.outer_radius")
+        for key in ("length", "density", "fluid_density"):
+            if not getattr(self, key) > 0:
+                raise InputError(f"actuator.{key} must be positive")
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Lens, and the plane of motion seen through it.
+
+    Pixel origin: the centre of the top left pixel is (0, 0), as in OpenCV.
+
+    Attributes
+    ----------
+    camera_matrix : (3, 3) pixels
+    distortion : (5,), (8,) or fisheye (4,) coefficients in OpenCV's order
+    model : ``brown5``, ``brown8`` or ``fisheye``
+    rms_px : root mean square reprojection error of the photos used
+    intrinsics_covariance : (m, m) covariance of [fx, fy, cx, cy, distortion...]
+    plane_rotation, plane_translation_mm : pose of the plane of motion, board to camera: X_cam = R X_board + t
+    plane_pose_covariance : (6, 6) of [rotation vector, translation in mm]
+    plane_tilt_deg : angle between the optical axis and the plane's normal
+    photos : one record per photo: {file, used, reason, rms_px}
+    """
+
+    image_width: int
+    image_height: int
+    camera_matrix: FloatArray
+    distortion: FloatArray
+    model: str
+    rms_px: float
+    intrinsics_covariance: FloatArray
+    plane_rotation: FloatArray
+    plane_translation_mm: FloatArray
+    plane_pose_covariance: FloatArray
+    plane_tilt_deg: float
+    vertical: str
+    photos: tuple[dict[str, Any], ...]
+    quality: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        if self.camera_matrix.shape != (3, 3) or self.plane_rotation.shape != (3, 3):
+            raise InputError("camera_matrix and plane_rotation must be 3 x 3")
+
+
+_TRACK_DIMS: dict[str, tuple[str, ...]] = {
+    "valid": ("time",),
+    "reason": ("time",),
+    "midline": ("time", "node", "xy"),
+    "midline_sigma": ("time", "node"),
+    "edges": ("time", "side", "node", "xy"),
+    "width": ("time", "node"),
+    "width_sigma": ("time", "node"),
+    "curvature": ("time", "node"),
+    "curvature_sigma": ("time", "node"),
+    "tip": ("time", "xy"),
+    "tip_sigma": ("time", "xy"),
+    "bend_angle": ("time",),
+    "bend_angle_sigma": ("time",),
+    "elongation": ("time", "segment"),
+    "elongation_sigma": ("time", "segment"),
+}
+
+
+def _check(dataset: xr.Dataset, noun: str) -> None:
+    for name, dims in _TRACK_DIMS.items():
+        if name in dataset and dataset[name].dims != dims:
+            raise InputError(f"{noun}: '{name}' has dimensions {dataset[name].dims}, expected {dims}")
+    for name in ("valid", "reason"):
+        if name not in dataset:
+            raise InputError(f"{noun}: '{name}' is missing")
+    if not any(name in dataset for name in ("tip", "midline", "bend_angle")):
+        raise InputError(f"{noun}: none of tip, midline and bend_angle is there")
+    time = dataset["time"].values
+    if time.ndim != 1 or not np.all(np.isfinite(time)) or np.any(np.diff(time) < 0):
+        raise InputError(f"{noun}: time must be finite and must not run backwards")
+
+
+@dataclass(frozen=True)
+class Track:
+    """The tube in every frame, on the camera's clock; one row per frame, none missing.
+
+    ``dataset`` holds (lengths mm, angles deg, time s, curvature 1/mm, elongation as a ratio; NaN where ``valid`` is 0):
+    time; valid (int8); reason (str, empty where valid); midline (time, node, xy), nodes evenly spaced along the centre
+    line from clamp to tip; midline_sigma (time, node), the standard error along the normal; edges (time, side, node, xy)
+    with side = ["inner", "outer"] of the bend; width; curvature; tip (time, xy); tip_sigma (time, xy); bend_angle (time),
+    the tangent's angle at the tip; elongation (time, segment); and their ``*_sigma``. A track from another tool may
+    lack any but one of tip, midline and bend_angle.
+    """
+
+    dataset: xr.Dataset
+
+    def __post_init__(self) -> None:
+        _check(self.dataset, "track")
+
+    @property
+    def time_s(self) -> FloatArray:
+        return self.dataset["time"].values
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        return self.dataset["valid"].values.astype(bool)
+
+    def save(self, path: Path) -> None:
+        write_dataset(path, self.dataset)
+
+    @classmethod
+    def load(cls, path: Path) -> Track:
+        return cls(read_dataset(path))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A track and its pressure log on one clock, the log's.
+
+    ``dataset`` is that of `Track` with ``time`` on the log's clock, plus ``log_time`` (s) and ``pressure`` (log_time)
+    in kPa gauge; attributes ``experiment``, ``role``, ``bends``, ``sync_method``, ``offset_s`` (log clock minus camera
+    clock), ``offset_stderr_s``, ``drift_ppm``, ``drift_stderr_ppm``, and optionally ``repeat_of``.
+    """
+
+    dataset: xr.Dataset
+
+    def __post_init__(self) -> None:
+        _check(self.dataset, "recording")
+        if "pressure" not in self.dataset or self.dataset["pressure"].dims != ("log_time",):
+            raise InputError("recording: 'pressure' over 'log_time' is missing")
+
+    @property
+    def name(self) -> str:
+        return str(self.dataset.attrs["experiment"])
+
+    @property
+    def role(self) -> str:
+        return str(self.dataset.attrs["role"])
+
+    @property
+    def time_s(self) -> FloatArray:
+        return self.dataset["time"].values
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        return self.dataset["valid"].values.astype(bool)
+
+    def save(self, path: Path) -> None:
+        write_dataset(path, self.dataset)
+
+    @classmethod
+    def load(cls, path: Path) -> Recording:
+        return cls(read_dataset(path))
