@@ -1,0 +1,26 @@
+"""Campaign folders: from files that people write to typed inputs, with errors that name file, line, key and remedy."""
+
+from rfea_vision.campaign.loading import load_campaign, read_campaign
+from rfea_vision.campaign.problems import Problem
+from rfea_vision.campaign.specs import (
+    CameraSpec,
+    Campaign,
+    ExperimentSpec,
+    PressureSpec,
+    SyncSpec,
+    TrackSpec,
+    VideoSpec,
+)
+
+__all__ = [
+    "CameraSpec",
+    "Campaign",
+    "ExperimentSpec",
+    "PressureSpec",
+    "Problem",
+    "SyncSpec",
+    "TrackSpec",
+    "VideoSpec",
+    "load_campaign",
+    "read_campaign",
+]

@@ -1,0 +1,235 @@
+"""From a folder to a `Campaign`: find the files, inherit, resolve paths, and collect everything that is wrong."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.campaign.problems import Problem, problem_at, validation_problems
+from rfea_vision.campaign.resolve import resolve_camera, resolve_experiment
+from rfea_vision.campaign.schema import CampaignFile, ExperimentFile
+from rfea_vision.campaign.specs import Campaign, ExperimentSpec
+from rfea_vision.campaign.yaml_file import YamlFile, read_yaml
+from rfea_vision.errors import InputError
+
+OUTPUT_FOLDER = "rfea"
+RESERVED_NAMES = frozenset({"calibration", "models", "report", ".stages"})
+_SAFE_NAME = re.compile(r"^[^\s./\\:][^/\\:\n]*$")
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def load_campaign(path: Path | str, out: Path | str | None = None) -> Campaign:
+    """Load a campaign folder, or a lone folder with an experiment.yaml.
+
+    Parameters
+    ----------
+    path : the folder, or its campaign.yaml
+    out : where results go; default ``<campaign>/rfea``
+
+    Raises
+    ------
+    InputError
+        With the first problem found, and how many more there are.
+    """
+    campaign, problems = read_campaign(path, out)
+    errors = [problem for problem in problems if problem.severity == "error"]
+    if errors or campaign is None:
+        more = f" ({len(errors) - 1} more: 'rfea check {path}' lists them)" if len(errors) > 1 else ""
+        raise InputError(f"{errors[0]}{more}")
+    return campaign
+
+
+def read_campaign(path: Path | str, out: Path | str | None = None) -> tuple[Campaign | None, list[Problem]]:
+    """Load whatever can be loaded, and say everything that is wrong.
+
+    Returns
+    -------
+    campaign : the campaign with its readable experiments; None if not even that can be had
+    problems : errors and warnings, in the order of the files
+    """
+    folder = Path(path).expanduser()
+    if folder.name in ("campaign.yaml", "experiment.yaml"):
+        folder = folder.parent
+    folder = folder.resolve()
+    if not folder.is_dir():
+        return None, [Problem(folder, "no such folder; give a campaign folder ('rfea init DIR' makes one)")]
+    if (folder / "campaign.yaml").is_file():
+        return _read_folder(folder, _out(folder, out))
+    if (folder / "experiment.yaml").is_file():
+        if (folder.parent / "campaign.yaml").is_file():
+            advice = (
+                f"give the campaign, '{folder.parent}', and choose the experiment with -e where one is to be chosen"
+            )
+            return None, [Problem(folder, f"belongs to the campaign above it; {advice}")]
+        return _read_lone(folder, _out(folder, out))
+    return None, [
+        Problem(folder, "holds neither campaign.yaml nor experiment.yaml; 'rfea init DIR' writes both to fill in")
+    ]
+
+
+def _out(folder: Path, out: Path | str | None) -> Path:
+    return Path(out).expanduser().resolve() if out is not None else folder / OUTPUT_FOLDER
+
+
+def _read_folder(root: Path, out: Path) -> tuple[Campaign | None, list[Problem]]:
+    file = root / "campaign.yaml"
+    try:
+        shared = read_yaml(file)
+        problems = []
+    except InputError as error:
+        shared, problems = YamlFile(file, {}, {}), [_file_problem(file, error)]
+    parsed, found = _validate(CampaignFile, shared.content, (shared,))
+    problems += found
+    actuator, camera = None, None
+    if not problems or shared.content:
+        actuator, found = _actuator(parsed, (shared,))
+        problems += [problem for problem in found if not _about(problem, problems)]
+        if parsed.camera is not None:
+            camera, found = resolve_camera(parsed.camera, (root,), (shared,))
+            problems += found
+    blocked = any(problem.severity == "error" for problem in problems)
+    said = {_part(problem) for problem in problems} | (set() if shared.content else {"actuator", "camera"})
+    # What is wrong in the campaign is said once, and the experiments are looked through without it.
+    shared = replace(shared, content={key: value for key, value in shared.content.items() if key not in said})
+    experiments: list[ExperimentSpec] = []
+    files = [path for path in sorted(root.glob("*/experiment.yaml")) if out not in (path.parent, *path.parents)]
+    for path in files:
+        experiment, found = _read_experiment(path, shared, said)
+        problems += found
+        if experiment is not None:
+            experiments.append(experiment)
+    problems += _across(file, experiments, complete=len(experiments) == len(files))
+    if actuator is None or blocked:
+        return None, problems
+    return Campaign(parsed.name or root.name, root, out, actuator, camera, tuple(experiments)), problems
+
+
+def _read_lone(folder: Path, out: Path) -> tuple[Campaign | None, list[Problem]]:
+    experiment, problems = _read_experiment(folder / "experiment.yaml", None, set())
+    if experiment is None:
+        return None, problems
+    campaign = Campaign(experiment.name, folder, out, experiment.actuator, experiment.camera, (experiment,))
+    return campaign, problems
+
+
+def _read_experiment(
+    path: Path, shared: YamlFile | None, said: set[str]
+) -> tuple[ExperimentSpec | None, list[Problem]]:
+    """Read one experiment.yaml on top of what the campaign shares; `said` are parts that were complained of there."""
+    name = path.parent.name
+    try:
+        own = read_yaml(path)
+    except InputError as error:
+        return None, [_file_problem(path, error, name)]
+    name = str(own.content.get("name") or name)
+    files = (own,) if shared is None else (own, shared)
+    inherited = {} if shared is None else {k: v for k, v in shared.content.items() if k not in ("format", "name")}
+    parsed, problems = _validate(ExperimentFile, _merge(inherited, own.content), files, name)
+    if not _SAFE_NAME.match(name) or name in RESERVED_NAMES:
+        message = f"'{name}' cannot name a folder of results; use letters, digits and dashes"
+        problems.append(problem_at(files, "name", message, experiment=name))
+    actuator, found = _actuator(parsed, files, name)
+    if shared is None or "actuator" in own.content:
+        problems += [problem for problem in found if not _about(problem, problems)]
+    folders = (path.parent,) if shared is None else (path.parent, shared.path.parent)
+    experiment, found = resolve_experiment(parsed, name, actuator or Actuator(), folders, files)
+    said = {part for part in said if part not in own.content}
+    problems += [problem for problem in found if not _about(problem, problems) and _part(problem) not in said]
+    if parsed.role == "ignore":  # what is set aside may be broken
+        problems = [problem for problem in problems if problem.key.startswith(("role", "format"))]
+    if any(problem.severity == "error" for problem in problems):
+        return None, problems
+    return experiment, problems
+
+
+def _part(problem: Problem) -> str:
+    return problem.key.split(".")[0]
+
+
+def _about(problem: Problem, problems: list[Problem]) -> bool:
+    """Say whether the part of the file that a problem is about is among those complained of already."""
+    return _part(problem) in {_part(other) for other in problems}
+
+
+def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) -> list[Problem]:
+    """What can only be seen over all experiments together."""
+    if not experiments and complete:
+        return [
+            Problem(
+                file,
+                "no experiment here; each needs its own folder with an experiment.yaml ('rfea init DIR' writes one)",
+            )
+        ]
+    problems = []
+    names = [item.name for item in experiments]
+    for item in experiments:
+        own_file = item.folder / "experiment.yaml"
+        if names.count(item.name) > 1:
+            problems.append(
+                Problem(
+                    own_file,
+                    f"'{item.name}' names {names.count(item.name)} experiments; give each its own",
+                    "name",
+                    experiment=item.name,
+                )
+            )
+        if item.repeat_of is not None and complete and (item.repeat_of not in names or item.repeat_of == item.name):
+            message = f"no other experiment is called '{item.repeat_of}'; there are {', '.join(names)}"
+            problems.append(Problem(own_file, message, "repeat_of", experiment=item.name))
+    roles = {item.role for item in experiments}
+    if complete and "train" not in roles:
+        problems.append(
+            Problem(file, "no experiment has 'role: train'; give that role to at least one experiment.yaml", "role")
+        )
+    if "train" in roles and "validate" not in roles and complete:
+        message = "no experiment has 'role: validate', so nothing judges a model on data it has not seen; set one aside"
+        problems.append(Problem(file, message, "role", severity="warning"))
+    return problems
+
+
+def _actuator(
+    parsed: CampaignFile | ExperimentFile, files: tuple[YamlFile, ...], experiment: str | None = None
+) -> tuple[Actuator | None, list[Problem]]:
+    if parsed.actuator is None:
+        message = "is missing; the tube of the paper is assumed"
+        return Actuator(), [problem_at(files, "actuator", message, severity="warning", experiment=experiment)]
+    try:
+        return Actuator(**parsed.actuator.model_dump()), []
+    except InputError as error:
+        key, _, message = str(error).partition(" ")
+        return None, [problem_at(files, key, message, experiment=experiment)]
+
+
+def _validate(
+    model: type[_Model], content: Mapping[str, Any], files: tuple[YamlFile, ...], experiment: str | None = None
+) -> tuple[_Model, list[Problem]]:
+    """Return the file as far as it is valid: parts with a problem are left out, and their problems returned."""
+    try:
+        return model.model_validate(content), []
+    except ValidationError as error:
+        problems = validation_problems(error, model, files, experiment)
+        broken = {_part(problem) for problem in problems}
+        return model.model_validate({key: value for key, value in content.items() if key not in broken}), problems
+
+
+def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `above` laid over `below`, mapping by mapping; the source of the picture replaces that of the campaign."""
+    merged = dict(below)
+    for key, value in above.items():
+        under = merged.get(key)
+        merged[key] = _merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
+    return merged
+
+
+def _file_problem(path: Path, error: InputError, experiment: str | None = None) -> Problem:
+    """Take the leading ``path:line`` of a reader's error apart again."""
+    text = str(error).removeprefix(str(path))
+    match = re.match(r"^(?::(\d+))?:\s*(.*)$", text, re.DOTALL)
+    line, message = (int(match[1]) if match[1] else None, match[2]) if match else (None, text)
+    return Problem(path, message, line=line, experiment=experiment)

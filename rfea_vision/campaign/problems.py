@@ -1,0 +1,133 @@
+"""What is wrong with an input, in sentences that name the file, the line, the key and the remedy."""
+
+from __future__ import annotations
+
+import difflib
+import types
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from rfea_vision.campaign.yaml_file import KeyPath, YamlFile
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong. An ``error`` stops the stages; a ``warning`` is worth knowing."""
+
+    file: Path
+    message: str
+    key: str = ""
+    line: int | None = None
+    severity: Literal["error", "warning"] = "error"
+    experiment: str | None = None
+
+    def __str__(self) -> str:
+        where = f"{self.file}:{self.line}" if self.line else str(self.file)
+        return f"{where}: {self.key}: {self.message}" if self.key else f"{where}: {self.message}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the problem as plain JSON values."""
+        return {
+            "file": str(self.file),
+            "line": self.line,
+            "key": self.key,
+            "message": self.message,
+            "severity": self.severity,
+            "experiment": self.experiment,
+        }
+
+
+def problem_at(
+    files: Iterable[YamlFile],
+    key: str,
+    message: str,
+    *,
+    severity: Literal["error", "warning"] = "error",
+    experiment: str | None = None,
+) -> Problem:
+    """Place a problem at the file, among `files`, that holds most of the dotted `key`; else at the first."""
+    file, line = _locate(tuple(files), tuple(key.split(".")))
+    return Problem(file.path, message, key, line, severity, experiment)
+
+
+def validation_problems(
+    error: ValidationError, model: type[BaseModel], files: Iterable[YamlFile], experiment: str | None = None
+) -> list[Problem]:
+    """Turn pydantic's findings into problems, one per key."""
+    files = tuple(files)
+    problems: dict[KeyPath, Problem] = {}
+    for item in error.errors(include_url=False):
+        keys = _keys_as_written(item["loc"], files, keep_last=item["type"] == "missing")
+        file, line = _locate(files, keys)
+        problem = Problem(file.path, _explain(item, model), ".".join(map(str, keys)), line, "error", experiment)
+        problems.setdefault(keys, problem)
+    return list(problems.values())
+
+
+def _locate(files: tuple[YamlFile, ...], keys: KeyPath) -> tuple[YamlFile, int | None]:
+    for length in range(len(keys), 0, -1):
+        for file in files:
+            if keys[:length] in file.lines:
+                return file, file.lines[keys[:length]]
+    return files[0], None
+
+
+def _keys_as_written(location: tuple[str | int, ...], files: tuple[YamlFile, ...], *, keep_last: bool) -> KeyPath:
+    """Drop the names of union members and models that pydantic mixes into the place of an error."""
+    keys: KeyPath = ()
+    for part in location:
+        candidate = (*keys, part)
+        if any(candidate in file.lines for file in files):
+            keys = candidate
+    if keep_last and location[-1] != (keys[-1] if keys else None):
+        keys = (*keys, location[-1])
+    return keys or location[:1]
+
+
+def _explain(item: Any, model: type[BaseModel]) -> str:
+    kind, found = item["type"], item.get("input")
+    match kind:
+        case "extra_forbidden":
+            return unknown_key(str(item["loc"][-1]), _known_keys(model, item["loc"][:-1]))
+        case "missing":
+            return "is missing; add it"
+        case "literal_error":
+            return f"found {found!r}; must be {item['ctx']['expected']}"
+        case "value_error":
+            return str(item["ctx"]["error"])
+        case "model_type" | "dict_type" | "model_attributes_type":
+            return f"found {found!r}; a mapping such as {{key: value}} is needed"
+        case _:
+            message = item["msg"][0].lower() + item["msg"][1:]
+            return f"found {found!r}; {message}"
+
+
+def unknown_key(name: str, known: Iterable[str]) -> str:
+    """Say that a key is unknown, and which one was probably meant."""
+    known = sorted(known)
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    remedy = f"did you mean '{close[0]}'?" if close else f"known here: {', '.join(known)}"
+    return f"unknown key '{name}'; {remedy}"
+
+
+def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:
+    """Return the fields of the part of `model` that `location` leads to."""
+    for part in location:
+        if isinstance(part, str) and part in model.model_fields:
+            model = _model_in(model.model_fields[part].annotation) or model
+    return list(model.model_fields)
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """Return the model inside an annotation such as ``Annotated[Model | None, ...]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    if get_origin(annotation) in (Union, types.UnionType, Annotated):
+        for member in get_args(annotation):
+            if (found := _model_in(member)) is not None:
+                return found
+    return None

@@ -1,0 +1,212 @@
+"""From the keys of a file to specifications: paths are found, combinations of keys are checked."""
+
+from __future__ import annotations
+
+from glob import has_magic
+from pathlib import Path
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.campaign.problems import Problem, problem_at
+from rfea_vision.campaign.schema import CameraPart, ExperimentFile, PlumbPart, PressurePart, SyncPart
+from rfea_vision.campaign.specs import CameraSpec, ExperimentSpec, PressureSpec, SyncSpec, TrackSpec, VideoSpec
+from rfea_vision.campaign.yaml_file import YamlFile
+
+Folders = tuple[Path, ...]
+Files = tuple[YamlFile, ...]
+
+
+class _Finder:
+    """Looks for files in the experiment's folder, then in the campaign's, and notes what is not there."""
+
+    def __init__(self, folders: Folders, files: Files, experiment: str | None) -> None:
+        self.folders, self.files, self.experiment = folders, files, experiment
+        self.problems: list[Problem] = []
+
+    def complain(self, key: str, message: str) -> None:
+        self.problems.append(problem_at(self.files, key, message, experiment=self.experiment))
+
+    def file(self, key: str, name: str | None, *, folder: bool = False) -> Path | None:
+        """Return the path behind `name`, or note under `key` that it does not exist."""
+        if name is None:
+            return None
+        for base in self.folders:
+            path = (base / Path(name).expanduser()).resolve()
+            if path.is_dir() if folder else path.is_file():
+                return path
+        kind = "folder" if folder else "file"
+        there = _nearby(self.folders[0], name)
+        self.complain(key, f"no {kind} '{name}' in {self.folders[0]}{there}; correct the name or put the {kind} there")
+        return None
+
+    def photos(self, key: str, patterns: str | list[str] | None) -> tuple[Path, ...]:
+        """Return the photos that the patterns match, each once, in order of name."""
+        found: dict[Path, None] = {}
+        for pattern in [patterns] if isinstance(patterns, str) else patterns or []:
+            if not has_magic(pattern):
+                path = self.file(key, pattern)
+                found |= {path: None} if path is not None else {}
+                continue
+            matches: list[Path] = []
+            for base in self.folders:
+                where, relative = (Path("/"), pattern.lstrip("/")) if pattern.startswith("/") else (base, pattern)
+                matches = sorted(path.resolve() for path in where.glob(relative) if path.is_file())
+                if matches:
+                    break
+            if not matches:
+                self.complain(
+                    key,
+                    f"no photo matches '{pattern}' in {self.folders[0]}; correct the pattern or put the photos there",
+                )
+            found |= dict.fromkeys(matches)
+        return tuple(found)
+
+
+def _nearby(folder: Path, name: str) -> str:
+    """Name the files of the same kind that do lie in the folder."""
+    suffix = Path(name).suffix.lower()
+    others = sorted(
+        path.name for path in folder.glob("*") if path.is_file() and suffix and path.suffix.lower() == suffix
+    )
+    return f" (there is {', '.join(others[:4])})" if others else ""
+
+
+def resolve_camera(
+    part: CameraPart, folders: Folders, files: Files, experiment: str | None = None
+) -> tuple[CameraSpec | None, list[Problem]]:
+    """Return the camera, or what is wrong with it."""
+    finder = _Finder(folders, files, experiment)
+    if part.file is None and (part.board is None or part.photos is None):
+        lacking = "board" if part.board is None else "photos"
+        finder.complain(f"camera.{lacking}", "is missing; give board and photos, or the file of an earlier calibration")
+        return None, finder.problems
+    if part.file is not None and part.photos is not None:
+        finder.complain(
+            "camera.file", "stands beside camera.photos; keep the earlier calibration or the photos, not both"
+        )
+    board = None
+    if part.board is not None:
+        if part.board.kind == "charuco" and (part.board.marker is None or part.board.dictionary is None):
+            lacking = "marker" if part.board.marker is None else "dictionary"
+            example = "marker: 15 mm" if lacking == "marker" else "dictionary: DICT_5X5_100"
+            finder.complain(f"camera.board.{lacking}", f"is missing; a charuco board needs it, for example '{example}'")
+        else:
+            from rfea_vision.calibration.board import Board  # brings OpenCV with it
+
+            board = Board(
+                part.board.kind, part.board.inner_corners, part.board.square, part.board.marker, part.board.dictionary
+            )
+    vertical = part.vertical.model_dump() if isinstance(part.vertical, PlumbPart) else part.vertical
+    camera = CameraSpec(
+        board=board,
+        photos=finder.photos("camera.photos", part.photos),
+        plane=finder.file("camera.plane", part.plane),
+        file=finder.file("camera.file", part.file),
+        vertical=vertical,
+        clamp=part.clamp,
+        tip=part.tip,
+        board_offset_mm=part.board_offset * 1000.0,
+        lens=part.lens,
+    )
+    return (None if finder.problems else camera), finder.problems
+
+
+def resolve_experiment(
+    parsed: ExperimentFile, name: str, actuator: Actuator, folders: Folders, files: Files
+) -> tuple[ExperimentSpec, list[Problem]]:
+    """Return the experiment as far as it can be resolved, and what is wrong with it."""
+    role = parsed.role or "train"
+    finder = _Finder(folders, files, name)
+    video, track = _source(parsed, finder)
+    camera, problems = None, []
+    if parsed.camera is not None:
+        camera, problems = resolve_camera(parsed.camera, folders, files, name)
+    elif video is not None:
+        finder.complain(
+            "camera", "is missing; pictures need it (board and photos, or the file of an earlier calibration)"
+        )
+    pressure = _pressure(parsed.pressure or PressurePart(), finder)
+    experiment = ExperimentSpec(
+        name=name,
+        folder=folders[0],
+        role=role,
+        actuator=actuator,
+        camera=camera,
+        video=video,
+        track=track,
+        pressure=pressure,
+        sync=_sync(parsed.sync or SyncPart(), finder),
+        repeat_of=parsed.repeat_of,
+        recorded_at=parsed.recorded_at,
+        memory=parsed.memory or "fresh",
+        note=parsed.note or "",
+    )
+    return experiment, problems + finder.problems
+
+
+def _source(parsed: ExperimentFile, finder: _Finder) -> tuple[VideoSpec | None, TrackSpec | None]:
+    """Return the one source of the track; an experiment's own source wins over one that the campaign shares."""
+    given = {
+        "video": parsed.video is not None and parsed.video.file is not None,
+        "frames": parsed.frames is not None and parsed.frames.folder is not None,
+        "track": parsed.track is not None and parsed.track.file is not None,
+    }
+    names = [key for key, there in given.items() if there]
+    own = [key for key in names if (key,) in finder.files[0].lines]
+    names = own if len(own) == 1 else names
+    if len(names) != 1:
+        found = f"found {' and '.join(names)}" if names else "found none"
+        finder.complain(
+            names[1] if names else "video",
+            f"exactly one of video, frames and track with its file is needed, {found}; keep one",
+        )
+        return None, None
+    if names == ["track"]:
+        assert parsed.track is not None
+        path = finder.file("track.file", parsed.track.file)
+        return None, TrackSpec(path) if path is not None else None
+    if names == ["frames"]:
+        assert parsed.frames is not None
+        if parsed.frames.times is None and parsed.frames.rate is None:
+            finder.complain(
+                "frames.times", "is missing; give a table with the columns file and time_s, or 'rate: 240 Hz'"
+            )
+        folder = finder.file("frames.folder", parsed.frames.folder, folder=True)
+        return VideoSpec(None, folder, finder.file("frames.times", parsed.frames.times), parsed.frames.rate), None
+    assert parsed.video is not None
+    return VideoSpec(finder.file("video.file", parsed.video.file), rate_Hz=parsed.video.rate), None
+
+
+def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
+    if (part.file is None) == (part.url is None):
+        finder.complain(
+            "pressure", "exactly one of 'file' and 'url' is needed; for example 'pressure: {file: pressure.csv}'"
+        )
+    if part.url is not None and part.query is None:
+        finder.complain(
+            "pressure.query", "is missing; a database needs a query such as 'SELECT t, p FROM log WHERE run = 7'"
+        )
+    return PressureSpec(
+        file=finder.file("pressure.file", part.file),
+        url=part.url,
+        query=part.query,
+        time=part.time,
+        pressure=part.pressure,
+        unit=part.unit,
+        time_unit=part.time_unit,
+        reference=part.reference,
+        ambient_kPa=part.ambient,
+        folder=finder.folders[0],
+    )
+
+
+def _sync(part: SyncPart, finder: _Finder) -> SyncSpec:
+    if part.method == "offset" and part.value is None:
+        finder.complain(
+            "sync.value",
+            "is missing; the method 'offset' needs it, for example 'value: 12 ms' (log clock minus camera clock)",
+        )
+    if part.method != "offset" and part.value is not None:
+        finder.complain(
+            "sync.value", f"has no meaning with the method '{part.method}'; drop it or write 'method: offset'"
+        )
+    return SyncSpec(part.method, part.value, part.led, part.channel)

@@ -1,0 +1,194 @@
+"""What may stand in campaign.yaml and experiment.yaml: the keys, their kinds and their units.
+
+These models describe one file as it is written. Inheritance, paths and whatever else needs the folder: see `loading`.
+`rfea schema` prints them as JSON Schema.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+
+from rfea_vision.units import conversion_factor, parse_quantity
+
+
+def _quantity(unit: str, example: str, *, positive: bool = False) -> Any:
+    """Return the annotated type of a quantity that is stored as a number in `unit`."""
+
+    def parse(value: object) -> float:
+        number = parse_quantity(value, unit, example=example)
+        if positive and not number > 0:
+            raise ValueError(f"'{value}' must be greater than zero")
+        return number
+
+    schema = {
+        "type": "string",
+        "description": f"a quantity with its unit, for example '{example}'",
+        "examples": [example],
+    }
+    return Annotated[float, BeforeValidator(parse), WithJsonSchema(schema)]
+
+
+def _text(value: object) -> object:
+    """Accept names that YAML reads as numbers or dates: an experiment may be called 270 or 2018-03-01."""
+    return value if value is None or isinstance(value, bool | list | dict) else str(value)
+
+
+def _pressure_unit(value: object) -> object:
+    if isinstance(value, str):
+        conversion_factor(value, "kPa")
+    return value
+
+
+def _time_unit(value: object) -> object:
+    if isinstance(value, str):
+        conversion_factor(value, "s")
+    return value
+
+
+def _sync(value: object) -> object:
+    """Let ``sync: motion`` stand for ``sync: {method: motion}``."""
+    return {"method": value} if isinstance(value, str) else value
+
+
+def _named_board(value: object) -> object:
+    """Let ``board: checkerboard-9x6-12mm`` name a file of calib/boards."""
+    if not isinstance(value, str):
+        return value
+    from rfea_vision.data import read_board
+
+    return read_board(value)
+
+
+Length = _quantity("m", "4 mm", positive=True)
+Offset = _quantity("m", "3 mm")
+Density = _quantity("kg/m^3", "965 kg/m^3", positive=True)
+Duration = _quantity("s", "12 ms")
+Rate = _quantity("Hz", "240 Hz", positive=True)
+Pressure = _quantity("kPa", "101.3 kPa")
+Text = Annotated[str, BeforeValidator(_text)]
+PixelPair = tuple[tuple[float, float], tuple[float, float]]
+Role = Literal["train", "validate", "test", "ignore"]
+
+
+class _Part(BaseModel):
+    """Every part refuses keys that it does not know: a misspelt key must not be ignored in silence."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ActuatorPart(_Part):
+    """The tube at rest. Radii are radii: the 8 and 6 mm printed in the paper are diameters."""
+
+    outer_radius: Length = 0.004
+    inner_radius: Length = 0.003
+    length: Length = 0.155
+    density: Density = 965.0
+    fluid_density: Density = 1000.0
+    bends: Literal["left", "right"] = "left"
+
+
+class BoardPart(_Part):
+    """A calibration board; `inner_corners` are columns and rows of inner corners."""
+
+    kind: Literal["checkerboard", "charuco"] = "checkerboard"
+    inner_corners: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]]
+    square: Length
+    marker: Length | None = None
+    dictionary: str | None = None
+
+
+class PlumbPart(_Part):
+    """Two pixels on a line that hangs plumb, upper one first."""
+
+    plumb: PixelPair
+
+
+class CameraPart(_Part):
+    """How the pictures are to be read. Either `board` and `photos`, or `file` of an earlier calibration."""
+
+    board: Annotated[BoardPart | None, BeforeValidator(_named_board)] = None
+    photos: str | list[str] | None = None
+    plane: str | None = None
+    board_offset: Offset = 0.0
+    file: str | None = None
+    lens: Literal["auto", "brown5", "brown8", "fisheye"] = "auto"
+    vertical: Literal["board", "rest", "image"] | PlumbPart = "board"
+    clamp: PixelPair | None = None
+    tip: tuple[float, float] | None = None
+
+
+class VideoPart(_Part):
+    """A video; `rate` overrides the time stamps of the container (slow-motion files)."""
+
+    file: str | None = None
+    rate: Rate | None = None
+
+
+class FramesPart(_Part):
+    """Single pictures, and a table (file, time_s) with the time of each; or a constant `rate`."""
+
+    folder: str | None = None
+    times: str | None = None
+    rate: Rate | None = None
+
+
+class TrackPart(_Part):
+    """A track made by another tool."""
+
+    file: str | None = None
+
+
+class PressurePart(_Part):
+    """The pressure log: a table in a file or from a database, the columns to take, and their units."""
+
+    file: str | None = None
+    url: str | None = None
+    query: str | None = None
+    time: Text | None = None
+    pressure: Text | None = None
+    unit: Annotated[str | None, BeforeValidator(_pressure_unit)] = None
+    time_unit: Annotated[str | None, BeforeValidator(_time_unit)] = None
+    reference: Literal["gauge", "absolute"] = "gauge"
+    ambient: Pressure = 101.325
+
+
+class SyncPart(_Part):
+    """How camera clock and log clock are brought together; `value` is log clock minus camera clock."""
+
+    method: Literal["motion", "led", "trigger", "offset", "common_clock"] = "motion"
+    value: Duration | None = None
+    led: tuple[float, float, float, float] | None = Field(None, description="x, y, width, height of the lamp in pixels")
+    channel: Text | None = Field(None, description="column of the log that holds the lamp's or the trigger's signal")
+
+
+class _Shared(_Part):
+    """Keys that a campaign may set for all its experiments, and an experiment may override."""
+
+    actuator: ActuatorPart | None = None
+    camera: CameraPart | None = None
+    role: Role | None = None
+    video: VideoPart | None = None
+    frames: FramesPart | None = None
+    track: TrackPart | None = None
+    pressure: PressurePart | None = None
+    sync: Annotated[SyncPart | None, BeforeValidator(_sync)] = None
+    recorded_at: Text | None = None
+    memory: Literal["fresh", "carried"] | None = None
+    note: Text | None = None
+
+
+class CampaignFile(_Shared):
+    """campaign.yaml."""
+
+    format: Literal["rfea-campaign/1"] = "rfea-campaign/1"
+    name: Text | None = None
+
+
+class ExperimentFile(_Shared):
+    """experiment.yaml. Whatever it leaves out is inherited from campaign.yaml."""
+
+    format: Literal["rfea-experiment/1"] = "rfea-experiment/1"
+    name: Text | None = None
+    repeat_of: Text | None = None

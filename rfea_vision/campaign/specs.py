@@ -1,0 +1,122 @@
+"""What the stages work on: a campaign and its experiments, with units resolved, paths absolute and inheritance done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.errors import InputError
+
+if TYPE_CHECKING:
+    from rfea_vision.calibration.board import Board
+
+Pixel = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """How pictures are turned into millimetres: a board with photos, or the file of an earlier calibration."""
+
+    board: Board | None = None
+    photos: tuple[Path, ...] = ()
+    plane: Path | None = None
+    file: Path | None = None
+    vertical: str | dict[str, Any] = "board"
+    clamp: tuple[Pixel, Pixel] | None = None
+    tip: Pixel | None = None
+    board_offset_mm: float = 0.0
+    lens: str = "auto"
+
+
+@dataclass(frozen=True)
+class VideoSpec:
+    """A video `file`, or a folder of `frames` with their `times` table; `rate_Hz` overrides recorded times."""
+
+    file: Path | None = None
+    frames: Path | None = None
+    times: Path | None = None
+    rate_Hz: float | None = None
+
+
+@dataclass(frozen=True)
+class TrackSpec:
+    """A track made by another tool."""
+
+    file: Path
+
+
+@dataclass(frozen=True)
+class PressureSpec:
+    """A pressure log in a file or behind a database URL, and how to read it."""
+
+    file: Path | None = None
+    url: str | None = None
+    query: str | None = None
+    time: str | None = None
+    pressure: str | None = None
+    unit: str | None = None
+    time_unit: str | None = None
+    reference: str = "gauge"
+    ambient_kPa: float = 101.325
+    folder: Path = Path()
+
+
+@dataclass(frozen=True)
+class SyncSpec:
+    """How the two clocks are brought together; `value_s` is log clock minus camera clock."""
+
+    method: str = "motion"
+    value_s: float | None = None
+    led: tuple[float, float, float, float] | None = None
+    channel: str | None = None
+
+
+@dataclass(frozen=True)
+class ExperimentSpec:
+    """One recorded run. Exactly one of `video` and `track` is given."""
+
+    name: str
+    folder: Path
+    role: str
+    actuator: Actuator
+    camera: CameraSpec | None
+    video: VideoSpec | None
+    track: TrackSpec | None
+    pressure: PressureSpec
+    sync: SyncSpec
+    repeat_of: str | None = None
+    recorded_at: str | None = None
+    memory: str = "fresh"
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A folder of experiments on one tube; everything made from it goes to `out`."""
+
+    name: str
+    root: Path
+    out: Path
+    actuator: Actuator
+    camera: CameraSpec | None
+    experiments: tuple[ExperimentSpec, ...] = field(default=())
+
+    def experiment(self, name: str) -> ExperimentSpec:
+        """Return one experiment by name.
+
+        Raises
+        ------
+        InputError
+            If the campaign has no experiment of that name.
+        """
+        for experiment in self.experiments:
+            if experiment.name == name:
+                return experiment
+        names = ", ".join(item.name for item in self.experiments) or "none"
+        raise InputError(f"{self.root}: no experiment '{name}'; there are: {names}")
+
+    def with_role(self, *roles: str) -> tuple[ExperimentSpec, ...]:
+        """Return the experiments of these roles, in order."""
+        return tuple(item for item in self.experiments if item.role in roles)

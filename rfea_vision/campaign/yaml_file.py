@@ -1,0 +1,84 @@
+"""YAML with the line of every key, so that an error can point at it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rfea_vision.errors import InputError
+
+KeyPath = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class YamlFile:
+    """The mapping that a file holds, and the line (from 1) on which each key path stands."""
+
+    path: Path
+    content: dict[str, Any]
+    lines: dict[KeyPath, int]
+
+    def line_of(self, keys: KeyPath) -> int | None:
+        """Return the line of the longest leading part of `keys` that stands in the file."""
+        for length in range(len(keys), 0, -1):
+            if keys[:length] in self.lines:
+                return self.lines[keys[:length]]
+        return None
+
+
+def read_yaml(path: Path) -> YamlFile:
+    """Read one YAML mapping.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not UTF-8, not YAML, holds a key twice or is not a mapping.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: not found") from error
+    except IsADirectoryError as error:
+        raise InputError(f"{path}: is a folder, a file is needed") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}:{line}: not UTF-8 text; save the file as UTF-8") from error
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        content = yaml.safe_load(text)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f":{mark.line + 1}" if mark else ""
+        fault = error.problem or error.context
+        raise InputError(
+            f"{path}{line}: not valid YAML: {fault}; check indentation, colons and brackets there"
+        ) from error
+    except (yaml.YAMLError, ValueError) as error:
+        raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(content, dict):
+        found = "empty" if content is None else "not a mapping"
+        raise InputError(f"{path}: is {found}; keys such as 'format:' and 'name:' are needed ('rfea init' shows which)")
+    lines: dict[KeyPath, int] = {}
+    _collect(path, node, (), lines)
+    return YamlFile(path, content, lines)
+
+
+def _collect(path: Path, node: yaml.Node | None, keys: KeyPath, lines: dict[KeyPath, int]) -> None:
+    """Note the line of every key below `node`; a key given twice is an error, as YAML drops the first in silence."""
+    if isinstance(node, yaml.MappingNode):
+        for key_node, value_node in node.value:
+            here = (*keys, str(key_node.value))
+            if here in lines:
+                name, line = ".".join(map(str, here)), key_node.start_mark.line + 1
+                raise InputError(f"{path}:{line}: '{name}' stands here and on line {lines[here]}; keep one of them")
+            lines[here] = key_node.start_mark.line + 1
+            _collect(path, value_node, here, lines)
+    elif isinstance(node, yaml.SequenceNode):
+        for index, item in enumerate(node.value):
+            lines[(*keys, index)] = item.start_mark.line + 1
+            _collect(path, item, (*keys, index), lines)

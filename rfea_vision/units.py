@@ -1,0 +1,109 @@
+"""Units stop at the door: text with a unit comes in, a plain number in the unit asked for goes on.
+
+Only files and the command line meet units as text; behind them all is SI, with a suffix in the name where it is not.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pint
+
+_QUANTITY = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+_COMMON_UNITS = (
+    "mm",
+    "cm",
+    "m",
+    "kPa",
+    "Pa",
+    "MPa",
+    "bar",
+    "mbar",
+    "psi",
+    "s",
+    "ms",
+    "min",
+    "Hz",
+    "kHz",
+    "deg",
+    "rad",
+    "g",
+    "kg",
+    "kg/m^3",
+    "g/cm^3",
+    "N",
+    "mN",
+    "N m",
+)
+
+
+@cache
+def _registry() -> pint.UnitRegistry:
+    import pint  # half a second that commands without quantities need not pay
+
+    return pint.UnitRegistry()
+
+
+@cache
+def _unit(text: str) -> pint.Unit:
+    """Parse a unit, or raise a ValueError that suggests the one probably meant."""
+    import pint
+
+    try:
+        return _registry().Unit(text)
+    except Exception as error:
+        # pint raises a family of unrelated exceptions for malformed text (tokenizer, attribute, type errors).
+        if isinstance(error, pint.UndefinedUnitError) or text:
+            lowered = {name.lower(): name for name in _COMMON_UNITS}
+            close = difflib.get_close_matches(text.lower(), lowered, n=1, cutoff=0.5)
+            hint = f"; did you mean '{lowered[close[0]]}'?" if close else ""
+            raise ValueError(f"unknown unit '{text}'{hint}") from error
+        raise
+
+
+def conversion_factor(unit: str, to: str) -> float:
+    """Return the number by which a value in `unit` is multiplied to be in `to` (no offset units).
+
+    Raises
+    ------
+    ValueError
+        If a unit is unknown or the two measure different things.
+    """
+    have, want = _unit(unit), _unit(to)
+    if have.dimensionality != want.dimensionality:
+        raise ValueError(f"'{unit}' is not a unit of the right kind; write one that converts to '{to}'")
+    return float(_registry().Quantity(1.0, have).to(want).magnitude)
+
+
+def parse_quantity(value: object, to: str, *, example: str) -> float:
+    """Read ``"4 mm"`` as a number in the unit `to`.
+
+    Parameters
+    ----------
+    value : what stood in the file or on the command line
+    to : unit of the result, for example ``"m"``; the text must be of the same kind
+    example : what a right answer looks like, for the error message
+
+    Raises
+    ------
+    ValueError
+        If the unit is missing, unknown or of another kind, or the number is not finite.
+    """
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError(f"expected a quantity such as '{example}', found {value!r}")
+    if not isinstance(value, str):
+        raise ValueError(f"{value} has no unit; write for example '{example}'")
+    match = _QUANTITY.match(value)
+    if match is None:
+        raise ValueError(f"'{value}' is not a number with a unit; write for example '{example}'")
+    number, unit = float(match[1]), match[2]
+    if not unit:
+        raise ValueError(f"'{value}' has no unit; write for example '{example}'")
+    if not math.isfinite(number):
+        raise ValueError(f"'{value}' is not a finite number; write for example '{example}'")
+    return number * conversion_factor(unit, to)
