@@ -1,0 +1,181 @@
+"""What chance decides in a generated campaign: the tube's parameters, each run's excitation and clocks, and the noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.errors import DataError
+from rfea_vision.twin.excitation import KINDS, Programme, programme
+from rfea_vision.twin.options import BaseParameters, TwinOptions, with_partners
+from rfea_vision.twin.plant import Motion, Plant
+from rfea_vision.twin.shape import hinge_arcs, line_at
+
+FloatArray = NDArray[np.float64]
+
+LOG_STEP_S = 0.001
+BEFORE_S, AFTER_S = 0.5, 0.6  # the log outlasts the video on both sides
+
+
+@dataclass(frozen=True)
+class Run:
+    """One experiment to record: its name and role, what drives it, and how its clocks lie.
+
+    ``offset_s`` is the log's clock minus the camera's at the first frame; ``drift`` is by how much a second of the camera
+    is longer on the log; ``claimed_offset_s`` is what the experiment file says where it says anything.
+    """
+
+    name: str
+    role: str
+    programme: Programme
+    offset_s: float
+    drift: float
+    claimed_offset_s: float
+    repeat_of: str | None = None
+
+
+def draw_base(seed: int) -> BaseParameters:
+    """Parameters within sensible ranges of the published ones; stiffness and damping stay positive at every bend reached."""
+    generator = np.random.default_rng([seed, 1])
+    paper = BaseParameters()
+    k, b_pos, b_neg = generator.uniform([0.9, 0.7, 0.9], [1.2, 1.3, 1.8])
+    return BaseParameters(
+        k_ref=k * paper.k_ref,
+        k_slope=k * generator.uniform(0.5, 1.0) * paper.k_slope,
+        b_pos_ref=b_pos * paper.b_pos_ref,
+        b_pos_slope=b_pos * generator.uniform(0.3, 1.0) * paper.b_pos_slope,
+        b_neg_ref=b_neg * paper.b_neg_ref,
+        b_neg_slope=b_neg * generator.uniform(0.2, 0.6) * paper.b_neg_slope,
+        r_hyd=generator.uniform(0.0033, 0.0040),
+    )
+
+
+def build_plant(options: TwinOptions) -> tuple[Plant, BaseParameters]:
+    """The plant of a campaign, with its base parameters drawn where none are given."""
+    base = options.base or draw_base(options.seed)
+    plant = Plant(
+        options.actuator,
+        base,
+        with_partners(options.hidden),
+        joints=options.joints,
+        layout=options.layout,
+        seed=options.seed,
+    )
+    return plant, base
+
+
+def highest_pressure(plant: Plant, options: TwinOptions) -> float:
+    """Highest pressure of the excitations, in Pa: that of the options, or less where the tube would bend too far."""
+    highest = options.pressure_max_kPa * 1e3
+    for _ in range(40):
+        try:
+            felt = plant.felt_pressure(np.array([0.0, 1e6]), np.array([highest, highest]))[-1]
+            if plant.equilibrium(float(felt)).sum() <= options.angle_max:
+                return highest
+        except DataError:
+            pass
+        highest *= 0.93
+    raise DataError("simulate: the tube bends too far at any pressure; give a larger k_ref or milder effects")
+
+
+def draw_runs(options: TwinOptions, highest_Pa: float) -> list[Run]:
+    """Excitation and clocks of every experiment."""
+    runs: list[Run] = []
+    end_s = options.duration_s * 1.002 + AFTER_S
+    for index, role in enumerate(options.roles):
+        generator = np.random.default_rng([options.seed, 2, index])
+        kind = KINDS[index % len(KINDS)]
+        rest_s = generator.uniform(0.25, 0.45) * min(1.0, options.duration_s)
+        drawn = generator.uniform(0.015, 0.085) * generator.choice([-1.0, 1.0])
+        offset = 0.0 if options.sync == "common_clock" else drawn
+        offset = offset if options.offset_s is None else options.offset_s
+        share = 1.0 if role == "train" else generator.uniform(0.8, 0.95)
+        runs.append(
+            Run(
+                name=f"{kind}-{index + 1}",
+                role=role,
+                programme=programme(kind, generator, -BEFORE_S, end_s, rest_s, share * highest_Pa),
+                offset_s=offset,
+                drift=options.hidden.get("clock_drift.d", 0.0),
+                claimed_offset_s=offset - options.hidden.get("time_offset.dt", 0.0),
+            )
+        )
+    if options.repeat:
+        first = runs[0]
+        runs.append(replace(first, name=f"{first.name}-again", repeat_of=first.name))
+    return runs
+
+
+def move(plant: Plant, run: Run, step_s: float) -> Motion:
+    """Let the plant play a run."""
+    line = run.programme
+    felt = plant.felt_pressure(line.time_s, line.pressure_Pa)
+    return plant.run(
+        lambda time: np.interp(time, line.time_s, felt), float(line.time_s[0]), float(line.time_s[-1]), step_s
+    )
+
+
+def camera_times(options: TwinOptions) -> FloatArray:
+    """Time stamps of the frames on the camera's clock, the first at 0."""
+    return np.arange(round(options.duration_s * options.rate_Hz)) / options.rate_Hz
+
+
+@dataclass(frozen=True)
+class Posture:
+    """The plant at given instants, as arcs: angles (T, m) and lengths (m,) of the hinge line, outer radius and clamp (T,)."""
+
+    angles: FloatArray
+    lengths: FloatArray
+    outer_radius: FloatArray
+    clamp_angle: FloatArray
+    mirrored: bool
+
+    def line(self, fraction: FloatArray, offset: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """Points (T, k, 2) in mm, camera-right x, and tangent angles (T, k) in rad, positive towards the bend."""
+        points, phi = line_at(self.angles, self.lengths, fraction, self.outer_radius, offset, self.clamp_angle)
+        points *= 1e3
+        if self.mirrored:
+            points[..., 0] *= -1
+        return points, phi
+
+
+def posture_at(plant: Plant, motion: Motion, time_s: FloatArray) -> Posture:
+    """Postures between the plant's steps, by cubic Hermite interpolation of angles and speeds."""
+    start, step = motion.time_s[0], motion.time_s[1] - motion.time_s[0]
+    index = np.clip(((time_s - start) / step).astype(int), 0, motion.time_s.size - 2)
+    u = ((time_s - start) / step - index)[:, None]
+    theta = (
+        (1 + 2 * u) * (1 - u) ** 2 * motion.theta[index]
+        + u**2 * (3 - 2 * u) * motion.theta[index + 1]
+        + step * u * (1 - u) ** 2 * motion.rate[index]
+        - step * u**2 * (1 - u) * motion.rate[index + 1]
+    )
+    angles, lengths = hinge_arcs(theta, plant.actuator.length, plant.layout)
+    return Posture(
+        angles=angles,
+        lengths=lengths,
+        outer_radius=np.interp(time_s, motion.time_s, motion.outer_radius),
+        clamp_angle=np.interp(time_s, motion.time_s, motion.clamp_angle),
+        mirrored=plant.actuator.bends == "right",
+    )
+
+
+def misread_plane(points_mm: FloatArray, hidden: dict[str, float]) -> FloatArray:
+    """What a wrong scale or a tilted plane makes of true points: `camera_scale` and `plane_tilt`."""
+    metres = points_mm * 1e-3
+    factor = 1 + hidden.get("plane_tilt.a", 0.0) * metres[..., 0] + hidden.get("plane_tilt.b", 0.0) * metres[..., 1]
+    return points_mm * ((1 + hidden.get("camera_scale.s", 0.0)) * factor)[..., None]
+
+
+def noise_like(shape: tuple[int, ...], sigma: float, correlation: float, generator: np.random.Generator) -> FloatArray:
+    """Stationary AR(1) noise along the first axis."""
+    white = generator.standard_normal(shape)
+    if correlation == 0:
+        return sigma * white
+    noise = np.empty(shape)
+    noise[0] = white[0]
+    for index in range(1, shape[0]):
+        noise[index] = correlation * noise[index - 1] + np.sqrt(1 - correlation**2) * white[index]
+    return sigma * noise

@@ -1,0 +1,196 @@
+"""Write a generated campaign: the folder that a person would have filled, and the truth beside it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+import yaml
+from numpy.typing import NDArray
+
+from rfea_vision.errors import InputError
+from rfea_vision.files import write_dataset, write_text
+from rfea_vision.twin.draw import (
+    LOG_STEP_S,
+    Posture,
+    Run,
+    build_plant,
+    camera_times,
+    draw_runs,
+    highest_pressure,
+    misread_plane,
+    move,
+    noise_like,
+    posture_at,
+)
+from rfea_vision.twin.options import HIDDEN, TwinOptions, with_partners
+
+FloatArray = NDArray[np.float64]
+
+NODES = 33
+
+
+def simulate(
+    out: Path, options: TwinOptions | None = None, progress: Callable[[int, int], None] | None = None
+) -> dict[str, Any]:
+    """Generate a campaign of a tube whose physics is known.
+
+    Parameters
+    ----------
+    out : the campaign folder to write; must not exist, or be empty
+    options : what to generate
+    progress : called as progress(done, total)
+
+    Returns
+    -------
+    dict
+        The truth, as written to ``<out>-truth.json``: effects, their parameters (SI), base parameters (for n = 8), and
+        per experiment the true offset between the clocks.
+
+    Raises
+    ------
+    InputError
+        If `out` is already filled.
+    DataError
+        If such a tube cannot be simulated.
+    """
+    options = options or TwinOptions()
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: already there and not empty; choose another folder, or remove it first")
+    plant, base = build_plant(options)
+    runs = draw_runs(options, highest_pressure(plant, options))
+    hidden = with_partners(options.hidden)
+    work = out.with_name(f".{out.name}-unfinished")
+    shutil.rmtree(work, ignore_errors=True)
+    report = progress or (lambda done, total: None)
+    total = 1000 * len(runs)
+    try:
+        work.mkdir(parents=True)
+        _write_campaign(work, options)
+        for index, run in enumerate(runs):
+            report(1000 * index, total)
+            motion = move(plant, run, options.step_s)
+            camera_s = camera_times(options)
+            posture = posture_at(plant, motion, run.offset_s + (1 + run.drift) * camera_s)
+            generator = np.random.default_rng([options.seed, 3, index])
+            folder = work / run.name
+            folder.mkdir()
+            _write_experiment(folder, run, options)
+            _write_pressure(folder / "pressure.csv", run, options, generator)
+            _write_track(folder / "track.csv", camera_s, posture, hidden, options, generator)
+            if options.exact_tracks:
+                _write_exact(out.with_name(f"{out.name}-truth") / f"{run.name}.nc", camera_s, posture)
+        truth = _truth(options, asdict(base), runs)
+        if options.write_truth:
+            write_text(out.with_name(f"{out.name}-truth.json"), json.dumps(truth, indent=1) + "\n")
+        if out.exists():
+            out.rmdir()
+        work.rename(out)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    report(total, total)
+    return truth
+
+
+def _truth(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dict[str, Any]:
+    hidden = with_partners(options.hidden)
+    return {
+        "effects": sorted({key.split(".")[0] for key in hidden}),
+        "parameters": hidden,
+        "units": {key: HIDDEN[key].unit for key in hidden},
+        "base": base,
+        "seed": options.seed,
+        "noise_mm": options.noise_mm,
+        "experiments": {run.name: {"role": run.role, "offset_s": run.offset_s} for run in runs},
+    }
+
+
+def _write_campaign(folder: Path, options: TwinOptions) -> None:
+    tube = options.actuator
+    content: dict[str, Any] = {
+        "format": "rfea-campaign/1",
+        "name": "twin",
+        "actuator": {
+            "outer_radius": f"{tube.outer_radius * 1e3:.6g} mm",
+            "inner_radius": f"{tube.inner_radius * 1e3:.6g} mm",
+            "length": f"{tube.length * 1e3:.6g} mm",
+            "density": f"{tube.density:.6g} kg/m^3",
+            "fluid_density": f"{tube.fluid_density:.6g} kg/m^3",
+            "bends": tube.bends,
+        },
+    }
+    write_text(folder / "campaign.yaml", yaml.safe_dump(content, sort_keys=False))
+
+
+def _write_experiment(folder: Path, run: Run, options: TwinOptions) -> None:
+    content: dict[str, Any] = {"format": "rfea-experiment/1", "name": run.name, "role": run.role}
+    if options.video:
+        content["video"] = {"file": "video.mp4"}
+    else:
+        content["track"] = {"file": "track.csv"}
+    content["pressure"] = {"file": "pressure.csv"}
+    if options.sync == "offset" or run.claimed_offset_s != run.offset_s or run.drift:
+        # a hidden clock effect needs a clock that claims to be known, else synchronisation would simply find it
+        content["sync"] = {"method": "offset", "value": f"{run.claimed_offset_s * 1e3:.4f} ms"}
+    else:
+        content["sync"] = {"method": options.sync}
+    if run.repeat_of:
+        content["repeat_of"] = run.repeat_of
+    write_text(folder / "experiment.yaml", yaml.safe_dump(content, sort_keys=False))
+
+
+def _write_pressure(path: Path, run: Run, options: TwinOptions, generator: np.random.Generator) -> None:
+    start, end = run.programme.time_s[[0, -1]]
+    time = start + LOG_STEP_S * np.arange(int((end - start) / LOG_STEP_S + 1e-6) + 1)
+    pressure = run.programme.at(time) / 1e3 + options.pressure_noise_kPa * generator.standard_normal(time.size)
+    table = pd.DataFrame({"time_s": time, "pressure_kPa": pressure})
+    write_text(path, table.to_csv(index=False, float_format="%.4f"))
+
+
+def _write_track(
+    path: Path,
+    camera_s: FloatArray,
+    posture: Posture,
+    hidden: dict[str, float],
+    options: TwinOptions,
+    generator: np.random.Generator,
+) -> None:
+    if options.observe == "angle":
+        angle = np.degrees(posture.line(np.array([1.0]))[1][:, 0])
+        noise = noise_like(angle.shape, options.noise_angle_deg, options.noise_correlation, generator)
+        columns = {"angle_deg": angle + noise, "sigma_deg": np.full(angle.size, options.noise_angle_deg)}
+    else:
+        fraction = np.linspace(0.0, 1.0, NODES) if options.observe == "midline" else np.array([1.0])
+        points = misread_plane(posture.line(fraction)[0], hidden)
+        points = points + noise_like(points.shape, options.noise_mm, options.noise_correlation, generator)
+        names = (
+            [f"{axis}{node:02d}_mm" for node in range(NODES) for axis in "xy"]
+            if options.observe == "midline"
+            else ["tip_x_mm", "tip_y_mm"]
+        )
+        flat = points.reshape(points.shape[0], -1)
+        columns = {name: flat[:, index] for index, name in enumerate(names)}
+        columns["sigma_mm"] = np.full(camera_s.size, options.noise_mm)
+    table = pd.DataFrame({"time_s": [f"{time:.6f}" for time in camera_s], **columns})
+    write_text(path, table.to_csv(index=False, float_format="%.4f"))
+
+
+def _write_exact(path: Path, camera_s: FloatArray, posture: Posture) -> None:
+    points, phi = posture.line(np.linspace(0.0, 1.0, NODES))
+    dataset = xr.Dataset(
+        {
+            "midline": (("time", "node", "xy"), points, {"units": "mm"}),
+            "tip": (("time", "xy"), points[:, -1], {"units": "mm"}),
+            "bend_angle": (("time",), np.degrees(phi[:, -1]), {"units": "deg"}),
+            "width": (("time",), 2e3 * posture.outer_radius, {"units": "mm"}),
+        },
+        coords={"time": camera_s, "xy": ["x", "y"]},
+    )
+    write_dataset(path, dataset)
