@@ -1,0 +1,1 @@
+"""Readers: whatever a test rig writes, as typed input. Import from the modules: video brings PyAV with it."""

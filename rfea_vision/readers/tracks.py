@@ -1,0 +1,198 @@
+"""Tracks made by other tools: a tip, nodes along the centre line, or an inclinometer's angle, over time."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Track
+from rfea_vision.errors import InputError
+from rfea_vision.readers.tables import Table, read_table
+
+FloatArray = NDArray[np.float64]
+
+_NODE = re.compile(r"^([xy])(\d+)_mm$")
+_KNOWN = "tip_x_mm and tip_y_mm, or nodes x00_mm, y00_mm, x01_mm, ..., or angle_deg"
+_LAST_CHORDS = 4
+"""Chords at the tip end over which the tangent's angle is carried on to the tip."""
+
+
+def read_track(path: Path, *, bends: str = "left") -> Track:
+    """Read a table of positions in the rig frame (camera-right x, mm) or of angles (deg).
+
+    Parameters
+    ----------
+    path : any table with ``time_s`` and at least one of the groups above; optional ``sigma_mm``, ``sigma_deg``
+    bends : the direction in which angles are positive
+
+    Returns
+    -------
+    Track
+        Rows with a gap are kept as not valid, with the reason ``not_tracked``. Where no sigma is given, the noise is
+        estimated from the track's own high frequencies; the attribute ``sigma_source`` says which.
+
+    Raises
+    ------
+    InputError
+        If columns are missing or do not belong together, time does not increase, or no row is complete.
+    """
+    table = read_table(path)
+    time_s = _time(table)
+    nodes, tip, angle = _nodes(table), _pair(table), _optional(table, "angle_deg")
+    if nodes is None and tip is None and angle is None:
+        raise InputError(
+            f"{path}: no columns of a track; needed are time_s and {_KNOWN}; there are: {', '.join(table.columns)}"
+        )
+    columns: list[FloatArray] = []
+    columns += [nodes.reshape(len(time_s), -1)] if nodes is not None else []
+    columns += [tip] if tip is not None else []
+    columns += [angle[:, None]] if angle is not None else []
+    valid = np.isfinite(np.concatenate(columns, axis=1)).all(axis=1)
+    if np.count_nonzero(valid) < 2:
+        raise InputError(f"{path}: {np.count_nonzero(valid)} complete rows of {len(time_s)}; at least two are needed")
+    sigma_mm, sigma_deg = _optional(table, "sigma_mm"), _optional(table, "sigma_deg")
+    given = sigma_deg is not None if nodes is None and tip is None else sigma_mm is not None
+    dataset = xr.Dataset(
+        {
+            "valid": ("time", valid.astype(np.int8)),
+            "reason": ("time", np.where(valid, "", "not_tracked").astype(object)),
+        },
+        coords={"time": ("time", time_s, {"units": "s"}), "xy": ["x", "y"]},
+        attrs={
+            "source": str(path.name),
+            "bends": bends,
+            "sigma_source": "given in the track" if given else "estimated from the track's own high frequencies",
+        },
+    )
+    if nodes is not None:
+        _add_nodes(dataset, nodes, valid, sigma_mm, bends)
+    if tip is not None:
+        _add(dataset, "tip", ("time", "xy"), tip, valid, "mm")
+        sigma = sigma_mm if sigma_mm is not None else np.full(len(time_s), noise_of(tip[valid]))
+        _add(dataset, "tip_sigma", ("time", "xy"), np.repeat(sigma[:, None], 2, axis=1), valid, "mm")
+    if angle is not None:
+        _add(dataset, "bend_angle", ("time",), angle, valid, "deg")
+        sigma = sigma_deg if sigma_deg is not None else np.full(len(time_s), noise_of(angle[valid, None]))
+        _add(dataset, "bend_angle_sigma", ("time",), sigma, valid, "deg")
+    return Track(dataset)
+
+
+def noise_of(values: FloatArray) -> float:
+    """Estimate white noise from third differences.
+
+    Parameters
+    ----------
+    values : (time, column), evenly sampled, all finite
+
+    Returns
+    -------
+    float
+        Standard deviation per column, from the median of the absolute differences, so that fast motion in less than
+        half of the record does not count as noise. Never below what the rounding of the numbers gives.
+    """
+    if len(values) < 8:
+        return float(np.ptp(values, axis=0).max() / np.sqrt(12.0)) or 1e-3
+    third = np.diff(values, n=3, axis=0)
+    spread = np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0)  # 1 + 9 + 9 + 1: the variance of a third difference
+    steps = np.abs(np.diff(np.sort(values, axis=0), axis=0))
+    steps = steps[steps > 1e-9 * max(1.0, float(np.abs(values).max()))]
+    rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 1e-3
+    return float(max(spread, rounding, 1e-6))
+
+
+def _time(table: Table) -> FloatArray:
+    if "time_s" not in table.columns:
+        raise InputError(
+            f"{table.source}: no column 'time_s'; there are: {', '.join(table.columns)}; rename the column of time"
+        )
+    time_s = table.numbers("time_s")
+    if time_s.size < 2:
+        raise InputError(f"{table.source}: {time_s.size} rows; a track of at least two is needed")
+    for wrong, fault in (
+        (~np.isfinite(time_s), "is not a finite number"),
+        (np.diff(time_s, prepend=-np.inf) <= 0, "does not increase"),
+    ):
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            raise InputError(f"{table.source}: time_s, row {row + 1}: {fault}; correct or remove the row")
+    return time_s
+
+
+def _optional(table: Table, name: str) -> FloatArray | None:
+    return table.numbers(name) if name in table.columns else None
+
+
+def _pair(table: Table) -> FloatArray | None:
+    there = [name for name in ("tip_x_mm", "tip_y_mm") if name in table.columns]
+    if len(there) == 1:
+        other = "tip_y_mm" if there == ["tip_x_mm"] else "tip_x_mm"
+        raise InputError(f"{table.source}: '{there[0]}' stands without '{other}'; a tip needs both")
+    return np.stack([table.numbers(name) for name in there], axis=1) if there else None
+
+
+def _nodes(table: Table) -> FloatArray | None:
+    """Return nodes (time, node, xy), or None; x and y must have the same numbers, from 0 without a gap."""
+    found: dict[str, dict[int, str]] = {"x": {}, "y": {}}
+    for name in table.columns:
+        if match := _NODE.match(name):
+            found[match[1]][int(match[2])] = name
+    if not found["x"] and not found["y"]:
+        return None
+    count = max(len(found["x"]), len(found["y"]))
+    for axis in "xy":
+        lacking = [index for index in range(count) if index not in found[axis]]
+        if lacking:
+            name = f"{axis}{lacking[0]:02d}_mm"
+            raise InputError(f"{table.source}: column '{name}' is missing; nodes need x and y from 00 on without a gap")
+    if count < 3:
+        raise InputError(f"{table.source}: {count} nodes; a centre line needs at least three")
+    return np.stack(
+        [np.stack([table.numbers(found[axis][index]) for index in range(count)], axis=1) for axis in "xy"], axis=2
+    )
+
+
+def _add(dataset: xr.Dataset, name: str, dims: tuple[str, ...], values: FloatArray, valid: Any, units: str) -> None:
+    shown = values.copy()
+    shown[~valid] = np.nan
+    dataset[name] = (dims, shown, {"units": units})
+
+
+def _add_nodes(dataset: xr.Dataset, nodes: FloatArray, valid: Any, sigma_mm: FloatArray | None, bends: str) -> None:
+    """Add the centre line, its tip and the tangent's angle there."""
+    time_count, node_count, _ = nodes.shape
+    _add(dataset, "midline", ("time", "node", "xy"), nodes, valid, "mm")
+    if sigma_mm is None:
+        sigma = np.tile([noise_of(nodes[valid, index]) for index in range(node_count)], (time_count, 1))
+    else:
+        sigma = np.repeat(sigma_mm[:, None], node_count, axis=1)
+    _add(dataset, "midline_sigma", ("time", "node"), sigma, valid, "mm")
+    _add(dataset, "tip", ("time", "xy"), nodes[:, -1], valid, "mm")
+    _add(dataset, "tip_sigma", ("time", "xy"), np.repeat(sigma[:, -1:], 2, axis=1), valid, "mm")
+    angle, angle_sigma = _tip_angle(nodes, sigma, bends)
+    _add(dataset, "bend_angle", ("time",), angle, valid, "deg")
+    _add(dataset, "bend_angle_sigma", ("time",), angle_sigma, valid, "deg")
+    dataset["bend_angle"].attrs["source"] = (
+        f"tangent at the tip, from the last {min(_LAST_CHORDS, node_count - 1)} chords"
+    )
+
+
+def _tip_angle(nodes: FloatArray, sigma: FloatArray, bends: str) -> tuple[FloatArray, FloatArray]:
+    """Return the tangent's angle at the tip and its standard error, deg, by a straight line through the last chords."""
+    chords = np.diff(nodes, axis=1)
+    lengths = np.linalg.norm(chords, axis=2)
+    sign = 1.0 if bends == "left" else -1.0
+    phi = np.unwrap(np.arctan2(-sign * chords[..., 0], -chords[..., 1]), axis=1)  # 0 hanging straight down
+    count = min(_LAST_CHORDS, phi.shape[1])
+    place = np.arange(count) + 0.5  # middles of the chords, in chords
+    design = np.stack([np.ones(count), place - count], axis=1)
+    weights = np.linalg.pinv(design)[0]
+    angle = phi[:, -count:] @ weights
+    node_weights = -np.diff(weights, prepend=0.0, append=0.0)  # d(angle)/d(normal displacement of node) times the chord
+    step = lengths[:, -count:].mean(axis=1)
+    error = np.sqrt(sigma[:, -count - 1 :] ** 2 @ node_weights**2) / step
+    return np.rad2deg(angle), np.rad2deg(error)
