@@ -1,0 +1,167 @@
+"""From effects to one joint law: the paper's torque balance, with every effect's change applied to it, in SymPy.
+
+Source of the base law: eqs. DynInnerRadius, HydraulicTorque, SpringCoefficient and DamperCoefficient of the paper,
+parametrised at the rest radius (docs/physics.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from rfea_vision.effects.base import BASE_PARAMETERS, Body, BodyInertia, BodyPlace, Effect, Joint
+from rfea_vision.errors import InputError
+
+THETA, RATE = sp.symbols("theta rate", real=True)
+PRESSURE = sp.Symbol("pressure", real=True)
+POSITION = sp.Symbol("position", nonnegative=True)
+COUNT = sp.Symbol("count", positive=True)
+ARC = sp.Symbol("arc", positive=True)
+OUTER, INNER = sp.symbols("r_o r_i0", positive=True)
+FLUID_DENSITY = sp.Symbol("rho_f", positive=True)
+TUBE_LENGTH = sp.Symbol("tube_length", positive=True)
+MIRROR = sp.Symbol("mirror", real=True)
+X, Y, VX, VY = sp.symbols("x y vx vy", real=True)
+BODY_LENGTH = sp.Symbol("body_length", positive=True)
+IS_LAST = sp.Symbol("is_last", nonnegative=True)
+MASS, INERTIA, ALONG = sp.symbols("mass inertia along", positive=True)
+ACROSS, GRAVITY, TIME = sp.symbols("across g time", real=True)
+
+CONSTANTS: tuple[sp.Symbol, ...] = (COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR)
+BASE = {name: sp.Symbol(name, real=True) for name in BASE_PARAMETERS}
+
+
+@dataclass(frozen=True)
+class Law:
+    """The composed expressions and the order of parameters and states."""
+
+    parameters: tuple[str, ...]  # "k_ref", ..., "maxwell.k1", ...
+    symbols: tuple[sp.Symbol, ...]
+    states: tuple[sp.Symbol, ...]
+    weights: tuple[sp.Symbol, ...]  # one per effect: 1 where it acts, 0 where it does not
+    torque: sp.Expr
+    state_rates: tuple[sp.Expr, ...]
+    relaxed: tuple[sp.Expr, ...]
+    added_mass: sp.Expr
+    body_force: tuple[sp.Expr, sp.Expr]
+    gravity: tuple[sp.Expr, sp.Expr]
+    inertia: BodyInertia
+    base_compliance: sp.Expr
+    felt_pressure: sp.Expr
+    line_time_constant: sp.Expr
+    flow_resistance: sp.Expr
+    flow_inertance: sp.Expr
+    observed_position: tuple[sp.Expr, sp.Expr]
+    time_shift: sp.Expr
+
+
+def _base_joint(effects: Sequence[Effect]) -> Joint:
+    joint = Joint(THETA, RATE, PRESSURE, POSITION, COUNT, ARC, OUTER, INNER, FLUID_DENSITY, BASE)
+    outer: sp.Expr = OUTER
+    rubber: sp.Expr = sp.Integer(1)
+    for effect in effects:
+        outer = effect.outer_radius(joint, outer)
+        rubber = effect.rubber_volume(joint, rubber)
+    joint.expressions["outer_radius"] = outer
+    # Eq. InnerRadius: the rubber of one arc keeps its volume while the centre line grows by r_o theta.
+    stretched = ARC + OUTER * THETA
+    inner = sp.sqrt(outer**2 - (OUTER**2 - INNER**2) * rubber * ARC / stretched)
+    joint.expressions["inner_radius"] = inner
+    stiffness: sp.Expr = BASE["k_ref"] + BASE["k_slope"] * (inner - INNER)
+    for effect in effects:
+        stiffness = effect.stiffness(joint, stiffness)
+    joint.expressions["stiffness"] = stiffness
+    rising = BASE["b_pos_ref"] + BASE["b_pos_slope"] * (inner - INNER)
+    falling = BASE["b_neg_ref"] + BASE["b_neg_slope"] * (inner - INNER)
+    damping: sp.Expr = sp.Piecewise((rising, RATE >= 0), (falling, True))
+    for effect in effects:
+        damping = effect.damping(joint, damping)
+    joint.expressions["damping"] = damping
+    return joint
+
+
+def _joint_torque(joint: Joint, effects: Sequence[Effect]) -> sp.Expr:
+    hydraulic: sp.Expr = PRESSURE * sp.pi * joint.inner_radius**2 * BASE["r_hyd"]
+    rest: sp.Expr = sp.Integer(0)
+    added: sp.Expr = sp.Integer(0)
+    for effect in effects:
+        hydraulic = effect.hydraulic_torque(joint, hydraulic)
+        rest = effect.rest_angle(joint, rest)
+        added = added + effect.joint_torque(joint)
+    return hydraulic - joint.stiffness * (THETA - rest) - joint.damping * RATE + added
+
+
+def compose(effects: Sequence[Effect]) -> Law:
+    """Apply every effect to the paper's law.
+
+    Raises
+    ------
+    InputError
+        Two effects of the same id, or a hook that returns something else than a SymPy expression.
+    """
+    ids = [effect.id for effect in effects]
+    if len(set(ids)) != len(ids):
+        raise InputError(f"effects {ids}: each effect can be added once; remove the repeated one")
+    joint = _base_joint(effects)
+    torque = _joint_torque(joint, effects)
+    names, symbols, states, weights = list(BASE_PARAMETERS), list(BASE.values()), [], []
+    rates: list[sp.Expr] = []
+    relaxed: list[sp.Expr] = []
+    force: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
+    gravity: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), -GRAVITY)
+    inertia = BodyInertia(MASS, ALONG, ACROSS, INERTIA)
+    mass = compliance = lag = resistance = inertance = shift = sp.Integer(0)
+    felt: sp.Expr = PRESSURE
+    observed: tuple[sp.Expr, sp.Expr] = (X, Y)
+    body = Body(X, Y, VX, VY, BODY_LENGTH, OUTER, TUBE_LENGTH, MIRROR)
+    place_in_joint: dict[sp.Symbol, sp.Expr] = {}
+    for effect in effects:
+        weight = sp.Symbol(f"weight__{effect.id}", real=True)
+        weights.append(weight)
+        for name, symbol in effect.symbol_map().items():
+            names.append(f"{effect.id}.{name}")
+            symbols.append(symbol)
+            absent = effect.parameters[name].absent
+            if absent is not None:
+                place_in_joint[symbol] = absent + weight * (symbol - absent)
+        own_rates, own_relaxed = effect.state_rates(joint), effect.relaxed_states(joint)
+        for state in effect.states:
+            if state not in own_rates or state not in own_relaxed:
+                raise InputError(f"effect {effect.id}: state '{state}' needs an entry in state_rates and relaxed_states")
+            states.append(getattr(effect, state))
+            rates.append(sp.sympify(own_rates[state]))
+            relaxed.append(sp.sympify(own_relaxed[state]))
+        fx, fy = effect.body_force(body)
+        force = (force[0] + fx, force[1] + fy)
+        gravity = effect.gravity(gravity, body)
+        inertia = effect.inertia(BodyPlace(BODY_LENGTH, IS_LAST, OUTER), inertia)
+        mass = mass + effect.added_mass(joint)
+        compliance = compliance + effect.base_compliance()
+        felt = felt.subs(PRESSURE, effect.felt_pressure(PRESSURE))
+        lag = lag + effect.line_time_constant()
+        resistance = resistance + effect.flow_resistance()
+        inertance = inertance + effect.flow_inertance()
+        observed = effect.observed_position(*observed, MIRROR)
+        shift = shift + effect.time_shift(TIME)
+    return Law(
+        parameters=tuple(names),
+        symbols=tuple(symbols),
+        states=tuple(states),
+        weights=tuple(weights),
+        torque=sp.sympify(torque).subs(place_in_joint, simultaneous=True),
+        state_rates=tuple(rate.subs(place_in_joint, simultaneous=True) for rate in rates),
+        relaxed=tuple(value.subs(place_in_joint, simultaneous=True) for value in relaxed),
+        added_mass=sp.sympify(mass).subs(place_in_joint, simultaneous=True),
+        body_force=(sp.sympify(force[0]), sp.sympify(force[1])),
+        gravity=(sp.sympify(gravity[0]), sp.sympify(gravity[1])),
+        inertia=inertia,
+        base_compliance=sp.sympify(compliance),
+        felt_pressure=sp.sympify(felt),
+        line_time_constant=sp.sympify(lag),
+        flow_resistance=sp.sympify(resistance),
+        flow_inertance=sp.sympify(inertance),
+        observed_position=(sp.sympify(observed[0]), sp.sympify(observed[1])),
+        time_shift=sp.sympify(shift),
+    )

@@ -1,0 +1,283 @@
+"""What an effect is: the parts of the model that it changes, its law in SymPy, and the words that go with it.
+
+An effect is one file with one subclass of `Effect`. It overrides the hooks it needs; every hook receives the present
+expression and returns the new one, so effects stack in any order of declaration. Derivatives, compiled code and the
+typeset law come from that single declaration. Every amplitude has a value at which the effect is absent, so that the
+model without it is truly nested in the model with it.
+
+Symbols (SI units; for one joint j, clamp to tip):
+
+=============  ==================================================================================================
+theta, rate    joint angle (rad) and its rate (rad/s)
+tube_angle     n theta: the angle that the whole tube would have at this curvature (independent of n)
+tube_rate      n rate
+pressure       pressure that the joint feels (Pa, gauge)
+position       material coordinate of the joint, 0 at the clamp, 1 at the tip
+=============  ==================================================================================================
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import sympy as sp
+
+BASE_PARAMETERS: tuple[str, ...] = (
+    "k_ref",
+    "k_slope",
+    "b_pos_ref",
+    "b_pos_slope",
+    "b_neg_ref",
+    "b_neg_slope",
+    "r_hyd",
+)
+BASE_UNITS: dict[str, str] = {
+    "k_ref": "N*m/rad",
+    "k_slope": "N/rad",
+    "b_pos_ref": "N*m*s/rad",
+    "b_pos_slope": "N*s/rad",
+    "b_neg_ref": "N*m*s/rad",
+    "b_neg_slope": "N*s/rad",
+    "r_hyd": "m",
+}
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter of an effect, in SI units.
+
+    Attributes
+    ----------
+    unit : SI unit as pint reads it
+    absent : value at which the effect is not there; None for a parameter that vanishes with the amplitude
+        (a time constant, a loop width, the place of a wall)
+    lower, upper : what physics allows
+    start : where a refit starts; for a parameter without `absent` the first of `grid` is used in its place
+    grid : values to screen when the parameter vanishes with the amplitude (Davies' problem)
+    display : unit in which people read it
+    fixed : not fitted unless asked for
+    """
+
+    unit: str
+    absent: float | None
+    lower: float
+    upper: float
+    start: float
+    text: str
+    grid: tuple[float, ...] = ()
+    display: str | None = None
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Symbols and expressions that the joint hooks may use."""
+
+    theta: sp.Symbol
+    rate: sp.Symbol
+    pressure: sp.Symbol
+    position: sp.Symbol
+    count: sp.Symbol
+    rest_length: sp.Symbol
+    rest_outer_radius: sp.Symbol
+    rest_inner_radius: sp.Symbol
+    fluid_density: sp.Symbol
+    base: dict[str, sp.Symbol]
+    expressions: dict[str, sp.Expr] = field(default_factory=dict)
+
+    @property
+    def tube_angle(self) -> sp.Expr:
+        return self.count * self.theta
+
+    @property
+    def tube_rate(self) -> sp.Expr:
+        return self.count * self.rate
+
+    @property
+    def outer_radius(self) -> sp.Expr:
+        return self.expressions["outer_radius"]
+
+    @property
+    def inner_radius(self) -> sp.Expr:
+        return self.expressions["inner_radius"]
+
+    @property
+    def stiffness(self) -> sp.Expr:
+        return self.expressions["stiffness"]
+
+    @property
+    def damping(self) -> sp.Expr:
+        return self.expressions["damping"]
+
+
+@dataclass(frozen=True)
+class Body:
+    """Symbols that the body hooks may use: position (m) and velocity (m/s) of the body's middle on the centre line.
+
+    In the dynamics a tube bends towards -x; the recording of one that bends right is mirrored on the way in.
+    `mirror` is +1 or -1 accordingly, for what belongs to the camera or the room and not to the tube.
+    """
+
+    x: sp.Symbol
+    y: sp.Symbol
+    vx: sp.Symbol
+    vy: sp.Symbol
+    rest_length: sp.Symbol
+    rest_outer_radius: sp.Symbol
+    tube_length: sp.Symbol
+    mirror: sp.Symbol
+
+
+@dataclass(frozen=True)
+class BodyInertia:
+    """Mass (kg), centre of mass along the hinge line and across it towards the outside (m), inertia about it (kg m^2)."""
+
+    mass: sp.Expr
+    along: sp.Expr
+    across: sp.Expr
+    inertia: sp.Expr
+
+
+@dataclass(frozen=True)
+class BodyPlace:
+    """Where a body sits: its rest length, whether it is the last one (1 or 0), and the tube's rest outer radius."""
+
+    length: sp.Symbol
+    is_last: sp.Symbol
+    rest_outer_radius: sp.Symbol
+
+
+class Effect:
+    """Base of every effect. Subclasses set the class attributes and override the hooks they need."""
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    reference: ClassVar[str]
+    shows: ClassVar[str] = ""
+    mistaken_for: ClassVar[str] = ""
+    split_by: ClassVar[str] = ""
+    kind: ClassVar[str] = "tube"  # tube | load | pressure | measurement
+    parameters: ClassVar[dict[str, EffectParameter]]
+    states: ClassVar[tuple[str, ...]] = ()
+    dissipates: ClassVar[bool] = False
+    source_text: ClassVar[str | None] = None  # of a user's file
+    exactly_tied_to: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self) -> None:
+        self._symbols = {
+            name: sp.Symbol(f"{self.id}__{name}", real=True) for name in (*self.parameters, *self.states)
+        }
+
+    def __getattr__(self, name: str) -> sp.Symbol:
+        symbols = self.__dict__.get("_symbols", {})
+        if name in symbols:
+            return symbols[name]
+        raise AttributeError(f"effect {type(self).__name__} has no parameter, state or hook '{name}'")
+
+    # joint law ---------------------------------------------------------------------------------------------------
+    def outer_radius(self, joint: Joint, radius: sp.Expr) -> sp.Expr:
+        """Outer radius (m)."""
+        return radius
+
+    def rubber_volume(self, joint: Joint, fraction: sp.Expr) -> sp.Expr:
+        """Volume of rubber over its volume at rest (incompressible: 1)."""
+        return fraction
+
+    def rest_angle(self, joint: Joint, angle: sp.Expr) -> sp.Expr:
+        """Angle at which the spring is at rest (rad)."""
+        return angle
+
+    def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
+        """Spring coefficient (N m/rad)."""
+        return stiffness
+
+    def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
+        """Damper coefficient (N m s/rad)."""
+        return damping
+
+    def hydraulic_torque(self, joint: Joint, torque: sp.Expr) -> sp.Expr:
+        """Torque of the pressure (N m)."""
+        return torque
+
+    def joint_torque(self, joint: Joint) -> sp.Expr:
+        """Torque added to the joint (N m), positive in the direction of bending."""
+        return sp.Integer(0)
+
+    # hidden states, one set per joint ----------------------------------------------------------------------------
+    def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
+        """Time derivative of every hidden state."""
+        return {}
+
+    def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
+        """Value of every hidden state when the joint has rested at theta for ever."""
+        return {}
+
+    # bodies ------------------------------------------------------------------------------------------------------
+    def inertia(self, place: BodyPlace, inertia: BodyInertia) -> BodyInertia:
+        """Mass, centre of mass and inertia of a body."""
+        return inertia
+
+    def added_mass(self, joint: Joint) -> sp.Expr:
+        """Mass (kg) that a body gains as its joint bends."""
+        return sp.Integer(0)
+
+    def gravity(self, gravity: tuple[sp.Expr, sp.Expr], body: Body) -> tuple[sp.Expr, sp.Expr]:
+        """Acceleration of gravity (m/s^2) in the rig frame."""
+        return gravity
+
+    def body_force(self, body: Body) -> tuple[sp.Expr, sp.Expr]:
+        """Force (N) on the middle of a body's centre line."""
+        return sp.Integer(0), sp.Integer(0)
+
+    def base_compliance(self) -> sp.Expr:
+        """Rotation of the clamp per torque on it (rad/(N m))."""
+        return sp.Integer(0)
+
+    # between the sensor and the tube -----------------------------------------------------------------------------
+    def felt_pressure(self, pressure: sp.Symbol) -> sp.Expr:
+        """Pressure in the tube (Pa) for a sensor reading (Pa)."""
+        return pressure
+
+    def line_time_constant(self) -> sp.Expr:
+        """First-order lag between sensor and tube (s)."""
+        return sp.Integer(0)
+
+    def flow_resistance(self) -> sp.Expr:
+        """Pressure lost per flow into the tube (Pa s/m^3)."""
+        return sp.Integer(0)
+
+    def flow_inertance(self) -> sp.Expr:
+        """Pressure lost per change of that flow (Pa s^2/m^3)."""
+        return sp.Integer(0)
+
+    # between the tube and the file -------------------------------------------------------------------------------
+    def observed_position(self, x: sp.Expr, y: sp.Expr, mirror: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
+        """Position (m) that the camera reports for a true position, both in the dynamics' frame."""
+        return x, y
+
+    def time_shift(self, time: sp.Symbol) -> sp.Expr:
+        """What must be added to the recording's time (s; zero in the middle of the recording) to get the log's."""
+        return sp.Integer(0)
+
+    def law(self) -> str:
+        """LaTeX of the law, for the report; built from the hooks unless a subclass knows better."""
+        return ""
+
+    # ----------------------------------------------------------------------------------------------------------------
+    @classmethod
+    def amplitudes(cls) -> tuple[str, ...]:
+        """Parameters whose absence removes the effect."""
+        return tuple(name for name, parameter in cls.parameters.items() if parameter.absent is not None)
+
+    @classmethod
+    def overrides(cls, hook: str) -> bool:
+        """Whether this effect changes `hook`."""
+        return getattr(cls, hook) is not getattr(Effect, hook)
+
+    def symbol_map(self) -> dict[str, sp.Symbol]:
+        """Parameter name to symbol."""
+        return {name: self._symbols[name] for name in self.parameters}
+
+
+__all__ = ["BASE_PARAMETERS", "BASE_UNITS", "Body", "BodyInertia", "BodyPlace", "Effect", "EffectParameter", "Joint"]

@@ -1,0 +1,83 @@
+"""Where effects are found: the files of this package, entry points of others, and a user's own file."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import pkgutil
+from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from rfea_vision.effects.base import Effect
+from rfea_vision.errors import InputError
+
+_NOT_EFFECTS = {"base", "catalogue"}
+
+
+def _effects_in(module: object) -> list[type[Effect]]:
+    return [
+        item
+        for item in vars(module).values()
+        if isinstance(item, type) and issubclass(item, Effect) and item is not Effect and hasattr(item, "id")
+    ]
+
+
+@cache
+def catalogue() -> dict[str, type[Effect]]:
+    """Every effect on offer by id, those of this package first."""
+    package = importlib.import_module("rfea_vision.effects")
+    found: dict[str, type[Effect]] = {}
+    for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda item: item.name):
+        if info.name not in _NOT_EFFECTS:
+            for effect in _effects_in(importlib.import_module(f"rfea_vision.effects.{info.name}")):
+                found[effect.id] = effect
+    for point in entry_points(group="rfea.effects"):
+        effect = point.load()
+        found.setdefault(effect.id, effect)
+    return found
+
+
+def load_effect_file(path: Path) -> list[type[Effect]]:
+    """Effects that a user's file declares.
+
+    Raises
+    ------
+    InputError
+        The file is missing, does not run, or declares no effect.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: effect file not found; make one with `rfea effects new {path.name}`")
+    spec = importlib.util.spec_from_file_location(f"rfea_user_effect_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"{path}: not a Python file; make one with `rfea effects new my_effect.py`")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise InputError(f"{path}: {type(error).__name__}: {error}; mend the file") from error
+    effects = _effects_in(module)
+    if not effects:
+        raise InputError(f"{path}: declares no effect; subclass rfea_vision.effects.base.Effect and give it an `id`")
+    for effect in effects:
+        effect.source_text = path.read_text(encoding="utf-8")
+    return effects
+
+
+def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple[Effect, ...]:
+    """Instances of the effects named, user files included.
+
+    Raises
+    ------
+    InputError
+        An id that nobody declares.
+    """
+    known = dict(catalogue())
+    for path in effect_files:
+        for effect in load_effect_file(Path(path)):
+            known[effect.id] = effect
+    missing = [name for name in ids if name not in known]
+    if missing:
+        raise InputError(f"effect '{missing[0]}' is unknown; `rfea effects` lists the catalogue: {', '.join(sorted(known))}")
+    return tuple(known[name]() for name in ids)
