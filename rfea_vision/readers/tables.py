@@ -130,7 +130,7 @@ def _read_parquet(path: Path) -> Table:
 
 
 def _read_mat(path: Path) -> Table:
-    """Read MATLAB files to version 7; a struct's field becomes ``name.field``, of an array of them ``name(3).field``."""
+    """Read MATLAB files to version 7; struct fields become ``name.field``, of struct arrays ``name(3).field``."""
     from scipy.io import loadmat
 
     with path.open("rb") as stream:

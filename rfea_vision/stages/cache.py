@@ -1,0 +1,161 @@
+"""Which results are still true: a stage is redone only if its inputs, its options or its code have changed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfea_vision.files import sha256_of, write_text
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+@dataclass(frozen=True)
+class StageRecord:
+    """What a finished stage was made from and what it made.
+
+    Attributes
+    ----------
+    key : stage and subject, for example ``track/steps-270kPa``
+    digest : hash of inputs, options and code
+    options : the options, so that a later command can redo the stage in the same way
+    outputs : path relative to the output folder -> SHA-256
+    inputs : raw files that went in, as path relative to the campaign -> SHA-256
+    order : rises with every stage that finishes
+    """
+
+    key: str
+    digest: str
+    options: dict[str, Any] = field(default_factory=dict)
+    outputs: dict[str, str] = field(default_factory=dict)
+    inputs: dict[str, str] = field(default_factory=dict)
+    order: int = 0
+
+
+class StageCache:
+    """The records of one output folder, in ``.stages/``."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self.folder = out / ".stages"
+        self._hashes_file = self.folder / "hashes.json"
+        self._hashes: dict[str, list[Any]] = _read_json(self._hashes_file)
+
+    def sha256(self, path: Path) -> str:
+        """Return the content hash of a file; remembered while size and time of change stay, so that it is instant."""
+        state = path.stat()
+        mark = [state.st_size, state.st_mtime_ns, state.st_ino]
+        known = self._hashes.get(str(path))
+        if known is not None and known[:3] == mark:
+            return str(known[3])
+        digest = sha256_of(path)
+        self._hashes[str(path)] = [*mark, digest]
+        return digest
+
+    def digest(self, stage: str, hashes: Iterable[str], options: object, code: Iterable[str]) -> str:
+        """Return one hash for what a stage depends on.
+
+        Parameters
+        ----------
+        stage : its name
+        hashes : content hashes of the inputs, in order
+        options : anything made of dataclasses, mappings, sequences and plain values
+        code : packages and modules below ``rfea_vision`` that compute the result
+        """
+        parts = {
+            "stage": stage,
+            "hashes": list(hashes),
+            "options": plain(options),
+            "code": [code_version(name) for name in code],
+        }
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+    def record(self, key: str) -> StageRecord | None:
+        """Return the record of a stage, or None if it has never finished here."""
+        content = _read_json(self._file(key))
+        return StageRecord(**content) if content else None
+
+    def records(self, stage: str) -> list[StageRecord]:
+        """Return the records of all subjects of a stage, in the order in which they finished."""
+        found = [
+            StageRecord(**content) for path in self.folder.glob(f"{stage}@*.json") if (content := _read_json(path))
+        ]
+        return sorted(found, key=lambda record: record.order)
+
+    def is_fresh(self, key: str, digest: str) -> bool:
+        """Say whether the stage has run with just these inputs, options and code, and its outputs are untouched."""
+        record = self.record(key)
+        if record is None or record.digest != digest:
+            return False
+        return all(
+            (self.out / name).is_file() and self.sha256(self.out / name) == sha for name, sha in record.outputs.items()
+        )
+
+    def store(
+        self,
+        key: str,
+        digest: str,
+        outputs: Iterable[Path],
+        *,
+        options: object = None,
+        inputs: Mapping[str, str] | None = None,
+    ) -> StageRecord:
+        """Note that a stage has finished."""
+        made = {path.relative_to(self.out).as_posix(): self.sha256(path) for path in outputs}
+        order = 1 + max((item.order for item in self.records("*")), default=0)
+        record = StageRecord(key, digest, plain(options) or {}, made, dict(inputs or {}), order)
+        write_text(self._file(key), json.dumps(asdict(record), indent=1) + "\n")
+        self.save_hashes()
+        return record
+
+    def save_hashes(self) -> None:
+        """Keep the remembered hashes for the next run."""
+        write_text(self._hashes_file, json.dumps(self._hashes) + "\n")
+
+    def _file(self, key: str) -> Path:
+        return self.folder / f"{key.replace('/', '@')}.json"
+
+
+@cache
+def code_version(name: str) -> str:
+    """Return a hash of the source of a package or module below ``rfea_vision``: its version, kept by no one."""
+    root = _PACKAGE / name.replace(".", "/")
+    files = sorted(root.rglob("*.py")) if root.is_dir() else [root.with_suffix(".py")]
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(path.relative_to(_PACKAGE).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def plain(value: object) -> Any:
+    """Return dataclasses, paths and arrays as JSON values; a path counts by its name, for its content is hashed."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {key: plain(item) for key, item in vars(value).items()}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in value]
+    if isinstance(value, Path):
+        return value.name
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """Return a JSON mapping, empty where the file is absent or damaged: then the stage simply runs again."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}

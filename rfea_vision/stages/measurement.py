@@ -1,0 +1,251 @@
+"""The stages left of the waist: photos to a calibration, pictures to a track, track and log to a recording."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rfea_vision.artefacts import Calibration, Recording, Track
+from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
+from rfea_vision.errors import DataError, InputError, RfeaError
+from rfea_vision.files import write_text
+from rfea_vision.readers.pressure import PressureLog, read_pressure
+from rfea_vision.readers.tracks import read_track
+from rfea_vision.stages.listener import Progress
+
+if TYPE_CHECKING:
+    from rfea_vision.stages.workspace import Workspace
+
+CALIBRATION_CODE = ("calibration",)
+TRACK_CODE = ("calibration", "vision", "readers.video")
+CLIP_CODE = TRACK_CODE
+TABLE_CODE = ("readers.tables", "readers.tracks")
+SYNC_CODE = ("sync", "readers.pressure", "readers.tables", "readers.database")
+
+
+def calibration_path(work: Workspace, experiment: ExperimentSpec | None) -> Path:
+    """Return where a calibration is kept: the campaign's, or an experiment's own where its camera differs."""
+    if experiment is None or experiment.camera == work.campaign.camera:
+        return work.out / "calibration" / "camera.yaml"
+    return work.out / experiment.name / "camera.yaml"
+
+
+def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> Calibration:
+    """Calibrate one camera from its photos, or take over an earlier calibration."""
+    from rfea_vision.calibration import calibrate as calibrate_camera
+    from rfea_vision.calibration import load_calibration, save_calibration
+
+    inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
+
+    def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
+        if camera.file is not None:
+            calibration = load_calibration(camera.file)
+        else:
+            assert camera.board is not None
+            calibration = calibrate_camera(
+                camera.photos,
+                camera.plane,
+                camera.board,
+                vertical=camera.vertical,
+                board_offset_mm=camera.board_offset_mm,
+                lens=camera.lens,
+                progress=progress,
+            )
+        save_calibration(path, calibration)
+        used = sum(bool(photo.get("used")) for photo in calibration.photos)
+        sentence = f"{calibration.model}, RMS {calibration.rms_px:.3f} px, {used} of {len(calibration.photos)} photos"
+        return calibration, [path], sentence
+
+    return work.run(
+        "calibrate",
+        subject,
+        inputs=inputs,
+        options={"camera": camera},
+        code=CALIBRATION_CODE,
+        make=make,
+        load=lambda: load_calibration(path),
+    )
+
+
+def track(work: Workspace, experiment: ExperimentSpec) -> Track:
+    """Track one experiment's pictures, or read the track that another tool made."""
+    path = work.out / experiment.name / "track.nc"
+    if experiment.track is not None:
+        return _foreign_track(work, experiment, path)
+    if experiment.video is None or experiment.camera is None:
+        raise InputError(
+            f"{experiment.folder / 'experiment.yaml'}: video: nothing to track; name a video, frames or a track"
+        )
+    calibration_file = calibration_path(work, experiment)
+    calibration = work.calibration_of(experiment)
+    camera, video = experiment.camera, experiment.video
+
+    def make(progress: Progress) -> tuple[Track, list[Path], str]:
+        from rfea_vision.vision import track_frames
+
+        found = track_frames(
+            open_source(video),
+            calibration,
+            experiment.actuator,
+            vertical=camera.vertical,
+            clamp_px=camera.clamp,
+            tip_px=camera.tip,
+            progress=progress,
+        )
+        found.save(path)
+        return found, [path], describe_track(found)
+
+    tracked = work.run(
+        "track",
+        experiment.name,
+        inputs=_pictures(video),
+        also=[work.cache.sha256(calibration_file)],
+        options={"actuator": experiment.actuator, "camera": camera, "rate_Hz": video.rate_Hz},
+        code=TRACK_CODE,
+        make=make,
+        load=lambda: Track.load(path),
+    )
+    _clip(work, experiment, tracked, path, calibration)
+    return tracked
+
+
+def _clip(
+    work: Workspace, experiment: ExperimentSpec, tracked: Track, track_file: Path, calibration: Calibration
+) -> None:
+    """Make the small rectified clip that the report shows."""
+    folder = track_file.parent
+    video = experiment.video
+    assert video is not None
+
+    def make(progress: Progress) -> tuple[None, list[Path], str]:
+        from rfea_vision.vision import make_clip
+
+        facts: dict[str, Any] = make_clip(
+            open_source(video), tracked, calibration, folder / "clip.mp4", progress=progress
+        )
+        write_text(folder / "clip.json", json.dumps(facts) + "\n")
+        size = (folder / "clip.mp4").stat().st_size
+        return None, [folder / "clip.mp4", folder / "clip.json"], f"{size / 1e6:.1f} MB"
+
+    work.run(
+        "clip",
+        experiment.name,
+        inputs=[],
+        also=[work.cache.sha256(track_file)],
+        options={},
+        code=CLIP_CODE,
+        make=make,
+        load=lambda: None,
+    )
+
+
+def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> Track:
+    source = experiment.track
+    assert source is not None
+
+    def make(progress: Progress) -> tuple[Track, list[Path], str]:
+        found = read_track(source.file, bends=experiment.actuator.bends)
+        found.save(path)
+        return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
+
+    return work.run(
+        "track",
+        experiment.name,
+        inputs=[source.file],
+        options={"bends": experiment.actuator.bends},
+        code=TABLE_CODE,
+        make=make,
+        load=lambda: Track.load(path),
+    )
+
+
+def synchronise(work: Workspace, experiment: ExperimentSpec) -> Recording:
+    """Bring the track and the pressure log of one experiment on one clock."""
+    tracked = work.track_of(experiment)
+    spec, sync = experiment.pressure, experiment.sync
+    path = work.out / experiment.name / "recording.nc"
+    log: PressureLog | None = None
+    also = [work.cache.sha256(work.out / experiment.name / "track.nc")]
+    if spec.url is not None:  # a database has no file to hash: its answer counts
+        log = read_pressure(spec, experiment.name)
+        also.append(hashlib.sha256(log.time_s.tobytes() + log.pressure_kPa.tobytes()).hexdigest())
+
+    def make(progress: Progress) -> tuple[Recording, list[Path], str]:
+        from rfea_vision.sync import synchronise as synchronise_clocks
+
+        recording = synchronise_clocks(
+            tracked,
+            log or read_pressure(spec, experiment.name),
+            experiment=experiment.name,
+            role=experiment.role,
+            bends=experiment.actuator.bends,
+            method=sync.method,
+            value_s=sync.value_s,
+            repeat_of=experiment.repeat_of,
+        )
+        recording.save(path)
+        return recording, [path], describe_recording(recording)
+
+    return work.run(
+        "sync",
+        experiment.name,
+        inputs=[spec.file] if spec.file is not None else [],
+        also=also,
+        options={
+            "pressure": spec,
+            "sync": sync,
+            "role": experiment.role,
+            "bends": experiment.actuator.bends,
+            "repeat_of": experiment.repeat_of,
+        },
+        code=SYNC_CODE,
+        make=make,
+        load=lambda: Recording.load(path),
+    )
+
+
+def open_source(video: VideoSpec) -> Any:
+    """Open a video or a folder of frames."""
+    from rfea_vision.readers.video import open_frames, open_video
+
+    if video.file is not None:
+        return open_video(video.file, video.rate_Hz)
+    assert video.frames is not None
+    return open_frames(video.frames, video.times, video.rate_Hz)
+
+
+def _pictures(video: VideoSpec) -> list[Path]:
+    if video.file is not None:
+        return [video.file]
+    assert video.frames is not None
+    files = sorted(path for path in video.frames.iterdir() if path.is_file())
+    return [*files, *([video.times] if video.times is not None else [])]
+
+
+def describe_track(track: Track) -> str:
+    """Say how many frames were tracked, and why the others were not."""
+    valid = int(track.valid.sum())
+    reasons: dict[str, int] = {}
+    for reason in track.dataset["reason"].values[~track.valid]:
+        reasons[str(reason)] = reasons.get(str(reason), 0) + 1
+    lost = ", ".join(f"{count} {reason}" for reason, count in sorted(reasons.items(), key=lambda item: -item[1]))
+    return f"{valid} of {len(track.time_s)} frames" + (f" ({lost})" if lost else "")
+
+
+def describe_recording(recording: Recording) -> str:
+    """Say how the clocks stand."""
+    attributes = recording.dataset.attrs
+    offset, error = float(attributes["offset_s"]) * 1e3, float(attributes["offset_stderr_s"]) * 1e3
+    return f"{attributes['sync_method']}: log clock minus camera clock {offset:.2f} ms (standard error {error:.2f} ms)"
+
+
+def failures_as_error(failures: dict[str, RfeaError], total: int, verb: str) -> RfeaError:
+    """Return one error for the experiments that failed; those that did not are kept."""
+    first = next(iter(failures.values()))
+    rest = total - len(failures)
+    kept = f" ({rest} of {total} experiments were {verb})" if rest else ""
+    more = f"; also failed: {', '.join(list(failures)[1:])}" if len(failures) > 1 else ""
+    kind = InputError if isinstance(first, InputError) else DataError
+    return kind(f"{first}{more}{kept}")

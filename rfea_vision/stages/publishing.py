@@ -1,0 +1,79 @@
+"""The last stage: all artefacts to one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rfea_vision.artefacts import Ladder
+from rfea_vision.files import write_text
+from rfea_vision.stages import mechanics
+from rfea_vision.stages.listener import Progress
+
+if TYPE_CHECKING:
+    from rfea_vision.stages.workspace import Workspace
+
+_ARTEFACTS = ("ladder.json", "calibration/*", "*/camera.yaml", "*/track.nc", "*/recording.nc", "*/clip.*", "models/*/*")
+
+
+def report(work: Workspace) -> Path:
+    """Write the report of what there is; what is out of date is redone first; without a model the ladder is climbed."""
+    path = work.out / "report" / "index.html"
+    bring_up_to_date(work)
+    files = sorted({file for pattern in _ARTEFACTS for file in work.out.glob(pattern) if file.is_file()})
+
+    def make(progress: Progress) -> tuple[Path, list[Path], str]:
+        from rfea_vision.report import render
+
+        page = render(work.out, title=work.campaign.name, commands=commands(work))
+        write_text(path, page)
+        return path, [path], f"{path} ({path.stat().st_size / 1e6:.1f} MB)"
+
+    return work.run(
+        "report",
+        "page",
+        inputs=[],
+        also=[f"{file.relative_to(work.out)}:{work.cache.sha256(file)}" for file in files],
+        options={"title": work.campaign.name, "commands": commands(work)},
+        code=("report",),
+        make=make,
+        load=lambda: path,
+    )
+
+
+def bring_up_to_date(work: Workspace) -> None:
+    """Redo what stands on changed data: the ladder with its options, single models with theirs."""
+    ladder = work.cache.record("improve/ladder")
+    names = mechanics.model_names(work)
+    if ladder is not None and "fit" in ladder.options:
+        mechanics.improve(work, mechanics.options_of(ladder), budget_s=float(ladder.options["budget_s"]))
+    elif not names:
+        work.improve()
+    climbed = rung_models(work)
+    for name in names:
+        if name not in climbed:
+            mechanics.compare(work, name)
+
+
+def rung_models(work: Workspace) -> set[str]:
+    """Return the models that the ladder consists of."""
+    path = work.out / Ladder.FILE
+    return {rung.model for rung in Ladder.load(path).rungs} if path.is_file() else set()
+
+
+def commands(work: Workspace) -> list[str]:
+    """Return the commands that make these results again."""
+    campaign = work.campaign.root.name
+    made = []
+    climbed = rung_models(work)
+    if climbed:
+        made.append(f"rfea improve {campaign}")
+    for record in work.cache.records("fit"):
+        fit = record.options.get("fit", {})
+        name = record.key.partition("/")[2]
+        if name in climbed:
+            continue
+        added = "".join(f" --add {effect}" for effect in fit.get("effects", ()))
+        choices = f"--segments {fit.get('segments')} --joints {fit.get('joints')} --observe {fit.get('observe')}"
+        made.append(f"rfea fit {campaign} {choices}{added} --name {name}")
+    return [*made, f"rfea report {campaign}"]

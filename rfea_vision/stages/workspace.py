@@ -1,0 +1,271 @@
+"""A campaign at work: every stage as a method, each running what it needs and is out of date."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rfea_vision.artefacts import Calibration, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
+from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
+from rfea_vision.errors import DataError, InputError, RfeaError
+from rfea_vision.stages import measurement, mechanics, publishing
+from rfea_vision.stages.cache import StageCache
+from rfea_vision.stages.listener import Listener, Progress
+
+_Result = TypeVar("_Result")
+
+
+def open_campaign(path: Path | str, out: Path | str | None = None, *, listener: Listener | None = None) -> Workspace:
+    """Open a campaign folder to work on.
+
+    Parameters
+    ----------
+    path : campaign folder, or a lone folder with an experiment.yaml
+    out : where results go; default ``<campaign>/rfea``
+    listener : hears of every stage and its progress
+
+    Raises
+    ------
+    InputError
+        If the campaign or one of its experiments is not right.
+    """
+    return Workspace(load_campaign(path, out), listener=listener)
+
+
+class Workspace:
+    """A campaign and its results.
+
+    Attributes
+    ----------
+    campaign : the typed input
+    out : folder of the results
+    outcomes : what has been done in this session: stage, subject, outcome and a sentence
+    failures : experiments that could not be measured, where failing is tolerated
+    """
+
+    def __init__(
+        self, campaign: Campaign, *, listener: Listener | None = None, force: Iterable[str] = (), tolerant: bool = False
+    ) -> None:
+        self.campaign = campaign
+        self.out = campaign.out
+        self.cache = StageCache(campaign.out)
+        self.listener = listener or Listener()
+        self.force = set(force)
+        self.tolerant = tolerant
+        self.outcomes: list[dict[str, str]] = []
+        self.failures: dict[str, RfeaError] = {}
+        self._done: dict[str, Any] = {}
+
+    # -- measurement ---------------------------------------------------------------------------------------------
+
+    def calibrate(self) -> Calibration | None:
+        """Calibrate the campaign's camera, and those of experiments with their own; None where nothing is pictured."""
+        own = None
+        if self.campaign.camera is not None:
+            path = measurement.calibration_path(self, None)
+            own = measurement.calibrate(self, self.campaign.camera, path, self.campaign.name)
+        for experiment in self._active():
+            if experiment.video is not None:
+                found = self.calibration_of(experiment)
+                own = own or found
+        return own
+
+    def track(self, names: Sequence[str] = ()) -> dict[str, Track]:
+        """Track the experiments (all, or those named) and return the tracks by name."""
+        return self._each(names, self.track_of, "tracked")
+
+    def sync(self, names: Sequence[str] = ()) -> dict[str, Recording]:
+        """Bring tracks and pressure logs on one clock and return the recordings by name."""
+        return self._each(names, lambda experiment: measurement.synchronise(self, experiment), "synchronised")
+
+    def calibration_of(self, experiment: ExperimentSpec) -> Calibration:
+        """Return the calibration that an experiment's pictures need."""
+        if experiment.camera is None:
+            raise InputError(f"{experiment.folder / 'experiment.yaml'}: camera: is missing; pictures need it")
+        path = measurement.calibration_path(self, experiment)
+        subject = self.campaign.name if experiment.camera == self.campaign.camera else experiment.name
+        return measurement.calibrate(self, experiment.camera, path, subject)
+
+    def track_of(self, experiment: ExperimentSpec) -> Track:
+        """Return the track of one experiment."""
+        return measurement.track(self, experiment)
+
+    # -- mechanics -----------------------------------------------------------------------------------------------
+
+    def fit(
+        self,
+        name: str | None = None,
+        *,
+        segments: int = 16,
+        joints: str = "middle",
+        add: Sequence[str] = (),
+        observe: str = "midline",
+        effect_files: Sequence[Path | str] = (),
+        seed: int = 0,
+        **more: Any,
+    ) -> ModelFit:
+        """Fit one model to the training experiments; `add` names the effects beside the base model."""
+        options = mechanics.fit_options(
+            name,
+            segments=segments,
+            joints=joints,
+            add=add,
+            observe=observe,
+            effect_files=effect_files,
+            seed=seed,
+            **more,
+        )
+        return mechanics.fit(self, options)
+
+    def compare(self, *models: str) -> dict[str, Comparison]:
+        """Compare models (default: all there are, or the base model) with the measurement."""
+        return {name: mechanics.compare(self, name) for name in models or mechanics.model_names(self) or ("base",)}
+
+    def diagnose(
+        self, model: str | None = None, *, effect_files: Sequence[Path | str] = (), seed: int = 0
+    ) -> Diagnosis:
+        """Ask which effect is missing from a model (default: the one fitted last, or the base model)."""
+        return mechanics.diagnose(
+            self, model or mechanics.last_model(self) or "base", effect_files=effect_files, seed=seed
+        )
+
+    def improve(
+        self,
+        *,
+        budget_s: float = 300.0,
+        segments: int = 16,
+        joints: str = "middle",
+        observe: str = "midline",
+        effect_files: Sequence[Path | str] = (),
+        seed: int = 0,
+        **more: Any,
+    ) -> Ladder:
+        """Fit, diagnose, add one effect, again, until a verdict ends it."""
+        options = mechanics.fit_options(
+            "base", segments=segments, joints=joints, observe=observe, effect_files=effect_files, seed=seed, **more
+        )
+        return mechanics.improve(self, options, budget_s=budget_s)
+
+    # -- publishing ----------------------------------------------------------------------------------------------
+
+    def report(self) -> Path:
+        """Write the report and return its path; with no model yet, `improve` comes first."""
+        return publishing.report(self)
+
+    # -- how stages run ------------------------------------------------------------------------------------------
+
+    def recordings(self, *roles: str) -> dict[str, Recording]:
+        """Return the recordings of these roles by name.
+
+        Raises
+        ------
+        DataError
+            If no training experiment is left.
+        """
+        wanted = [item.name for item in self._active() if item.role in roles]
+        found = self.sync(wanted)
+        if not any(recording.role == "train" for recording in found.values()):
+            raise DataError(f"{self.campaign.root}: no experiment with 'role: train' is left to fit; mend or add one")
+        return found
+
+    def run(
+        self,
+        stage: str,
+        subject: str,
+        *,
+        inputs: Sequence[Path],
+        options: Mapping[str, Any],
+        code: Sequence[str],
+        make: Callable[[Progress], tuple[_Result, list[Path], str]],
+        load: Callable[[], _Result],
+        also: Sequence[str] = (),
+    ) -> _Result:
+        """Run one stage, or load what it made before if nothing that it depends on has changed.
+
+        Parameters
+        ----------
+        stage, subject : names of the record and of the progress bar
+        inputs : raw files that the result depends on
+        options : options that it depends on; kept in the record
+        code : packages below ``rfea_vision`` that it depends on
+        make : does the work; returns the result, the files written, and a sentence
+        load : reads the result back
+        also : content hashes of results of earlier stages
+        """
+        key = f"{stage}/{subject}"
+        if key in self._done:
+            return self._done[key]
+        hashes, digest = self._digest(stage, inputs, also, options, code)
+        if stage not in self.force and self.cache.is_fresh(key, digest):
+            result = load()
+            self._say(stage, subject, "unchanged", "")
+        else:
+            progress = self.listener.begin(stage, subject)
+            try:
+                result, outputs, sentence = make(progress)
+            except BaseException as error:
+                self.listener.end(stage, subject, "failed", str(error))
+                raise
+            self.cache.store(key, digest, outputs, options=options, inputs=hashes)
+            self._say(stage, subject, "done", sentence)
+        self._done[key] = result
+        return result
+
+    def remember(
+        self,
+        stage: str,
+        subject: str,
+        outputs: Sequence[Path],
+        *,
+        inputs: Sequence[Path],
+        also: Sequence[str],
+        options: Mapping[str, Any],
+        code: Sequence[str],
+    ) -> None:
+        """Note a result that came about inside another stage, so that its own stage finds it done."""
+        hashes, digest = self._digest(stage, inputs, also, options, code)
+        self.cache.store(f"{stage}/{subject}", digest, outputs, options=options, inputs=hashes)
+
+    def _digest(
+        self, stage: str, inputs: Sequence[Path], also: Sequence[str], options: Mapping[str, Any], code: Sequence[str]
+    ) -> tuple[dict[str, str], str]:
+        hashes = {self._shown(path): self.cache.sha256(path) for path in inputs}
+        return hashes, self.cache.digest(stage, [*hashes.values(), *also], options, code)
+
+    def forget(self, stage: str) -> None:
+        """Let the next call of a stage look at the files again."""
+        self._done = {key: value for key, value in self._done.items() if not key.startswith(f"{stage}/")}
+
+    def raw_inputs(self) -> dict[str, str]:
+        """Return the hashes of all raw files that recordings were made from, by path below the campaign."""
+        found: dict[str, str] = {}
+        for stage in ("calibrate", "track", "sync"):
+            for record in self.cache.records(stage):
+                found |= record.inputs
+        return dict(sorted(found.items()))
+
+    def _say(self, stage: str, subject: str, outcome: Any, sentence: str) -> None:
+        self.outcomes.append({"stage": stage, "subject": subject, "outcome": outcome, "sentence": sentence})
+        self.listener.end(stage, subject, outcome, sentence)
+
+    def _shown(self, path: Path) -> str:
+        return path.relative_to(self.campaign.root).as_posix() if path.is_relative_to(self.campaign.root) else str(path)
+
+    def _active(self) -> list[ExperimentSpec]:
+        return [item for item in self.campaign.experiments if item.role != "ignore" and item.name not in self.failures]
+
+    def _each(self, names: Sequence[str], action: Callable[[ExperimentSpec], _Result], verb: str) -> dict[str, _Result]:
+        """Do something to each experiment; one that fails does not keep the others from being done."""
+        chosen = [self.campaign.experiment(name) for name in names] if names else self._active()
+        results: dict[str, _Result] = {}
+        failures: dict[str, RfeaError] = {}
+        for experiment in chosen:
+            try:
+                results[experiment.name] = action(experiment)
+            except RfeaError as error:
+                failures[experiment.name] = error
+        if failures and not self.tolerant:
+            raise measurement.failures_as_error(failures, len(chosen), verb)
+        self.failures |= failures
+        return results
