@@ -60,6 +60,7 @@ class Calibration:
     intrinsics_covariance : (m, m) covariance of [fx, fy, cx, cy, distortion...]
     plane_rotation, plane_translation_mm : pose of the plane of motion, board to camera: X_cam = R X_board + t
     plane_pose_covariance : (6, 6) of [rotation vector, translation in mm]
+    joint_covariance : covariance of [fx, fy, cx, cy, distortion..., rotation vector, translation], if solved together
     plane_tilt_deg : angle between the optical axis and the plane's normal
     photos : one record per photo: {file, used, reason, rms_px}
     """
@@ -78,6 +79,7 @@ class Calibration:
     vertical: str
     photos: tuple[dict[str, Any], ...]
     quality: dict[str, Any]
+    joint_covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.camera_matrix.shape != (3, 3) or self.plane_rotation.shape != (3, 3):

@@ -1,0 +1,275 @@
+"""Least squares over lens and board poses together, with the full covariance of the lens and of one pose.
+
+The normal equations have an arrow shape: every photo couples its own six pose numbers to the lens only. The poses are
+eliminated photo by photo (Schur complement), so twenty photos cost no more than a 12 x 12 system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.calibration.corners import BoardView
+from rfea_vision.calibration.projection import rotation_matrix
+from rfea_vision.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+COEFFICIENTS = {"brown5": 5, "brown8": 8, "fisheye": 4}
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Camera matrix and distortion of one lens model."""
+
+    model: str
+    matrix: FloatArray
+    distortion: FloatArray
+
+    @property
+    def vector(self) -> FloatArray:
+        """[fx, fy, cx, cy, distortion...]."""
+        k = self.matrix
+        return np.concatenate([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]], self.distortion])
+
+    @staticmethod
+    def from_vector(model: str, vector: FloatArray) -> Lens:
+        """Inverse of `vector`."""
+        fx, fy, cx, cy = vector[:4]
+        return Lens(model, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), np.array(vector[4:]))
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """The solution: lens, one pose per view, residuals, and covariances (unit: px, mm, rad).
+
+    `joint_covariance` is of [lens vector, rotation vector (left-multiplied, camera frame), translation] of the view
+    named by `solve_bundle`'s `joint_view`.
+    """
+
+    lens: Lens
+    rotations: tuple[FloatArray, ...]
+    translations_mm: tuple[FloatArray, ...]
+    residuals: tuple[FloatArray, ...]
+    sigma_px: float
+    lens_covariance: FloatArray
+    joint_covariance: FloatArray | None
+
+    @property
+    def rms_px(self) -> float:
+        """Root mean square distance between corner and model, as OpenCV counts it."""
+        every = np.concatenate(self.residuals)
+        return float(np.sqrt(np.mean(np.sum(every**2, axis=1))))
+
+    def rms_of(self, view: int) -> float:
+        """The same for one view."""
+        return float(np.sqrt(np.mean(np.sum(self.residuals[view] ** 2, axis=1))))
+
+
+def project_board(lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray) -> FloatArray:
+    """Pixels (n, 2) of board points (n, 2) mm."""
+    points = board_mm @ rotation[:, :2].T + translation
+    a, b = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
+    d = lens.distortion
+    q = a * a + b * b
+    if lens.model == "fisheye":
+        radius = np.sqrt(q)
+        angle = np.arctan(radius)
+        t = angle * angle
+        scale = angle * (1 + t * (d[0] + t * (d[1] + t * (d[2] + t * d[3])))) / np.maximum(radius, 1e-12)
+        u, v = a * scale, b * scale
+    else:
+        k4, k5, k6 = d[5:8] if len(d) >= 8 else (0.0, 0.0, 0.0)
+        radial = (1 + q * (d[0] + q * (d[1] + q * d[4]))) / (1 + q * (k4 + q * (k5 + q * k6)))
+        u = a * radial + 2 * d[2] * a * b + d[3] * (q + 2 * a * a)
+        v = b * radial + d[2] * (q + 2 * b * b) + 2 * d[3] * a * b
+    k = lens.matrix
+    return np.column_stack([k[0, 0] * u + k[0, 2], k[1, 1] * v + k[1, 2]])
+
+
+def _jacobians(lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray):
+    """Residual derivatives by central differences: (2n, lens parameters) and (2n, 6)."""
+    vector = lens.vector
+    steps = np.concatenate([[1e-2] * 4, np.full(len(vector) - 4, 1e-6)])
+    by_lens = np.empty((2 * len(board_mm), len(vector)))
+    for i, step in enumerate(steps):
+        up, down = vector.copy(), vector.copy()
+        up[i] += step
+        down[i] -= step
+        difference = project_board(Lens.from_vector(lens.model, up), rotation, translation, board_mm) - project_board(
+            Lens.from_vector(lens.model, down), rotation, translation, board_mm
+        )
+        by_lens[:, i] = difference.ravel() / (2 * step)
+    by_pose = np.empty((2 * len(board_mm), 6))
+    for i in range(6):
+        change = np.zeros(6)
+        change[i] = 1e-5 if i < 3 else 1e-3
+        up = project_board(lens, rotation_matrix(change[:3]) @ rotation, translation + change[3:], board_mm)
+        down = project_board(lens, rotation_matrix(-change[:3]) @ rotation, translation - change[3:], board_mm)
+        by_pose[:, i] = (up - down).ravel() / (2 * change[i])
+    return by_lens, by_pose
+
+
+def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
+    """Normalised image coordinates (n, 2) of pixels (n, 2)."""
+    points = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 1, 2)
+    if lens.model == "fisheye":
+        return cv2.fisheye.undistortPoints(points, lens.matrix, lens.distortion.reshape(-1, 1)).reshape(-1, 2)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-12)
+    return cv2.undistortPoints(points, lens.matrix, lens.distortion, criteria=criteria).reshape(-1, 2)
+
+
+def first_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray]:
+    """Board pose from the homography of the undistorted corners."""
+    flat = np.column_stack([view.board_mm, np.zeros(len(view.board_mm))])
+    found, rotation, translation = cv2.solvePnP(
+        flat, undistort(lens, view.pixels), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not found:
+        raise DataError(f"{view.file}: the pose of the board could not be found; leave this photo out")
+    return rotation_matrix(rotation.ravel()), translation.ravel()
+
+
+def solve_pose(lens: Lens, view: BoardView, iterations: int = 15) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Board pose for a known lens by Gauss-Newton: rotation, translation in mm, residuals (n, 2)."""
+    rotation, translation = first_pose(lens, view)
+    for _ in range(iterations):
+        residual = (view.pixels - project_board(lens, rotation, translation, view.board_mm)).ravel()
+        _, by_pose = _jacobians(lens, rotation, translation, view.board_mm)
+        change = np.linalg.lstsq(by_pose, residual, rcond=None)[0]
+        rotation = rotation_matrix(change[:3]) @ rotation
+        translation = translation + change[3:]
+        if np.abs(change[:3]).max() < 1e-9 and np.abs(change[3:]).max() < 1e-6:
+            break
+    return rotation, translation, view.pixels - project_board(lens, rotation, translation, view.board_mm)
+
+
+def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) -> Lens:
+    """OpenCV's closed-form start, polished with few coefficients."""
+    objects = [np.column_stack([v.board_mm, np.zeros(len(v.board_mm))]).astype(np.float32) for v in views]
+    images = [v.pixels.astype(np.float32).reshape(-1, 1, 2) for v in views]
+    flags = cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
+    if model == "fisheye":
+        flags |= cv2.CALIB_FIX_K1
+    start = cv2.initCameraMatrix2D(objects, images, size)
+    _, matrix, distortion, _, _ = cv2.calibrateCamera(
+        objects, images, size, start, np.zeros(5), flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS
+    )
+    coefficients = np.zeros(COEFFICIENTS[model])
+    if model != "fisheye":
+        coefficients[0] = float(np.ravel(distortion)[0])
+    return Lens(model, np.asarray(matrix, dtype=float), coefficients)
+
+
+def solve_bundle(
+    views: Sequence[BoardView],
+    size: tuple[int, int],
+    model: str,
+    *,
+    joint_view: int | None = None,
+    start: Lens | None = None,
+) -> Bundle:
+    """Levenberg-Marquardt over lens and poses.
+
+    Parameters
+    ----------
+    views : board corners, at least three views
+    size : picture width and height in px
+    model : ``brown5``, ``brown8`` or ``fisheye``
+    joint_view : view whose pose shares the joint covariance with the lens
+    start : lens to start from
+
+    Raises
+    ------
+    DataError
+        If the photos do not determine the lens.
+    """
+    lens = start or first_lens(views, size, model)
+    poses = [first_pose(lens, view) for view in views]
+    damping, cost = 1e-4, np.inf
+    for _ in range(60):
+        residuals = [v.pixels - project_board(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+        cost = sum(float(np.sum(e**2)) for e in residuals)
+        blocks = [_jacobians(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+        improved, change = False, np.inf
+        for _ in range(8):
+            new_lens, new_poses = _step(lens, poses, residuals, blocks, damping)
+            new_cost = sum(
+                float(np.sum((v.pixels - project_board(new_lens, r, t, v.board_mm)) ** 2))
+                for v, (r, t) in zip(views, new_poses, strict=True)
+            )
+            if np.isfinite(new_cost) and new_cost <= cost:
+                change = (cost - new_cost) / max(cost, 1e-30)
+                lens, poses, damping, improved = new_lens, new_poses, damping / 5, True
+                break
+            damping *= 8
+        if not improved or change < 1e-10:
+            break
+    return _finish(views, lens, poses, joint_view)
+
+
+def _step(lens, poses, residuals, blocks, damping):
+    size = len(lens.vector)
+    schur, right, parts = np.zeros((size, size)), np.zeros(size), []
+    for residual, (a, b) in zip(residuals, blocks, strict=True):
+        e = residual.ravel()
+        bb = b.T @ b
+        bb[np.diag_indices(6)] *= 1 + damping
+        inverse = np.linalg.inv(bb)
+        ab = a.T @ b
+        schur += a.T @ a - ab @ inverse @ ab.T
+        right += a.T @ e - ab @ inverse @ (b.T @ e)
+        parts.append((inverse, ab, b.T @ e))
+    scale = np.sqrt(np.maximum(np.diag(schur), 1e-30))
+    scaled = schur / scale[:, None] / scale[None, :]
+    scaled[np.diag_indices(size)] += damping
+    change = np.linalg.lstsq(scaled, right / scale, rcond=1e-14)[0] / scale
+    new_poses = []
+    for (rotation, translation), (inverse, ab, be) in zip(poses, parts, strict=True):
+        move = inverse @ (be - ab.T @ change)
+        new_poses.append((rotation_matrix(move[:3]) @ rotation, translation + move[3:]))
+    return Lens.from_vector(lens.model, lens.vector + change), new_poses
+
+
+def _finish(views, lens: Lens, poses, joint_view: int | None) -> Bundle:
+    residuals = tuple(v.pixels - project_board(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True))
+    blocks = [_jacobians(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+    size = len(lens.vector)
+    schur = np.zeros((size, size))
+    for a, b in blocks:
+        ab = a.T @ b
+        schur += a.T @ a - ab @ np.linalg.solve(b.T @ b, ab.T)
+    freedom = sum(2 * len(e) for e in residuals) - size - 6 * len(views)
+    if freedom < 1 or not np.all(np.isfinite(schur)):
+        raise DataError("calibration: too few corners to determine the lens; add photos of the board")
+    variance = sum(float(np.sum(e**2)) for e in residuals) / freedom
+    scale = np.sqrt(np.maximum(np.diag(schur), 1e-30))
+    inverse = (
+        np.linalg.pinv(schur / scale[:, None] / scale[None, :], rcond=1e-13, hermitian=True)
+        / scale[:, None]
+        / scale[None, :]
+    )
+    lens_covariance = variance * inverse
+    joint = None
+    if joint_view is not None:
+        a, b = blocks[joint_view]
+        bb = np.linalg.inv(b.T @ b)
+        gain = -bb @ b.T @ a
+        joint = np.zeros((size + 6, size + 6))
+        joint[:size, :size] = lens_covariance
+        joint[size:, :size] = gain @ lens_covariance
+        joint[:size, size:] = joint[size:, :size].T
+        joint[size:, size:] = variance * bb + gain @ lens_covariance @ gain.T
+    return Bundle(
+        lens,
+        tuple(r for r, _ in poses),
+        tuple(t for _, t in poses),
+        residuals,
+        float(np.sqrt(variance)),
+        lens_covariance,
+        joint,
+    )

@@ -1,0 +1,276 @@
+"""From board photos to a `Calibration`: photos in, lens chosen by cross-validation, plane of motion, uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Calibration
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.bundle import COEFFICIENTS, Bundle, Lens, first_lens, solve_bundle, solve_pose
+from rfea_vision.calibration.corners import BoardView, Refused, find_corners, read_grey
+from rfea_vision.calibration.quality import assess
+from rfea_vision.errors import DataError, InputError
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int], None] | None
+MINIMUM_PHOTOS = 3
+BETTER_BY = 0.01  # a richer lens must predict unseen photos this much better to be chosen,
+SURE_BY = 2.5  # and the gain must stand out of its scatter over the photos by so many standard errors
+SIZE_TOLERANCE_PX = 2  # some programs write one row or column more
+OUTLIER_SIGMA = 6.0
+SPLITS = 3
+WIDE_DEG = 40.0
+
+
+def calibrate(
+    photos: Sequence[Path],
+    plane: Path | None,
+    board: Board,
+    *,
+    vertical: str = "board",
+    board_offset_mm: float = 0.0,
+    lens: str = "auto",
+    clamp_px: Sequence[Sequence[float]] | None = None,
+    progress: Progress = None,
+) -> Calibration:
+    """Calibrate a camera and the plane of motion.
+
+    Parameters
+    ----------
+    photos : board photos; those of another size, blurred or without a whole board are left out and named
+    plane : photo of the board lying in the plane of motion; without it pixels cannot become mm
+    board : what is printed
+    vertical : carried along for the track stage (``board``, ``rest``, ``image`` or ``plumb``)
+    board_offset_mm : how far the board's printed face lies in front (towards the camera) of the tube's axis
+    lens : ``auto`` (cross-validation), ``brown5``, ``brown8`` or ``fisheye``
+    clamp_px : pixels of the clamp, to say the quality where the tube is
+    progress : called with (done, total) photos
+
+    Raises
+    ------
+    InputError
+        If a photo is unreadable, or `lens` unknown.
+    DataError
+        If fewer than three photos show the board.
+    """
+    if lens != "auto" and lens not in COEFFICIENTS:
+        raise InputError(f"camera.lens: '{lens}' is unknown; use auto, brown5, brown8 or fisheye")
+    views, refused, size = find_views(photos, board, progress)
+    if len(views) < MINIMUM_PHOTOS:
+        why = "; ".join(f"{r.file.name}: {r.reason}" for r in refused[:4])
+        raise DataError(
+            f"camera.photos: {len(views)} of {len(photos)} photos show the board, {MINIMUM_PHOTOS} are needed ({why}); take more photos"
+        )
+    plane_view = find_plane(plane, board, size) if plane is not None else None
+    views, dropped = without_outliers(views, size)
+    model, scores, reason = choose_lens(views, size, lens)
+    every = [*views, plane_view] if plane_view is not None else list(views)
+    bundle = solve_bundle(every, size, model, joint_view=len(views) if plane_view is not None else None)
+    quality: dict[str, Any] = {
+        "lens_scores_px": scores,
+        "lens_reason": reason,
+        "sigma_px": bundle.sigma_px,
+        "board_offset_mm": board_offset_mm,
+    }
+    quality["corners_left_out"] = dropped
+    extra, inflate = assess(every, bundle, size, model, has_plane=plane_view is not None, around_px=clamp_px)
+    quality.update(extra)
+    records = tuple(
+        [{"file": v.file.name, "used": True, "reason": "", "rms_px": bundle.rms_of(i)} for i, v in enumerate(views)]
+        + [{"file": r.file.name, "used": False, "reason": r.reason, "rms_px": None} for r in refused]
+    )
+    return _assemble(bundle, size, plane_view, records, quality, vertical, board_offset_mm, inflate)
+
+
+def find_views(
+    photos: Sequence[Path], board: Board, progress: Progress
+) -> tuple[list[BoardView], list[Refused], tuple[int, int]]:
+    """Corners of every usable photo, the refused ones, and the picture size that most photos share."""
+    sizes: dict[Path, tuple[int, int]] = {}
+    found: list[BoardView | Refused] = []
+    for done, path in enumerate(photos):
+        grey = read_grey(path)
+        if grey is None:
+            raise InputError(f"{path}: not a readable picture; remove it from camera.photos")
+        sizes[path] = (grey.shape[1], grey.shape[0])
+        found.append(find_corners(path, grey, board))
+        if progress is not None:
+            progress(done + 1, len(photos))
+    if not sizes:
+        raise InputError("camera.photos: no photo found; give a pattern such as calibration/board_*.png")
+    every = list(sizes.values())
+    common = max(set(every), key=every.count)
+    views: list[BoardView] = []
+    refused: list[Refused] = []
+    for item in found:
+        w, h = sizes[item.file]
+        if max(abs(w - common[0]), abs(h - common[1])) > SIZE_TOLERANCE_PX:
+            other = "" if isinstance(item, BoardView) else f"; {item.reason}"
+            refused.append(
+                Refused(item.file, f"another size: {w} x {h} px, the others have {common[0]} x {common[1]}{other}")
+            )
+        elif isinstance(item, Refused):
+            refused.append(item)
+        else:
+            views.append(item)
+    return _leave_out_blurred(views, refused), refused, common
+
+
+def _leave_out_blurred(views: list[BoardView], refused: list[Refused]) -> list[BoardView]:
+    """Drop photos far softer than the rest; they are appended to `refused`."""
+    rises = np.array([v.rise_px for v in views])
+    if np.isfinite(rises).sum() < 4:
+        return views
+    limit = max(6.0, 3.0 * float(np.nanmedian(rises)))
+    keep = []
+    for view in views:
+        if view.rise_px > limit:
+            refused.append(
+                Refused(
+                    view.file,
+                    f"blurred: its edges rise over {view.rise_px:.1f} px, the others' over {np.nanmedian(rises):.1f} px",
+                )
+            )
+        else:
+            keep.append(view)
+    return keep
+
+
+def find_plane(plane: Path, board: Board, size: tuple[int, int]) -> BoardView:
+    """Corners of the photo that shows the board in the plane of motion."""
+    grey = read_grey(plane)
+    if grey is None:
+        raise InputError(f"{plane}: camera.plane is not a readable picture")
+    if max(abs(grey.shape[1] - size[0]), abs(grey.shape[0] - size[1])) > SIZE_TOLERANCE_PX:
+        raise InputError(
+            f"{plane}: camera.plane has {grey.shape[1]} x {grey.shape[0]} px, the photos have {size[0]} x {size[1]}; use pictures of the same camera mode"
+        )
+    view = find_corners(plane, grey, board)
+    if isinstance(view, Refused):
+        raise DataError(f"{plane}: camera.plane: {view.reason}; take it again with the whole board in sight")
+    return view
+
+
+def choose_lens(views: Sequence[BoardView], size: tuple[int, int], lens: str) -> tuple[str, dict[str, float], str]:
+    """Choose the model that best predicts photos that it has not seen; the simpler one where they are alike.
+
+    Returns the model, the held-out RMS of every candidate in px, and a sentence.
+    """
+    if lens != "auto":
+        return lens, {}, f"{lens} was asked for"
+    if len(views) < 6:
+        return "brown5", {}, f"brown5: {len(views)} photos are too few to compare lens models"
+    candidates = [model for model in COEFFICIENTS if model != "fisheye" or _is_wide(views, size)]
+    held_out = {model: held_out_squares(views, size, model) for model in candidates}
+    scores = {
+        model: float(np.sqrt(np.mean(squares))) for model, squares in held_out.items() if np.all(np.isfinite(squares))
+    }
+    if not scores:
+        raise DataError("calibration: no lens model fits the photos; check camera.board.inner_corners")
+    best = "brown5" if "brown5" in scores else min(scores, key=lambda name: scores[name])
+    for model, score in sorted(scores.items(), key=lambda item: item[1]):
+        gain = held_out[best] - held_out[model]
+        sure = gain.mean() > SURE_BY * gain.std(ddof=1) / np.sqrt(len(gain))
+        if score < (1 - BETTER_BY) * scores[best] and sure:
+            best = model
+            break
+    listed = ", ".join(f"{name} {value:.3f} px" for name, value in scores.items())
+    return best, scores, f"{best}: predicts unseen photos best, the simpler lens where the gain is in doubt ({listed})"
+
+
+def _is_wide(views: Sequence[BoardView], size: tuple[int, int]) -> bool:
+    """Whether the half diagonal spans more than 40 degrees, where the Brown polynomial begins to fail."""
+    focal = first_lens(views, size, "brown5").matrix[0, 0]
+    return float(np.hypot(*size)) / 2 > np.tan(np.radians(WIDE_DEG)) * focal
+
+
+def held_out_squares(views: Sequence[BoardView], size: tuple[int, int], model: str) -> FloatArray:
+    """Fit each half of the photos and predict the other, with only its board poses free.
+
+    Returns the mean squared distance of each photo in px^2, (photos,); infinite where the fit fails.
+    """
+    squares = np.zeros(len(views))
+    for split in range(SPLITS):
+        order = np.random.default_rng(split).permutation(len(views))
+        for start in (0, 1):
+            try:
+                lens = solve_bundle([views[i] for i in order[start::2]], size, model).lens
+                for i in order[1 - start :: 2]:
+                    residual = solve_pose(lens, views[i])[2]
+                    squares[i] += float(np.mean(np.sum(residual**2, axis=1))) / SPLITS
+            except (DataError, np.linalg.LinAlgError):
+                return np.full(len(views), np.inf)
+    return squares
+
+
+def without_outliers(views: Sequence[BoardView], size: tuple[int, int]) -> tuple[list[BoardView], dict[str, int]]:
+    """Drop single corners that a first solution puts far off (a reflection, a finger), and count them per photo."""
+    bundle = solve_bundle(views, size, "brown5")
+    clean, dropped = [], {}
+    for view, residual in zip(views, bundle.residuals, strict=True):
+        distance = np.linalg.norm(residual, axis=1)
+        keep = distance < OUTLIER_SIGMA * max(float(np.median(distance)), 0.02)
+        if 0 < np.sum(~keep) <= 0.15 * len(keep):
+            dropped[view.file.name] = int(np.sum(~keep))
+            view = replace(view, board_mm=view.board_mm[keep], pixels=view.pixels[keep])
+        clean.append(view)
+    return clean, dropped
+
+
+def levelled(rotation: FloatArray) -> FloatArray:
+    """Turn board axes so that x lies along its rows to the camera's right, y up, z towards the camera."""
+    axes = [rotation[:, 0], -rotation[:, 0], rotation[:, 1], -rotation[:, 1]]
+    x = max(axes, key=lambda axis: float(axis[0]))
+    y = max((axis for axis in axes if abs(float(axis @ x)) < 0.5), key=lambda axis: float(-axis[1]))
+    return np.column_stack([x, y, np.cross(x, y)])
+
+
+def _assemble(
+    bundle: Bundle,
+    size: tuple[int, int],
+    plane_view: BoardView | None,
+    records: tuple[dict[str, Any], ...],
+    quality: dict[str, Any],
+    vertical: str,
+    board_offset_mm: float,
+    inflate: float,
+) -> Calibration:
+    lens: Lens = bundle.lens
+    rotation, translation, tilt = np.eye(3), np.full(3, np.nan), float("nan")
+    pose_covariance, joint = np.full((6, 6), np.nan), None
+    count = len(lens.vector)
+    if plane_view is not None and bundle.joint_covariance is not None:
+        rotation = levelled(bundle.rotations[-1])
+        translation = bundle.translations_mm[-1] - board_offset_mm * rotation[:, 2]
+        joint = bundle.joint_covariance * inflate**2
+        pose_covariance = joint[count:, count:]
+        tilt = float(np.degrees(np.arccos(np.clip(-rotation[2, 2], -1, 1))))
+        quality["plane"] = {
+            "file": plane_view.file.name,
+            "rms_px": bundle.rms_of(len(bundle.rotations) - 1),
+            "tilt_stderr_deg": float(np.degrees(np.sqrt(np.trace(pose_covariance[:2, :2]) / 2))),
+            "distance_mm": float(np.linalg.norm(translation)),
+        }
+    return Calibration(
+        image_width=size[0],
+        image_height=size[1],
+        camera_matrix=lens.matrix,
+        distortion=lens.distortion,
+        model=lens.model,
+        rms_px=bundle.rms_px,
+        intrinsics_covariance=bundle.lens_covariance * inflate**2,
+        plane_rotation=rotation,
+        plane_translation_mm=translation,
+        plane_pose_covariance=pose_covariance,
+        plane_tilt_deg=tilt,
+        vertical=vertical,
+        photos=records,
+        quality=quality,
+        joint_covariance=joint,
+    )

@@ -1,0 +1,150 @@
+"""`camera.yaml`: an OpenCV FileStorage file, so that other tools can open it; ROS camera_info is read as well."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from rfea_vision.artefacts import Calibration
+from rfea_vision.calibration.bundle import COEFFICIENTS
+from rfea_vision.errors import InputError
+from rfea_vision.files import whole_file
+
+_CHUNK = 1000  # OpenCV's parser limits the length of a string
+_ARRAYS = (
+    "plane_rotation",
+    "plane_translation_mm",
+    "plane_pose_covariance",
+    "intrinsics_covariance",
+    "joint_covariance",
+)
+
+
+def save_calibration(path: Path, calibration: Calibration) -> None:
+    """Write `calibration` as OpenCV FileStorage YAML, whole or not at all."""
+    with whole_file(path) as temporary:
+        storage = cv2.FileStorage(str(temporary), cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_FORMAT_YAML)
+        storage.write("image_width", calibration.image_width)
+        storage.write("image_height", calibration.image_height)
+        storage.write("camera_matrix", calibration.camera_matrix)
+        storage.write("distortion_coefficients", np.asarray(calibration.distortion).reshape(-1, 1))
+        storage.write(
+            "distortion_model",
+            {"brown5": "plumb_bob", "brown8": "rational_polynomial"}.get(calibration.model, "equidistant"),
+        )
+        storage.write("model", calibration.model)
+        storage.write("rms", calibration.rms_px)
+        storage.write("avg_reprojection_error", calibration.rms_px)
+        storage.write("covariance", calibration.intrinsics_covariance)
+        for name in _ARRAYS:
+            value = getattr(calibration, name)
+            if value is not None:
+                storage.write(name, np.atleast_2d(value))
+        storage.write("plane_tilt_deg", calibration.plane_tilt_deg)
+        storage.write("vertical", calibration.vertical)
+        for name, value in (("photos_json", calibration.photos), ("quality_json", calibration.quality)):
+            text = json.dumps(value)
+            storage.startWriteStruct(name, cv2.FILE_NODE_SEQ)
+            for start in range(0, len(text), _CHUNK):
+                storage.write("", "|" + text[start : start + _CHUNK])
+            storage.endWriteStruct()
+        storage.release()
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Read a calibration of this package, of OpenCV, or a ROS camera_info file.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or lacks the camera matrix.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not readable as a camera file; give an OpenCV or ROS YAML file") from error
+    try:
+        values = _read_opencv(path) if text.startswith("%YAML") else _read_ros(text)
+    except (cv2.error, yaml.YAMLError, TypeError, ValueError, KeyError, SystemError) as error:
+        raise InputError(f"{path}: not an OpenCV or ROS camera file; calibrate from photos instead") from error
+    if values.get("camera_matrix") is None:
+        raise InputError(f"{path}: camera_matrix is missing; give an OpenCV or ROS camera file")
+    return _from_values(path, values)
+
+
+def _read_opencv(path: Path) -> dict[str, Any]:
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    values: dict[str, Any] = {}
+    root = storage.root()
+    for name in root.keys():  # noqa: SIM118 - a FileNode is no dict
+        node = root.getNode(name)
+        if node.isMap():
+            values[name.lower()] = node.mat()
+        elif node.isString():
+            values[name.lower()] = node.string()
+        elif node.isReal() or node.isInt():
+            values[name.lower()] = node.real()
+        elif node.isSeq() and name.endswith("_json"):
+            pieces = (node.at(i).string()[1:] for i in range(node.size()))
+            values[name.lower()] = json.loads("".join(pieces))
+    storage.release()
+    values.setdefault("rms", values.get("avg_reprojection_error"))
+    return values
+
+
+def _read_ros(text: str) -> dict[str, Any]:
+    raw = yaml.safe_load(text)
+    values: dict[str, Any] = {str(key).lower(): value for key, value in raw.items()}
+    for name in ("camera_matrix", "distortion_coefficients"):
+        block = values.get(name)
+        if isinstance(block, dict):
+            values[name] = np.array(block["data"], dtype=float).reshape(block["rows"], block["cols"])
+    return values
+
+
+def _from_values(path: Path, values: dict[str, Any]) -> Calibration:
+    coefficients = np.ravel(np.asarray(values.get("distortion_coefficients", np.zeros(5)), dtype=float))
+    model = values.get("model") or _model_of(str(values.get("distortion_model", "")), coefficients)
+    if model not in COEFFICIENTS:
+        raise InputError(f"{path}: distortion model '{model}' is not supported; use brown5, brown8 or fisheye")
+    if np.any(coefficients[8:] != 0):
+        raise InputError(
+            f"{path}: thin prism and tilt coefficients are not supported; calibrate with at most 8 coefficients"
+        )
+    count = COEFFICIENTS[model]
+    distortion = np.zeros(count)
+    distortion[: min(count, len(coefficients))] = coefficients[:count]
+    for name in ("image_width", "image_height"):
+        if values.get(name) is None:
+            raise InputError(f"{path}: {name} is missing; add the size of the picture in pixels")
+    parameters = 4 + count
+    nothing = np.zeros((parameters, parameters))
+    joint = values.get("joint_covariance")
+    return Calibration(
+        image_width=int(values["image_width"]),
+        image_height=int(values["image_height"]),
+        camera_matrix=np.asarray(values["camera_matrix"], dtype=float),
+        distortion=distortion,
+        model=model,
+        rms_px=float(values.get("rms") or np.nan),
+        intrinsics_covariance=np.asarray(values.get("intrinsics_covariance", nothing), dtype=float),
+        plane_rotation=np.asarray(values.get("plane_rotation", np.eye(3)), dtype=float),
+        plane_translation_mm=np.ravel(np.asarray(values.get("plane_translation_mm", np.full(3, np.nan)), dtype=float)),
+        plane_pose_covariance=np.asarray(values.get("plane_pose_covariance", np.full((6, 6), np.nan)), dtype=float),
+        plane_tilt_deg=float(values.get("plane_tilt_deg", np.nan)),
+        vertical=str(values.get("vertical", "board")),
+        photos=tuple(values.get("photos_json", ())),
+        quality=dict(values.get("quality_json", {"note": f"taken from {path.name}: its uncertainty is not known"})),
+        joint_covariance=None if joint is None else np.asarray(joint, dtype=float),
+    )
+
+
+def _model_of(name: str, coefficients: np.ndarray) -> str:
+    if name in ("equidistant", "fisheye", "kannala_brandt"):
+        return "fisheye"
+    return "brown8" if name == "rational_polynomial" or np.any(coefficients[5:8] != 0) else "brown5"

@@ -1,0 +1,216 @@
+"""Frames with their times, one after the other: video containers and folders of pictures.
+
+Time comes from the container's time stamps, never from the frame's number. The luma plane is read as it lies in the
+decoder's memory: converting each frame to grey or BGR would halve the rate.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.errors import DataError, InputError
+
+Luma = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """A sequence of pictures; iterate for ``(time_s, luma)``, luma (height, width) uint8, valid until the next one.
+
+    Attributes
+    ----------
+    path : the file or folder
+    size : width and height in px, as displayed
+    frame_count : number of frames if the container says so
+    rate_Hz : nominal rate, or the override
+    """
+
+    path: Path
+    size: tuple[int, int]
+    frame_count: int | None
+    rate_Hz: float | None
+
+    def times_s(self) -> NDArray[np.float64]:
+        """Time of every frame in s, in display order."""
+        raise NotImplementedError
+
+    def frames(self, start_frame: int = 0) -> Iterator[tuple[float, Luma]]:
+        """Frames from number `start_frame` on."""
+        raise NotImplementedError
+
+    def __iter__(self) -> Iterator[tuple[float, Luma]]:
+        return self.frames()
+
+    def frame(self, number: int) -> Luma:
+        """One frame, copied; raises DataError beyond the end."""
+        for _, luma in self.frames(number):
+            return luma.copy()
+        raise DataError(f"{self.path}: it has no frame {number}; check that the file is whole")
+
+
+@dataclass(frozen=True)
+class VideoSource(FrameSource):
+    """A video container."""
+
+    override_Hz: float | None = None
+    threads: int = 2
+    quarter_turns: int = 0  # counter-clockwise, from the container's display matrix
+    first_pts_s: float = 0.0
+    _cache: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False, compare=False)
+
+    def times_s(self) -> NDArray[np.float64]:
+        if "times" not in self._cache:
+            with av.open(str(self.path)) as container:
+                stream = container.streams.video[0]
+                base = float(stream.time_base or 0)
+                stamps = sorted(packet.pts for packet in container.demux(stream) if packet.pts is not None)
+            times = np.array(stamps, dtype=float) * base
+            times -= times[0] if len(times) else 0.0
+            if self.override_Hz is not None:
+                times = np.arange(len(times)) / self.override_Hz
+            self._cache["times"] = times
+        return self._cache["times"]
+
+    def frames(self, start_frame: int = 0) -> Iterator[tuple[float, Luma]]:
+        """Decode from `start_frame` on; a damaged end stops the sequence, so that what came before is kept."""
+        with av.open(str(self.path)) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            stream.codec_context.thread_count = self.threads
+            number, first, last = 0, None, -np.inf
+            base = float(stream.time_base or 0)
+            seek_to = self._seek(container, stream, start_frame)
+            try:
+                for frame in container.decode(stream):
+                    stamp = frame.pts if frame.pts is not None else number
+                    if first is None:
+                        first = self.first_pts_s / base if seek_to is not None and base else stamp
+                        if seek_to is not None:
+                            number = int(np.searchsorted(self.times_s(), (stamp - first) * base - 1e-9))
+                    time = (stamp - first) * base if self.override_Hz is None else number / self.override_Hz
+                    time = max(time, last)
+                    if number >= start_frame:
+                        last = time
+                        yield time, self._luma(frame)
+                    number += 1
+            except av.error.FFmpegError as error:
+                if number == 0:
+                    raise InputError(
+                        f"{self.path}: the video cannot be decoded ({error}); convert it to H.264"
+                    ) from error
+
+    def _seek(self, container, stream, start_frame: int) -> int | None:
+        if start_frame < 50 or self.override_Hz is not None or not stream.time_base:
+            return None
+        target = self.times_s()[min(start_frame, len(self.times_s()) - 1)] + self.first_pts_s
+        container.seek(int(target / float(stream.time_base)), stream=stream, backward=True)
+        return start_frame
+
+    def _luma(self, frame: av.VideoFrame) -> Luma:
+        if frame.format.name in ("gray", "yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12"):
+            plane = frame.planes[0]
+            luma = np.frombuffer(plane, dtype=np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]
+        else:
+            luma = frame.to_ndarray(format="gray")
+        return np.rot90(luma, self.quarter_turns) if self.quarter_turns else luma
+
+
+@dataclass(frozen=True)
+class FolderSource(FrameSource):
+    """Single pictures with a table of times."""
+
+    files: tuple[Path, ...] = ()
+    times: tuple[float, ...] = ()
+
+    def times_s(self) -> NDArray[np.float64]:
+        return np.array(self.times)
+
+    def frames(self, start_frame: int = 0) -> Iterator[tuple[float, Luma]]:
+        for file, time in zip(self.files[start_frame:], self.times[start_frame:], strict=True):
+            luma = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            if luma is None:
+                raise InputError(f"{file}: not a readable picture; remove it from the frames table or copy it again")
+            if (luma.shape[1], luma.shape[0]) != self.size:
+                raise InputError(
+                    f"{file}: {luma.shape[1]} x {luma.shape[0]} px, the first frame has {self.size[0]} x {self.size[1]}"
+                )
+            yield time, np.asarray(luma, dtype=np.uint8)
+
+
+def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
+    """Open a video file.
+
+    Parameters
+    ----------
+    path : the container
+    rate_Hz : true recording rate of a slow-motion file; overrides the time stamps
+
+    Raises
+    ------
+    InputError
+        If the file is missing, not a video, or empty.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: video.file not found; check the name")
+    if rate_Hz is not None and not rate_Hz > 0:
+        raise InputError(f"{path}: video.rate must be positive, such as 240 Hz")
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.video:
+                raise InputError(f"{path}: video.file holds no video stream; give a video")
+            stream = container.streams.video[0]
+            nominal = float(stream.average_rate) if stream.average_rate else None
+            count = stream.frames or None
+            first = next(container.decode(stream), None)
+            if first is None:
+                raise InputError(f"{path}: video.file holds no frame; record it again")
+            size = (first.width, first.height)
+            turns = round(getattr(first, "rotation", 0) / 90) % 4
+            start = float(first.pts * stream.time_base) if first.pts is not None and stream.time_base else 0.0
+    except av.error.FFmpegError as error:
+        raise InputError(f"{path}: video.file is not a readable video ({error}); convert it to H.264 in MP4") from error
+    if turns % 2:
+        size = (size[1], size[0])
+    return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, 2, turns, start)
+
+
+def open_frames(folder: Path, times_csv: Path, rate_Hz: float | None = None) -> FrameSource:
+    """Open a folder of pictures listed in `times_csv` (columns ``file`` and ``time_s``).
+
+    Raises
+    ------
+    InputError
+        If the table or a picture is missing, or time runs backwards.
+    """
+    try:
+        with times_csv.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{times_csv}: frames.times not readable; give a CSV with columns file,time_s") from error
+    if not rows or "file" not in rows[0] or (rate_Hz is None and "time_s" not in rows[0]):
+        raise InputError(f"{times_csv}: frames.times needs columns file,time_s and at least one row")
+    files = tuple(folder / str(row["file"]).strip() for row in rows)
+    missing = next((file for file in files if not file.is_file()), None)
+    if missing is not None:
+        raise InputError(f"{missing}: named in {times_csv.name} but not there; copy it or remove the row")
+    try:
+        times = tuple(i / rate_Hz if rate_Hz else float(row["time_s"]) for i, row in enumerate(rows))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{times_csv}: frames.times: time_s must be a number in every row ({error})") from error
+    if not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0):
+        raise InputError(f"{times_csv}: frames.times: time_s must be finite and must not run backwards; sort the rows")
+    first = cv2.imread(str(files[0]), cv2.IMREAD_GRAYSCALE)
+    if first is None:
+        raise InputError(f"{files[0]}: not a readable picture; copy it again")
+    rate = rate_Hz or (
+        1.0 / float(np.median(np.diff(times))) if len(times) > 1 and np.median(np.diff(times)) > 0 else None
+    )
+    return FolderSource(folder, (first.shape[1], first.shape[0]), len(files), rate, files, times)
