@@ -1,4 +1,4 @@
-"""What chance decides in a generated campaign: the tube's parameters, each run's excitation and clocks, and the noise."""
+"""What chance decides in a generated campaign: the tube's parameters, the runs, their clocks, and the noise."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ BEFORE_S, AFTER_S = 0.5, 0.6  # the log outlasts the video on both sides
 class Run:
     """One experiment to record: its name and role, what drives it, and how its clocks lie.
 
-    ``offset_s`` is the log's clock minus the camera's at the first frame; ``drift`` is by how much a second of the camera
-    is longer on the log; ``claimed_offset_s`` is what the experiment file says where it says anything.
+    ``offset_s`` is the log's clock minus the camera's at the first frame; ``drift`` is by how much a second of the
+    camera is longer on the log; ``claimed_offset_s`` is what the experiment file says where it says anything.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Run:
 
 
 def draw_base(seed: int) -> BaseParameters:
-    """Parameters within sensible ranges of the published ones; stiffness and damping stay positive at every bend reached."""
+    """Parameters near the published ones, such that stiffness and damping stay positive at every bend reached."""
     generator = np.random.default_rng([seed, 1])
     paper = BaseParameters()
     k, b_pos, b_neg = generator.uniform([0.9, 0.7, 0.9], [1.2, 1.3, 1.8])
@@ -124,7 +124,7 @@ def camera_times(options: TwinOptions) -> FloatArray:
 
 @dataclass(frozen=True)
 class Posture:
-    """The plant at given instants, as arcs: angles (T, m) and lengths (m,) of the hinge line, outer radius and clamp (T,)."""
+    """The plant at given instants: angles (T, m) and lengths (m,) of its arcs, outer radius and clamp (T,)."""
 
     angles: FloatArray
     lengths: FloatArray

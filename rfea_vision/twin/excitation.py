@@ -1,7 +1,7 @@
 """Pressure programmes: what a valve is told, and what it makes of it.
 
-Programmes differ in what they excite: holds show slow memory, ramps rate dependence, multi-sines the spectrum, staircases
-the static curve. All start with a rest at their first level, and all stay within 0 and the rig's limit.
+Programmes differ in what they excite: holds show slow memory, ramps rate dependence, multi-sines the spectrum,
+staircases the static curve. All start with a rest at their first level, and all stay within 0 and the rig's limit.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class JointLaw:
         return self.outer_radius * (1 + self.hidden("radial_expansion.c") * p)
 
     def inner_area(self, theta: FloatArray, p: FloatArray | float) -> FloatArray:
-        """pi r_i^2 of a joint bent by theta: the rubber's volume is constant (eq. InnerRadius)."""
+        """Inner area pi r_i^2 of a joint bent by theta: the rubber's volume is constant (eq. InnerRadius)."""
         outer = self.felt_outer_radius(p)
         rubber = (self.outer_radius**2 - self.inner_radius**2) * (1 - self.hidden("compressibility.c") * p)
         return np.pi * (outer**2 - rubber * self.rest_length / (self.rest_length + outer * theta))
@@ -100,7 +100,9 @@ class JointLaw:
             loop = loop / (1 + 0.5 * np.abs(slide) + 0.5 * slide * np.sign(loop))
         return Memory(maxwell, loop, np.maximum(memory.largest, np.abs(theta)))
 
-    def stiffness(self, theta: FloatArray, radius: FloatArray, memory: Memory, p: FloatArray | float, time: float) -> FloatArray:
+    def stiffness(
+        self, theta: FloatArray, radius: FloatArray, memory: Memory, p: FloatArray | float, time: float
+    ) -> FloatArray:
         """k_j (eq. SpringCoefficient) and all that changes it."""
         get = self.hidden
         k = (self.base.k_ref + self.base.k_slope * (radius - self.inner_radius)) * self.stiffness_profile
@@ -117,7 +119,9 @@ class JointLaw:
     def damping(self, rate: FloatArray, radius: FloatArray) -> FloatArray:
         """b_j in its two directions (eq. DamperCoefficient) and all that changes it."""
         base, stretch = self.base, radius - self.inner_radius
-        b = np.where(rate >= 0, base.b_pos_ref + base.b_pos_slope * stretch, base.b_neg_ref + base.b_neg_slope * stretch)
+        b = np.where(
+            rate >= 0, base.b_pos_ref + base.b_pos_slope * stretch, base.b_neg_ref + base.b_neg_slope * stretch
+        )
         return b * self.damping_profile * (1 + self.hidden("nonlinear_damping.c") * self.n * np.abs(rate))
 
     def torque(

@@ -1,7 +1,7 @@
 """What the twin is asked for: the options of one generated campaign, and the effects that may hide in it.
 
-The table `HIDDEN` names every effect parameter that the plant can carry, with its unit and the value at which the effect
-is absent. Ids and parameters are those of the catalogue of effects, so that an answer can be compared with the truth;
+The table `HIDDEN` names every effect parameter that the plant can carry, with its unit and the value at which the
+effect is absent. Ids and parameters are those of the catalogue of effects, so that an answer can be compared with the truth;
 those under `OUTSIDE` are in no catalogue: a critique that names one of its own effects for them is wrong.
 """
 
@@ -20,7 +20,7 @@ from rfea_vision.errors import InputError
 
 @dataclass(frozen=True)
 class HiddenParameter:
-    """SI unit of an effect's parameter, the value at which it is absent, and what is taken where only its partner is given."""
+    """SI unit, the value at which the effect is absent, and the value taken where only a partner is given."""
 
     unit: str
     absent: float = 0.0
@@ -121,7 +121,7 @@ class TwinOptions:
     actuator : dimensions as they are written to the campaign
     base : parameters of the tube; None draws them within sensible ranges of the published ones
     joints : number of joints of the plant
-    layout : ``middle`` (each joint in the middle of its arc) or ``start`` (the paper's chain, rigid bodies after each joint)
+    layout : ``middle`` (each joint in the middle of its arc) or ``start`` (the paper's chain: a rigid body per joint)
     step_s : time step of the plant's integrator
     sync : what the experiment files say about the clocks: ``motion``, ``offset`` (the true value) or ``common_clock``
     offset_s : log clock minus camera clock; None draws tens of milliseconds per experiment
@@ -176,7 +176,7 @@ class TwinOptions:
         if not -1 < self.noise_correlation < 1:
             raise InputError("simulate: noise_correlation must lie between -1 and 1")
         if self.video and self.layout != "middle":
-            raise InputError("simulate: a video needs layout 'middle', because a chain of rigid bodies has no smooth outline")
+            raise InputError("simulate: a video needs layout 'middle'; rigid bodies have no smooth outline")
 
 
 def unknown_parameter(key: str) -> str:
@@ -200,7 +200,7 @@ def parse_hidden(items: Iterable[str]) -> dict[str, float]:
     Returns
     -------
     dict
-        Value in SI by ``effect.parameter``; a partner that was not given (a time constant, a loop width) takes its usual value.
+        Value in SI by ``effect.parameter``; a partner that is not given takes its usual value.
 
     Raises
     ------
@@ -241,7 +241,7 @@ def _quantity(key: str, text: str) -> float:
     wanted = _units.Unit("" if unit == "1" else unit)
     bare_number = not any(character.isalpha() or character == "%" for character in text.lower().replace("e", ""))
     if bare_number and unit != "1":
-        raise InputError(f"--hidden {key}: '{text}' has no unit; write it with one, as in {text}{unit.replace(' ', '*')}")
+        raise InputError(f"--hidden {key}: '{text}' has no unit; write it as {text}{unit.replace(' ', '*')}")
     try:
         value = float(quantity.to(wanted).magnitude)
     except pint.DimensionalityError as error:

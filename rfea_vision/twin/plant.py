@@ -1,19 +1,20 @@
 """The plant: a MuJoCo chain driven by pressure, integrated so finely that it hides no effect of its own.
 
-MuJoCo computes the mass matrix and the bias forces; the joints' torques are stiff (b/I is 5e4 per s at eight joints), so
-a two-stage, L-stable, second-order implicit Runge-Kutta method (SDIRK2; Alexander, SIAM J. Numer. Anal. 14, 1977,
+MuJoCo computes the mass matrix and the bias forces; the joints' torques are stiff (b/I is 5e4 per s at eight joints),
+so a two-stage, L-stable, second-order implicit Runge-Kutta method (SDIRK2; Alexander, SIAM J. Numer. Anal. 14, 1977,
 doi:10.1137/0714068) takes the steps. Pressure that the tube feels is that of the line, through gain, zero and lag.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dgesv
+from scipy.linalg import lapack
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import DataError
@@ -23,7 +24,7 @@ from rfea_vision.twin.options import BaseParameters
 
 FloatArray = NDArray[np.float64]
 
-GAMMA = 1 - np.sqrt(0.5)
+GAMMA = 1 - math.sqrt(0.5)
 TOLERANCE = 1e-6  # rad/s: the last Newton change that is not followed by another look; it is still applied
 
 
@@ -114,7 +115,7 @@ class Plant:
             If there is no equilibrium to start from, or a step cannot be solved.
         """
         count = int(np.ceil((end_s - start_s) / step_s - 1e-9))
-        time = start_s + step_s * np.arange(count + 1)
+        time = start_s + step_s * np.arange(count + 1, dtype=np.float64)
         stage_pressure = pressure_Pa(time[:-1] + GAMMA * step_s)
         pressure = pressure_Pa(time)
         q = self.equilibrium(float(pressure[0]))
@@ -175,7 +176,7 @@ class Plant:
         v = v0 + step * guess
         residual, matrix = equation(v)
         for _ in range(60):
-            change = dgesv(matrix, residual)[2]
+            change = lapack.dgesv(matrix, residual)[2]
             size = float(np.max(np.abs(change)))
             if size < TOLERANCE:
                 break
@@ -200,7 +201,7 @@ class Plant:
     def _torque(
         self, q: FloatArray, v: FloatArray, a: FloatArray, memory0: Memory, step: float, p: float, time: float
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Joint torques (size,), their slope over v where q follows (size,), and over the sum of v where fluid couples all.
+        """Joint torques (size,), their slope over v where q follows, and that over the sum of v where fluid couples all.
 
         The slope is a divided difference: it steers Newton's method and leaves no trace in the solution.
         """
@@ -228,8 +229,9 @@ class Plant:
 
     def _weather(self, time: float) -> tuple[float, float]:
         get = self.law.hidden
-        wind = get("fan.F") * float(np.sum(self._gusts[2] * np.sin(self._gusts[0] * time + self._gusts[1]))) if get("fan.F") else 0.0
-        shake = get("shaking.a") * float(np.sin(2 * np.pi * get("shaking.f") * time)) if get("shaking.a") else 0.0
+        frequency, phase, amplitude = self._gusts
+        wind = get("fan.F") * float(np.sum(amplitude * np.sin(frequency * time + phase)))
+        shake = get("shaking.a") * float(np.sin(2 * np.pi * get("shaking.f") * time))
         return wind, shake
 
     def equilibrium(self, p: float) -> FloatArray:
@@ -254,9 +256,7 @@ class Plant:
                 if np.max(np.abs(change)) < 1e-10:
                     break
             else:
-                raise DataError(
-                    f"simulate: no static equilibrium at {share * p / 1e3:.0f} kPa; lower pressure_max_kPa"
-                )
+                raise DataError(f"simulate: no static equilibrium at {share * p / 1e3:.0f} kPa; lower pressure_max_kPa")
         return q
 
     def _static_residual(self, q: FloatArray, p: float) -> FloatArray:

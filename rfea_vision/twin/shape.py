@@ -52,7 +52,7 @@ def line_at(
     angles, lengths : arcs of the hinge line, see `hinge_arcs`
     fraction : (k,) from clamp (0) to tip (1)
     outer_radius : (T,) distance of the centre line from the hinge line
-    offset : of the points from the centre line, as a multiple of the outer radius; -1 is the hinge line, +1 the outer edge
+    offset : of the points from the centre line, in outer radii; -1 is the hinge line, +1 the outer edge
     clamp_angle : (T,) turn of the clamp about the origin
 
     Returns
