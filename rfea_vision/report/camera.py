@@ -1,0 +1,49 @@
+"""Reads `camera.yaml` (OpenCV FileStorage) with PyYAML: the report shows the calibration, it does not use it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+
+class _Loader(yaml.SafeLoader):
+    pass
+
+
+def _matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> list[list[float]]:
+    record = loader.construct_mapping(node, deep=True)
+    columns = int(record["cols"])
+    data = [float(value) for value in record["data"]]
+    return [data[start : start + columns] for start in range(0, len(data), columns)]
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
+
+
+def read_camera(path: Path) -> dict[str, Any]:
+    """Keys of the file as plain numbers, lists and text; values that hold JSON are parsed.
+
+    Raises
+    ------
+    ValueError
+        If the file is not YAML or has no ``camera_matrix``.
+    """
+    text = path.read_text(encoding="utf-8")
+    if text.startswith("%YAML"):  # OpenCV writes "%YAML:1.0", which is not a YAML directive
+        text = text.split("\n", 1)[1]
+    try:
+        record = yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        raise ValueError(f"not an OpenCV YAML file: {error}") from error
+    if not isinstance(record, dict) or "camera_matrix" not in record:
+        raise ValueError("camera_matrix is missing")
+    for key, value in record.items():
+        if isinstance(value, str) and value[:1] in "[{":
+            try:
+                record[key] = json.loads(value)
+            except json.JSONDecodeError:
+                continue
+    return record

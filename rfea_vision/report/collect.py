@@ -1,0 +1,208 @@
+"""Reads an `rfea/` folder: whatever is there, and one sentence for whatever is not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import h5netcdf
+import xarray as xr
+
+from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung, Track
+from rfea_vision.errors import InputError
+from rfea_vision.files import read_dataset
+from rfea_vision.report.camera import read_camera
+
+_ROLE_ORDER = {"train": 0, "validate": 1, "test": 2}
+_Artefact = TypeVar("_Artefact")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One recorded run. ``recording`` may be missing where only the track was made; ``absent`` says why for each piece."""
+
+    name: str
+    role: str
+    recording: xr.Dataset | None
+    track: xr.Dataset | None
+    clip: bytes | None
+    clip_info: Mapping[str, Any]
+    absent: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One rung of the ladder, or a fit beside it, with everything that was found out about it."""
+
+    rung: Rung
+    on_ladder: bool
+    fit: ModelFit
+    comparison: Comparison | None
+    diagnosis: Diagnosis | None
+    predictions: Mapping[str, xr.Dataset]
+    next_pressure: tuple[list[float], list[float]] | None
+    absent: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Everything that the page shows."""
+
+    folder: Path
+    experiments: tuple[Experiment, ...]
+    steps: tuple[Step, ...]
+    ladder: Ladder | None
+    camera: Mapping[str, Any] | None
+    absent: Mapping[str, str] = field(default_factory=dict)
+
+
+def collect(folder: Path) -> Evidence:
+    """Read all artefacts below `folder` (``<campaign>/rfea``).
+
+    A missing or unreadable file becomes a sentence in ``absent``, never an error.
+    """
+    absent: dict[str, str] = {}
+    ladder_path = folder / Ladder.FILE
+    ladder = None
+    if not ladder_path.exists():
+        absent["ladder"] = "No ladder yet: run `rfea improve` to let the tool add effects one by one."
+    else:
+        ladder = _load(Ladder.load, ladder_path, "ladder", absent)
+    experiments = tuple(sorted(_experiments(folder), key=lambda e: (_ROLE_ORDER.get(e.role, 3), e.name)))
+    steps = tuple(_steps(folder, ladder, absent))
+    if not steps:
+        absent.setdefault("models", "No model yet: run `rfea fit` or `rfea improve`.")
+    camera = None
+    camera_path = folder / "calibration" / "camera.yaml"
+    if camera_path.exists():
+        camera = _load(read_camera, camera_path, "calibration", absent)
+    else:
+        absent["calibration"] = (
+            "No camera was calibrated here: the experiments came as tracks from another tool, "
+            "or `rfea calibrate` has not run."
+        )
+    return Evidence(folder, experiments, steps, ladder, camera, absent)
+
+
+def _load(reader: Any, path: Path, key: str, absent: dict[str, str]) -> Any:
+    """`reader(path)`, or None with the reason filed under `key`."""
+    try:
+        return reader(path)
+    except InputError as error:
+        absent[key] = f"{error}"
+    except (OSError, ValueError, KeyError) as error:
+        absent[key] = f"{path.name} could not be read ({error}); run the stage that writes it with --force."
+    return None
+
+
+def _experiments(folder: Path) -> list[Experiment]:
+    found = []
+    rooms = {path.parent for pattern in ("*/recording.nc", "*/track.nc") for path in folder.glob(pattern)}
+    for room in sorted(rooms):
+        absent: dict[str, str] = {}
+        recording = track = None
+        if (room / "recording.nc").exists():
+            loaded = _load(Recording.load, room / "recording.nc", "recording", absent)
+            recording = loaded.dataset if loaded else None
+        else:
+            absent["recording"] = f"{room.name} has no recording yet: run `rfea sync`."
+        if (room / "track.nc").exists():
+            loaded = _load(Track.load, room / "track.nc", "track", absent)
+            track = loaded.dataset if loaded else None
+        clip, info = _clip(room, absent)
+        role = str(recording.attrs.get("role", "")) if recording is not None else ""
+        found.append(Experiment(room.name, role or "not synchronised", recording, track, clip, info, absent))
+    return found
+
+
+def _clip(room: Path, absent: dict[str, str]) -> tuple[bytes | None, dict[str, Any]]:
+    record = room / "clip.json"
+    if not record.exists():
+        absent["clip"] = "There is no film of this run (its track came from another tool), so the tube is drawn alone."
+        return None, {}
+    info = _load(lambda path: json.loads(path.read_text(encoding="utf-8")), record, "clip", absent)
+    if info is None:
+        return None, {}
+    film = room / str(info.get("file", "clip.mp4"))
+    if not film.exists():
+        absent["clip"] = f"{film.name} is missing beside clip.json: run `rfea track` with --force."
+        return None, {}
+    return film.read_bytes(), info
+
+
+def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[Step]:
+    models: dict[str, ModelFit] = {}
+    for path in sorted((folder / "models").glob("*/model.json")):
+        fit = _load(ModelFit.load, path, "models", absent)
+        if fit is not None:
+            models[path.parent.name] = fit
+    steps = []
+    for rung in ladder.rungs if ladder else []:
+        if rung.model in models:
+            steps.append(_step(folder, models.pop(rung.model), rung, on_ladder=True))
+        else:
+            absent["models"] = f"models/{rung.model} is named in ladder.json but is not there: run `rfea improve --force`."
+    for name, fit in sorted(models.items(), key=lambda item: (len(item[1].effects), item[0])):
+        steps.append(_step(folder, fit, _rung_of(name, fit), on_ladder=False))
+    return steps
+
+
+def _rung_of(name: str, fit: ModelFit) -> Rung:
+    train, validate = fit.metrics.get("train"), fit.metrics.get("validate")
+    return Rung(
+        model=name,
+        added=" + ".join(fit.effects) or None,
+        train_tip_rmse_mm=train.tip_rmse_mm if train else None,
+        validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
+        delta_bic=None,
+        verdict="",
+    )
+
+
+def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Step:
+    room = folder / "models" / rung.model
+    absent: dict[str, str] = {}
+    pieces: dict[str, Any] = {"comparison": None, "diagnosis": None}
+    for key, reader, command in (
+        ("comparison", Comparison.load, "rfea compare"),
+        ("diagnosis", Diagnosis.load, "rfea diagnose"),
+    ):
+        if (room / f"{key}.json").exists():
+            pieces[key] = _load(reader, room / f"{key}.json", key, absent)
+        else:
+            absent[key] = f"{rung.model} has no {key} yet: run `{command}`."
+    predictions: dict[str, xr.Dataset] = {}
+    path = room / "prediction.nc"
+    if path.exists():
+        predictions = _load(_read_groups, path, "prediction", absent) or {}
+    else:
+        absent["prediction"] = f"{rung.model} has no prediction.nc: run `rfea compare`."
+    pressure = None
+    if pieces["diagnosis"] and pieces["diagnosis"].next_experiment:
+        pressure = _load(
+            _read_pressure, _find(folder, room, pieces["diagnosis"].next_experiment.pressure), "next_experiment", absent
+        )
+    return Step(rung, on_ladder, fit, pieces["comparison"], pieces["diagnosis"], predictions, pressure, absent)
+
+
+def _find(folder: Path, room: Path, name: str) -> Path:
+    """A file named in a diagnosis stands beside it, in `rfea/`, or in the campaign."""
+    for place in (room, folder, folder.parent):
+        if (place / name).exists():
+            return place / name
+    return room / name
+
+
+def _read_groups(path: Path) -> dict[str, xr.Dataset]:
+    with h5netcdf.File(path, "r") as file:
+        names = list(file.groups)
+    return {name: read_dataset(path, group=name) for name in names}
+
+
+def _read_pressure(path: Path) -> tuple[list[float], list[float]]:
+    """Time in s and pressure in kPa from a CSV with one line of headings."""
+    rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()[1:] if line.strip()]
+    return [float(row[0]) for row in rows], [float(row[1]) for row in rows]

@@ -1,0 +1,170 @@
+"""Every figure of the page by name: its title, how to read it, and what a screen reader says of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Figure:
+    """``how`` tells how to read it; ``label`` is the text alternative; ``height`` in CSS pixels."""
+
+    name: str
+    title: str
+    how: str
+    label: str
+    height: int = 240
+
+
+FIGURES = {
+    figure.name: figure
+    for figure in (
+        Figure("pressure", "Pressure", "", "Pressure over time", 104),
+        Figure("tip-x", "Tip x", "", "Horizontal tip position over time, measured and modelled", 116),
+        Figure("tip-y", "Tip y", "", "Vertical tip position over time, measured and modelled", 116),
+        Figure("angle", "Bend angle", "", "Bend angle over time, measured and modelled", 116),
+        Figure(
+            "error",
+            "Tip error",
+            "Distance between measured and modelled tip; the dashed line is the noise floor. Click near a peak to jump to it.",
+            "Tip error over time; click a peak to jump to it",
+            128,
+        ),
+        Figure(
+            "carpet",
+            "Error along the tube",
+            "One column per instant, clamp at the top, tip at the bottom. Blue: the measured tube lies on the inner side of the "
+            "modelled one (as seen along its normal); orange: on the outer side. The strip on top names the phase of the "
+            "pressure. A complete model leaves grain without stripes or stains.",
+            "Carpet of the distance between measured and modelled tube over time and along the tube",
+            300,
+        ),
+        Figure(
+            "phases",
+            "By phase of the pressure",
+            "Root mean square tip error while the pressure rises, holds, falls and so on. The ring is the rung before.",
+            "Tip error by phase of the pressure",
+            220,
+        ),
+        Figure(
+            "pressures",
+            "By pressure",
+            "Root mean square tip error in bands of pressure. The ring is the rung before.",
+            "Tip error by pressure band",
+            220,
+        ),
+        Figure(
+            "segments",
+            "By place along the tube",
+            "Root mean square distance along the normal, from clamp (0) to tip (1). The ring is the rung before.",
+            "Error by place along the tube",
+            220,
+        ),
+        Figure(
+            "torque",
+            "Residual torque",
+            "The torque per segment that would close the gap between model and measurement. Grey where it is smaller than its "
+            "own standard error.",
+            "Carpet of the residual torque over time and segment",
+            260,
+        ),
+        Figure(
+            "torque-cloud",
+            "What the residual torque depends on",
+            "One dot per instant for the chosen segment. A curve means a law that is missing; a round cloud means noise.",
+            "Scatter of the residual torque against a chosen quantity",
+            300,
+        ),
+        Figure(
+            "loop-angle",
+            "Bend angle against pressure",
+            "An open loop is memory: friction, creep or plain inertia. Both loops should have the same width.",
+            "Hysteresis loop of the bend angle against the pressure, measured and modelled",
+            300,
+        ),
+        Figure(
+            "loop-tip",
+            "Tip height against pressure",
+            "The same loop seen at the tip.",
+            "Hysteresis loop of the tip height against the pressure, measured and modelled",
+            300,
+        ),
+        Figure(
+            "path",
+            "Path of the tip",
+            "Where the tip travels, clamp at (0, 0), at equal scale in x and y.",
+            "Path of the tip in x and y, measured and modelled",
+            300,
+        ),
+        Figure(
+            "next",
+            "The experiment to run next",
+            "Pressure to command over time.",
+            "Pressure over time of the next experiment",
+            200,
+        ),
+        Figure(
+            "elongation",
+            "Elongation of each segment",
+            "One column per instant, clamp at the top. Brighter is longer.",
+            "Heat map of the elongation over time and segment",
+            420,
+        ),
+        Figure(
+            "profile-now",
+            "Profile at the time cursor",
+            "Elongation from clamp (0) to tip (1) at this instant; the band is one standard error of the measurement.",
+            "Elongation along the tube at the time cursor, measured with band and modelled",
+            280,
+        ),
+        Figure(
+            "profiles",
+            "Profile at chosen pressures",
+            "Dots with bands are measured, lines modelled, one colour per pressure.",
+            "Elongation along the tube at chosen pressures",
+            280,
+        ),
+        Figure(
+            "tracking",
+            "Tracking, frame by frame",
+            "Standard error of the tip. A red tick is a frame that was set aside; its reason is in the table.",
+            "Standard error of the tracked tip over time, with the frames set aside",
+            150,
+        ),
+        Figure(
+            "sync",
+            "Pressure and motion on one clock",
+            "Both are stretched to the full height. Motion must start with the pressure, not before it.",
+            "Pressure and bend angle over time on one clock",
+            190,
+        ),
+        Figure(
+            "width",
+            "Width of the tube",
+            "The paper assumes a constant outer radius: the width should not depend on time or place.",
+            "Heat map of the tracked width over time and along the tube",
+            220,
+        ),
+        Figure(
+            "correlation",
+            "Correlation of the parameters",
+            "Near +1 or -1 two parameters cannot be told apart: read them together.",
+            "Matrix of parameter correlations",
+            320,
+        ),
+        Figure(
+            "steady",
+            "Steady state",
+            "Bend angle once the tube has come to rest, measured and fitted. The dynamic fit starts here.",
+            "Bend angle at rest against pressure, measured and fitted",
+            280,
+        ),
+        Figure(
+            "starts",
+            "Starts of the fit",
+            "Final cost of every start, best first. A flat beginning means that many starts find the same answer.",
+            "Final cost of each start of the fit",
+            240,
+        ),
+    )
+}

@@ -1,0 +1,70 @@
+"""Numbers, units and laws as people read them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from latex2mathml.converter import convert
+from markupsafe import Markup, escape
+
+MINUS = "\N{MINUS SIGN}"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """`value` to `digits` significant digits, with a real minus sign; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "\N{EN DASH}"
+    if value == 0:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e6:
+        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        return f"{mantissa}·10{_raised(int(exponent))}".replace("-", MINUS)
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{decimals}f}".replace("-", MINUS)
+
+
+def _raised(power: int) -> str:
+    return str(power).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
+
+
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+    """``0.31 mm``; no unit after a missing number or a pure ratio."""
+    text = number(value, digits)
+    return text if value is None or unit in ("", "1", "dimensionless") else f"{text}\N{NO-BREAK SPACE}{unit_text(unit)}"
+
+
+def unit_text(unit: str) -> str:
+    """A unit as printed: ``N·m/rad^2`` becomes ``N m/rad²``."""
+    out, rest = "", unit.replace("**", "^").replace("*", " ").replace("·", " ")
+    while "^" in rest:
+        head, rest = rest.split("^", 1)
+        power = ""
+        while rest and (rest[0].isdigit() or (rest[0] == "-" and not power)):
+            power, rest = power + rest[0], rest[1:]
+        out += head + _raised(int(power or "1"))
+    return out + rest
+
+
+def law(latex: str) -> Markup:
+    """An equation as MathML, which browsers set without any library; the LaTeX itself where that fails."""
+    if not latex:
+        return Markup("")
+    try:
+        return Markup(convert(latex.strip().strip("$"), display="block"))
+    except Exception:  # the converter raises many kinds; the page must not fall with it
+        return Markup("<code>{}</code>").format(latex)
+
+
+def listing(words: Iterable[str], last: str = "and") -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    items = [str(word) for word in words]
+    if len(items) < 2:
+        return "".join(items)
+    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+
+
+def inline_code(text: str) -> Markup:
+    """Text in which `backticks` mark a command."""
+    parts = str(escape(text)).split("`")
+    return Markup("".join(part if i % 2 == 0 else f"<code>{part}</code>" for i, part in enumerate(parts)))

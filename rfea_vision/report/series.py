@@ -1,0 +1,161 @@
+"""What the page draws: the series of every experiment and rung, thinned to what a screen can show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from rfea_vision.report.collect import Evidence, Experiment, Step
+from rfea_vision.report.pack import Pack, nearest, stride
+
+MOST_SAMPLES = 2400  # rows of a time series
+MOST_COLUMNS = 600  # time steps of a carpet
+MOST_POSES = 900  # tube outlines, one per frame of the clip where there is one
+MOST_LOG = 4000  # samples of the pressure log
+
+Address = dict[str, Any]
+
+
+def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
+    """Measured series of one experiment, with a sentence under ``why`` for each that is missing."""
+    data = experiment.recording if experiment.recording is not None else experiment.track
+    record: dict[str, Any] = {
+        "name": experiment.name, "role": experiment.role, "why": dict(experiment.absent), "clip": None, "gaps": [],
+    }  # fmt: skip
+    if data is None:
+        return record
+    time = data["time"].values
+    rows, columns = stride(len(time), MOST_SAMPLES), stride(len(time), MOST_COLUMNS)
+    poses = _pose_rows(experiment, data)
+    record |= {"span": [float(time[0]), float(time[-1])], "t": pack.add(time[rows]), "tc": pack.add(time[columns])}
+    record |= {"tp": pack.add(time[poses]), "gaps": _gaps(data), "repeat_of": data.attrs.get("repeat_of")}
+    wanted: tuple[tuple[str, str, np.ndarray, Sequence[str]], ...] = (
+        ("tip", "tip", rows, ("tip",)),
+        ("tip_sigma", "tip_sigma", rows, ()),
+        ("angle", "bend_angle", rows, ("angle",)),
+        ("midline", "midline", poses, ("midline",)),
+        ("edges", "edges", poses, ()),
+        ("elongation", "elongation", columns, ("elongation",)),
+        ("elongation_sigma", "elongation_sigma", columns, ()),
+        ("width", "width", columns, ("width",)),
+    )
+    for key, name, chosen, complain in wanted:
+        if name in data and np.isfinite(data[name].values).any():
+            record[key] = pack.add(data[name].values[chosen])
+        else:
+            record["why"] |= {about: f"The track of {experiment.name} has no {name.replace('_', ' ')}." for about in complain}
+    if "pressure" in data:
+        log_time, pressure = data["log_time"].values, data["pressure"].values
+        kept = stride(len(log_time), MOST_LOG)
+        record |= {"lt": pack.add(log_time[kept]), "lp": pack.add(pressure[kept])}
+        record["p"] = pack.add(pressure[nearest(log_time, time[rows])])
+    else:
+        record["why"]["pressure"] = f"{experiment.name} has no pressure on its clock yet: run `rfea sync`."
+    if experiment.clip is not None:
+        record["clip"] = {key: experiment.clip_info[key] for key in ("x_min_mm", "y_max_mm", "px_per_mm", "width", "height")}
+        record["clip"] |= {"frames": len(experiment.clip_info["times_s"]), "step": _clip_step(experiment)}
+    return record
+
+
+def _clip_step(experiment: Experiment) -> int:
+    return max(1, -(-len(experiment.clip_info["times_s"]) // MOST_POSES))
+
+
+def _pose_rows(experiment: Experiment, data: xr.Dataset) -> np.ndarray:
+    """Rows whose outlines are kept: the frames of the clip, found by the camera's clock, or an even choice."""
+    if experiment.clip is None:
+        return stride(data.sizes["time"], MOST_POSES // 3)
+    frames = np.asarray(experiment.clip_info["times_s"], dtype=float)[:: _clip_step(experiment)]
+    if experiment.track is not None and experiment.track.sizes["time"] == data.sizes["time"]:
+        return nearest(experiment.track["time"].values, frames)
+    return nearest(data["time"].values - float(data.attrs.get("offset_s", 0.0)), frames)
+
+
+def _gaps(data: xr.Dataset) -> list[dict[str, Any]]:
+    """Stretches of frames that were set aside, with the reason of the first."""
+    time, valid, reason = data["time"].values, data["valid"].values.astype(bool), data["reason"].values.astype(str)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~valid).astype(int), [0]])))
+    out = []
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        splits = [start, *(start + 1 + np.flatnonzero(reason[start + 1 : stop] != reason[start : stop - 1])), stop]
+        for a, b in zip(splits[:-1], splits[1:], strict=True):
+            out.append({"from": float(time[a]), "to": float(time[b - 1]), "frames": int(b - a), "reason": str(reason[a])})
+    return out
+
+
+def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str, Any]:
+    """Modelled series of one experiment on one rung, on the same rows as the measured ones."""
+    why: dict[str, str] = dict(step.absent)
+    modelled = step.predictions.get(experiment.name)
+    data = experiment.recording if experiment.recording is not None else experiment.track
+    if modelled is None or data is None:
+        note = "was kept for the final score" if experiment.role == "test" else "was not predicted"
+        why.setdefault("prediction", f"{experiment.name} {note} by {step.rung.model}.")
+        return {"why": why}
+    time = data["time"].values
+    kinds = {"series": stride(len(time), MOST_SAMPLES), "carpet": stride(len(time), MOST_COLUMNS)}
+    kinds["pose"] = _pose_rows(experiment, data)
+    where = {kind: nearest(modelled["time"].values, time[rows]) for kind, rows in kinds.items()}
+    record: dict[str, Any] = {"why": why}
+    for key, name, kind in (
+        ("tip", "tip", "series"),
+        ("angle", "bend_angle", "series"),
+        ("gap", "tip_residual", "series"),
+        ("error", "tip_error", "series"),
+        ("midline", "midline", "pose"),
+        ("carpet", "normal_residual", "carpet"),
+        ("torque", "residual_torque", "carpet"),
+        ("torque_sigma", "residual_torque_sigma", "carpet"),
+        ("elongation", "elongation", "carpet"),
+    ):
+        if name in modelled and np.isfinite(modelled[name].values).any():
+            record[key] = pack.add(modelled[name].values[where[kind]])
+        else:
+            why[key] = f"prediction.nc of {step.rung.model} has no {name.replace('_', ' ')} for {experiment.name}."
+    if "phase" in modelled:
+        record["phase"] = _stretches(modelled["phase"].values.astype(str), modelled["time"].values)
+    return record
+
+
+def _stretches(labels: np.ndarray, time: np.ndarray) -> list[list[Any]]:
+    """Runs of equal labels as [label, from, to]."""
+    starts = np.concatenate([[0], 1 + np.flatnonzero(labels[1:] != labels[:-1])])
+    stops = np.concatenate([starts[1:], [len(labels) - 1]])
+    return [[str(labels[a]), float(time[a]), float(time[b])] for a, b in zip(starts, stops, strict=True)]
+
+
+def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, str]) -> dict[str, Any]:
+    """One rung: what it is called, how well it does, its tables for the bar charts, and its series."""
+    fit, comparison = step.fit, step.comparison
+    return {
+        "model": step.rung.model,
+        "name": rung_name(step, titles),
+        "ladder": step.on_ladder,
+        "train": step.rung.train_tip_rmse_mm,
+        "validate": step.rung.validate_tip_rmse_mm,
+        "floor": fit.noise_floor_mm,
+        "phases": comparison.by_phase if comparison else [],
+        "pressures": comparison.by_pressure if comparison else [],
+        "segments": comparison.by_segment if comparison else [],
+        "worst": [place.model_dump(mode="json") for place in comparison.where] if comparison else [],
+        "torque": comparison.residual_torque if comparison else {},
+        "profiles": (comparison.elongation.get("profiles") or []) if comparison else [],
+        "correlation": fit.correlation,
+        "steady": fit.steady_state,
+        "starts": fit.starts,
+        "next": step.next_pressure,
+        "why": dict(step.absent),
+        "experiments": {e.name: pack_prediction(step, e, pack) for e in evidence.experiments},
+    }
+
+
+def rung_name(step: Step, titles: Mapping[str, str]) -> str:
+    """In the reader's words: the paper's model first, then what each rung adds."""
+    if not step.on_ladder:
+        return step.rung.model
+    if step.rung.added is None:
+        return "The model of the paper"
+    return titles.get(step.rung.added, step.rung.added.replace("_", " "))

@@ -1,0 +1,139 @@
+// Choosing a rung, an experiment, a moment; keys; theme; tables to CSV; printing.
+const one = selector => document.querySelector(selector), every = selector => [...document.querySelectorAll(selector)];
+
+function chooseRung(index) {
+  if (!manifest.rungs[index]) return;
+  state.rung = index;
+  tell("rung");
+}
+
+function holdEarlier(held) {
+  if (state.earlier === held || state.rung === 0) return;
+  state.earlier = held;
+  tell("rung");
+}
+
+function chooseExperiment(index) {
+  const e = manifest.experiments[index];
+  if (!e) return;
+  play(false);
+  state.experiment = index;
+  if (e.span) { state.window = [...e.span]; state.time = Math.min(e.span[1], Math.max(e.span[0], state.time)); }
+  tell("experiment"); tell("time");
+}
+
+function jump(name, from, to) {
+  const index = manifest.experiments.findIndex(e => e.name === name);
+  if (index < 0) return;
+  if (index !== state.experiment) chooseExperiment(index);
+  jumpToPeak(from, to);
+  one("#see .see").scrollIntoView({block: "start"});
+}
+
+function showRung() {
+  const shown = shownRung();
+  every("[data-rung]").forEach(element => { element.hidden = Number(element.dataset.rung) !== shown; });
+  every("[role=radio][data-choose]").forEach(element => {
+    const index = Number(element.dataset.choose);
+    element.setAttribute("aria-checked", index === state.rung); element.tabIndex = index === state.rung ? 0 : -1;
+    element.classList.toggle("earlier", state.earlier && index === shown);
+  });
+  every("tr[data-choose]").forEach(row => row.classList.toggle("on", Number(row.dataset.choose) === shown));
+  const hold = one("#before");
+  if (hold) { hold.classList.toggle("on", state.earlier); hold.disabled = state.rung === 0; }
+  const count = prediction()?.torque?.shape[1] ?? 1, slider = one("#segment");
+  if (slider) { slider.max = count; state.segment = Math.min(state.segment, count - 1); slider.value = state.segment + 1; one("#segment-name").textContent = `${state.segment + 1} of ${count}, from the clamp`; }
+}
+
+function showExperiment() {
+  every("[data-experiment]").forEach(tab => { const here = Number(tab.dataset.experiment) === state.experiment; tab.setAttribute("aria-selected", here); tab.tabIndex = here ? 0 : -1; });
+  const scrub = one("#scrub"), e = experiment();
+  if (scrub && e?.tp) scrub.max = series(e.tp).length - 1;
+}
+
+function showTime() {
+  const scrub = one("#scrub");
+  if (!scrub || !experiment()?.tp) return;
+  scrub.value = pose(); scrub.setAttribute("aria-valuetext", `${state.time.toFixed(2)} seconds`);
+  one("#clock").textContent = `${state.time.toFixed(3)} s`;
+}
+
+function step(by) { const e = experiment(); if (e?.tp) setTime(poseTime(Math.min(series(e.tp).length - 1, Math.max(0, pose() + by)))); }
+
+const actions = {
+  ArrowLeft: event => step(event.shiftKey ? -10 : -1), ArrowRight: event => step(event.shiftKey ? 10 : 1), " ": () => play(),
+  "[": () => chooseExperiment(state.experiment - 1), "]": () => chooseExperiment(state.experiment + 1),
+  "+": () => zoom("in"), "=": () => zoom("in"), "-": () => zoom("out"), 0: () => zoom("all"), s: () => toggleScale(), t: () => toggleTheme(), "?": () => one("#help").showModal(),
+};
+function toggleScale(same = !state.same) { state.same = same; const box = one("#same-scale"); if (box) box.checked = same; Figure.redraw(); }
+
+function listenKeys() {
+  addEventListener("keydown", event => {
+    if (event.ctrlKey || event.metaKey || event.altKey || one("#help").open || event.target.matches("select, input:not([type=range]):not([type=checkbox])")) return;
+    if (event.target.matches("button, summary, input[type=checkbox]") && event.key === " ") return;
+    const ladder = event.target.closest?.(".ladder");
+    if (ladder && (event.key === "ArrowUp" || event.key === "ArrowDown")) {
+      chooseRung(Math.min(manifest.rungs.length - 1, Math.max(0, state.rung + (event.key === "ArrowDown" ? 1 : -1))));
+      one("[role=radio][aria-checked=true]").focus();
+      return event.preventDefault();
+    }
+    if (event.key === "b" || event.key === "B") return holdEarlier(true);
+    if (/^[1-9]$/.test(event.key)) return chooseRung(Number(event.key) - 1);
+    const action = actions[event.key] ?? actions[event.key.toLowerCase()];
+    if (action && !(event.target.matches("#segment") && event.key.startsWith("Arrow"))) { event.preventDefault(); action(event); }
+  });
+  addEventListener("keyup", event => { if (event.key === "b" || event.key === "B") holdEarlier(false); });
+  addEventListener("blur", () => holdEarlier(false));
+}
+
+function setTheme(name) { document.documentElement.dataset.theme = name; screenColours = null; Figure.redraw(); paintStage(); }
+function toggleTheme() {
+  const name = document.documentElement.dataset.theme === "dark" ? "light" : "dark";
+  setTheme(name);
+  try { localStorage.setItem("rfea-theme", name); } catch { /* storage may be closed to files */ }
+}
+
+function csvOf(table) {
+  const cell = element => { const text = element.dataset.value ?? element.textContent.trim().replace(/\s+/g, " ").replace(/^–$/, "").replaceAll("−", "-"); return /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text; };
+  return [...table.rows].map(row => [...row.cells].map(cell).join(",")).join("\r\n") + "\r\n";
+}
+
+function dressTables() {
+  for (const table of every("table[data-csv]")) {
+    const bar = document.createElement("div"), button = document.createElement("button");
+    bar.className = "tablebar"; button.type = "button"; button.className = "csv"; button.textContent = "CSV"; button.setAttribute("aria-label", `Save table ${table.dataset.csv} as CSV`);
+    button.addEventListener("click", () => download(new Blob([csvOf(table)], {type: "text/csv"}), `${table.dataset.csv}.csv`));
+    bar.append(button); table.parentElement.before(bar);
+  }
+  for (const box of every(".copy")) {
+    const button = document.createElement("button");
+    button.type = "button"; button.className = "copier"; button.textContent = "Copy";
+    button.addEventListener("click", async () => { await navigator.clipboard?.writeText([...box.querySelectorAll("p, pre")].map(e => e.textContent).join("\n\n")); button.textContent = "Copied"; setTimeout(() => { button.textContent = "Copy"; }, 1500); });
+    box.append(button);
+  }
+}
+
+// On paper: light colours, every figure as SVG.
+let themeBefore = null;
+function toPaper() {
+  if (themeBefore !== null) return;
+  themeBefore = document.documentElement.dataset.theme;
+  setTheme("light");
+  for (const figure of Figure.all) {
+    const why = figure.plot.need?.();
+    figure.element.classList.toggle("empty", Boolean(why));
+    figure.holder.querySelector(".why")?.remove();
+    figure.base.hidden = figure.top.hidden = true;
+    if (why) { const note = figure.holder.appendChild(document.createElement("p")); note.className = "why"; note.textContent = why.replaceAll("`", ""); continue; }
+    const sheet = document.createElement("div");
+    sheet.className = "sheet"; sheet.innerHTML = figure.svg();
+    figure.holder.append(sheet);
+  }
+}
+function fromPaper() {
+  if (themeBefore === null) return;
+  every(".sheet").forEach(sheet => sheet.remove());
+  for (const figure of Figure.all) figure.base.hidden = figure.top.hidden = false;
+  setTheme(themeBefore);
+  themeBefore = null;
+}

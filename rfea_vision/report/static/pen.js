@@ -1,0 +1,82 @@
+// One drawing, two papers: canvas for the screen, SVG for saving and printing.
+class CanvasPen {
+  constructor(context, width, height, colours) {
+    Object.assign(this, {c: context, width, height, colours});
+    context.lineJoin = context.lineCap = "round";
+  }
+  line(xs, ys, colour, width = 1.6, dash = []) {
+    const c = this.c;
+    c.beginPath();
+    let down = false;
+    for (let i = 0; i < xs.length; i++) {
+      if (!(ys[i] === ys[i]) || !(xs[i] === xs[i])) { down = false; continue; }
+      if (down) c.lineTo(xs[i], ys[i]); else { c.moveTo(xs[i], ys[i]); down = true; }
+    }
+    c.strokeStyle = colour; c.lineWidth = width; c.setLineDash(dash); c.stroke(); c.setLineDash([]);
+  }
+  area(xs, low, high, colour, opacity = 0.18) {
+    const c = this.c;
+    c.beginPath();
+    xs.forEach((x, i) => i ? c.lineTo(x, high[i]) : c.moveTo(x, high[i]));
+    for (let i = xs.length - 1; i >= 0; i--) c.lineTo(xs[i], low[i]);
+    c.closePath(); c.globalAlpha = opacity; c.fillStyle = colour; c.fill(); c.globalAlpha = 1;
+  }
+  rect(x, y, w, h, colour, opacity = 1) { this.c.globalAlpha = opacity; this.c.fillStyle = colour; this.c.fillRect(x, y, w, h); this.c.globalAlpha = 1; }
+  dot(x, y, r, fill, stroke, opacity = 1) {
+    const c = this.c;
+    c.globalAlpha = opacity; c.beginPath(); c.arc(x, y, r, 0, 7);
+    if (fill) { c.fillStyle = fill; c.fill(); }
+    if (stroke) { c.strokeStyle = stroke; c.lineWidth = 1.5; c.stroke(); }
+    c.globalAlpha = 1;
+  }
+  text(words, x, y, {align = "left", base = "middle", colour = this.colours.muted, size = 11.5, turn = 0, bold = false} = {}) {
+    const c = this.c;
+    c.save(); c.translate(x, y); c.rotate(turn * Math.PI / 180);
+    c.font = `${bold ? 600 : 400} ${size}px ${this.colours.font}`; c.fillStyle = colour; c.textAlign = align; c.textBaseline = base === "top" ? "top" : base === "bottom" ? "bottom" : "middle";
+    c.fillText(words, 0, 0); c.restore();
+  }
+  image(picture, x, y, w, h, smooth = false) { this.c.imageSmoothingEnabled = smooth; this.c.drawImage(picture, x, y, w, h); }
+  clip(x, y, w, h, draw) { const c = this.c; c.save(); c.beginPath(); c.rect(x, y, w, h); c.clip(); draw(); c.restore(); }
+}
+
+class SvgPen {
+  constructor(width, height, colours) { Object.assign(this, {width, height, colours, parts: [], clips: 0}); }
+  static n(v) { return Math.round(v * 100) / 100; }
+  line(xs, ys, colour, width = 1.6, dash = []) {
+    let path = "", down = false;
+    for (let i = 0; i < xs.length; i++) {
+      if (!(ys[i] === ys[i]) || !(xs[i] === xs[i])) { down = false; continue; }
+      path += `${down ? "L" : "M"}${SvgPen.n(xs[i])} ${SvgPen.n(ys[i])}`; down = true;
+    }
+    if (path) this.parts.push(`<path d="${path}" fill="none" stroke="${colour}" stroke-width="${width}" stroke-linejoin="round" stroke-linecap="round"${dash.length ? ` stroke-dasharray="${dash.join(" ")}"` : ""}/>`);
+  }
+  area(xs, low, high, colour, opacity = 0.18) {
+    const points = [...xs.map((x, i) => [x, high[i]]), ...xs.map((x, i) => [x, low[i]]).reverse()];
+    this.parts.push(`<polygon points="${points.map(p => p.map(SvgPen.n).join(",")).join(" ")}" fill="${colour}" fill-opacity="${opacity}"/>`);
+  }
+  rect(x, y, w, h, colour, opacity = 1) { this.parts.push(`<rect x="${SvgPen.n(x)}" y="${SvgPen.n(y)}" width="${SvgPen.n(Math.max(0, w))}" height="${SvgPen.n(Math.max(0, h))}" fill="${colour}"${opacity < 1 ? ` fill-opacity="${opacity}"` : ""}/>`); }
+  dot(x, y, r, fill, stroke, opacity = 1) { this.parts.push(`<circle cx="${SvgPen.n(x)}" cy="${SvgPen.n(y)}" r="${r}" fill="${fill || "none"}"${stroke ? ` stroke="${stroke}" stroke-width="1.5"` : ""}${opacity < 1 ? ` opacity="${opacity}"` : ""}/>`); }
+  text(words, x, y, {align = "left", base = "middle", colour = this.colours.muted, size = 11.5, turn = 0, bold = false} = {}) {
+    const safe = String(words).replace(/[&<>]/g, mark => ({"&": "&amp;", "<": "&lt;", ">": "&gt;"})[mark]);
+    const anchor = {left: "start", center: "middle", right: "end"}[align], shift = {top: size * 0.8, middle: size * 0.35, bottom: -size * 0.2}[base];
+    this.parts.push(`<text transform="translate(${SvgPen.n(x)} ${SvgPen.n(y)})${turn ? ` rotate(${turn})` : ""}" y="${SvgPen.n(shift)}" text-anchor="${anchor}" font-size="${size}" fill="${colour}"${bold ? ' font-weight="600"' : ""}>${safe}</text>`);
+  }
+  image(picture, x, y, w, h) { this.parts.push(`<image href="${picture.toDataURL("image/png")}" x="${SvgPen.n(x)}" y="${SvgPen.n(y)}" width="${SvgPen.n(w)}" height="${SvgPen.n(h)}" preserveAspectRatio="none" style="image-rendering:pixelated"/>`); }
+  clip(x, y, w, h, draw) {
+    const id = `clip${SvgPen.count = (SvgPen.count ?? 0) + 1}`;
+    this.parts.push(`<clipPath id="${id}"><rect x="${x}" y="${y}" width="${w}" height="${h}"/></clipPath><g clip-path="url(#${id})">`);
+    draw();
+    this.parts.push("</g>");
+  }
+  document() {
+    return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${this.width} ${this.height}" width="${this.width}" height="${this.height}" font-family="${this.colours.font.replaceAll('"', "'")}"><rect width="100%" height="100%" fill="${this.colours.paper}"/>${this.parts.join("")}</svg>`;
+  }
+}
+
+const colourNames = ["paper", "sunk", "ink", "muted", "hair", "grid", "measured", "modelled", "earlier", "good", "bad", "accent", "low", "mid", "high", "c1", "c2", "c3", "c4", "c5", "c6", "font"];
+function coloursOf(element) {
+  const style = getComputedStyle(element);
+  return Object.fromEntries(colourNames.map(name => [name, style.getPropertyValue(`--${name}`).trim()]));
+}
+let screenColours = null;
+const colours = () => screenColours ??= coloursOf(document.documentElement);

@@ -1,0 +1,160 @@
+// Scales, axes, and the figure: a drawing that follows the state, with a cursor drawn on a second canvas above it.
+function scale(low, high, from, to) {
+  const k = (to - from) / (high - low || 1), at = v => from + (v - low) * k;
+  return Object.assign(at, {low, high, from, to, back: p => low + (p - from) / k, all: values => Float64Array.from(values, at)});
+}
+
+function ticks(low, high, about) {
+  const raw = (high - low) / Math.max(1, about), power = 10 ** Math.floor(Math.log10(raw)), part = raw / power;
+  const step = power * (part < 1.5 ? 1 : part < 3.5 ? 2 : part < 7.5 ? 5 : 10), out = [];
+  if (!(step > 0)) return [low];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + step * 1e-9; k++) out.push(+(k * step).toPrecision(12));
+  return out;
+}
+const padded = ([low, high], part = 0.06) => { const pad = (high - low || Math.abs(high) || 1) * part; return [low - pad, high + pad]; };
+const tickText = v => String(v).replace("-", "−");
+
+// Plot area inside the labels. Left margin is the same everywhere so that stacked time axes line up.
+function area(pen, {left = 54, right = 14, top = 8, bottom = 30} = {}) { return {left, right: pen.width - right, top, bottom: pen.height - bottom}; }
+
+function axisX(pen, box, x, label, {grid = false, about} = {}) {
+  const c = pen.colours;
+  for (const v of ticks(x.low, x.high, about ?? Math.max(2, (box.right - box.left) / 90))) {
+    if (grid) pen.line([x(v), x(v)], [box.top, box.bottom], c.grid, 1);
+    pen.line([x(v), x(v)], [box.bottom, box.bottom + 3], c.hair, 1);
+    pen.text(tickText(v), x(v), box.bottom + 5, {align: "center", base: "top"});
+  }
+  pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
+  if (label) pen.text(label, box.right, pen.height - 1, {align: "right", base: "bottom"});
+}
+
+function axisY(pen, box, y, label, {about} = {}) {
+  for (const v of ticks(y.low, y.high, about ?? Math.max(2, (box.bottom - box.top) / 44))) {
+    pen.line([box.left, box.right], [y(v), y(v)], pen.colours.grid, 1);
+    pen.text(tickText(v), box.left - 7, y(v), {align: "right"});
+  }
+  if (label) pen.text(label, 11, (box.top + box.bottom) / 2, {align: "center", turn: -90});
+}
+
+const plots = {}; // name -> {draw(pen), need(): reason or undefined, cursor(pen, hover), readout(): html, pick(x, y), saveName()}
+class Figure {
+  constructor(element) {
+    this.element = element;
+    this.name = element.dataset.figure;
+    this.holder = element.querySelector(".canvas");
+    this.plot = plots[this.name];
+    this.base = this.holder.appendChild(document.createElement("canvas"));
+    this.top = this.holder.appendChild(document.createElement("canvas"));
+    this.stale = true;
+    this.visible = false;
+    new ResizeObserver(() => this.refresh()).observe(this.holder);
+    new IntersectionObserver(([entry]) => { this.visible = entry.isIntersecting; if (this.visible) Figure.schedule(); }, {rootMargin: "300px"}).observe(element);
+    for (const button of element.querySelectorAll("[data-save]")) button.addEventListener("click", () => this.save(button.dataset.save));
+    if (this.plot.pick || this.plot.drag) this.listen();
+  }
+  listen() {
+    this.holder.classList.add("pick");
+    let held = false, start = null;
+    const at = event => { const r = this.holder.getBoundingClientRect(); return [event.clientX - r.left, event.clientY - r.top]; };
+    this.holder.addEventListener("pointerdown", event => { held = true; start = at(event); this.holder.setPointerCapture(event.pointerId); this.plot.drag?.(...start, this); });
+    this.holder.addEventListener("pointermove", event => { if (held) this.plot.drag?.(...at(event), this); });
+    this.holder.addEventListener("pointerup", event => { const end = at(event); if (held && Math.hypot(end[0] - start[0], end[1] - start[1]) < 4) this.plot.pick?.(...end, this); held = false; });
+    this.holder.addEventListener("pointercancel", () => { held = false; });
+  }
+  refresh() { this.stale = true; Figure.schedule(); }
+  paint() {
+    if (!this.visible) return;
+    if (this.stale) {
+      this.stale = false;
+      const why = this.plot.need?.();
+      this.element.classList.toggle("empty", Boolean(why));
+      this.holder.querySelector(".why")?.remove();
+      this.base.hidden = this.top.hidden = Boolean(why);
+      if (why) {
+        const note = this.holder.appendChild(document.createElement("p"));
+        note.className = "why"; note.textContent = why.replaceAll("`", "");
+        this.element.querySelector(".readout").textContent = "";
+        return;
+      }
+      this.plot.draw(this.pen(this.base));
+      this.moved = true;
+    }
+    if (this.moved && !this.element.classList.contains("empty")) {
+      this.moved = false;
+      if (this.plot.cursor) this.plot.cursor(this.pen(this.top));
+      if (this.plot.readout) this.element.querySelector(".readout").innerHTML = this.plot.readout();
+    }
+  }
+  pen(canvas) {
+    const width = this.holder.clientWidth, height = this.holder.clientHeight, dense = Math.min(3, devicePixelRatio || 1);
+    if (canvas.width !== Math.round(width * dense) || canvas.height !== Math.round(height * dense)) { canvas.width = Math.round(width * dense); canvas.height = Math.round(height * dense); }
+    const context = canvas.getContext("2d");
+    context.setTransform(dense, 0, 0, dense, 0, 0); context.clearRect(0, 0, width, height);
+    return new CanvasPen(context, width, height, colours());
+  }
+  size() { return {width: this.holder.clientWidth, height: this.holder.clientHeight}; }
+  svg() {
+    const pen = new SvgPen(this.holder.clientWidth || 720, this.holder.clientHeight || 260, coloursOf(document.getElementById("printed")));
+    this.plot.draw(pen);
+    this.plot.cursor?.(pen);
+    return pen.document();
+  }
+  save(kind) {
+    if (this.plot.need?.()) return;
+    const svg = this.svg(), name = `${this.name}-${experiment()?.name ?? "run"}-${rung()?.model ?? "measured"}`;
+    if (kind === "svg") return download(new Blob([svg], {type: "image/svg+xml"}), `${name}.svg`);
+    const picture = new Image(), sheet = document.createElement("canvas");
+    picture.onload = () => {
+      sheet.width = 2 * picture.width; sheet.height = 2 * picture.height;
+      sheet.getContext("2d").drawImage(picture, 0, 0, sheet.width, sheet.height);
+      sheet.toBlob(blob => download(blob, `${name}.png`));
+    };
+    picture.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(svg)}`;
+  }
+  static schedule() {
+    if (Figure.waiting) return;
+    Figure.waiting = requestAnimationFrame(() => { Figure.waiting = 0; for (const figure of Figure.all) figure.paint(); });
+  }
+  static redraw() { for (const figure of Figure.all) figure.stale = true; Figure.schedule(); }
+  static move() { for (const figure of Figure.all) figure.moved = true; Figure.schedule(); }
+}
+Figure.all = [];
+
+function download(blob, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob); link.download = name;
+  document.body.append(link); link.click(); link.remove();
+  setTimeout(() => URL.revokeObjectURL(link.href), 5000);
+}
+
+// Colour ramps: diverging around zero, and one that only gets brighter (colour-blind-safe, also in grey).
+const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16));
+function ramp(stops) {
+  const parts = stops.map(rgb);
+  return t => {
+    const at = Math.min(0.99999, Math.max(0, t)) * (parts.length - 1), i = Math.floor(at), f = at - i;
+    return parts[i].map((v, k) => v + (parts[i + 1][k] - v) * f);
+  };
+}
+const brightRamp = ramp(["#0b2a4f", "#2c5f8a", "#4f9a94", "#a5c46b", "#f6e04b"]);
+const divergingRamp = c => ramp([c.low, c.mid, c.high]);
+
+// A picture with one pixel per cell of an (n, m) array: n instants from left to right, m places from top to bottom.
+function cells(array, paint) {
+  const [n, m] = array.shape, sheet = document.createElement("canvas");
+  sheet.width = n; sheet.height = m;
+  const context = sheet.getContext("2d"), data = context.createImageData(n, m);
+  for (let i = 0; i < n; i++) for (let j = 0; j < m; j++) {
+    const v = array[i * m + j], k = 4 * (j * n + i);
+    if (!(v === v)) continue;
+    const colour = paint(v, i * m + j);
+    data.data[k] = colour[0]; data.data[k + 1] = colour[1]; data.data[k + 2] = colour[2]; data.data[k + 3] = 255;
+  }
+  context.putImageData(data, 0, 0);
+  return sheet;
+}
+
+function colourBar(pen, x, y, h, paint, low, high, unit) {
+  for (let i = 0; i < h; i++) pen.rect(x, y + i, 8, 1.2, `rgb(${paint(1 - i / h).map(Math.round)})`);
+  pen.text(show(high, 2), x + 12, y + 4); pen.text(show(low, 2), x + 12, y + h - 4); pen.text(unit, x + 12, y + h / 2);
+}

@@ -1,0 +1,78 @@
+// Elongation over time and along the tube.
+function stretchLimits() {
+  const [low, high] = extent(series(experiment().elongation), ...manifest.rungs.map(r => series(prediction(r)?.elongation)));
+  return [low, high];
+}
+const halfBox = (pen, part) => {
+  const middle = (pen.height - 30) / 2;
+  return {left: 54, right: pen.width - 74, top: part ? middle + 14 : 18, bottom: part ? pen.height - 30 : middle - 4};
+};
+plots.elongation = {
+  need: needs(measuredNeeds("elongation")),
+  draw(pen) {
+    const [low, high] = stretchLimits(), c = pen.colours, t = series(experiment().tc), half = (t[t.length - 1] - t[0]) / (2 * (t.length - 1));
+    const rows = [["measured", series(experiment().elongation)], ["modelled", series(prediction()?.elongation)]];
+    rows.forEach(([name, array], part) => {
+      const box = halfBox(pen, part), x = timeScale(box);
+      pen.text(name, box.left, box.top - 3, {base: "bottom", colour: part ? c.modelled : c.measured, bold: true});
+      if (!array) return pen.text(modelNeeds("elongation")().replaceAll("`", ""), box.left, (box.top + box.bottom) / 2);
+      pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => {
+        const from = x(t[0] - half);
+        pen.image(cells(array, v => brightRamp((v - low) / (high - low || 1))), from, box.top, x(t[t.length - 1] + half) - from, box.bottom - box.top);
+      });
+      pen.text("clamp", box.left - 7, box.top + 6, {align: "right"}); pen.text("tip", box.left - 7, box.bottom - 6, {align: "right"});
+      if (part) axisX(pen, box, x, "time in s");
+    });
+    const box = halfBox(pen, 0);
+    colourBar(pen, box.right + 14, box.top, Math.min(120, box.bottom - box.top), brightRamp, 100 * low, 100 * high, "%");
+  },
+  cursor(pen) { for (const part of [0, 1]) cursorAt(pen, halfBox(pen, part)); },
+  drag(px, py, figure) { setTime(timeScale(halfBox(figure.size(), 0)).back(px)); },
+};
+
+const sigmas = count => Float64Array.from({length: count}, (_, i) => (i + 0.5) / count);
+function rowOf(array, times) {
+  if (!array) return undefined;
+  const width = array.shape[1], i = nearest(times, state.time);
+  return array.subarray(i * width, (i + 1) * width);
+}
+function profileFrame(pen, range) {
+  const box = area(pen, {top: 10, bottom: 38}), x = scale(0, 1, box.left, box.right), y = scale(...padded(range.map(v => 100 * v)), box.bottom, box.top);
+  axisY(pen, box, y, "elongation in %"); axisX(pen, box, x, "clamp 0 … tip 1");
+  return [x, y];
+}
+const percent = (y, values) => Float64Array.from(values, v => y(100 * v));
+plots["profile-now"] = {
+  need: plots.elongation.need,
+  draw() {},
+  cursor(pen) {
+    const [x, y] = profileFrame(pen, stretchLimits()), c = pen.colours, times = series(experiment().tc);
+    const real = rowOf(series(experiment().elongation), times), sigma = rowOf(series(experiment().elongation_sigma), times), model = rowOf(series(prediction()?.elongation), times), before = rowOf(series(prediction(rungBefore())?.elongation), times);
+    const xs = Array.from(x.all(sigmas(real.length)));
+    if (sigma && real[0] === real[0]) pen.area(xs, percent(y, real.map((v, i) => v - sigma[i])), percent(y, real.map((v, i) => v + sigma[i])), c.measured);
+    pen.line(xs, percent(y, real), c.measured, 2.2);
+    if (before) pen.line(x.all(sigmas(before.length)), percent(y, before), c.earlier, 1.2, [4, 3]);
+    if (model) pen.line(x.all(sigmas(model.length)), percent(y, model), c.modelled, 1.6);
+  },
+  readout: () => `at ${show(state.time, 4)} s`,
+};
+plots.profiles = {
+  need() {
+    if (!rung()) return "No model has been fitted yet.";
+    return rung().profiles.length ? undefined : rung().why.comparison ?? `The comparison of ${rung().model} has no elongation profiles.`;
+  },
+  draw(pen) {
+    const rows = rung().profiles, c = pen.colours, paint = [c.c1, c.c2, c.c3, c.c4, c.c5, c.c6];
+    const [x, y] = profileFrame(pen, extent(...rows.flatMap(row => [row.measured, row.modelled].filter(Boolean))));
+    rows.forEach((row, k) => {
+      const colour = paint[k % 6], sigma = row.sigma ?? sigmas((row.measured ?? row.modelled).length), xs = Array.from(sigma, x);
+      if (row.measured) {
+        if (row.measured_sigma) pen.area(xs, percent(y, row.measured.map((v, i) => v - row.measured_sigma[i])), percent(y, row.measured.map((v, i) => v + row.measured_sigma[i])), colour);
+        row.measured.forEach((v, i) => pen.dot(xs[i], y(100 * v), 2.6, colour));
+      }
+      if (row.modelled) pen.line(xs, percent(y, row.modelled), colour, 1.5);
+      const last = row.measured ?? row.modelled;
+      pen.text(`${show(row.pressure_kPa, 3)} kPa`, xs[0], y(100 * last[0]) - 11, {colour, bold: true});
+    });
+  },
+};

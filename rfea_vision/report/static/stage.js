@@ -1,0 +1,142 @@
+// The tube over its picture, in millimetres: film below, measured and modelled centre lines above.
+const stage = {canvas: document.querySelector("#stage canvas"), films: new Map(), playing: false};
+
+function filmOf(e) {
+  if (!e?.clip) return undefined;
+  if (!stage.films.has(e.name)) {
+    const source = document.querySelector(`script[data-clip="${CSS.escape(e.name)}"]`), film = document.createElement("video");
+    film.muted = true; film.playsInline = true; film.preload = "auto";
+    film.src = URL.createObjectURL(new Blob([bytesOf(source.textContent)], {type: "video/mp4"}));
+    film.addEventListener("loadeddata", () => seek(true));
+    film.addEventListener("seeked", () => { film.busy = false; seek(); paintStage(); });
+    film.addEventListener("error", () => { film.broken = true; paintStage(); });
+    stage.films.set(e.name, film);
+  }
+  return stage.films.get(e.name);
+}
+
+const pose = () => { const e = experiment(); return e?.tp ? nearest(series(e.tp), state.time) : 0; };
+const poseTime = k => series(experiment().tp)[k];
+
+// The film's frames are evenly spaced: frame k is shown in the middle of its interval.
+function seek(force = false) {
+  const e = experiment(), film = filmOf(e);
+  if (!film || film.busy || film.readyState < 1 || !Number.isFinite(film.duration)) return;
+  const frame = pose() * e.clip.step;
+  if (frame === film.frame && !force) return;
+  film.frame = frame; film.busy = true;
+  film.currentTime = Math.min(film.duration - 1e-4, (frame + 0.5) * film.duration / e.clip.frames);
+}
+
+// The rectangle to show, in mm: that of the film, or one that holds every pose.
+function stageView() {
+  const e = experiment();
+  if (e?.clip) return {left: e.clip.x_min_mm, top: e.clip.y_max_mm, width: e.clip.width / e.clip.px_per_mm, height: e.clip.height / e.clip.px_per_mm};
+  const lines = [series(e?.midline) ?? series(e?.tip), ...manifest.rungs.map(r => series(prediction(r)?.midline) ?? series(prediction(r)?.tip))].filter(Boolean);
+  const length = manifest.length_mm ?? 150, xs = [0, 0], ys = [0, -length];
+  for (const line of lines) for (let i = 0; i < line.length; i += 2) if (line[i] === line[i]) { xs.push(line[i]); ys.push(line[i + 1]); }
+  const [x0, x1] = extent(xs), [y0, y1] = extent(ys), pad = 0.08 * length, side = Math.max(x1 - x0, y1 - y0) + 2 * pad;
+  return {left: (x0 + x1 - side) / 2, top: (y0 + y1 + side) / 2, width: side, height: side};
+}
+
+function poseOf(record, key, k) {
+  const array = series(record?.[key]);
+  if (!array) return undefined;
+  const size = array.length / array.shape[0];
+  return array.subarray(k * size, (k + 1) * size);
+}
+
+function paintStage() {
+  const e = experiment(), canvas = stage.canvas;
+  if (!canvas || !e?.tp || !block) return;
+  const view = stageView(), holder = canvas.parentElement, width = holder.clientWidth, dense = Math.min(3, devicePixelRatio || 1);
+  const height = Math.min(width * view.height / view.width, 560), k = pose();
+  canvas.style.height = `${height}px`;
+  if (canvas.width !== Math.round(width * dense) || canvas.height !== Math.round(height * dense)) { canvas.width = Math.round(width * dense); canvas.height = Math.round(height * dense); }
+  const c = canvas.getContext("2d"), perMm = Math.min(width / view.width, height / view.height);
+  c.setTransform(dense, 0, 0, dense, 0, 0); c.clearRect(0, 0, width, height);
+  const at = {left: (width - view.width * perMm) / 2, top: (height - view.height * perMm) / 2};
+  drawScene(c, {x: mm => at.left + (mm - view.left) * perMm, y: mm => at.top + (view.top - mm) * perMm, perMm}, view, k, 1);
+  rulerOf(c, width, height, perMm);
+  const tip = tipOf(e, k);
+  if (document.getElementById("lens").checked && tip) drawLens(c, width, height, view, perMm, tip, k);
+  const film = stage.films.get(e.name);
+  document.getElementById("stage-note").textContent = film?.broken ? "This browser cannot play the film (H.264); the tube is drawn alone." : e.clip ? "" : e.why.clip ?? "";
+}
+
+function tipOf(e, k) {
+  const line = poseOf(e, "midline", k);
+  if (line && line[0] === line[0]) return [line[line.length - 2], line[line.length - 1]];
+  const tips = series(e.tip);
+  if (!tips) return undefined;
+  const i = nearest(frameTimes(), poseTime(k));
+  return [tips[2 * i], tips[2 * i + 1]];
+}
+
+function drawScene(c, to, view, k, weight) {
+  const e = experiment(), film = filmOf(e), paint = colours();
+  if (film && film.readyState >= 2 && !film.broken) c.drawImage(film, to.x(view.left), to.y(view.top), view.width * to.perMm, view.height * to.perMm);
+  const trace = (line, colour, width, dash = [], halo = true) => {
+    if (!line) return;
+    const path = new Path2D();
+    let down = false;
+    for (let i = 0; i < line.length; i += 2) {
+      if (!(line[i] === line[i])) { down = false; continue; }
+      if (down) path.lineTo(to.x(line[i]), to.y(line[i + 1])); else { path.moveTo(to.x(line[i]), to.y(line[i + 1])); down = true; }
+    }
+    c.lineJoin = c.lineCap = "round"; c.setLineDash(dash);
+    if (halo) { c.strokeStyle = "rgb(255 255 255 / .75)"; c.lineWidth = width + 2.4; c.stroke(path); }
+    c.strokeStyle = colour; c.lineWidth = width; c.stroke(path); c.setLineDash([]);
+  };
+  const overFilm = Boolean(film && film.readyState >= 2);
+  const hue = overFilm ? {measured: "#56b4e9", modelled: "#e8590c", earlier: "#cfd2d6"} : paint;
+  if (!overFilm) { c.fillStyle = paint.muted; c.fillRect(to.x(-9), to.y(3.5), 18 * to.perMm, 3 * to.perMm); }
+  if (document.getElementById("outline").checked) {
+    const edges = poseOf(e, "edges", k);
+    if (edges) for (const side of [0, 1]) trace(edges.subarray(side * edges.length / 2, (side + 1) * edges.length / 2), hue.measured, 1, [], false);
+  }
+  const before = rungBefore() && poseOf(prediction(rungBefore()), "midline", k);
+  trace(before, hue.earlier, 1.5 * weight, [5, 4], false);
+  trace(poseOf(e, "midline", k), hue.measured, 3.2 * weight, [], overFilm);
+  trace(poseOf(prediction(), "midline", k), hue.modelled, 1.8 * weight, [], false);
+  const dot = (x, y, colour) => { c.beginPath(); c.arc(to.x(x), to.y(y), 4, 0, 7); c.fillStyle = colour; c.fill(); c.strokeStyle = "#fff"; c.lineWidth = 1.2; c.stroke(); };
+  const i = nearest(frameTimes(), poseTime(k)), tips = series(e.tip), modelTips = series(prediction()?.tip);
+  if (tips && tips[2 * i] === tips[2 * i]) dot(tips[2 * i], tips[2 * i + 1], hue.measured);
+  if (modelTips && modelTips[2 * i] === modelTips[2 * i]) dot(modelTips[2 * i], modelTips[2 * i + 1], hue.modelled);
+}
+
+// A round lens over the tip, six times larger than the picture.
+function drawLens(c, width, height, view, perMm, tip, k) {
+  const radius = Math.min(78, width * 0.21), margin = 12, left = manifest.bends === "right", scaleUp = 6 * perMm;
+  const cx = left ? margin + radius : width - margin - radius, cy = height - margin - radius;
+  c.save(); c.beginPath(); c.arc(cx, cy, radius, 0, 7); c.fillStyle = colours().paper; c.fill(); c.clip();
+  drawScene(c, {x: mm => cx + (mm - tip[0]) * scaleUp, y: mm => cy + (tip[1] - mm) * scaleUp, perMm: scaleUp}, view, k, 1.1);
+  const bar = scaleUp * 2;
+  c.fillStyle = "rgb(255 255 255 / .85)"; c.fillRect(cx - bar / 2 - 5, cy + radius - 33, bar + 10, 21);
+  c.fillStyle = "#1c1e22"; c.fillRect(cx - bar / 2, cy + radius - 16, bar, 1.5); c.font = `11px ${colours().font}`; c.textAlign = "center"; c.fillText("2 mm", cx, cy + radius - 21);
+  c.restore(); c.beginPath(); c.arc(cx, cy, radius, 0, 7); c.strokeStyle = colours().paper; c.lineWidth = 3; c.stroke(); c.strokeStyle = colours().muted; c.lineWidth = 1; c.stroke();
+}
+
+function rulerOf(c, width, height, perMm) {
+  const x = manifest.bends === "right" ? width - 14 - 50 * perMm : 14, y = height - 14;
+  c.fillStyle = "rgb(255 255 255 / .8)"; c.fillRect(x - 6, y - 20, 50 * perMm + 12, 27);
+  c.fillStyle = "#1c1e22"; c.fillRect(x, y, 50 * perMm, 2); c.font = `11px ${colours().font}`; c.textAlign = "left"; c.fillText("50 mm", x, y - 5);
+}
+
+// Playing moves the cursor in real time; the film follows by seeking, so that line and picture never part.
+let playFrom = 0, playTime = 0;
+function play(go = !stage.playing) {
+  stage.playing = go;
+  const button = document.getElementById("play");
+  button.textContent = go ? "❚❚" : "▶"; button.setAttribute("aria-label", go ? "Pause" : "Play");
+  if (!go) return;
+  const [low, high] = experiment().span;
+  playTime = state.time >= high - 1e-6 ? low : state.time; playFrom = performance.now();
+  requestAnimationFrame(advance);
+}
+function advance(now) {
+  if (!stage.playing) return;
+  const time = playTime + (now - playFrom) / 1000, [, high] = experiment().span;
+  setTime(time);
+  if (time >= high) play(false); else requestAnimationFrame(advance);
+}

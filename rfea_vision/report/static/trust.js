@@ -1,0 +1,78 @@
+// What the numbers rest on: tracking, clock, width, and the fit itself.
+plots.tracking = timePlot({
+  times: frameTimes, measured: () => column(series(experiment().tip_sigma), 1), unit: "mm", digits: 2, label: true, limits: () => [0, extent(series(experiment().tip_sigma))[1] * 1.1 || 1],
+  extra(pen, box, x) { for (const gap of experiment().gaps) pen.rect(x(gap.from) - 1, box.top, Math.max(2, x(gap.to) - x(gap.from)), 8, pen.colours.bad); },
+});
+plots.tracking.need = needs(measuredNeeds("tip_sigma"));
+
+plots.sync = {
+  need: needs(measuredNeeds("lp", "pressure"), () => experiment().angle || experiment().tip ? undefined : "Neither angle nor tip was tracked."),
+  draw(pen) {
+    const box = timeBox(pen), x = timeScale(box), c = pen.colours, e = experiment();
+    const motion = e.angle ? series(e.angle) : column(series(e.tip), 1), pressure = series(e.lp);
+    const stretch = values => scale(...padded(extent(values)), box.bottom, box.top).all(values);
+    axisX(pen, box, x, "time in s", {grid: true});
+    pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => {
+      pen.line(x.all(series(e.lt)), stretch(pressure), c.muted, 1.4);
+      pen.line(x.all(frameTimes()), stretch(motion), c.measured, 2);
+    });
+    pen.text("pressure", box.left + 6, box.top + 6, {colour: c.muted, bold: true});
+    pen.text(e.angle ? "bend angle" : "tip y", box.left + 70, box.top + 6, {colour: c.measured, bold: true});
+  },
+  cursor(pen) { cursorAt(pen, timeBox(pen)); },
+  drag(px, py, figure) { setTime(timeScale(timeBox(figure.size())).back(px)); },
+};
+
+plots.width = carpet({data: () => series(experiment().width), limit: () => extent(series(experiment().width)), unit: "mm", yLabel: "clamp 0 … tip 1", places: () => [0, 1], paint: () => s => brightRamp(s)});
+plots.width.need = needs(measuredNeeds("width"));
+
+const modelOnly = (has, text) => () => !rung() ? "No model has been fitted yet." : has(rung()) ? undefined : text;
+plots.correlation = {
+  need: modelOnly(r => r.correlation?.matrix?.length, "model.json of this rung carries no correlations."),
+  draw(pen) {
+    const {names, matrix} = rung().correlation, c = pen.colours, left = Math.min(pen.width * 0.4, 12 + 6.4 * Math.max(...names.map(n => n.length))), top = 8;
+    const side = Math.min((pen.width - left - 8) / names.length, (pen.height - top - 60) / names.length), colour = divergingRamp(c);
+    names.forEach((name, i) => {
+      pen.text(name, left - 6, top + (i + 0.5) * side, {align: "right", colour: c.ink, size: 11});
+      pen.text(name, left + (i + 0.5) * side, top + names.length * side + 6, {align: "right", turn: -45, size: 10.5});
+      names.forEach((_, j) => {
+        const v = matrix[i][j];
+        if (v === null) return;
+        pen.rect(left + j * side, top + i * side, side - 1, side - 1, `rgb(${colour((v + 1) / 2).map(Math.round)})`);
+        if (side > 24 && i !== j && Math.abs(v) >= 0.5) pen.text(show(v, 2), left + (j + 0.5) * side, top + (i + 0.5) * side, {align: "center", size: 10, colour: c.ink});
+      });
+    });
+  },
+};
+plots.steady = {
+  need: modelOnly(r => r.steady?.pressure_kPa?.length, "model.json of this rung carries no steady state."),
+  draw(pen) {
+    const s = rung().steady, box = area(pen, {top: 10, bottom: 38}), c = pen.colours;
+    const x = scale(...padded(extent(s.pressure_kPa)), box.left, box.right), y = scale(...padded(extent(s.angle_deg ?? [], s.fitted_angle_deg ?? [])), box.bottom, box.top);
+    axisY(pen, box, y, "bend angle in deg"); axisX(pen, box, x, "pressure in kPa", {about: 4});
+    if (s.fitted_angle_deg) {
+      const order = s.pressure_kPa.map((_, i) => i).sort((a, b) => s.pressure_kPa[a] - s.pressure_kPa[b]);
+      pen.line(order.map(i => x(s.pressure_kPa[i])), order.map(i => y(s.fitted_angle_deg[i] ?? NaN)), c.modelled, 1.6);
+    }
+    s.angle_deg?.forEach((v, i) => { if (v !== null) pen.dot(x(s.pressure_kPa[i]), y(v), 4, c.measured, c.paper); });
+  },
+};
+plots.starts = {
+  need: modelOnly(r => r.starts?.length > 1, "This fit was started once, so there is no waterfall."),
+  draw(pen) {
+    const costs = rung().starts.map(s => s.cost).filter(v => v !== null && v !== undefined).sort((a, b) => a - b), box = area(pen, {top: 10, bottom: 38, left: 64}), c = pen.colours;
+    const x = scale(0.5, costs.length + 0.5, box.left, box.right), y = scale(...padded(extent(costs), 0.1), box.bottom, box.top);
+    axisY(pen, box, y, "final cost"); axisX(pen, box, x, "start, best first", {about: Math.min(8, costs.length)});
+    pen.line(costs.map((_, i) => x(i + 1)), costs.map(v => y(v)), c.hair, 1.2);
+    costs.forEach((v, i) => pen.dot(x(i + 1), y(v), 4, c.modelled, c.paper));
+  },
+};
+plots.next = {
+  need: modelOnly(r => r.next, "This rung asks for no further experiment: there is no tie to split, or it has not been diagnosed."),
+  draw(pen) {
+    const [time, pressure] = rung().next, box = area(pen, {top: 10, bottom: 34}), c = pen.colours;
+    const x = scale(...extent(time), box.left, box.right), y = scale(...padded(extent(pressure)), box.bottom, box.top);
+    axisY(pen, box, y, "pressure in kPa"); axisX(pen, box, x, "time in s");
+    pen.line(x.all(time), y.all(pressure), c.ink, 1.8);
+  },
+};
