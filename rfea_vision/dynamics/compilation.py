@@ -10,6 +10,7 @@ import hashlib
 import importlib.util
 import inspect
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,7 +29,7 @@ from rfea_vision.effects.base import Effect
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 
-GENERATOR_VERSION = "4"
+GENERATOR_VERSION = "6"
 
 _HEADER = '''"""Generated: do not edit."""
 from math import *
@@ -55,10 +56,10 @@ def _derivative(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
 class _Printer(PythonCodePrinter):
     def _print_sign(self, expression: Any) -> str:
         argument = self._print(expression.args[0])
-        return f"(float(({argument}) > 0) - float(({argument}) < 0))"
+        return f"(1.0 if ({argument}) > 0 else (-1.0 if ({argument}) < 0 else 0.0))"
 
-    def _print_Heaviside(self, expression: Any) -> str:  # noqa: N802
-        return f"float(({self._print(expression.args[0])}) >= 0)"
+    def _print_Heaviside(self, expression: Any) -> str:
+        return f"(1.0 if ({self._print(expression.args[0])}) >= 0 else 0.0)"
 
 
 def _assignments(targets: Sequence[tuple[str, sp.Expr]], indent: str) -> str:
@@ -222,6 +223,7 @@ def _load(path: Path, name: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ImportError(path)
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # Numba's cache looks its functions up by module name
     spec.loader.exec_module(module)
     return module
 

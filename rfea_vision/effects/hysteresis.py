@@ -1,0 +1,34 @@
+"""Rate-independent hysteresis: friction inside the fibres and the rubber."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from rfea_vision.effects.base import Effect, EffectParameter, Joint
+
+
+class Hysteresis(Effect):
+    """Bouc-Wen torque: tau = -tau_h z, z' = (r - (|r| z + r |z|) / 2) / w with r the rate of the tube's angle."""
+
+    id = "hysteresis"
+    title = "Rate-independent hysteresis (Bouc-Wen)"
+    reference = "Bouc 1967; Wen 1976, doi:10.1061/JMCEA3.0002106"
+    shows = "the loop of angle against pressure keeps its area when the motion is slower"
+    mistaken_for = "viscous damping or a delay (their loop area goes with the rate)"
+    split_by = "the same triangle of pressure at two very different rates"
+    parameters = {
+        "tau_h": EffectParameter("N*m", 0.0, 0.0, 0.05, 5e-4, "torque of the fully developed loop", display="mN*m"),
+        "w": EffectParameter("rad", None, 0.005, 3.0, 0.2, "tube angle over which it builds up", grid=(0.05, 0.2, 0.8), display="deg"),
+    }
+    states = ("z",)
+    dissipates = True
+
+    def joint_torque(self, joint: Joint) -> sp.Expr:
+        return -self.tau_h * self.z
+
+    def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
+        rate = joint.tube_rate
+        return {"z": (rate - (sp.Abs(rate) * self.z + rate * sp.Abs(self.z)) / 2) / self.w}
+
+    def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
+        return {"z": sp.Integer(0)}

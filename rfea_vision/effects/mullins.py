@@ -1,0 +1,33 @@
+"""Softening by the largest bend so far."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from rfea_vision.effects.base import Effect, EffectParameter, Joint
+
+
+class Mullins(Effect):
+    """k_j (1 - c (1 - exp(-z / s))), z the largest tube angle so far (followed within 10 ms)."""
+
+    id = "mullins"
+    title = "Softening after the first bend (Mullins)"
+    reference = "Mullins 1969, doi:10.5254/1.3539210"
+    shows = "the first rise differs from all later ones to the same pressure"
+    mistaken_for = "creep (which comes again with every step)"
+    split_by = "the same cycle twice without a pause"
+    parameters = {
+        "c": EffectParameter("1", 0.0, 0.0, 0.8, 0.05, "largest loss of stiffness"),
+        "s": EffectParameter("rad", None, 0.05, 10.0, 1.0, "tube angle over which it is lost", grid=(0.3, 1.5), display="deg"),
+    }
+    states = ("z",)
+
+    def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
+        return stiffness * (1 - self.c * (1 - sp.exp(-self.z / self.s)))
+
+    def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
+        gap = joint.tube_angle - self.z
+        return {"z": sp.Piecewise((gap / sp.Float(0.01), gap > 0), (0, True))}
+
+    def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
+        return {"z": sp.Piecewise((joint.tube_angle, joint.tube_angle > 0), (0, True))}

@@ -1,0 +1,24 @@
+"""The pressure sensor has the wrong scale."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from rfea_vision.effects.base import Effect, EffectParameter
+
+
+class PressureGain(Effect):
+    """p_tube = g p."""
+
+    id = "pressure_gain"
+    title = "Scale of the pressure sensor"
+    reference = "sensor calibration"
+    shows = "nothing of its own: it is exactly a change of r_hyd"
+    mistaken_for = "r_hyd, exactly"
+    split_by = "weighing the sensor against a dead-weight tester; no run of this rig can"
+    kind = "measurement"
+    parameters = {"g": EffectParameter("1", 1.0, 0.5, 2.0, 1.02, "true over logged pressure")}
+    exactly_tied_to = ("r_hyd",)
+
+    def felt_pressure(self, pressure: sp.Symbol) -> sp.Expr:
+        return self.g * pressure
