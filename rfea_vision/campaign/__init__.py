@@ -1,6 +1,6 @@
 """Campaign folders: from files that people write to typed inputs, with errors that name file, line, key and remedy."""
 
-from rfea_vision.campaign.loading import load_campaign, read_campaign
+from rfea_vision.campaign.loading import Reading, load_campaign, read_campaign
 from rfea_vision.campaign.problems import Problem
 from rfea_vision.campaign.specs import (
     CameraSpec,
@@ -18,6 +18,7 @@ __all__ = [
     "ExperimentSpec",
     "PressureSpec",
     "Problem",
+    "Reading",
     "SyncSpec",
     "TrackSpec",
     "VideoSpec",

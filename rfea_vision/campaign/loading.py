@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -37,28 +37,44 @@ def load_campaign(path: Path | str, out: Path | str | None = None) -> Campaign:
     InputError
         With the first problem found, and how many more there are.
     """
-    campaign, problems = read_campaign(path, out)
-    errors = [problem for problem in problems if problem.severity == "error"]
-    if errors or campaign is None:
+    reading = read_campaign(path, out)
+    errors = [problem for problem in reading.problems if problem.severity == "error"]
+    if errors or reading.campaign is None:
         more = f" ({len(errors) - 1} more: 'rfea check {path}' lists them)" if len(errors) > 1 else ""
         raise InputError(f"{errors[0]}{more}")
-    return campaign
+    return reading.campaign
 
 
-def read_campaign(path: Path | str, out: Path | str | None = None) -> tuple[Campaign | None, list[Problem]]:
-    """Load whatever can be loaded, and say everything that is wrong.
+@dataclass(frozen=True)
+class Reading:
+    """What could be read of a campaign.
 
-    Returns
-    -------
-    campaign : the campaign with its readable experiments; None if not even that can be had
-    problems : errors and warnings, in the order of the files
+    Attributes
+    ----------
+    campaign : the campaign with the experiments that are right; None if there is no such folder
+    broken : the other experiments, as far as they could be understood
+    problems : errors and warnings, in the order of the files; one without an experiment concerns all
     """
+
+    campaign: Campaign | None
+    broken: tuple[ExperimentSpec, ...]
+    problems: tuple[Problem, ...]
+
+    @property
+    def blocked(self) -> Problem | None:
+        """The first error that stands above all experiments, if there is one."""
+        above = (item for item in self.problems if item.severity == "error" and item.experiment is None)
+        return next(above, None)
+
+
+def read_campaign(path: Path | str, out: Path | str | None = None) -> Reading:
+    """Load whatever can be loaded, and say everything that is wrong."""
     folder = Path(path).expanduser()
     if folder.name in ("campaign.yaml", "experiment.yaml"):
         folder = folder.parent
     folder = folder.resolve()
     if not folder.is_dir():
-        return None, [Problem(folder, "no such folder; give a campaign folder ('rfea init DIR' makes one)")]
+        return _nothing(folder, "no such folder; give a campaign folder ('rfea init DIR' makes one)")
     if (folder / "campaign.yaml").is_file():
         return _read_folder(folder, _out(folder, out))
     if (folder / "experiment.yaml").is_file():
@@ -66,18 +82,20 @@ def read_campaign(path: Path | str, out: Path | str | None = None) -> tuple[Camp
             advice = (
                 f"give the campaign, '{folder.parent}', and choose the experiment with -e where one is to be chosen"
             )
-            return None, [Problem(folder, f"belongs to the campaign above it; {advice}")]
+            return _nothing(folder, f"belongs to the campaign above it; {advice}")
         return _read_lone(folder, _out(folder, out))
-    return None, [
-        Problem(folder, "holds neither campaign.yaml nor experiment.yaml; 'rfea init DIR' writes both to fill in")
-    ]
+    return _nothing(folder, "holds neither campaign.yaml nor experiment.yaml; 'rfea init DIR' writes both to fill in")
+
+
+def _nothing(folder: Path, message: str) -> Reading:
+    return Reading(None, (), (Problem(folder, message),))
 
 
 def _out(folder: Path, out: Path | str | None) -> Path:
     return Path(out).expanduser().resolve() if out is not None else folder / OUTPUT_FOLDER
 
 
-def _read_folder(root: Path, out: Path) -> tuple[Campaign | None, list[Problem]]:
+def _read_folder(root: Path, out: Path) -> Reading:
     file = root / "campaign.yaml"
     try:
         shared = read_yaml(file)
@@ -93,35 +111,42 @@ def _read_folder(root: Path, out: Path) -> tuple[Campaign | None, list[Problem]]
         if parsed.camera is not None:
             camera, found = resolve_camera(parsed.camera, (root,), (shared,))
             problems += found
-    blocked = any(problem.severity == "error" for problem in problems)
     said = {_part(problem) for problem in problems} | (set() if shared.content else {"actuator", "camera"})
     # What is wrong in the campaign is said once, and the experiments are looked through without it.
     shared = replace(shared, content={key: value for key, value in shared.content.items() if key not in said})
     experiments: list[ExperimentSpec] = []
+    broken: list[ExperimentSpec] = []
     files = [path for path in sorted(root.glob("*/experiment.yaml")) if out not in (path.parent, *path.parents)]
     for path in files:
         experiment, found = _read_experiment(path, shared, said)
         problems += found
-        if experiment is not None:
+        if any(problem.severity == "error" for problem in found):
+            broken += [experiment] if experiment is not None else []
+        elif experiment is not None:
             experiments.append(experiment)
     problems += _across(file, experiments, complete=len(experiments) == len(files))
-    if actuator is None or blocked:
-        return None, problems
-    return Campaign(parsed.name or root.name, root, out, actuator, camera, tuple(experiments)), problems
+    campaign = Campaign(parsed.name or root.name, root, out, actuator or Actuator(), camera, tuple(experiments))
+    return Reading(campaign, tuple(broken), tuple(problems))
 
 
-def _read_lone(folder: Path, out: Path) -> tuple[Campaign | None, list[Problem]]:
+def _read_lone(folder: Path, out: Path) -> Reading:
     experiment, problems = _read_experiment(folder / "experiment.yaml", None, set())
     if experiment is None:
-        return None, problems
+        return Reading(None, (), tuple(problems))
+    if any(problem.severity == "error" for problem in problems):
+        campaign = Campaign(experiment.name, folder, out, experiment.actuator, experiment.camera)
+        return Reading(campaign, (experiment,), tuple(problems))
     campaign = Campaign(experiment.name, folder, out, experiment.actuator, experiment.camera, (experiment,))
-    return campaign, problems
+    return Reading(campaign, (), tuple(problems))
 
 
 def _read_experiment(
     path: Path, shared: YamlFile | None, said: set[str]
 ) -> tuple[ExperimentSpec | None, list[Problem]]:
-    """Read one experiment.yaml on top of what the campaign shares; `said` are parts that were complained of there."""
+    """Read one experiment.yaml on top of what the campaign shares; `said` are parts that were complained of there.
+
+    The experiment is returned as far as it is understood; None only if the file cannot be read at all.
+    """
     name = path.parent.name
     try:
         own = read_yaml(path)
@@ -143,8 +168,6 @@ def _read_experiment(
     problems += [problem for problem in found if not _about(problem, problems) and _part(problem) not in said]
     if parsed.role == "ignore":  # what is set aside may be broken
         problems = [problem for problem in problems if problem.key.startswith(("role", "format"))]
-    if any(problem.severity == "error" for problem in problems):
-        return None, problems
     return experiment, problems
 
 

@@ -10,6 +10,7 @@ from rfea_vision.campaign.problems import Problem, problem_at
 from rfea_vision.campaign.schema import CameraPart, ExperimentFile, PlumbPart, PressurePart, SyncPart
 from rfea_vision.campaign.specs import CameraSpec, ExperimentSpec, PressureSpec, SyncSpec, TrackSpec, VideoSpec
 from rfea_vision.campaign.yaml_file import YamlFile
+from rfea_vision.errors import InputError
 
 Folders = tuple[Path, ...]
 Files = tuple[YamlFile, ...]
@@ -92,9 +93,12 @@ def resolve_camera(
         else:
             from rfea_vision.calibration.board import Board  # brings OpenCV with it
 
-            board = Board(
-                part.board.kind, part.board.inner_corners, part.board.square, part.board.marker, part.board.dictionary
-            )
+            keys = part.board
+            try:
+                board = Board(keys.kind, keys.inner_corners, keys.square, keys.marker, keys.dictionary)
+            except InputError as error:  # "camera.board.marker: what is wrong with it"
+                key, _, message = str(error).partition(": ")
+                finder.complain(key, message)
     vertical = part.vertical.model_dump() if isinstance(part.vertical, PlumbPart) else part.vertical
     camera = CameraSpec(
         board=board,
@@ -166,12 +170,9 @@ def _source(parsed: ExperimentFile, finder: _Finder) -> tuple[VideoSpec | None, 
         return None, TrackSpec(path) if path is not None else None
     if names == ["frames"]:
         assert parsed.frames is not None
-        if parsed.frames.times is None and parsed.frames.rate is None:
-            finder.complain(
-                "frames.times", "is missing; give a table with the columns file and time_s, or 'rate: 240 Hz'"
-            )
         folder = finder.file("frames.folder", parsed.frames.folder, folder=True)
-        return VideoSpec(None, folder, finder.file("frames.times", parsed.frames.times), parsed.frames.rate), None
+        times = finder.file("frames.times", parsed.frames.times or "frames.csv")
+        return VideoSpec(None, folder, times, parsed.frames.rate), None
     assert parsed.video is not None
     return VideoSpec(finder.file("video.file", parsed.video.file), rate_Hz=parsed.video.rate), None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +49,7 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
                 camera.photos,
                 camera.plane,
                 camera.board,
-                vertical=camera.vertical,
+                vertical=camera.vertical if isinstance(camera.vertical, str) else "plumb",
                 board_offset_mm=camera.board_offset_mm,
                 lens=camera.lens,
                 progress=progress,
@@ -212,7 +213,7 @@ def open_source(video: VideoSpec) -> Any:
 
     if video.file is not None:
         return open_video(video.file, video.rate_Hz)
-    assert video.frames is not None
+    assert video.frames is not None and video.times is not None
     return open_frames(video.frames, video.times, video.rate_Hz)
 
 
@@ -226,12 +227,13 @@ def _pictures(video: VideoSpec) -> list[Path]:
 
 def describe_track(track: Track) -> str:
     """Say how many frames were tracked, and why the others were not."""
-    valid = int(track.valid.sum())
-    reasons: dict[str, int] = {}
-    for reason in track.dataset["reason"].values[~track.valid]:
-        reasons[str(reason)] = reasons.get(str(reason), 0) + 1
-    lost = ", ".join(f"{count} {reason}" for reason, count in sorted(reasons.items(), key=lambda item: -item[1]))
-    return f"{valid} of {len(track.time_s)} frames" + (f" ({lost})" if lost else "")
+    lost = ", ".join(f"{count} {reason}" for reason, count in reasons_of(track).items())
+    return f"{int(track.valid.sum())} of {len(track.time_s)} frames" + (f" ({lost})" if lost else "")
+
+
+def reasons_of(track: Track) -> dict[str, int]:
+    """Count the rejected frames by reason, most frequent first."""
+    return dict(Counter(str(reason) for reason in track.dataset["reason"].values[~track.valid]).most_common())
 
 
 def describe_recording(recording: Recording) -> str:

@@ -147,6 +147,10 @@ class Workspace:
         )
         return mechanics.improve(self, options, budget_s=budget_s)
 
+    def model(self, name: str) -> ModelFit:
+        """Return a model by name, fitted again if it is out of date."""
+        return mechanics.fitted(self, name)
+
     # -- publishing ----------------------------------------------------------------------------------------------
 
     def report(self) -> Path:
@@ -233,9 +237,10 @@ class Workspace:
         hashes = {self._shown(path): self.cache.sha256(path) for path in inputs}
         return hashes, self.cache.digest(stage, [*hashes.values(), *also], options, code)
 
-    def forget(self, stage: str) -> None:
-        """Let the next call of a stage look at the files again."""
-        self._done = {key: value for key, value in self._done.items() if not key.startswith(f"{stage}/")}
+    def outcome(self, stage: str, subject: str) -> str:
+        """Return how a stage ended in this session: done or unchanged."""
+        found = [item for item in self.outcomes if item["stage"] == stage and item["subject"] == subject]
+        return found[-1]["outcome"] if found else "unchanged"
 
     def raw_inputs(self) -> dict[str, str]:
         """Return the hashes of all raw files that recordings were made from, by path below the campaign."""

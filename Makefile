@@ -1,0 +1,37 @@
+# The two commands that matter: 'make demo' and 'make test'. Both need Python 3.11 or newer, and nothing else.
+
+VENV := .venv
+BIN := $(VENV)/bin
+ONLY ?=
+PYTEST_OPTIONS ?=
+
+.PHONY: demo test lint benchmarks docs clean
+
+demo: $(VENV)/installed
+	$(BIN)/rfea demo
+
+test: $(VENV)/installed
+	@command -v chromium chromium-browser google-chrome >/dev/null 2>&1 || echo "no Chromium here: the tests that open the report in a browser are skipped"
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_OPTIONS)
+
+lint: $(VENV)/installed
+	$(BIN)/ruff check .
+	$(BIN)/basedpyright
+	$(BIN)/lint-imports
+
+benchmarks: $(VENV)/installed
+	$(BIN)/python -m benchmarks $(ONLY)
+
+docs: $(VENV)/installed
+	$(BIN)/python docs/generate.py
+
+# --no-build-isolation: the build backend is pinned in requirements.txt like everything else
+$(VENV)/installed: requirements.txt pyproject.toml
+	@./.ci/python -c 'import sys' || exit 1
+	test -x $(BIN)/python || ./.ci/python -m venv $(VENV) || { rm -rf $(VENV); echo "Python's venv module does not work here; on Debian: apt-get install python3-venv"; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
+	@touch $@
+
+clean:
+	rm -rf $(VENV) demo build dist

@@ -1,0 +1,150 @@
+"""Everything that is wrong with a campaign, looked at before any stage runs: keys, files, pictures, logs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rfea_vision.campaign.loading import read_campaign
+from rfea_vision.campaign.problems import Problem
+from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
+from rfea_vision.errors import RfeaError
+
+_HIGH_KPA = 3000.0
+_LOW_KPA = 0.5
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The experiments found, with their roles, and what is wrong."""
+
+    experiments: dict[str, str]
+    problems: tuple[Problem, ...]
+
+
+def check_campaign(path: Path, progress: Callable[[int, int], None] | None = None) -> Checked:
+    """Read every file of a campaign as the stages will, and say all that is wrong; nothing is written.
+
+    Parameters
+    ----------
+    path : campaign folder or lone experiment folder
+    progress : called with (done, total) experiments and cameras
+    """
+    reading = read_campaign(path)
+    campaign, problems = reading.campaign, list(reading.problems)
+    if campaign is None:
+        return Checked({}, tuple(problems))
+    active = [item for item in (*campaign.experiments, *reading.broken) if item.role != "ignore"]
+    cameras = _cameras(campaign, active)
+    total = len(active) + len(cameras)
+    for done, (camera, experiment) in enumerate(cameras):
+        problems += _camera_problems(camera, campaign, experiment)
+        if progress is not None:
+            progress(done + 1, total)
+    for done, experiment in enumerate(active, start=len(cameras)):
+        problems += _experiment_problems(experiment)
+        if progress is not None:
+            progress(done + 1, total)
+    found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
+    return Checked({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
+
+
+def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[CameraSpec, ExperimentSpec | None]]:
+    """Return the campaign's camera and those of experiments with their own."""
+    found: list[tuple[CameraSpec, ExperimentSpec | None]] = []
+    if campaign.camera is not None:
+        found.append((campaign.camera, None))
+    found += [(item.camera, item) for item in active if item.camera is not None and item.camera != campaign.camera]
+    return found
+
+
+def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None) -> list[Problem]:
+    """Look for the board in every photo; three with a board are needed."""
+    from rfea_vision.calibration import load_calibration
+    from rfea_vision.calibration.corners import Refused, find_corners, read_grey
+
+    file = campaign.root / "campaign.yaml" if experiment is None else experiment.folder / "experiment.yaml"
+    name = None if experiment is None else experiment.name
+    problems: list[Problem] = []
+    if camera.file is not None:
+        try:
+            load_calibration(camera.file)
+        except RfeaError as error:
+            problems.append(Problem(file, str(error), "camera.file", experiment=name))
+    if camera.board is None:
+        return problems
+    seen = 0
+    for photo in [*camera.photos, *([camera.plane] if camera.plane else [])]:
+        key = "camera.plane" if photo == camera.plane else "camera.photos"
+        grey = read_grey(photo)
+        if grey is None:
+            message = f"{photo} is not a readable picture; take it out or copy it again"
+            problems.append(Problem(file, message, key, experiment=name))
+            continue
+        found = find_corners(photo, grey, camera.board)
+        if isinstance(found, Refused):
+            severity = "error" if key == "camera.plane" else "warning"
+            problems.append(Problem(file, f"{photo.name}: {found.reason}", key, severity=severity, experiment=name))
+        elif key == "camera.photos":
+            seen += 1
+    if camera.photos and seen < 3:
+        message = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
+        problems.append(Problem(file, message, "camera.photos", experiment=name))
+    return problems
+
+
+def _experiment_problems(experiment: ExperimentSpec) -> list[Problem]:
+    file = experiment.folder / "experiment.yaml"
+    problems: list[Problem] = []
+    pictures_s = track_s = None
+    try:
+        if experiment.video is not None:
+            from rfea_vision.readers.video import open_frames, open_video
+
+            video = experiment.video
+            if video.file is not None:
+                pictures_s = open_video(video.file, video.rate_Hz).times_s()
+            elif video.frames is not None and video.times is not None:
+                pictures_s = open_frames(video.frames, video.times, video.rate_Hz).times_s()
+        elif experiment.track is not None:
+            from rfea_vision.readers.tracks import read_track
+
+            track_s = read_track(experiment.track.file, bends=experiment.actuator.bends).time_s
+    except RfeaError as error:
+        key = "track" if experiment.track is not None else "video"
+        problems.append(Problem(file, str(error), key, experiment=experiment.name))
+    if experiment.pressure.file is None and experiment.pressure.url is None:
+        return problems  # said already
+    try:
+        from rfea_vision.readers.pressure import read_pressure
+
+        log = read_pressure(experiment.pressure, experiment.name)
+    except RfeaError as error:
+        problems.append(Problem(file, str(error), "pressure", experiment=experiment.name))
+        return problems
+    problems += [_warning(file, experiment, "pressure", text) for text in _odd_pressure(log.pressure_kPa)]
+    seconds = pictures_s if pictures_s is not None else track_s
+    if seconds is not None and len(seconds) > 1:
+        camera, logged = float(np.ptp(seconds)), float(np.ptp(log.time_s))
+        if logged < 0.9 * camera:
+            text = f"the log lasts {logged:.2f} s, the pictures {camera:.2f} s; only what both cover can be used"
+            problems.append(_warning(file, experiment, "pressure", text))
+    return problems
+
+
+def _odd_pressure(pressure_kPa: np.ndarray) -> list[str]:
+    highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
+    if highest > _HIGH_KPA:
+        return [f"reaches {highest:.0f} kPa; is pressure.unit right?"]
+    if span == 0:
+        return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
+    if highest < _LOW_KPA:
+        return [f"stays below {highest:.3g} kPa; is pressure.unit right?"]
+    return []
+
+
+def _warning(file: Path, experiment: ExperimentSpec, key: str, text: str) -> Problem:
+    return Problem(file, text, key, severity="warning", experiment=experiment.name)

@@ -1,0 +1,144 @@
+"""Commands left of the recording: calibrate, track, sync."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rfea_vision.cli.console import print_json, print_table
+from rfea_vision.cli.options import campaign_options, opened
+
+
+def experiment_option(command: Any) -> Any:
+    """Add -e NAME."""
+    return click.option(
+        "-e", "--experiment", "names", multiple=True, metavar="NAME", help="Only this experiment; may be repeated."
+    )(command)
+
+
+@click.command("calibrate")
+@campaign_options
+def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool) -> None:
+    """Lens and plane of motion from the photos of the board."""
+    with opened(campaign, out, force=("calibrate",) if force else ()) as work:
+        calibration = work.calibrate()
+        outcomes = work.outcomes
+    if calibration is None:
+        summary: dict[str, Any] = {
+            "status": "nothing to do",
+            "sentence": "no experiment has pictures, so no camera is needed",
+        }
+    else:
+        matrix = calibration.camera_matrix
+        summary = {
+            "status": outcomes[0]["outcome"],
+            "file": str(work.out / "calibration" / "camera.yaml"),
+            "model": calibration.model,
+            "rms_px": calibration.rms_px,
+            "fx": float(matrix[0, 0]),
+            "fy": float(matrix[1, 1]),
+            "cx": float(matrix[0, 2]),
+            "cy": float(matrix[1, 2]),
+            "plane_tilt_deg": calibration.plane_tilt_deg,
+            "photos": list(calibration.photos),
+            "quality": calibration.quality,
+        }
+    if as_json:
+        print_json(summary)
+    elif calibration is None:
+        click.echo(summary["sentence"])
+    else:
+        rows = [
+            [photo["file"], "yes" if photo["used"] else "no", photo.get("rms_px"), photo.get("reason") or ""]
+            for photo in calibration.photos
+        ]
+        print_table("", ["photo", "used", "RMS px", "reason"], rows, left=2)
+        lens = ", ".join(f"{key} {summary[key]:.1f}" for key in ("fx", "fy", "cx", "cy"))
+        tilt = f"plane tilted by {calibration.plane_tilt_deg:.2f} deg"
+        click.echo(f"{calibration.model}: {lens} px, RMS {calibration.rms_px:.3f} px, {tilt}")
+
+
+@click.command("track")
+@campaign_options
+@experiment_option
+def track_command(
+    campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...]
+) -> None:
+    """The tube in every frame: centre line, edges, curvature, tip, elongation."""
+    from rfea_vision.stages.measurement import reasons_of
+
+    with opened(campaign, out, force=("track", "clip") if force else ()) as work:
+        tracks = work.track(names)
+    summary = [
+        {
+            "experiment": name,
+            "file": str(work.out / name / "track.nc"),
+            "status": work.outcome("track", name),
+            "frames": len(track.time_s),
+            "valid": int(track.valid.sum()),
+            "reasons": reasons_of(track),
+        }
+        for name, track in tracks.items()
+    ]
+    if as_json:
+        print_json({"tracks": summary})
+    else:
+        rows = [
+            [
+                row["experiment"],
+                row["frames"],
+                row["valid"],
+                ", ".join(f"{count} {reason}" for reason, count in row["reasons"].items()),
+                row["file"],
+            ]
+            for row in summary
+        ]
+        print_table("", ["experiment", "frames", "valid", "rejected", "file"], rows)
+
+
+@click.command("sync")
+@campaign_options
+@experiment_option
+def sync_command(
+    campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...]
+) -> None:
+    """Track and pressure on one clock, with the offset's standard error."""
+    with opened(campaign, out, force=("sync",) if force else ()) as work:
+        recordings = work.sync(names)
+    summary = []
+    for name, recording in recordings.items():
+        attributes = recording.dataset.attrs
+        summary.append(
+            {
+                "experiment": name,
+                "file": str(work.out / name / "recording.nc"),
+                "status": work.outcome("sync", name),
+                "method": str(attributes["sync_method"]),
+                **{
+                    key: float(attributes[key])
+                    for key in ("offset_s", "offset_stderr_s", "drift_ppm", "drift_stderr_ppm")
+                    if key in attributes
+                },
+            }
+        )
+    if as_json:
+        print_json({"recordings": summary})
+    else:
+        rows = [
+            [
+                row["experiment"],
+                row["method"],
+                row["offset_s"] * 1e3,
+                row["offset_stderr_s"] * 1e3,
+                row.get("drift_ppm"),
+            ]
+            for row in summary
+        ]
+        print_table(
+            "offset = log clock minus camera clock",
+            ["experiment", "method", "offset ms", "std. error ms", "drift ppm"],
+            rows,
+            left=2,
+        )

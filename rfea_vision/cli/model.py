@@ -1,0 +1,209 @@
+"""Commands right of the recording: fit, compare, diagnose, improve, effects."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit
+from rfea_vision.cli.console import print_json, print_table, shown
+from rfea_vision.cli.options import Quantity, campaign_options, effect_file_option, model_options, opened
+
+
+@click.command("fit")
+@campaign_options
+@model_options
+@click.option(
+    "--add", "effects", multiple=True, metavar="EFFECT", help="An effect beside the base model; may be repeated."
+)
+@click.option("--name", metavar="MODEL", help="Name of the model; default base, base+EFFECT, ...")
+def fit_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any) -> None:
+    """Fit one model to the training experiments and score it on the others."""
+    add = tuple(effect for item in choices.pop("effects") for effect in item.split(","))
+    with opened(campaign, out, force=("fit",) if force else ()) as work:
+        model = work.fit(choices.pop("name"), add=add, **choices)
+    if as_json:
+        print_json(model.model_dump(mode="json"))
+    else:
+        print_model(model)
+        click.echo(str(work.out / "models" / model.name / "model.json"))
+
+
+@click.command("compare")
+@campaign_options
+@click.argument("models", nargs=-1, metavar="[MODEL]...")
+def compare_command(
+    campaign: Path, models: tuple[str, ...], out: Path | None, force: bool, as_json: bool, debug: bool
+) -> None:
+    """Model against measurement: how far, where, when, beside the noise floor."""
+    with opened(campaign, out, force=("compare",) if force else ()) as work:
+        comparisons = work.compare(*models)
+        fits = {name: work.model(name) for name in comparisons}
+    if as_json:
+        print_json(
+            {
+                "comparisons": [
+                    {**comparison.model_dump(mode="json"), "metrics": fits[name].model_dump(mode="json")["metrics"]}
+                    for name, comparison in comparisons.items()
+                ]
+            }
+        )
+        return
+    print_metrics(fits)
+    for name, comparison in comparisons.items():
+        print_comparison(name, comparison)
+
+
+@click.command("diagnose")
+@campaign_options
+@click.argument("model", required=False)
+@effect_file_option
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")
+def diagnose_command(
+    campaign: Path, model: str | None, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any
+) -> None:
+    """Which effect is missing from a model; by default from the one fitted last."""
+    with opened(campaign, out, force=("diagnose",) if force else ()) as work:
+        diagnosis = work.diagnose(model, **choices)
+    if as_json:
+        print_json(diagnosis.model_dump(mode="json", by_alias=True))
+    else:
+        print_diagnosis(diagnosis)
+
+
+@click.command("improve")
+@campaign_options
+@model_options
+@click.option(
+    "--budget",
+    "budget_s",
+    type=Quantity("s", "5min"),
+    default="5min",
+    show_default=True,
+    help="Time after which no further rung is begun.",
+)
+def improve_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any) -> None:
+    """Fit, diagnose, add one effect, again, until a verdict ends it; then write the report."""
+    with opened(campaign, out, force=("improve",) if force else ()) as work:
+        ladder = work.improve(**choices)
+        report = work.report()
+    if as_json:
+        print_json({**ladder.model_dump(mode="json"), "report": str(report)})
+    else:
+        print_ladder(ladder)
+        click.echo(f"report: {report}")
+
+
+@click.group("effects", invoke_without_command=True)
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout and nothing else there.")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+@click.pass_context
+def effects_command(context: click.Context, as_json: bool, debug: bool) -> None:
+    """The catalogue of effects; 'show ID' tells of one, 'new FILE' writes a template of one's own."""
+
+
+def print_model(model: ModelFit) -> None:
+    """Print the parameters of a fit and its errors."""
+    rows = [
+        [name, item.value, item.stderr, item.unit, "fixed" if item.fixed else item.note]
+        for name, item in model.parameters.items()
+    ]
+    table = [
+        [name, f"{value:.6g}", "-" if error is None else f"{error:.2g}", unit, note]
+        for name, value, error, unit, note in rows
+    ]
+    print_table(f"{model.name}: {model.status}", ["parameter", "value", "std. error", "unit", "note"], table)
+    if model.message:
+        click.echo(model.message)
+    for warning in model.warnings:
+        click.echo(f"warning: {warning}")
+    print_metrics({model.name: model})
+
+
+def print_metrics(models: dict[str, ModelFit]) -> None:
+    """Print the errors of models by role, beside the noise floor."""
+    rows = [
+        [
+            name,
+            role,
+            metrics.tip_rmse_mm,
+            metrics.tip_y_rmse_mm,
+            metrics.midline_rmse_mm,
+            metrics.angle_rmse_deg,
+            model.noise_floor_mm,
+        ]
+        for name, model in models.items()
+        for role, metrics in model.metrics.items()
+    ]
+    columns = ["model", "role", "tip mm", "tip y mm", "midline mm", "angle deg", "noise floor mm"]
+    print_table("root mean square errors", columns, rows, left=2)
+
+
+def print_comparison(name: str, comparison: Comparison) -> None:
+    """Print where a model fails."""
+    click.echo(f"\n{name}")
+    for sentence in comparison.sentences:
+        click.echo(f"  {sentence}")
+    for place in comparison.where:
+        click.echo(f"  {place.sentence}")
+
+
+def print_diagnosis(diagnosis: Diagnosis) -> None:
+    """Print the verdict, the evidence and what to do next."""
+    named = f": {', '.join(diagnosis.named)}" if diagnosis.named else ""
+    click.echo(f"{diagnosis.model}: {diagnosis.verdict}{named}")
+    if diagnosis.sentence:
+        click.echo(diagnosis.sentence)
+    rows = [
+        [
+            item.effect,
+            item.at,
+            None if item.score_p is None else f"{item.score_p:.1e}",
+            item.predicted_rmse_mm,
+            item.train_rmse_mm,
+            item.validate_rmse_mm,
+            item.delta_bic,
+            "yes" if item.matters else "no" if item.refitted else "not refitted",
+        ]
+        for item in diagnosis.candidates[:12]
+    ]
+    columns = ["candidate", "at", "score p", "predicted mm", "train mm", "validate mm", "delta BIC", "matters"]
+    print_table("", columns, rows, left=2)
+    for tie in diagnosis.tied:
+        click.echo(f"cannot be told apart here: {', '.join(tie.effects)}; {tie.split_by}")
+    for warning in diagnosis.warnings:
+        click.echo(f"warning: {warning}")
+    if diagnosis.next_experiment is not None:
+        click.echo(f"next experiment: {diagnosis.next_experiment.sentence}")
+
+
+def print_ladder(ladder: Ladder) -> None:
+    """Print the ladder, rung by rung."""
+    rows = [
+        [
+            rung.model,
+            rung.added,
+            rung.train_tip_rmse_mm,
+            rung.validate_tip_rmse_mm,
+            None if rung.delta_bic is None else f"{rung.delta_bic:.0f}",
+            rung.verdict,
+        ]
+        for rung in ladder.rungs
+    ]
+    print_table(
+        "error ladder (tip, root mean square)",
+        ["model", "added", "train mm", "validate mm", "delta BIC", "verdict"],
+        rows,
+        left=2,
+    )
+    if ladder.test:
+        before, after = shown(ladder.test.get("first_model_tip_rmse_mm")), shown(ladder.test.get("tip_rmse_mm"))
+        click.echo(f"test: {before} mm with {ladder.rungs[0].model}, {after} mm with {ladder.test.get('model')}")
+    if ladder.noise_floor_mm is not None:
+        click.echo(f"noise floor: {ladder.noise_floor_mm:.3f} mm")
+    if ladder.stopped_because:
+        click.echo(f"stopped because {ladder.stopped_because}")
+    for finding in ladder.findings:
+        click.echo(f"- {finding}")

@@ -1,0 +1,114 @@
+"""The root command, what it does with errors, and its exit codes."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib import import_module
+from types import FrameType
+
+import click
+
+from rfea_vision import __version__
+from rfea_vision.cli.console import print_error
+from rfea_vision.errors import RfeaError
+
+INTERRUPTED = 130
+
+_COMMANDS = {
+    "setup": ("init", "check", "schema", "doctor", "board"),
+    "measure": ("calibrate", "track", "sync"),
+    "model": ("fit", "compare", "diagnose", "improve", "effects"),
+    "chain": ("report", "run", "batch"),
+    "twin": ("simulate", "demo"),
+}
+_HOME_OF = {command: module for module, commands in _COMMANDS.items() for command in commands}
+
+
+class _LazyGroup(click.Group):
+    """Loads the file of a command when it is asked for, so that ``rfea --help`` is quick."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(_HOME_OF)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _HOME_OF:
+            return None
+        module = import_module(f"rfea_vision.cli.{_HOME_OF[cmd_name]}")
+        return getattr(module, f"{cmd_name}_command")
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        try:
+            return super().resolve_command(ctx, args)
+        except click.UsageError as error:
+            import difflib
+
+            close = difflib.get_close_matches(args[0], list(_HOME_OF), n=1)
+            hint = f" Did you mean '{close[0]}'?" if close else ""
+            raise click.UsageError(f"There is no command '{args[0]}'.{hint}", ctx) from error
+
+
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="rfea")
+def rfea() -> None:
+    """See how a soft hydraulic actuator really moves, fit the RSDA model, and learn which effect the model lacks.
+
+    A campaign is a folder with a campaign.yaml and one folder per experiment; 'rfea init DIR' writes one to fill in.
+    Every command runs the stages that it needs and that are out of date. 'rfea improve CAMPAIGN' does it all.
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave with its exit code.
+
+    0 done; 1 the data do not allow it; 2 wrong usage or a broken input file; 130 interrupted.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    with contextlib.suppress(ValueError):  # only the main thread may set it
+        signal.signal(signal.SIGTERM, _interrupt)
+    sys.exit(run(arguments))
+
+
+def run(arguments: list[str]) -> int:
+    """Run the command line and return its exit code."""
+    as_json, debug = "--json" in arguments, "--debug" in arguments
+    try:
+        result = rfea.main(arguments, prog_name="rfea", standalone_mode=False)
+        sys.stdout.flush()
+        return result if isinstance(result, int) else 0
+    except RfeaError as error:
+        if debug:
+            traceback.print_exc()
+        print_error(str(error), error.exit_code, as_json=as_json)
+        return error.exit_code
+    except click.ClickException as error:
+        error.show()
+        if as_json:
+            print_error(error.format_message(), error.exit_code, as_json=True, quiet=True)
+        return error.exit_code
+    except (click.Abort, KeyboardInterrupt):
+        print_error("interrupted; everything finished so far is kept", INTERRUPTED, as_json=as_json)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # the reader of our output has gone, as in 'rfea effects | head'
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        print_error(
+            f"a fault in rfea-vision ({reason[:300]}); the same command with --debug shows where", 1, as_json=as_json
+        )
+        return 1
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Let a polite kill end like Ctrl-C: unfinished files are removed on the way out."""
+    raise KeyboardInterrupt

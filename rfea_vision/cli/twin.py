@@ -1,0 +1,3 @@
+"""Commands around the twin: simulate, demo."""
+
+from __future__ import annotations
