@@ -66,8 +66,8 @@ class Chain:
         across = mass * (3 * (outer**2 + inner**2) + length**2) / 12  # eq. CylinderIx
         middle = length / 2
         if self.lead and last:
-            # The chain of hinged rods is too quick by 2e-4 at 32 joints, all of it from the free end, where the sum over
-            # rods lacks the end term h^2/24 of the Euler-Maclaurin formula; in this place it leaves 1e-6.
+            # The chain of hinged rods rings too fast by 2e-4 at 32 joints, all of it from the free end, where the sum
+            # over rods lacks the end term h^2/24 of the Euler-Maclaurin formula. With it 1e-6 is left.
             middle += length / 6
         return (
             f'<inertial pos="{self.com_offset!r} {-middle!r} 0" mass="{mass!r}" '

@@ -24,7 +24,8 @@ class Run:
     """One experiment to record: its name and role, what drives it, and how its clocks lie.
 
     ``offset_s`` is the log's clock minus the camera's at the first frame; ``drift`` is by how much a second of the
-    camera is longer on the log; ``claimed_offset_s`` is what the experiment file says where it says anything.
+    camera is longer on the log; ``claimed_offset_s`` is what the experiment file says where it says anything (where
+    the clock drifts, it is right in the middle of the recording).
     """
 
     name: str
@@ -91,6 +92,7 @@ def draw_runs(options: TwinOptions, highest_Pa: float) -> list[Run]:
         drawn = generator.uniform(0.015, 0.085) * generator.choice([-1.0, 1.0])
         offset = 0.0 if options.sync == "common_clock" else drawn
         offset = offset if options.offset_s is None else options.offset_s
+        drift = options.hidden.get("clock_drift.d", 0.0)
         share = 1.0 if role == "train" else generator.uniform(0.8, 0.95)
         runs.append(
             Run(
@@ -98,8 +100,8 @@ def draw_runs(options: TwinOptions, highest_Pa: float) -> list[Run]:
                 role=role,
                 programme=programme(kind, generator, -BEFORE_S, end_s, rest_s, share * highest_Pa),
                 offset_s=offset,
-                drift=options.hidden.get("clock_drift.d", 0.0),
-                claimed_offset_s=offset - options.hidden.get("time_offset.dt", 0.0),
+                drift=drift,
+                claimed_offset_s=offset + 0.5 * drift * options.duration_s - options.hidden.get("time_offset.dt", 0.0),
             )
         )
     if options.repeat:

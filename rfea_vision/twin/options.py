@@ -1,8 +1,8 @@
 """What the twin is asked for: the options of one generated campaign, and the effects that may hide in it.
 
 The table `HIDDEN` names every effect parameter that the plant can carry, with its unit and the value at which the
-effect is absent. Ids and parameters are those of the catalogue of effects, so that an answer can be compared with the truth;
-those under `OUTSIDE` are in no catalogue: a critique that names one of its own effects for them is wrong.
+effect is absent. Ids and parameters are those of the catalogue of effects, so that an answer can be compared with the
+truth; those under `OUTSIDE` are in no catalogue: a critique that names one of its own effects for them is wrong.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ HIDDEN: dict[str, HiddenParameter] = {
     "virtual_work.a": HiddenParameter("1"),
     "variable_mass.a": HiddenParameter("1"),
     "payload.m": HiddenParameter("kg"),
-    "payload.offset": HiddenParameter("1"),
+    "payload.offset": HiddenParameter("1", usual=1.0),
     "com_offset.a": HiddenParameter("1"),
     "gravity_tilt.angle": HiddenParameter("rad"),
     "rest_curvature.angle": HiddenParameter("rad"),

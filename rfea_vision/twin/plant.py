@@ -201,7 +201,7 @@ class Plant:
     def _torque(
         self, q: FloatArray, v: FloatArray, a: FloatArray, memory0: Memory, step: float, p: float, time: float
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Joint torques (size,), their slope over v where q follows, and that over the sum of v where fluid couples all.
+        """Joint torques (size,), their slope over v where q follows, and over the sum of v where fluid couples all.
 
         The slope is a divided difference: it steers Newton's method and leaves no trace in the solution.
         """

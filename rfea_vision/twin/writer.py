@@ -31,6 +31,7 @@ from rfea_vision.twin.draw import (
     posture_at,
 )
 from rfea_vision.twin.options import HIDDEN, TwinOptions, with_partners
+from rfea_vision.twin.studio import Studio
 
 FloatArray = NDArray[np.float64]
 
@@ -73,18 +74,31 @@ def simulate(
     total = 1000 * len(runs)
     try:
         work.mkdir(parents=True)
-        _write_campaign(work, options)
+        camera_s = camera_times(options)
+        postures = []
         for index, run in enumerate(runs):
-            report(1000 * index, total)
+            report(200 * index, total)
             motion = move(plant, run, options.step_s)
-            camera_s = camera_times(options)
-            posture = posture_at(plant, motion, run.offset_s + (1 + run.drift) * camera_s)
+            postures.append(posture_at(plant, motion, run.offset_s + (1 + run.drift) * camera_s))
+        studio = Studio(options, postures) if options.video else None
+        camera = studio.write_calibration(work / "calibration") if studio else None
+        _write_campaign(work, options, camera)
+        for index, (run, posture) in enumerate(zip(runs, postures, strict=True)):
+            report(200 * len(runs) + 800 * index, total)
             generator = np.random.default_rng([options.seed, 3, index])
             folder = work / run.name
             folder.mkdir()
             _write_experiment(folder, run, options)
             _write_pressure(folder / "pressure.csv", run, options, generator)
-            _write_track(folder / "track.csv", camera_s, posture, hidden, options, generator)
+            if studio is None:
+                _write_track(folder / "track.csv", camera_s, posture, hidden, options, generator)
+            else:
+                begun = 200 * len(runs) + 800 * index
+                studio.film(
+                    folder / "video.mp4",
+                    posture,
+                    lambda frame, begun=begun: report(begun + 800 * frame // camera_s.size, total),
+                )
             if options.exact_tracks:
                 _write_exact(out.with_name(f"{out.name}-truth") / f"{run.name}.nc", camera_s, posture)
         truth = _truth(options, asdict(base), runs)
@@ -112,7 +126,7 @@ def _truth(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dic
     }
 
 
-def _write_campaign(folder: Path, options: TwinOptions) -> None:
+def _write_campaign(folder: Path, options: TwinOptions, camera: dict[str, Any] | None) -> None:
     tube = options.actuator
     content: dict[str, Any] = {
         "format": "rfea-campaign/1",
@@ -126,6 +140,8 @@ def _write_campaign(folder: Path, options: TwinOptions) -> None:
             "bends": tube.bends,
         },
     }
+    if camera is not None:
+        content["camera"] = camera
     write_text(folder / "campaign.yaml", yaml.safe_dump(content, sort_keys=False))
 
 

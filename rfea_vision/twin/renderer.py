@@ -1,0 +1,163 @@
+"""Pictures of the tube, with everything a real camera adds.
+
+The silhouette in the plane of motion is drawn by exact coverage, then blurred, lit unevenly and given sensor noise.
+What is left out: motion blur (the shutter is taken as instantaneous), shadows, and the depth of the round tube.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rfea_vision.twin.camera import Camera
+from rfea_vision.twin.coverage import coverage
+from rfea_vision.twin.draw import Posture
+
+FloatArray = NDArray[np.float64]
+Picture = NDArray[np.float32]
+
+SAMPLES = 400  # of each edge of the tube: chords 0.4 mm long, 0.002 px from the arc
+NOISE_FRAMES = 31
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is in front of the camera, in grey levels, and how the camera blurs and disturbs it.
+
+    Attributes
+    ----------
+    wall, clamp, tube, highlight : grey levels of the surfaces in full light
+    light : (height, width) share of full light in each pixel
+    clamp_mm : (k, 2) outline of the clamp block in the plane of motion
+    blur_px : standard deviation of the lens's and sensor's blur
+    noise : standard deviation of the sensor's noise, grey levels
+    """
+
+    wall: float
+    clamp: float
+    tube: float
+    highlight: float
+    light: Picture
+    clamp_mm: FloatArray
+    blur_px: float
+    noise: float
+
+
+def draw_scene(
+    camera: Camera, outer_radius_mm: float, dark_tube: bool | None, noise: float, generator: np.random.Generator
+) -> Scene:
+    """Draw surfaces and light."""
+    dark = bool(generator.integers(2)) if dark_tube is None else dark_tube
+    jitter = generator.uniform(-8, 8, 4)
+    wall, clamp, tube = (208.0, 118.0, 46.0) if dark else (44.0, 122.0, 205.0)
+    half, tall = generator.uniform(3.0, 4.0) * outer_radius_mm, generator.uniform(6.0, 8.0) * outer_radius_mm
+    return Scene(
+        wall=wall + jitter[0],
+        clamp=clamp + jitter[1],
+        tube=tube + jitter[2],
+        highlight=tube + jitter[2] + (14.0 if dark else -14.0),
+        light=_uneven_light(camera.width, camera.height, generator),
+        clamp_mm=np.array([[-half, 0.0], [half, 0.0], [half, tall], [-half, tall]]),
+        blur_px=generator.uniform(0.7, 1.0),
+        noise=noise,
+    )
+
+
+def _uneven_light(width: int, height: int, generator: np.random.Generator) -> Picture:
+    """A lamp to one side, the lens's falling off, and slow blotches: 0.8 to 1.05 of full light."""
+    x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
+    slope = generator.uniform(-0.06, 0.06, 2)
+    light = 1.0 + slope[0] * x + slope[1] * y - generator.uniform(0.03, 0.07) * (x**2 + y**2)
+    for _ in range(3):
+        kx, ky, phase = generator.uniform(1.0, 4.0), generator.uniform(1.0, 4.0), generator.uniform(0, 2 * np.pi)
+        light += 0.008 * np.sin(kx * x + ky * y + phase)
+    return light.astype(np.float32)
+
+
+def tube_outline_mm(posture: Posture, extend_mm: float, inset: float = 1.0) -> FloatArray:
+    """Outline of the tube in every frame, (T, 2 SAMPLES + 2, 2) in mm: one edge down, across the tip, the other up.
+
+    Parameters
+    ----------
+    extend_mm : by how much the outline reaches into the clamp
+    inset : distance of the edges from the centre line, in outer radii
+    """
+    fraction = np.linspace(0.0, 1.0, SAMPLES)
+    outer, _ = posture.line(fraction, inset)
+    inner, _ = posture.line(fraction, -inset)
+    up = np.array([0.0, extend_mm])
+    return np.concatenate(
+        [outer[:, :1] + up, outer, inner[:, ::-1], inner[:, :1] + up],
+        axis=1,
+    )
+
+
+def frames(
+    camera: Camera, scene: Scene, posture: Posture, generator: np.random.Generator
+) -> Iterator[NDArray[np.uint8]]:
+    """Yield the picture of every posture."""
+    width, height = camera.width, camera.height
+    block = coverage([camera.project_plane(finely(scene.clamp_mm))], 0, 0, width, height)
+    sharp = (scene.wall + (scene.clamp - scene.wall) * block) * scene.light
+    still = blurred(sharp, scene.blur_px)
+    noise = (scene.noise * generator.standard_normal((NOISE_FRAMES, height, width))).astype(np.float32)
+    tube = camera.project_plane(tube_outline_mm(posture, 3.0))
+    stripe = camera.project_plane(tube_outline_mm(posture, 3.0, 0.45))
+    margin = int(np.ceil(5 * scene.blur_px)) + 2
+    order = _noise_order(tube.shape[0], generator)
+    for index in range(tube.shape[0]):
+        left, top = np.maximum(np.floor(tube[index].min(axis=0)).astype(int) - margin, 0)
+        right, bottom = np.minimum(np.ceil(tube[index].max(axis=0)).astype(int) + margin, (width, height))
+        size = (int(right - left), int(bottom - top))
+        body = coverage([tube[index]], left, top, *size)
+        shine = coverage([stripe[index]], left, top, *size)
+        window = (slice(top, bottom), slice(left, right))
+        free = 1 - block[window]
+        surface = scene.tube + (scene.highlight - scene.tube) * shine
+        patch = sharp[window] + body * free * (surface * scene.light[window] - sharp[window])
+        # what lies within the blur of the window's rim is still background
+        inner = blurred(patch, scene.blur_px)
+        yield _develop(still, inner, left, top, noise[order[index]])
+
+
+def _noise_order(count: int, generator: np.random.Generator) -> NDArray[np.int64]:
+    """Which stored noise each frame takes: at random, but never the same twice in a row."""
+    order = generator.integers(0, NOISE_FRAMES, count)
+    for index in range(1, count):
+        if order[index] == order[index - 1]:
+            order[index] = (order[index] + 1 + index % (NOISE_FRAMES - 1)) % NOISE_FRAMES
+    return order
+
+
+def blurred(picture: Picture, sigma: float) -> Picture:
+    size = 2 * int(np.ceil(4 * sigma)) + 1
+    blurred = cv2.GaussianBlur(picture, (size, size), sigma, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, dtype=np.float32)
+
+
+@njit(cache=True)
+def _develop(still: Picture, patch: Picture, left: int, top: int, noise: Picture) -> NDArray[np.uint8]:
+    """Put the patch on the still background, add noise, round to grey levels."""
+    height, width = still.shape
+    out = np.empty((height, width), np.uint8)
+    bottom, right = top + patch.shape[0], left + patch.shape[1]
+    for row in range(height):
+        for column in range(width):
+            if top <= row < bottom and left <= column < right:
+                value = patch[row - top, column - left]
+            else:
+                value = still[row, column]
+            out[row, column] = np.uint8(min(max(value + noise[row, column] + np.float32(0.5), 0.0), 255.0))
+    return out
+
+
+def finely(outline: FloatArray, pieces: int = 24) -> FloatArray:
+    """Cut each side of a polygon into pieces, because a lens bends straight lines."""
+    share = np.arange(pieces)[:, None] / pieces
+    ends = np.roll(outline, -1, axis=0)
+    return np.concatenate([start + share * (end - start) for start, end in zip(outline, ends, strict=True)])

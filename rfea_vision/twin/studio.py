@@ -1,0 +1,195 @@
+"""A session with the twin's camera: photos of a board, the board in the plane of motion, and a film of every run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.files import whole_file
+from rfea_vision.twin.camera import Camera, camera_over, turn
+from rfea_vision.twin.coverage import coverage
+from rfea_vision.twin.draw import Posture, misread_plane
+from rfea_vision.twin.options import TwinOptions
+from rfea_vision.twin.renderer import Scene, blurred, draw_scene, finely, frames
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CheckerBoard:
+    """Inner corners per row and column, and the side of a square; the origin is the first inner corner."""
+
+    columns: int
+    rows: int
+    square_mm: float
+
+    def outline(self, margin: float = 0.75) -> FloatArray:
+        """Corners of the white sheet, (4, 2) mm."""
+        low = -(1 + margin) * self.square_mm
+        right, bottom = (self.columns + margin) * self.square_mm, (self.rows + margin) * self.square_mm
+        return np.array([[low, low], [right, low], [right, bottom], [low, bottom]])
+
+    def black_squares(self) -> list[FloatArray]:
+        """Outlines of the black squares, (4, 2) mm each."""
+        side = self.square_mm
+        unit = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        return [
+            (unit + [column - 1, row - 1]) * side
+            for row in range(self.rows + 1)
+            for column in range(self.columns + 1)
+            if (row + column) % 2 == 0
+        ]
+
+
+def photograph(
+    scene: Scene,
+    project: Callable[[FloatArray], FloatArray],
+    board: CheckerBoard,
+    size: tuple[int, int],
+    generator: np.random.Generator,
+) -> NDArray[np.uint8]:
+    """Picture of a board; `project` maps its plane (mm) to pixels."""
+    width, height = size
+    sheet = coverage([project(finely(board.outline()))], 0, 0, width, height)
+    black = coverage([project(finely(square, 8)) for square in board.black_squares()], 0, 0, width, height)
+    wall = 0.75 * scene.wall + 20
+    sharp = (wall + (222.0 - wall) * sheet - 190.0 * black) * scene.light
+    noise = scene.noise * generator.standard_normal((height, width))
+    return np.clip(blurred(sharp.astype(np.float32), scene.blur_px) + noise + 0.5, 0, 255).astype(np.uint8)
+
+
+def board_poses(
+    camera: Camera, board: CheckerBoard, count: int, generator: np.random.Generator
+) -> list[Callable[[FloatArray], FloatArray]]:
+    """Draw poses that together fill the picture: near and far, tilted both ways, all of the board in view.
+
+    Returns
+    -------
+    list
+        Functions from the board's plane (mm) to pixels.
+    """
+    sheet = board.outline()
+    middle = sheet.mean(axis=0)
+    distance = float(camera.translation[2])
+    poses: list[Callable[[FloatArray], FloatArray]] = []
+    targets = [(x, y) for y in (0.24, 0.5, 0.76) for x in (0.35, 0.5, 0.65)]
+    while len(poses) < count:
+        target = np.array(targets[len(poses) % len(targets)]) + generator.uniform(-0.06, 0.06, 2)
+        for _ in range(500):
+            angles = np.radians(generator.uniform([-38, -38, -25], [38, 38, 25]))
+            rotation = turn(*angles)
+            depth = distance * generator.uniform(0.75, 1.25)
+            pixel = target * [camera.width, camera.height]
+            ray = np.array(
+                [
+                    (pixel[0] - camera.matrix[0, 2]) / camera.matrix[0, 0],
+                    (pixel[1] - camera.matrix[1, 2]) / camera.matrix[1, 1],
+                    1.0,
+                ]
+            )
+            translation = depth * ray - rotation[:, :2] @ middle
+            corners = camera.project_camera_frame(sheet @ rotation[:, :2].T + translation)
+            if np.all(corners > 4) and np.all(corners < [camera.width - 5, camera.height - 5]):
+                poses.append(_pose(camera, rotation, translation))
+                break
+            target = 0.9 * target + 0.05
+    return poses
+
+
+def _pose(camera: Camera, rotation: FloatArray, translation: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    return lambda points: camera.project_camera_frame(points @ rotation[:, :2].T + translation)
+
+
+def write_video(
+    path: Path, pictures: Iterator[NDArray[np.uint8]], rate_Hz: float, size: tuple[int, int], crf: float
+) -> None:
+    """Encode grey pictures as H.264 with exact time stamps."""
+    rate = Fraction(rate_Hz).limit_denominator(1001)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=rate)
+        stream.width, stream.height = size
+        stream.pix_fmt = "yuv420p"
+        stream.options = {"crf": f"{crf:g}", "preset": "medium", "threads": "2"}
+        for index, picture in enumerate(pictures):
+            frame = av.VideoFrame.from_ndarray(picture, format="gray")
+            frame.pts = index
+            frame.time_base = 1 / rate
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+class Studio:
+    """Camera, light and board of one campaign.
+
+    Parameters
+    ----------
+    options : of the campaign
+    postures : of every run; the camera is set up so that all of them are in the picture
+    """
+
+    def __init__(self, options: TwinOptions, postures: list[Posture]) -> None:
+        self.options = options
+        self.generator = np.random.default_rng([options.seed, 4])
+        radius = 1e3 * options.actuator.outer_radius
+        nodes = np.concatenate([posture.line(np.linspace(0, 1, 33))[0].reshape(-1, 2) for posture in postures])
+        room = 3.5 * radius
+        self.lower = np.minimum(nodes.min(axis=0), [-2 * radius, 0.0]) - room
+        self.upper = np.maximum(nodes.max(axis=0), [2 * radius, 0.0]) + room
+        self.camera = camera_over(self.lower, self.upper, options.frame_size, self.generator)
+        self.scene = draw_scene(self.camera, radius, options.dark_tube, options.image_noise, self.generator)
+        square = max(1.0, round(0.068 * float(self.upper[0] - self.lower[0])))
+        self.board = CheckerBoard(9, 6, square)
+
+    def write_calibration(self, folder: Path) -> dict[str, Any]:
+        """Write the photos; return the campaign's ``camera`` section."""
+        folder.mkdir()
+        poses = board_poses(self.camera, self.board, self.options.photos, self.generator)
+        for index, pose in enumerate(poses):
+            self._write_photo(folder / f"board_{index + 1:02d}.jpg", pose)
+        self._write_photo(folder / "plane.jpg", self._in_plane)
+        return {
+            "board": {
+                "kind": "checkerboard",
+                "inner_corners": [self.board.columns, self.board.rows],
+                "square": f"{self.board.square_mm:g} mm",
+            },
+            "photos": "calibration/board_*.jpg",
+            "plane": "calibration/plane.jpg",
+            "vertical": "board",
+        }
+
+    def film(self, path: Path, posture: Posture, progress: Callable[[int], None]) -> None:
+        """Film one run."""
+
+        def counted() -> Iterator[NDArray[np.uint8]]:
+            for index, picture in enumerate(frames(self.camera, self.scene, posture, self.generator)):
+                progress(index)
+                yield picture
+
+        with whole_file(path) as temporary:
+            write_video(temporary, counted(), self.options.rate_Hz, self.options.frame_size, self.options.codec_crf)
+
+    def _in_plane(self, points: FloatArray) -> FloatArray:
+        """Pixels of the board lying in the plane of motion, rows level; a hidden error of the plane sits here."""
+        centre = 0.5 * (self.lower + self.upper)
+        middle = self.board.outline().mean(axis=0)
+        believed = centre + (points - middle) * [1.0, -1.0]
+        true = believed
+        for _ in range(8):  # undo the misreading: contracts fast, as its errors are small
+            true = true + believed - misread_plane(true, dict(self.options.hidden))
+        return self.camera.project_plane(true)
+
+    def _write_photo(self, path: Path, project: Callable[[FloatArray], FloatArray]) -> None:
+        picture = photograph(self.scene, project, self.board, self.options.frame_size, self.generator)
+        done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 93])
+        if not done:
+            raise OSError(f"{path}: the picture could not be encoded")
+        path.write_bytes(data.tobytes())
