@@ -24,7 +24,7 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
 def read_camera(path: Path) -> dict[str, Any]:
-    """Keys of the file as plain numbers, lists and text; values that hold JSON are parsed.
+    """Keys of the file as plain numbers, lists and text; ``photos`` and ``quality`` as they were before they became JSON.
 
     Raises
     ------
@@ -40,10 +40,7 @@ def read_camera(path: Path) -> dict[str, Any]:
         raise ValueError(f"not an OpenCV YAML file: {error}") from error
     if not isinstance(record, dict) or "camera_matrix" not in record:
         raise ValueError("camera_matrix is missing")
-    for key, value in record.items():
-        if isinstance(value, str) and value[:1] in "[{":
-            try:
-                record[key] = json.loads(value)
-            except json.JSONDecodeError:
-                continue
+    for key, value in list(record.items()):
+        if key.endswith("_json") and isinstance(value, list):  # long text, cut in pieces that begin with a bar
+            record[key.removesuffix("_json")] = json.loads("".join(str(piece)[1:] for piece in value))
     return record

@@ -146,6 +146,29 @@ FIGURES = {
             220,
         ),
         Figure(
+            "photos",
+            "Corners of the board that do not fit",
+            "Worst photo first. Each stroke is the distance from where a corner was seen to where the lens model puts it, much "
+            "enlarged and to one scale. Strokes that all point one way tell of a lens or board that is not as assumed.",
+            "Reprojection residuals of the calibration photos",
+            300,
+        ),
+        Figure(
+            "uncertainty",
+            "What is left of it in the plane of motion",
+            "Standard error of a point relative to the middle of the picture.",
+            "Map of the calibration's standard error over the picture",
+            300,
+        ),
+        Figure(
+            "study",
+            "Number of segments",
+            "Tip error against the number of segments, training in grey, held-out in orange. Where the curve is flat, more "
+            "segments buy nothing.",
+            "Tip error against the number of segments",
+            260,
+        ),
+        Figure(
             "correlation",
             "Correlation of the parameters",
             "Near +1 or -1 two parameters cannot be told apart: read them together.",

@@ -11,12 +11,13 @@ from markupsafe import Markup, escape
 MINUS = "\N{MINUS SIGN}"
 
 
-def number(value: float | None, digits: int = 3) -> str:
-    """`value` to `digits` significant digits, with a real minus sign; a dash where there is none."""
+def number(value: float | None, digits: int = 0) -> str:
+    """`value` to `digits` significant digits (0: three from 1 upwards, two below), a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "\N{EN DASH}"
     if value == 0:
         return "0"
+    digits = digits or (3 if abs(value) >= 1 else 2)
     if not 1e-4 <= abs(value) < 1e6:
         mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
         return f"{mantissa}·10{_raised(int(exponent))}".replace("-", MINUS)
@@ -28,7 +29,7 @@ def _raised(power: int) -> str:
     return str(power).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
 
 
-def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
+def with_unit(value: float | None, unit: str, digits: int = 0) -> str:
     """``0.31 mm``; no unit after a missing number or a pure ratio."""
     text = number(value, digits)
     return text if value is None or unit in ("", "1", "dimensionless") else f"{text}\N{NO-BREAK SPACE}{unit_text(unit)}"

@@ -20,7 +20,9 @@ from rfea_vision.report.pack import Pack
 from rfea_vision.report.series import pack_experiment, pack_step, rung_name
 
 SIZE_LIMIT_BYTES = 10_000_000
-SCRIPTS = ("data", "pen", "plot", "time", "where", "shape", "trust", "stage", "controls", "main")
+MOST_PHOTOS = 12
+MOST_CORNERS = 120
+SCRIPTS = ("data", "pen", "plot", "time", "where", "shape", "trust", "camera", "stage", "controls", "main")
 
 
 def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
@@ -45,6 +47,7 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
         "title": title,
         "experiments": experiments,
         "rungs": [pack_step(step, evidence, pack, titles) for step in evidence.steps],
+        "calibration": _calibration(evidence),
         "length_mm": _length_mm(evidence),
         "bends": evidence.steps[0].fit.actuator.get("bends", "left") if evidence.steps else "left",
     }
@@ -98,6 +101,18 @@ def _finite(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def _calibration(evidence: Evidence) -> dict[str, Any]:
+    """What the calibration knows about itself: residuals photo by photo (the worst first) and the map of uncertainty."""
+    quality = (evidence.camera or {}).get("quality") or {}
+    kept = {key: quality[key] for key in ("uncertainty_map", "coverage") if key in quality}
+    fields = [
+        {key: value[:MOST_CORNERS] if isinstance(value, list) else value for key, value in photo.items()}
+        for photo in quality.get("residual_fields", [])[:MOST_PHOTOS]
+    ]
+    size = [evidence.camera.get("image_width"), evidence.camera.get("image_height")] if evidence.camera else None
+    return kept | {"photos": fields, "size": size}
 
 
 def _length_mm(evidence: Evidence) -> float | None:

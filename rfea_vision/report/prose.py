@@ -66,13 +66,23 @@ def versions() -> dict[str, str]:
 
 
 def effect_titles(evidence: Evidence) -> dict[str, str]:
-    """Effect id -> title, as far as the models written so far carry one."""
-    return {
-        effect: law["title"]
-        for step in evidence.steps
-        for effect, law in step.fit.laws.items()
-        if law.get("title")
-    }  # fmt: skip
+    """Effect id -> title, from the laws of the models and the candidates; else the id in words."""
+    titles: dict[str, str] = {}
+    for step in evidence.steps:
+        for candidate in step.diagnosis.candidates if step.diagnosis else []:
+            named = (candidate.model_extra or {}).get("title")
+            titles[candidate.effect] = str(named) if named else titles.get(candidate.effect, _words(candidate.effect))
+        named_effects = [*(step.diagnosis.named if step.diagnosis else []), *step.fit.effects, step.rung.added or ""]
+        for effect in named_effects:
+            titles.setdefault(effect, _words(effect))
+    for step in evidence.steps:
+        titles |= {effect: law["title"] for effect, law in step.fit.laws.items() if law.get("title")}
+    return titles
+
+
+def _words(effect: str) -> str:
+    text = effect.replace("_", " ")
+    return text[:1].upper() + text[1:]
 
 
 def last_step(evidence: Evidence) -> Step | None:
@@ -87,17 +97,19 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if step is None:
         return "The motion is measured; no model has been fitted yet."
     diagnosis = step.diagnosis
-    added = [_lower(titles.get(effect, effect.replace("_", " "))) for effect in _added(evidence)]
+    added = [_lower(titles[effect]) for effect in _added(evidence)]
     if diagnosis is None:
         return "The model is fitted; what it lacks has not been looked for yet."
     if diagnosis.verdict == "complete":
         if not added:
             return "The model of the paper is complete here: nothing that matters is missing."
-        return f"The model of the paper lacked {listing(added)}. With that, nothing that matters is missing."
+        if len(added) == 1:
+            return f"The model of the paper lacked one thing: {added[0]}. With it, nothing that matters is missing."
+        return f"The model of the paper lacked {len(added)} things: {'; '.join(added)}. With them, nothing that matters is missing."
     if diagnosis.verdict == "unexplained":
         return "Something is missing that no effect in the catalogue explains."
-    named = [_lower(titles.get(effect, effect.replace("_", " "))) for effect in diagnosis.named]
-    return f"The model still lacks {listing(named)}." if named else "The model still lacks an effect."
+    named = [_lower(titles[effect]) for effect in diagnosis.named]
+    return f"The model still lacks something: {'; '.join(named)}." if named else "The model still lacks an effect."
 
 
 def _added(evidence: Evidence) -> list[str]:
@@ -139,9 +151,9 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     step = last_step(evidence)
     ladder = evidence.ladder
     if ladder and ladder.rungs:
-        added = [titles.get(effect, effect.replace("_", " ")).split(":")[0] for effect in _added(evidence)]
+        added = [titles[effect].split(":")[0] for effect in _added(evidence)]
         note = "added to the model of the paper" if added else "nothing had to be added"
-        yield Tile("Missing physics", listing(added) or "None found", note=note, section="why")
+        yield Tile("Missing physics", "; ".join(added) or "None found", note=note, section="why")
         held_out = [rung.validate_tip_rmse_mm for rung in ladder.rungs]
         rows = held_out if held_out[0] is not None else [rung.train_tip_rmse_mm for rung in ladder.rungs]
         which = "held-out" if held_out[0] is not None else "training"

@@ -147,6 +147,7 @@ def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, s
         "steady": fit.steady_state,
         "starts": fit.starts,
         "next": step.next_pressure,
+        "study": (fit.model_extra or {}).get("segments_study", []),
         "why": dict(step.absent),
         "experiments": {e.name: pack_prediction(step, e, pack) for e in evidence.experiments},
     }
@@ -158,4 +159,4 @@ def rung_name(step: Step, titles: Mapping[str, str]) -> str:
         return step.rung.model
     if step.rung.added is None:
         return "The model of the paper"
-    return titles.get(step.rung.added, step.rung.added.replace("_", " "))
+    return titles[step.rung.added]

@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 import xarray as xr
 
-from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
+from rfea_vision.artefacts import Actuator, Calibration, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
+from rfea_vision.calibration.storage import save_calibration
 from rfea_vision.files import write_datasets
 
 RATE_HZ = 240.0
@@ -98,7 +99,7 @@ def experiment(name: str, seconds: float, seed: int) -> dict:
     time = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
     log = np.arange(round(seconds * 1000)) / 1000
     p_log = pressure_kPa(name, log)
-    fast = follow(0.72 * p_log, 1e-3, 4.2, 0.16)
+    fast = follow(0.58 * p_log, 1e-3, 3.6, 0.3)
     slow = 0.06 * lag(fast, 1e-3, 1.2) - 0.02 * fast
     frames = np.minimum(np.round(time * 1000).astype(int), len(log) - 1)
     truth, theta = shape((fast + slow)[frames], 2.0)
@@ -152,7 +153,7 @@ def track_dataset(e: dict) -> xr.Dataset:
 
 def write_clip(folder: Path, e: dict, per_second: int = 30) -> None:
     step = round(RATE_HZ / per_second)
-    x_min, y_max, scale, width, height = -165.0, 25.0, 1.8, 360, 360
+    x_min, y_max, scale, width, height = -160.0, 60.0, 1.6, 400, 360
     with av.open(str(folder / "clip.mp4"), "w") as container:
         stream = container.add_stream("libx264", rate=per_second)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
@@ -235,12 +236,12 @@ def scores(predicted: dict[str, xr.Dataset]) -> dict[str, dict]:
 
 LAWS = {
     "maxwell": {
-        "title": "Creep: a spring in series with a damper", "reference": "Ferry, Viscoelastic Properties of Polymers, 1980",
+        "title": "Visco-elastic relaxation (Maxwell branch)", "reference": "Ferry, Viscoelastic Properties of Polymers, 1980",
         "latex": r"\tau_j = -k_1 k_{\mathrm{ref}} \left(\theta_j - z_j\right), \qquad \dot z_j = \frac{\theta_j - z_j}{T}",
         "text": "Part of the rubber's torque relaxes with the time constant T.",
     },
     "gravity_tilt": {
-        "title": "The camera's vertical is not the plumb line", "reference": "Geometry of the rig",
+        "title": "Gravity tilted in the plane", "reference": "Geometry of the rig",
         "latex": r"\vec g = -g \left(\sin\alpha, \cos\alpha\right)",
         "text": "Gravity is turned by the angle alpha in the plane of motion.",
     },
@@ -295,6 +296,10 @@ def model_fit(rung: int, predicted: dict[str, xr.Dataset]) -> ModelFit:
             "fitted_angle_deg": (0.755 * bend + (0, 0.2, 0.1)[rung]).tolist(),
         },
         "starts": [{"start": i, "cost": 120.0 + (0 if i < 5 else 11.0 * i), "status": "converged"} for i in range(8)],
+        "segments_study": [
+            {"segments": n, "train_tip_rmse_mm": off * (0.4 + 40 / n**2), "validate_tip_rmse_mm": off * (0.45 + 44 / n**2)}
+            for n in (2, 4, 8, 16, 32)
+        ],
         "residual_tests": {
             "whiteness": {"value": (41.0, 3.2, 1.1)[rung], "expected": 1.0, "sentence": "Ratio of structured to white residual."},
             "gradient_check": {"value": 3e-8, "sentence": "Largest relative difference between exact and finite differences."},
@@ -393,23 +398,37 @@ def diagnosis(rung: int, predicted: dict[str, xr.Dataset], error_mm: list[float]
     })  # fmt: skip
 
 
-CAMERA = """%YAML:1.0
----
-image_width: 720
-image_height: 1280
-model: brown5
-rms: 0.081
-camera_matrix: !!opencv-matrix
-   rows: 3
-   cols: 3
-   dt: d
-   data: [ 1412.3, 0., 361.2, 0., 1411.9, 640.8, 0., 0., 1. ]
-distortion_coefficients: !!opencv-matrix
-   rows: 5
-   cols: 1
-   dt: d
-   data: [ -0.11, 0.05, 0.0003, -0.0001, 0.0 ]
-"""
+def calibration() -> Calibration:
+    rng = np.random.default_rng(5)
+    columns, rows = np.meshgrid(np.arange(9) * 60.0, np.arange(6) * 60.0)
+    fields = []
+    for index in range(10):
+        turn = rng.normal(0, 0.15)
+        x = 120 + 20 * rng.normal() + columns * np.cos(turn) - rows * np.sin(turn)
+        y = 200 + 250 * rng.random() + columns * np.sin(turn) + rows * np.cos(turn)
+        slip = rng.normal(0, 0.06, (2, x.size)) * (2.5 if index == 0 else 1.0)
+        fields.append({
+            "file": f"board_{index:02d}.jpg", "rms_px": float(np.sqrt(np.mean(np.sum(slip**2, axis=0)))),
+            "x_px": x.ravel().tolist(), "y_px": y.ravel().tolist(), "dx_px": slip[0].tolist(), "dy_px": slip[1].tolist(),
+        })  # fmt: skip
+    grid_x, grid_y = np.meshgrid(np.linspace(60, 660, 9), np.linspace(100, 1180, 9))
+    spread = 0.004 + 0.03 * np.hypot(grid_x - 360, grid_y - 640) / 700
+    quality = {
+        "residual_fields": fields,
+        "uncertainty_map": {"x_px": grid_x[0].tolist(), "y_px": grid_y[:, 0].tolist(), "sigma_mm": spread.tolist()},
+        "advice": "add photos with the board at: top left, top right (3 of 48 fields are empty)",
+        "cross_validation": {"difference_mm": 0.02, "predicted_mm": 0.018, "ratio": 1.1,
+                             "sentence": "the two halves of the photos differ by what their uncertainties say"},
+    }  # fmt: skip
+    return Calibration(
+        image_width=720, image_height=1280, camera_matrix=np.array([[1412.3, 0, 361.2], [0, 1411.9, 640.8], [0, 0, 1]]),
+        distortion=np.array([-0.11, 0.05, 0.0003, -0.0001, 0.0]), model="brown5", rms_px=0.081,
+        intrinsics_covariance=np.eye(9), plane_rotation=np.eye(3), plane_translation_mm=np.array([0.0, 0.0, 600.0]),
+        plane_pose_covariance=np.eye(6), plane_tilt_deg=4.2, vertical="board",
+        photos=tuple({"file": f["file"], "used": True, "reason": "", "rms_px": f["rms_px"]} for f in fields)
+        + ({"file": "board_10.jpg", "used": False, "reason": "no board was found", "rms_px": None},),
+        quality=quality,
+    )  # fmt: skip
 
 
 def write_sample(folder: Path, *, seconds: float = 6.0, video: bool = True, names: tuple[str, ...] = tuple(ROLES)) -> Path:
@@ -417,8 +436,7 @@ def write_sample(folder: Path, *, seconds: float = 6.0, video: bool = True, name
     experiments = {name: experiment(name, seconds, seed) for seed, name in enumerate(names)}
     for name, e in experiments.items():
         write_measurement(folder / name, e, video=video)
-    (folder / "calibration").mkdir(exist_ok=True)
-    (folder / "calibration" / "camera.yaml").write_text(CAMERA)
+    save_calibration(folder / "calibration" / "camera.yaml", calibration())
     predicted = [{name: prediction(e, rung) for name, e in experiments.items()} for rung in range(len(RUNGS))]
     fits = [model_fit(rung, predicted[rung]) for rung in range(len(RUNGS))]
     roles = ["validate" if "validate" in fit.metrics else "train" for fit in fits]

@@ -38,6 +38,7 @@ function showRung() {
     element.setAttribute("aria-checked", index === state.rung); element.tabIndex = index === state.rung ? 0 : -1;
     element.classList.toggle("earlier", state.earlier && index === shown);
   });
+  every(".on-rung").forEach(note => { note.textContent = rung() ? `rung ${shown + 1} of ${manifest.rungs.length}: ${rung().name}` : ""; note.classList.toggle("earlier", state.earlier); });
   every("tr[data-choose]").forEach(row => row.classList.toggle("on", Number(row.dataset.choose) === shown));
   const hold = one("#before");
   if (hold) { hold.classList.toggle("on", state.earlier); hold.disabled = state.rung === 0; }
@@ -65,7 +66,7 @@ const actions = {
   "[": () => chooseExperiment(state.experiment - 1), "]": () => chooseExperiment(state.experiment + 1),
   "+": () => zoom("in"), "=": () => zoom("in"), "-": () => zoom("out"), 0: () => zoom("all"), s: () => toggleScale(), t: () => toggleTheme(), "?": () => one("#help").showModal(),
 };
-function toggleScale(same = !state.same) { state.same = same; const box = one("#same-scale"); if (box) box.checked = same; Figure.redraw(); }
+function toggleScale(same = !state.same) { state.same = same; every(".same-scale").forEach(box => { box.checked = same; }); Figure.redraw(); }
 
 function listenKeys() {
   addEventListener("keydown", event => {
@@ -100,10 +101,10 @@ function csvOf(table) {
 
 function dressTables() {
   for (const table of every("table[data-csv]")) {
-    const bar = document.createElement("div"), button = document.createElement("button");
-    bar.className = "tablebar"; button.type = "button"; button.className = "csv"; button.textContent = "CSV"; button.setAttribute("aria-label", `Save table ${table.dataset.csv} as CSV`);
+    const box = document.createElement("div"), button = document.createElement("button"), scroll = table.parentElement;
+    box.className = "tablebox"; button.type = "button"; button.className = "csv"; button.textContent = "CSV"; button.setAttribute("aria-label", `Save table ${table.dataset.csv} as CSV`);
     button.addEventListener("click", () => download(new Blob([csvOf(table)], {type: "text/csv"}), `${table.dataset.csv}.csv`));
-    bar.append(button); table.parentElement.before(bar);
+    scroll.replaceWith(box); box.append(scroll, button);
   }
   for (const box of every(".copy")) {
     const button = document.createElement("button");

@@ -9,7 +9,7 @@ function wire() {
   listen("#scrub", "input", element => setTime(poseTime(Number(element.value))));
   listen("#play", "click", () => play());
   listen("#lens, #outline", "change", paintStage);
-  listen("#same-scale", "change", element => toggleScale(element.checked));
+  listen(".same-scale", "change", element => toggleScale(element.checked));
   listen("#segment", "input", element => { state.segment = Number(element.value) - 1; showRung(); Figure.redraw(); });
   listen("#against", "change", element => { state.against = element.value; Figure.redraw(); });
   listen("#theme", "click", toggleTheme);

@@ -28,14 +28,22 @@ function seek(force = false) {
   film.currentTime = Math.min(film.duration - 1e-4, (frame + 0.5) * film.duration / e.clip.frames);
 }
 
-// The rectangle to show, in mm: that of the film, or one that holds every pose.
+const filmRect = e => e?.clip && {left: e.clip.x_min_mm, top: e.clip.y_max_mm, width: e.clip.width / e.clip.px_per_mm, height: e.clip.height / e.clip.px_per_mm};
+
+// The rectangle to show, in mm: it holds the film and every pose.
+let lastView = {};
 function stageView() {
   const e = experiment();
-  if (e?.clip) return {left: e.clip.x_min_mm, top: e.clip.y_max_mm, width: e.clip.width / e.clip.px_per_mm, height: e.clip.height / e.clip.px_per_mm};
+  if (lastView.of !== e) { lastView = {of: e, ...findView(e)}; lastView.corner = lensCorner(lastView); }
+  return lastView;
+}
+function findView(e) {
   const lines = [series(e?.midline) ?? series(e?.tip), ...manifest.rungs.map(r => series(prediction(r)?.midline) ?? series(prediction(r)?.tip))].filter(Boolean);
-  const length = manifest.length_mm ?? 150, xs = [0, 0], ys = [0, -length];
+  const film = filmRect(e), length = manifest.length_mm ?? 150, xs = film ? [film.left, film.left + film.width] : [0, 0], ys = film ? [film.top - film.height, film.top] : [0, -length];
   for (const line of lines) for (let i = 0; i < line.length; i += 2) if (line[i] === line[i]) { xs.push(line[i]); ys.push(line[i + 1]); }
-  const [x0, x1] = extent(xs), [y0, y1] = extent(ys), pad = 0.08 * length, side = Math.max(x1 - x0, y1 - y0) + 2 * pad;
+  const [x0, x1] = extent(xs), [y0, y1] = extent(ys);
+  if (film) return {left: x0, top: y1, width: x1 - x0, height: y1 - y0};
+  const pad = 0.08 * length, side = Math.max(x1 - x0, y1 - y0) + 2 * pad;
   return {left: (x0 + x1 - side) / 2, top: (y0 + y1 + side) / 2, width: side, height: side};
 }
 
@@ -56,10 +64,10 @@ function paintStage() {
   const c = canvas.getContext("2d"), perMm = Math.min(width / view.width, height / view.height);
   c.setTransform(dense, 0, 0, dense, 0, 0); c.clearRect(0, 0, width, height);
   const at = {left: (width - view.width * perMm) / 2, top: (height - view.height * perMm) / 2};
-  drawScene(c, {x: mm => at.left + (mm - view.left) * perMm, y: mm => at.top + (view.top - mm) * perMm, perMm}, view, k, 1);
+  drawScene(c, {x: mm => at.left + (mm - view.left) * perMm, y: mm => at.top + (view.top - mm) * perMm, perMm}, k, 1);
   rulerOf(c, width, height, perMm);
   const tip = tipOf(e, k);
-  if (document.getElementById("lens").checked && tip) drawLens(c, width, height, view, perMm, tip, k);
+  if (document.getElementById("lens").checked && tip) drawLens(c, width, height, perMm, tip, k);
   const film = stage.films.get(e.name);
   document.getElementById("stage-note").textContent = film?.broken ? "This browser cannot play the film (H.264); the tube is drawn alone." : e.clip ? "" : e.why.clip ?? "";
 }
@@ -73,9 +81,9 @@ function tipOf(e, k) {
   return [tips[2 * i], tips[2 * i + 1]];
 }
 
-function drawScene(c, to, view, k, weight) {
-  const e = experiment(), film = filmOf(e), paint = colours();
-  if (film && film.readyState >= 2 && !film.broken) c.drawImage(film, to.x(view.left), to.y(view.top), view.width * to.perMm, view.height * to.perMm);
+function drawScene(c, to, k, weight) {
+  const e = experiment(), film = filmOf(e), frame = filmRect(e), paint = colours();
+  if (film && film.readyState >= 2 && !film.broken) c.drawImage(film, to.x(frame.left), to.y(frame.top), frame.width * to.perMm, frame.height * to.perMm);
   const trace = (line, colour, width, dash = [], halo = true) => {
     if (!line) return;
     const path = new Path2D();
@@ -105,12 +113,25 @@ function drawScene(c, to, view, k, weight) {
   if (modelTips && modelTips[2 * i] === modelTips[2 * i]) dot(modelTips[2 * i], modelTips[2 * i + 1], hue.modelled);
 }
 
-// A round lens over the tip, six times larger than the picture.
-function drawLens(c, width, height, view, perMm, tip, k) {
-  const radius = Math.min(78, width * 0.21), margin = 12, left = manifest.bends === "right", scaleUp = 6 * perMm;
-  const cx = left ? margin + radius : width - margin - radius, cy = height - margin - radius;
+// The corner of the picture that the tips keep clear of most; one per run, so that the lens does not wander.
+function lensCorner(view) {
+  const tips = series(experiment().tip) ?? new Float64Array(0), best = {distance: -1};
+  for (const [u, v] of [[0.85, 0.84], [0.15, 0.84], [0.85, 0.16], [0.15, 0.16]]) {
+    const x = view.left + u * view.width, y = view.top - v * view.height;
+    let distance = Math.hypot(x, y); // the clamp is in the way too
+    for (let i = 0; i < tips.length; i += 2) if (tips[i] === tips[i]) distance = Math.min(distance, Math.hypot(tips[i] - x, tips[i + 1] - y));
+    if (distance > best.distance) Object.assign(best, {distance, u, v});
+  }
+  return best;
+}
+
+// A round lens over the tip, up to six times larger than the picture, less where both tips would not fit.
+function drawLens(c, width, height, perMm, tip, k) {
+  const radius = Math.min(78, width * 0.21), margin = 12, corner = lastView.corner, i = nearest(frameTimes(), poseTime(k)), model = series(prediction()?.tip);
+  const apart = model ? Math.hypot(model[2 * i] - tip[0], model[2 * i + 1] - tip[1]) : 0, scaleUp = perMm * Math.max(1.5, Math.min(6, 0.75 * radius / (apart * perMm || 1)));
+  const cx = corner.u < 0.5 ? margin + radius : width - margin - radius, cy = corner.v < 0.5 ? margin + radius : height - margin - radius;
   c.save(); c.beginPath(); c.arc(cx, cy, radius, 0, 7); c.fillStyle = colours().paper; c.fill(); c.clip();
-  drawScene(c, {x: mm => cx + (mm - tip[0]) * scaleUp, y: mm => cy + (tip[1] - mm) * scaleUp, perMm: scaleUp}, view, k, 1.1);
+  drawScene(c, {x: mm => cx + (mm - tip[0]) * scaleUp, y: mm => cy + (tip[1] - mm) * scaleUp, perMm: scaleUp}, k, 1.1);
   const bar = scaleUp * 2;
   c.fillStyle = "rgb(255 255 255 / .85)"; c.fillRect(cx - bar / 2 - 5, cy + radius - 33, bar + 10, 21);
   c.fillStyle = "#1c1e22"; c.fillRect(cx - bar / 2, cy + radius - 16, bar, 1.5); c.font = `11px ${colours().font}`; c.textAlign = "center"; c.fillText("2 mm", cx, cy + radius - 21);
@@ -118,7 +139,7 @@ function drawLens(c, width, height, view, perMm, tip, k) {
 }
 
 function rulerOf(c, width, height, perMm) {
-  const x = manifest.bends === "right" ? width - 14 - 50 * perMm : 14, y = height - 14;
+  const {u, v} = lastView.corner, x = u < 0.5 && v > 0.5 ? width - 14 - 50 * perMm : 14, y = height - 14;
   c.fillStyle = "rgb(255 255 255 / .8)"; c.fillRect(x - 6, y - 20, 50 * perMm + 12, 27);
   c.fillStyle = "#1c1e22"; c.fillRect(x, y, 50 * perMm, 2); c.font = `11px ${colours().font}`; c.textAlign = "left"; c.fillText("50 mm", x, y - 5);
 }

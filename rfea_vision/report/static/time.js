@@ -1,5 +1,5 @@
 // Everything over time: five linked curves and the cursor they share.
-const timeBox = pen => area(pen, {right: 14, top: 6, bottom: pen.height < 125 ? 20 : 32});
+const timeBox = pen => area(pen, {right: 14, top: 6, bottom: pen.height < 125 ? 8 : 32}); // low ones are stacked above one that has the labels
 const timeScale = box => scale(...state.window, box.left, box.right);
 
 function cursorAt(pen, box, dots = []) {
@@ -23,7 +23,7 @@ function timePlot({times, measured, modelled, unit, digits = 3, limits, extra, l
   return {
     draw(pen) {
       const box = timeBox(pen), x = timeScale(box), y = span(box), xs = x.all(times()), c = pen.colours;
-      axisY(pen, box, y, unit); axisX(pen, box, x, label ? "time in s" : "");
+      axisY(pen, box, y, unit); if (label) axisX(pen, box, x, "time in s"); else pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
       pen.clip(box.left, box.top - 4, box.right - box.left, box.bottom - box.top + 8, () => {
         shadeGaps(pen, box, x);
         extra?.(pen, box, x, y);

@@ -16,9 +16,8 @@ plots.sync = {
       pen.line(x.all(series(e.lt)), stretch(pressure), c.muted, 1.4);
       pen.line(x.all(frameTimes()), stretch(motion), c.measured, 2);
     });
-    pen.text("pressure", box.left + 6, box.top + 6, {colour: c.muted, bold: true});
-    pen.text(e.angle ? "bend angle" : "tip y", box.left + 70, box.top + 6, {colour: c.measured, bold: true});
   },
+  readout: () => `<b>pressure</b> · <b class="m">${experiment().angle ? "bend angle" : "tip y"}</b>`,
   cursor(pen) { cursorAt(pen, timeBox(pen)); },
   drag(px, py, figure) { setTime(timeScale(timeBox(figure.size())).back(px)); },
 };

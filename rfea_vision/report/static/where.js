@@ -63,7 +63,7 @@ function bars({rows, name, value, unit}) {
   return {
     draw(pen) {
       const now = rows(rung()), earlier = rows(rungBefore()) ?? [], c = pen.colours, names = now.map(name);
-      const left = Math.min(110, 14 + 6.3 * Math.max(...names.map(n => n.length))), box = area(pen, {left, right: 58, top: 4});
+      const left = Math.min(110, 14 + 6.3 * Math.max(...names.map(n => n.length))), box = area(pen, {left, right: 58, top: 4, bottom: 38});
       const all = state.same ? manifest.rungs.flatMap(r => rows(r) ?? []) : now;
       const x = scale(0, Math.max(...all.map(value), rung().floor ?? 0) * 1.05 || 1, box.left, box.right), pitch = Math.min(30, (box.bottom - box.top) / now.length);
       now.forEach((row, i) => {
@@ -76,7 +76,7 @@ function bars({rows, name, value, unit}) {
       const bottom = box.top + now.length * pitch;
       if (rung().floor) pen.line([x(rung().floor), x(rung().floor)], [box.top, bottom], c.good, 1.5, [4, 3]);
       axisX(pen, {...box, bottom: bottom + 2}, x, "", {about: 3});
-      pen.text(unit, box.right, bottom + 30, {align: "right"});
+      pen.text(`root mean square in ${unit}`, box.right, bottom + 22, {align: "right", base: "top"});
     },
     need() {
       if (!rung()) return "No model has been fitted yet.";

@@ -1,0 +1,50 @@
+// The camera: corners that do not fit, photo by photo, and what is left of it in millimetres.
+const noCalibration = () => "There is no calibration here: the experiments came as tracks from another tool, or rfea calibrate has not run.";
+plots.photos = {
+  need: () => manifest.calibration.photos.length ? undefined : manifest.calibration.size ? "camera.yaml keeps no residuals of its photos: it came from another tool." : noCalibration(),
+  draw(pen) {
+    const {photos, size: [w, h]} = manifest.calibration, c = pen.colours, columns = Math.max(2, Math.min(photos.length, Math.floor(pen.width / 150)));
+    const rows = Math.min(2, Math.ceil(photos.length / columns)), cell = {w: pen.width / columns, h: pen.height / rows};
+    const k = Math.min((cell.w - 16) / w, (cell.h - 30) / h), stretch = 0.03 * h * k / (median(photos.map(p => p.rms_px)) || 1);
+    photos.slice(0, rows * columns).forEach((photo, i) => {
+      const left = (i % columns) * cell.w, top = Math.floor(i / columns) * cell.h;
+      pen.text(photo.file, left, top + 7, {colour: c.ink, size: 11}); pen.text(`${show(photo.rms_px, 2)} px`, left + w * k, top + 7, {align: "right", size: 11});
+      pen.rect(left, top + 16, w * k, h * k, c.sunk);
+      pen.clip(left, top + 16, w * k, h * k, () => photo.x_px.forEach((x, j) => {
+        const px = left + x * k, py = top + 16 + photo.y_px[j] * k;
+        pen.line([px, px + photo.dx_px[j] * stretch], [py, py + photo.dy_px[j] * stretch], c.modelled, 1.2); pen.dot(px, py, 1.1, c.muted);
+      }));
+    });
+  },
+};
+const median = values => [...values].sort((a, b) => a - b)[values.length >> 1];
+
+plots.uncertainty = {
+  need: () => manifest.calibration.uncertainty_map ? undefined : manifest.calibration.size ? "camera.yaml carries no map of its uncertainty: there was no photo of the plane, or the file came from another tool." : noCalibration(),
+  draw(pen) {
+    const {uncertainty_map: map, size: [w, h]} = manifest.calibration, c = pen.colours, box = area(pen, {left: 8, right: 84, top: 4, bottom: 22});
+    const k = Math.min((box.right - box.left) / w, (box.bottom - box.top) / h), flat = map.sigma_mm.flat(), [low, high] = extent(flat);
+    pen.rect(box.left, box.top, w * k, h * k, c.sunk);
+    const dx = (map.x_px[1] - map.x_px[0]) * k, dy = (map.y_px[1] - map.y_px[0]) * k;
+    pen.clip(box.left, box.top, w * k, h * k, () => map.y_px.forEach((y, i) => map.x_px.forEach((x, j) => {
+      const v = map.sigma_mm[i][j];
+      if (v !== null) pen.rect(box.left + x * k - dx / 2, box.top + y * k - dy / 2, dx + 0.5, dy + 0.5, `rgb(${brightRamp((v - low) / (high - low || 1)).map(Math.round)})`);
+    })));
+    pen.text(`${w} × ${h} px`, box.left, box.top + h * k + 5, {base: "top"});
+    colourBar(pen, box.left + w * k + 14, box.top, Math.min(120, h * k), brightRamp, low, high, "mm");
+  },
+};
+
+plots.study = {
+  need: modelOnly(r => r.study?.length > 1, "No study over the number of segments: `rfea compare` has not been asked for one."),
+  draw(pen) {
+    const rows = rung().study, c = pen.colours, box = area(pen, {top: 10, bottom: 38}), logs = rows.map(r => Math.log2(r.segments));
+    const keys = [["train_tip_rmse_mm", c.muted], ["validate_tip_rmse_mm", c.modelled]].filter(([key]) => rows.some(r => r[key] !== null && r[key] !== undefined));
+    const x = scale(...padded(extent(logs)), box.left, box.right), y = scale(0, extent(...keys.map(([key]) => rows.map(r => r[key] ?? NaN)))[1] * 1.1, box.bottom, box.top);
+    axisY(pen, box, y, "tip error in mm");
+    pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
+    rows.forEach((r, i) => pen.text(r.segments, x(logs[i]), box.bottom + 5, {align: "center", base: "top"}));
+    pen.text("segments", box.right, pen.height - 1, {align: "right", base: "bottom"});
+    for (const [key, colour] of keys) { pen.line(x.all(logs), rows.map(r => y(r[key] ?? NaN)), colour, 1.5); rows.forEach((r, i) => pen.dot(x(logs[i]), y(r[key] ?? NaN), 3.5, colour, c.paper)); }
+  },
+};
