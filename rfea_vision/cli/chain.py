@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from rfea_vision.cli.console import print_json
-from rfea_vision.cli.options import campaign_options, opened
+from rfea_vision.cli.console import ConsoleListener, print_json, print_table
+from rfea_vision.cli.model import print_ladder, print_metrics
+from rfea_vision.cli.options import campaign_options, opened, output_options
+from rfea_vision.errors import DataError
 
 
 @click.command("report")
 @campaign_options
 def report_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool) -> None:
-    """One page, offline: where the model fails, why, and what adding the effect does."""
+    """One page, offline: where, why, and the cure.
+
+    Where the model fails, which effect is missing, and what adding it does. What is out of date is redone first.
+    """
     with opened(campaign, out, force=("report",) if force else ()) as work:
         path = work.report()
         status = work.outcome("report", "page")
@@ -21,3 +27,86 @@ def report_command(campaign: Path, out: Path | None, force: bool, as_json: bool,
         print_json({"file": str(path), "status": status, "bytes": path.stat().st_size})
     else:
         click.echo(str(path))
+
+
+@click.command("run")
+@click.argument("recipe")
+@campaign_options
+def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool) -> None:
+    """A recipe over a campaign.
+
+    RECIPE is one of pipelines/ by name (default, paper), or a .yaml file of one's own.
+    """
+    from rfea_vision.stages.recipes import load_recipe, run_recipe
+
+    steps = load_recipe(recipe)
+    with opened(campaign, out, force=tuple(name for name, _ in steps.calls()) if force else ()) as work:
+        results = run_recipe(work, steps)
+        models = {name: work.model(name) for name in work.model_names()}
+    if as_json:
+        fits = {name: model.model_dump(mode="json")["metrics"] for name, model in models.items()}
+        print_json({"recipe": recipe, "steps": work.outcomes, "models": fits, "report": results.get("report")})
+        return
+    if "improve" in results:
+        print_ladder(results["improve"])
+    elif models:
+        print_metrics(models)
+    if "report" in results:
+        click.echo(f"report: {results['report']}")
+
+
+@click.command("batch")
+@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=click.Path(path_type=Path))
+@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default this machine.")
+@click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes on this machine.")
+@click.option("--recipe", default="default", show_default=True, help="Recipe to run, by name or as a .yaml file.")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for one folder of results per campaign.")
+@click.option("--force", is_flag=True, help="Redo the recipe's steps even if nothing has changed.")
+@output_options
+def batch_command(
+    folders: tuple[Path, ...],
+    scheduler: str | None,
+    workers: int,
+    recipe: str,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    debug: bool,
+) -> int:
+    """Many campaigns at once.
+
+    One that is broken does not stop the rest. The folders may be campaigns or lone experiments.
+    """
+    from rfea_vision.distributed import BatchResult, dask_client, run_batch
+    from rfea_vision.stages.recipes import load_recipe
+
+    load_recipe(recipe)  # a broken recipe is said before any worker starts
+    done: list[BatchResult] = []
+    with ConsoleListener().shown() as listener, dask_client(scheduler, workers) as client:
+        advance = listener.begin("batch", f"{len(folders)} campaigns")
+
+        def heard(result: BatchResult) -> None:
+            done.append(result)
+            advance(len(done), len(folders))
+            listener.note(f"{result.folder}: {result.status}")
+
+        results = run_batch(folders, client=client, recipe=recipe, out=out, force=force, on_result=heard)
+    failed = [result for result in results if result.status != "done"]
+    if as_json:
+        print_json({"ok": not failed, "campaigns": [vars(result) for result in results]})
+    else:
+        _print_batch(results)
+    return DataError.exit_code if failed else 0
+
+
+def _print_batch(results: list[Any]) -> None:
+    rows = []
+    for result in results:
+        last = result.rungs[-1] if result.rungs else {}
+        rows.append([result.folder, result.status, last.get("model"), last.get("verdict"), last.get("validate_mm")])
+    print_table("", ["campaign", "status", "last model", "verdict", "validate mm"], rows, left=4)
+    for result in results:
+        for name, sentence in result.errors.items():
+            click.echo(f"{result.folder}: {name}: {sentence}")
+        if result.report:
+            click.echo(f"report: {result.report}")

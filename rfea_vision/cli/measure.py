@@ -66,7 +66,10 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
 def track_command(
     campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...]
 ) -> None:
-    """The tube in every frame: centre line, edges, curvature, tip, elongation."""
+    """The tube in every frame, with its standard errors.
+
+    Centre line, edges, width, curvature, tip, bend angle and elongation go to track.nc.
+    """
     from rfea_vision.stages.measurement import reasons_of
 
     with opened(campaign, out, force=("track", "clip") if force else ()) as work:
@@ -104,7 +107,7 @@ def track_command(
 def sync_command(
     campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...]
 ) -> None:
-    """Track and pressure on one clock, with the offset's standard error."""
+    """Track and pressure on one clock."""
     with opened(campaign, out, force=("sync",) if force else ()) as work:
         recordings = work.sync(names)
     summary = []

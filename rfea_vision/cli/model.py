@@ -1,4 +1,4 @@
-"""Commands right of the recording: fit, compare, diagnose, improve, effects."""
+"""Commands right of the recording: fit, compare, diagnose, improve."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rfea_vision.cli.options import Quantity, campaign_options, effect_file_opti
 )
 @click.option("--name", metavar="MODEL", help="Name of the model; default base, base+EFFECT, ...")
 def fit_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any) -> None:
-    """Fit one model to the training experiments and score it on the others."""
+    """Fit one model, and score it on held-out runs."""
     add = tuple(effect for item in choices.pop("effects") for effect in item.split(","))
     with opened(campaign, out, force=("fit",) if force else ()) as work:
         model = work.fit(choices.pop("name"), add=add, **choices)
@@ -37,7 +37,10 @@ def fit_command(campaign: Path, out: Path | None, force: bool, as_json: bool, de
 def compare_command(
     campaign: Path, models: tuple[str, ...], out: Path | None, force: bool, as_json: bool, debug: bool
 ) -> None:
-    """Model against measurement: how far, where, when, beside the noise floor."""
+    """Model against measurement: how far, where, when.
+
+    Beside the noise floor; all models, or those named.
+    """
     with opened(campaign, out, force=("compare",) if force else ()) as work:
         comparisons = work.compare(*models)
         fits = {name: work.model(name) for name in comparisons}
@@ -64,7 +67,10 @@ def compare_command(
 def diagnose_command(
     campaign: Path, model: str | None, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any
 ) -> None:
-    """Which effect is missing from a model; by default from the one fitted last."""
+    """Which effect is missing from a model.
+
+    By default from the one fitted last.
+    """
     with opened(campaign, out, force=("diagnose",) if force else ()) as work:
         diagnosis = work.diagnose(model, **choices)
     if as_json:
@@ -85,7 +91,10 @@ def diagnose_command(
     help="Time after which no further rung is begun.",
 )
 def improve_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any) -> None:
-    """Fit, diagnose, add one effect, again, until a verdict ends it; then write the report."""
+    """Fit, diagnose, add one effect, again.
+
+    Until a verdict ends it; then the report is written.
+    """
     with opened(campaign, out, force=("improve",) if force else ()) as work:
         ladder = work.improve(**choices)
         report = work.report()
@@ -94,14 +103,6 @@ def improve_command(campaign: Path, out: Path | None, force: bool, as_json: bool
     else:
         print_ladder(ladder)
         click.echo(f"report: {report}")
-
-
-@click.group("effects", invoke_without_command=True)
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout and nothing else there.")
-@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-@click.pass_context
-def effects_command(context: click.Context, as_json: bool, debug: bool) -> None:
-    """The catalogue of effects; 'show ID' tells of one, 'new FILE' writes a template of one's own."""
 
 
 def print_model(model: ModelFit) -> None:

@@ -3,37 +3,128 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from rfea_vision.cli.console import print_json
+from rfea_vision.cli.console import ConsoleListener, print_json, print_table
 from rfea_vision.cli.options import output_options
 from rfea_vision.errors import InputError
+
+
+@click.command("init")
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@output_options
+def init_command(folder: Path, as_json: bool, debug: bool) -> None:
+    """An empty campaign to fill in."""
+    from rfea_vision.campaign.template import write_campaign_template
+
+    written = write_campaign_template(folder)
+    if as_json:
+        print_json({"folder": str(folder), "files": [str(path) for path in written]})
+        return
+    for path in written:
+        click.echo(str(path))
+    click.echo(f"fill these in and put your files beside them; 'rfea check {folder}' says what is still wrong")
 
 
 @click.command("check")
 @click.argument("campaign", type=click.Path(path_type=Path))
 @output_options
 def check_command(campaign: Path, as_json: bool, debug: bool) -> int:
-    """What is wrong with a campaign, all at once; nothing is written."""
+    """What is wrong with a campaign, all at once.
+
+    Nothing is written.
+    """
     from rfea_vision.campaign.check import check_campaign
 
-    checked = check_campaign(campaign)
+    with ConsoleListener().shown() as listener:
+        checked = check_campaign(campaign, listener.begin("check", campaign.name))
     errors = [item for item in checked.problems if item.severity == "error"]
     if as_json:
+        problems = [item.as_dict() for item in checked.problems]
         print_json(
-            {
-                "campaign": str(campaign),
-                "ok": not errors,
-                "experiments": checked.experiments,
-                "problems": [item.as_dict() for item in checked.problems],
-            }
+            {"campaign": str(campaign), "ok": not errors, "experiments": checked.experiments, "problems": problems}
         )
     else:
         for item in checked.problems:
             click.echo(f"{item.severity}: {item}")
-        warnings = len(checked.problems) - len(errors)
         found = ", ".join(f"{name} ({role})" for name, role in checked.experiments.items()) or "none"
         click.echo(f"experiments: {found}")
-        click.echo(f"{len(errors)} errors, {warnings} warnings" if checked.problems else "nothing is wrong")
+        warnings = len(checked.problems) - len(errors)
+        click.echo(f"{_count(len(errors), 'error')}, {_count(warnings, 'warning')}")
     return InputError.exit_code if errors else 0
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+@click.command("schema")
+@click.argument("name", required=False)
+@output_options
+def schema_command(name: str | None, as_json: bool, debug: bool) -> None:
+    """JSON Schema of what goes in and comes out: all files, or one."""
+    from rfea_vision.stages.schemas import schemas
+
+    found = schemas()
+    if name is None:
+        print_json(found)
+    elif name in found:
+        print_json(found[name])
+    else:
+        raise InputError(f"schema: '{name}' is unknown; there are {', '.join(found)}")
+
+
+@click.command("doctor")
+@output_options
+def doctor_command(as_json: bool, debug: bool) -> int:
+    """Whether this machine has what rfea needs."""
+    from rfea_vision.cli.doctor import examine
+
+    findings = examine()
+    broken = [item for item in findings if item.state == "broken"]
+    if as_json:
+        print_json({"ok": not broken, "findings": [vars(item) for item in findings]})
+    else:
+        print_table("", ["what", "state", "found", "for"], [list(vars(item).values()) for item in findings], left=4)
+    return 1 if broken else 0
+
+
+@click.command("board")
+@click.argument("name", required=False)
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="PDF to write; default NAME.pdf.")
+@output_options
+def board_command(name: str | None, output: Path | None, as_json: bool, debug: bool) -> None:
+    """A calibration board as PDF, at true scale.
+
+    Without a name, the boards there are.
+    """
+    from rfea_vision.data import board_titles, read_board
+
+    if name is None:
+        titles = board_titles()
+        if as_json:
+            print_json(titles)
+        else:
+            print_table("", ["board", "what"], list(titles.items()), left=2)
+        return
+    from rfea_vision.campaign.schema import BoardPart
+    from rfea_vision.files import whole_file
+
+    try:
+        keys = BoardPart.model_validate(read_board(name))
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    from rfea_vision.calibration.board import Board
+    from rfea_vision.calibration.printing import board_pdf
+
+    path = output or Path(f"{name}.pdf")
+    board = Board(keys.kind, keys.inner_corners, keys.square, keys.marker, keys.dictionary)
+    page: Any = board_pdf(board, name)
+    with whole_file(path) as temporary:
+        temporary.write_bytes(page)
+    if as_json:
+        print_json({"file": str(path)})
+    else:
+        click.echo(f"{path}: print it at 100 % and measure a square before use")

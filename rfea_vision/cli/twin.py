@@ -1,3 +1,133 @@
 """Commands around the twin: simulate, demo."""
 
 from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rfea_vision.cli.console import ConsoleListener, print_json, print_table
+from rfea_vision.cli.model import print_ladder
+from rfea_vision.cli.options import Quantity, opened, output_options
+from rfea_vision.errors import InputError
+
+_DEMO = "hidden-effect"
+
+
+@click.command("simulate")
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option(
+    "--hidden",
+    multiple=True,
+    metavar="EFFECT.PARAMETER=VALUE",
+    help="Hide this, such as maxwell.T=1.2s; may be repeated.",
+)
+@click.option(
+    "--seed", type=int, default=0, show_default=True, help="Draws tube, excitations, clocks, camera and noise."
+)
+@click.option("--experiments", type=click.IntRange(1), help="How many; roles are then train ..., validate, test.")
+@click.option(
+    "--roles", metavar="ROLE,ROLE,...", help="The role of each experiment; default train,train,validate,test."
+)
+@click.option("--duration", "duration_s", type=Quantity("s", "6s"), help="Length of each experiment; default 6s.")
+@click.option("--rate", "rate_Hz", type=Quantity("Hz", "240Hz"), help="Frames per second; default 240Hz.")
+@click.option("--video/--no-video", default=False, show_default=True, help="Board photos and video, or a track.csv.")
+@click.option(
+    "--observe", type=click.Choice(["midline", "tip", "angle"]), help="What a track.csv holds; default midline."
+)
+@click.option(
+    "--noise", "noise_mm", type=Quantity("mm", "0.06mm"), help="Noise of a tracked coordinate; default 0.06mm."
+)
+@click.option(
+    "--pressure", "pressure_max_kPa", type=Quantity("kPa", "270kPa"), help="Highest pressure; default 270kPa."
+)
+@click.option("--bends", type=click.Choice(["left", "right"]), default="left", show_default=True)
+@click.option(
+    "--sync", type=click.Choice(["motion", "offset", "common_clock"]), help="What the files say of the clocks."
+)
+@click.option("--offset", "offset_s", type=Quantity("s", "20ms"), help="Log clock minus camera clock; default drawn.")
+@click.option("--repeat", is_flag=True, help="Record the first experiment twice.")
+@click.option(
+    "--truth/--no-truth", "write_truth", default=True, show_default=True, help="Write OUT-truth.json beside it."
+)
+@output_options
+def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> None:
+    """A twin: a tube whose physics you choose.
+
+    Writes a campaign with pressure logs, board photos and video (or tracks), and beside it what it hides.
+    """
+    try:
+        from rfea_vision.twin import TwinOptions, parse_hidden, simulate
+    except ImportError as error:
+        raise InputError(f"simulate: needs the module '{error.name}'; pip install 'rfea-vision[twin]'") from error
+    from dataclasses import replace
+
+    from rfea_vision.artefacts import Actuator
+
+    options = TwinOptions(hidden=parse_hidden(choices.pop("hidden")), actuator=Actuator(bends=choices.pop("bends")))
+    choices["roles"] = _roles(choices.pop("experiments"), choices.pop("roles"))
+    known = {item.name for item in fields(TwinOptions)}
+    given = {name: value for name, value in choices.items() if value is not None and name in known}
+    with ConsoleListener().shown() as listener:
+        truth = simulate(out, replace(options, **given), listener.begin("simulate", out.name))
+    if as_json:
+        print_json({"folder": str(out), "truth": truth})
+        return
+    hidden = ", ".join(f"{name}={value:g}" for name, value in truth["parameters"].items()) or "nothing"
+    click.echo(f"{out}: {len(truth['experiments'])} experiments; hidden: {hidden}")
+
+
+def _roles(count: int | None, roles: str | None) -> tuple[str, ...] | None:
+    """Return the roles: those given, or for a number of experiments the last ones set aside."""
+    if roles is not None:
+        names = tuple(name.strip() for name in roles.split(","))
+        for name in names:
+            if name not in ("train", "validate", "test", "ignore"):
+                raise InputError(f"--roles: '{name}' is unknown; use train, validate, test or ignore")
+        if count not in (None, len(names)):
+            raise InputError(f"--roles names {len(names)} experiments, --experiments says {count}; keep one of them")
+        return names
+    if count is None:
+        return None
+    aside = {1: (), 2: ("validate",)}.get(count, ("validate", "test"))
+    return ("train",) * (count - len(aside)) + aside
+
+
+@click.command("demo")
+@click.option(
+    "--folder", type=click.Path(path_type=Path), default="demo", show_default=True, help="Where it is copied to."
+)
+@click.option(
+    "--budget", "budget_s", type=Quantity("s", "5min"), default="5min", show_default=True, help="Time for the ladder."
+)
+@click.option("--force", is_flag=True, help="Redo the ladder even if nothing has changed.")
+@output_options
+def demo_command(folder: Path, budget_s: float, force: bool, as_json: bool, debug: bool) -> None:
+    """The example campaign, all the way to the report."""
+    from rfea_vision.data import data_folder
+
+    example = data_folder("examples") / _DEMO
+    if not example.is_dir():
+        raise InputError(f"{example}: not found; use a whole checkout, or make a campaign with 'rfea simulate'")
+    campaign = folder / _DEMO
+    if not (campaign / "campaign.yaml").is_file():
+        shutil.copytree(example, campaign, ignore=shutil.ignore_patterns("rfea", ".*"), dirs_exist_ok=True)
+    with opened(campaign, None, force=("improve",) if force else ()) as work:
+        ladder = work.improve(budget_s=budget_s)
+        report = work.report()
+        diagnosis = [work.diagnose(rung.model) for rung in ladder.rungs]
+    answer = example.with_name(f"{_DEMO}-truth.json")
+    truth = json.loads(answer.read_text(encoding="utf-8"))["effects"] if answer.is_file() else None
+    if as_json:
+        print_json({**ladder.model_dump(mode="json"), "hidden": truth, "report": str(report)})
+        return
+    print_ladder(ladder)
+    rows = [[item.model, item.verdict, ", ".join(item.named)] for item in diagnosis]
+    print_table("\nwhat was missing", ["model", "verdict", "named"], rows, left=3)
+    if truth is not None:
+        click.echo(f"what the example hides: {', '.join(truth)}")
+    click.echo(f"report: {report.resolve()}")

@@ -56,3 +56,10 @@ def read_board(name: str) -> dict[str, Any]:
 def list_recipes() -> dict[str, Path]:
     """Return the recipes in pipelines/, by name."""
     return {path.stem: path for path in sorted(data_folder("pipelines").glob("*.yaml"))}
+
+
+def board_titles() -> dict[str, str]:
+    """Return what each board of calib/boards is, by name."""
+    folder = data_folder("calib") / "boards"
+    pages = {name: yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8")) for name in list_boards()}
+    return {name: str(page.get("title", "")) for name, page in pages.items()}

@@ -127,7 +127,8 @@ class StageCache:
 def code_version(name: str) -> str:
     """Return a hash of the source of a package or module below ``rfea_vision``: its version, kept by no one."""
     root = _PACKAGE / name.replace(".", "/")
-    files = sorted(root.rglob("*.py")) if root.is_dir() else [root.with_suffix(".py")]
+    files = sorted(root.rglob("*")) if root.is_dir() else [root.with_suffix(".py")]
+    files = [path for path in files if path.is_file() and path.suffix != ".pyc"]  # templates count, too
     digest = hashlib.sha256()
     for path in files:
         digest.update(path.relative_to(_PACKAGE).as_posix().encode())

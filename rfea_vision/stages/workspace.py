@@ -151,6 +151,10 @@ class Workspace:
         """Return a model by name, fitted again if it is out of date."""
         return mechanics.fitted(self, name)
 
+    def model_names(self) -> list[str]:
+        """Return the models there are, in the order in which they were fitted."""
+        return mechanics.model_names(self)
+
     # -- publishing ----------------------------------------------------------------------------------------------
 
     def report(self) -> Path:

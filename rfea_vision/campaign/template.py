@@ -1,0 +1,42 @@
+"""An empty campaign to fill in."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import rfea_vision.data
+from rfea_vision.errors import InputError
+from rfea_vision.files import write_text
+
+_TEMPLATES = Path(rfea_vision.data.__file__).parent / "templates"
+_RUNS = (("run-1", "train"), ("run-2", "validate"))
+
+
+def write_campaign_template(folder: Path) -> list[Path]:
+    """Write campaign.yaml and two experiments with comments, and return the files.
+
+    Raises
+    ------
+    InputError
+        If one of the files is there already: nothing is overwritten.
+    """
+    name = re.sub(r"[^\w .-]", "-", folder.resolve().name) or "campaign"
+    pages = {folder / "campaign.yaml": _template("campaign.yaml").format(name=name)}
+    pages |= {
+        folder / run / "experiment.yaml": _template("experiment.yaml").format(name=run, role=role)
+        for run, role in _RUNS
+    }
+    for path in pages:
+        if path.exists():
+            raise InputError(f"{path}: is there already and is left as it is; choose another folder")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; choose another folder")
+    for path, text in pages.items():
+        write_text(path, text)
+    (folder / "calibration").mkdir(exist_ok=True)
+    return list(pages)
+
+
+def _template(name: str) -> str:
+    return (_TEMPLATES / name).read_text(encoding="utf-8")

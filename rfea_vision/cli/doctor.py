@@ -1,0 +1,74 @@
+"""What this machine has of what rfea needs."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Literal
+
+from rfea_vision import __version__
+
+_NEEDED = {
+    "numpy": ("numpy", "everything"),
+    "scipy": ("scipy", "fitting"),
+    "numba": ("numba", "dynamics"),
+    "sympy": ("sympy", "laws of effects"),
+    "xarray": ("xarray", "artefacts"),
+    "h5netcdf": ("h5netcdf", "artefacts"),
+    "av": ("av", "video"),
+    "opencv-contrib-python-headless": ("cv2", "calibration, tracking"),
+    "scikit-image": ("skimage", "tracking"),
+    "distributed": ("distributed", "rfea batch"),
+    "asammdf": ("asammdf", "logs in .mf4"),
+    "sqlalchemy": ("sqlalchemy", "logs in databases"),
+}
+_OPTIONAL = {"mujoco": ("mujoco", "rfea simulate: pip install 'rfea-vision[twin]'")}
+_BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at: ``ok``, ``absent`` (something optional) or ``broken``."""
+
+    what: str
+    state: Literal["ok", "absent", "broken"]
+    found: str
+    purpose: str
+
+
+def examine() -> list[Finding]:
+    """Look at Python, the packages, the processors, the folders and the browser."""
+    python_ok = sys.version_info >= (3, 11)
+    findings = [
+        Finding("rfea-vision", "ok", __version__, ""),
+        Finding("python", "ok" if python_ok else "broken", platform.python_version(), "3.11 or newer"),
+        Finding("processors", "ok", str(os.cpu_count()), "tracking and fitting use two"),
+    ]
+    findings += [_package(name, module, purpose, needed=True) for name, (module, purpose) in _NEEDED.items()]
+    findings += [_package(name, module, purpose, needed=False) for name, (module, purpose) in _OPTIONAL.items()]
+    browser = next((path for name in _BROWSERS if (path := shutil.which(name))), None)
+    findings.append(Finding("browser", "ok" if browser else "absent", browser or "-", "tests of the report"))
+    temporary = Path(tempfile.gettempdir())
+    writable = os.access(temporary, os.W_OK)
+    findings.append(Finding("temporary folder", "ok" if writable else "broken", str(temporary), "unfinished files"))
+    return findings
+
+
+def _package(name: str, module: str, purpose: str, *, needed: bool) -> Finding:
+    try:
+        found = version(name)
+    except PackageNotFoundError:
+        return Finding(name, "broken" if needed else "absent", "not installed", purpose)
+    try:
+        import_module(module)
+    except Exception as error:  # a broken binary raises whatever it likes; that is what is looked for here
+        reason = " ".join(str(error).split())
+        return Finding(name, "broken", f"{found} does not load ({reason[:80]})", purpose)
+    return Finding(name, "ok", found, purpose)

@@ -1,0 +1,109 @@
+"""The catalogue of effects: list, show, new."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Any
+
+import click
+
+import rfea_vision.data
+from rfea_vision.cli.console import print_json, print_table
+from rfea_vision.cli.options import effect_file_option, output_options
+from rfea_vision.errors import InputError
+from rfea_vision.files import write_text
+
+_TEMPLATE = Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt"
+
+
+@click.group("effects", invoke_without_command=True)
+@effect_file_option
+@output_options
+@click.pass_context
+def effects_command(context: click.Context, effect_files: tuple[Path, ...], as_json: bool, debug: bool) -> None:
+    """The catalogue of effects.
+
+    'show ID' tells of one, 'new FILE' writes a template of one's own.
+    """
+    if context.invoked_subcommand is not None:
+        return
+    effects = _known(effect_files)
+    if as_json:
+        print_json([_facts(effect) for effect in effects.values()])
+        return
+    rows = [[effect.id, effect.kind, effect.title, ", ".join(effect.parameters)] for effect in effects.values()]
+    print_table("", ["effect", "kind", "what", "parameters"], rows, left=4)
+
+
+@effects_command.command("show")
+@click.argument("effect_id", metavar="ID")
+@effect_file_option
+@output_options
+def show_command(effect_id: str, effect_files: tuple[Path, ...], as_json: bool, debug: bool) -> None:
+    """One effect: its law, its parameters, what it is mistaken for and what tells them apart."""
+    effects = _known(effect_files)
+    if effect_id not in effects:
+        close = difflib.get_close_matches(effect_id, effects, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else "'rfea effects' lists them"
+        raise InputError(f"effects: '{effect_id}' is unknown; {hint}")
+    facts = _facts(effects[effect_id])
+    if as_json:
+        print_json(facts)
+        return
+    click.echo(f"{facts['id']}: {facts['title']}\n{facts['law']}\n")
+    for key in ("shows", "mistaken_for", "split_by", "reference"):
+        if facts[key]:
+            click.echo(f"{key.replace('_', ' ')}: {facts[key]}")
+    columns = ("unit", "absent", "lower", "upper", "text")
+    rows = [[name, *(_cell(item[key]) for key in columns)] for name, item in facts["parameters"].items()]
+    print_table("", ["parameter", "unit", "absent at", "from", "to", "what"], rows, left=6)
+
+
+def _cell(value: object) -> str:
+    return "-" if value is None else f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+@effects_command.command("new")
+@click.argument("file", type=click.Path(path_type=Path))
+@output_options
+def new_command(file: Path, as_json: bool, debug: bool) -> None:
+    """A template of one's own effect, to edit and to pass on with --effect-file."""
+    if file.exists():
+        raise InputError(f"{file}: is there already and is left as it is; choose another name")
+    if file.suffix != ".py":
+        raise InputError(f"{file}: an effect is a Python file; call it {file.with_suffix('.py')}")
+    text = _TEMPLATE.read_text(encoding="utf-8")
+    name = "".join(part.capitalize() for part in file.stem.replace("-", "_").split("_"))
+    if file.stem.replace("-", "_").isidentifier():
+        text = text.replace("MyEffect", name).replace('"my_effect"', f'"{file.stem.replace("-", "_")}"')
+    write_text(file, text)
+    if as_json:
+        print_json({"file": str(file)})
+    else:
+        click.echo(f"{file}: edit the law, then: rfea diagnose CAMPAIGN --effect-file {file}")
+
+
+def _known(effect_files: tuple[Path, ...]) -> dict[str, Any]:
+    from rfea_vision.effects.catalogue import catalogue, load_effect_file
+
+    own = {effect.id: effect for file in effect_files for effect in load_effect_file(file)}
+    return {**catalogue(), **own}
+
+
+def _facts(effect: Any) -> dict[str, Any]:
+    parameters = {
+        name: {"unit": item.unit, "absent": item.absent, "lower": item.lower, "upper": item.upper, "text": item.text}
+        for name, item in effect.parameters.items()
+    }
+    return {
+        "id": effect.id,
+        "title": effect.title,
+        "kind": effect.kind,
+        "law": " ".join((effect.__doc__ or "").split()),
+        "shows": effect.shows,
+        "mistaken_for": effect.mistaken_for,
+        "split_by": effect.split_by,
+        "reference": effect.reference,
+        "parameters": parameters,
+    }
