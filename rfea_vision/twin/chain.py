@@ -158,12 +158,16 @@ class Chain:
             hinge_speed = np.vstack([np.zeros((1, 2)), np.cumsum(-out * (omega * self.lengths)[:, None], axis=0)[:-1]])
             speed = hinge_speed - out * (omega * self.lengths / 2)[:, None] + along * (omega * outer)[:, None]
             force -= (drag * 2 * outer * self.lengths * np.hypot(*speed.T))[:, None] * speed
-        if wall:
-            depth = np.maximum(0.0, -get["contact.d"] - middle[:, 0])
-            force[:, 0] += wall * self.lengths / self.actuator.length * depth
         force[:, 0] += wind_N_m * self.lengths + shake_m_s2 * self.masses
-        # virtual displacement of a point for a turn of hinge j: along -(z x arm), as positive angles turn towards -x
+        # moments about the origin, positive as the angles are: towards -x
         moment = force[:, 0] * middle[:, 1] - force[:, 1] * middle[:, 0]
+        if wall:  # at several points of each body, lest the tube touch body by body
+            for share in (0.1, 0.3, 0.5, 0.7, 0.9):
+                point = hinges + along * (share * self.lengths)[:, None] + out * outer
+                push = 0.2 * wall * self.lengths / self.actuator.length
+                push = push * np.maximum(0.0, -get["contact.d"] - point[:, 0])
+                force[:, 0] += push
+                moment += push * point[:, 1]
         total_force = np.cumsum(force[::-1], axis=0)[::-1]
         total_moment = np.cumsum(moment[::-1])[::-1]
         generalised = total_moment - total_force[:, 0] * hinges[:, 1] + total_force[:, 1] * hinges[:, 0]

@@ -1,6 +1,6 @@
 """Polygons drawn by exact coverage: every pixel receives the area of the polygon inside it, to rounding.
 
-Pixel origin: the centre of the top left pixel is (0, 0), so that pixel (i, j) covers [j - 1/2, j + 1/2] x [i - 1/2, i + 1/2].
+Pixel origin: the centre of the top left pixel is (0, 0); a pixel reaches half a unit from its centre to either side.
 """
 
 from __future__ import annotations

@@ -70,10 +70,14 @@ def build_plant(options: TwinOptions) -> tuple[Plant, BaseParameters]:
 def highest_pressure(plant: Plant, options: TwinOptions) -> float:
     """Highest pressure of the excitations, in Pa: that of the options, or less where the tube would bend too far."""
     highest = options.pressure_max_kPa * 1e3
-    for _ in range(40):
+    for _ in range(60):
         try:
-            felt = plant.felt_pressure(np.array([0.0, 1e6]), np.array([highest, highest]))[-1]
-            if plant.equilibrium(float(felt)).sum() <= options.angle_max:
+            felt = float(plant.felt_pressure(np.array([0.0, 1e6]), np.array([highest, highest]))[-1])
+            angles = plant.equilibrium(felt)[-plant.joints :]
+            # overshoot must stay clear of the bend at which stiffness or damping vanish
+            plant.law.torque(1.6 * angles, np.zeros_like(angles), plant.law.relaxed(angles), felt, 0.0)
+            plant.law.torque(1.6 * angles, np.full_like(angles, -1e-9), plant.law.relaxed(angles), felt, 0.0)
+            if angles.sum() <= options.angle_max:
                 return highest
         except DataError:
             pass

@@ -42,7 +42,7 @@ class CheckerBoard:
         side = self.square_mm
         unit = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
         return [
-            (unit + [column - 1, row - 1]) * side
+            (unit + np.array([column - 1, row - 1])) * side
             for row in range(self.rows + 1)
             for column in range(self.columns + 1)
             if (row + column) % 2 == 0
@@ -86,7 +86,7 @@ def board_poses(
         for _ in range(500):
             angles = np.radians(generator.uniform([-38, -38, -25], [38, 38, 25]))
             rotation = turn(*angles)
-            depth = distance * generator.uniform(0.75, 1.25)
+            depth = distance * generator.uniform(0.6, 1.15)
             pixel = target * [camera.width, camera.height]
             ray = np.array(
                 [
@@ -109,7 +109,7 @@ def _pose(camera: Camera, rotation: FloatArray, translation: FloatArray) -> Call
 
 
 def write_video(
-    path: Path, pictures: Iterator[NDArray[np.uint8]], rate_Hz: float, size: tuple[int, int], crf: float
+    path: Path, pictures: Iterator[NDArray[np.uint8]], rate_Hz: float, size: tuple[int, int], qp: int
 ) -> None:
     """Encode grey pictures as H.264 with exact time stamps."""
     rate = Fraction(rate_Hz).limit_denominator(1001)
@@ -117,7 +117,7 @@ def write_video(
         stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"
-        stream.options = {"crf": f"{crf:g}", "preset": "medium", "threads": "2"}
+        stream.options = {"qp": str(qp), "preset": "medium", "threads": "2"}
         for index, picture in enumerate(pictures):
             frame = av.VideoFrame.from_ndarray(picture, format="gray")
             frame.pts = index
@@ -175,7 +175,7 @@ class Studio:
                 yield picture
 
         with whole_file(path) as temporary:
-            write_video(temporary, counted(), self.options.rate_Hz, self.options.frame_size, self.options.codec_crf)
+            write_video(temporary, counted(), self.options.rate_Hz, self.options.frame_size, self.options.codec_qp)
 
     def _in_plane(self, points: FloatArray) -> FloatArray:
         """Pixels of the board lying in the plane of motion, rows level; a hidden error of the plane sits here."""
