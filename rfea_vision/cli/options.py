@@ -72,9 +72,7 @@ def model_options(command: _Command) -> _Command:
     command = click.option(
         "--observe",
         type=click.Choice(["tip_y", "tip", "midline", "angle"]),
-        default="midline",
-        show_default=True,
-        help="What of the recording is fitted.",
+        help="What of the recordings is fitted; default the richest that all of them offer.",
     )(command)
     command = click.option(
         "--joints",

@@ -41,18 +41,23 @@ def read_query(url: str, query: str, folder: Path = Path()) -> Table:
         parsed = parsed.set(database=f"file:{path}", query={"mode": "ro", "uri": "true"})
     try:
         engine = sqlalchemy.create_engine(parsed)
-        try:
-            with engine.connect() as connection:
-                frame = pd.read_sql_query(sqlalchemy.text(query), connection)
-        finally:
-            engine.dispose()
     except ImportError as error:
         raise InputError(f"pressure.url: {shown} needs the Python module '{error.name}'; install it") from error
     except sqlalchemy.exc.SQLAlchemyError as error:
-        reason = " ".join(str(getattr(error, "orig", None) or error).split())
-        raise InputError(
-            f"pressure.query: {shown} refuses it ({reason[:200]}); correct the URL or the query"
-        ) from error
+        raise InputError(f"pressure.url: {shown}: {_reason(error)}; correct the URL") from error
+    try:
+        with engine.connect() as connection:
+            answer = connection.execute(sqlalchemy.text(query))
+            frame = pd.DataFrame(answer.fetchall(), columns=list(answer.keys()))
+    except sqlalchemy.exc.SQLAlchemyError as error:
+        fault = f"pressure.query: {shown} refuses it ({_reason(error)})"
+        raise InputError(f"{fault}; correct the query, or the URL") from error
+    finally:
+        engine.dispose()
     if frame.empty:
         raise InputError(f"pressure.query: {shown} returns no rows; correct the query")
     return frame_table(shown, frame)
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(getattr(error, "orig", None) or error).split())[:200]

@@ -74,6 +74,7 @@ def commands(work: Workspace) -> list[str]:
         if name in climbed:
             continue
         added = "".join(f" --add {effect}" for effect in fit.get("effects", ()))
-        choices = f"--segments {fit.get('segments')} --joints {fit.get('joints')} --observe {fit.get('observe')}"
+        choices = f"--segments {fit.get('segments')} --joints {fit.get('joints')}"
+        choices += f" --observe {fit['observe']}" if fit.get("observe") else ""
         made.append(f"rfea fit {campaign} {choices}{added} --name {name}")
     return [*made, f"rfea report {campaign}"]

@@ -34,7 +34,7 @@ class ModelStep(_Step):
 
     segments: int = 16
     joints: Literal["middle", "start"] = "middle"
-    observe: Literal["tip_y", "tip", "midline", "angle"] = "midline"
+    observe: Literal["tip_y", "tip", "midline", "angle"] | None = None
     effect_files: tuple[str, ...] = ()
     seed: int = 0
 

@@ -1,0 +1,242 @@
+import pytest
+import yaml
+
+from rfea_vision.campaign import load_campaign, read_campaign
+from rfea_vision.campaign.check import check_campaign
+from rfea_vision.errors import InputError
+
+from .campaigns import write_campaign, write_experiment
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    return write_campaign(tmp_path / "tube-A")
+
+
+def edit(path, **changes):
+    """Set keys of a YAML file; None removes one."""
+    content = yaml.safe_load(path.read_text())
+    for key, value in changes.items():
+        if value is None:
+            content.pop(key, None)
+        else:
+            content[key] = value
+    path.write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def test_a_campaign_comes_in_si_with_absolute_paths(campaign):
+    loaded = load_campaign(campaign)
+    assert loaded.name == "tube-A"
+    assert loaded.actuator.outer_radius == pytest.approx(0.004)
+    assert loaded.actuator.length == pytest.approx(0.155)
+    assert loaded.out == campaign / "rfea"
+    assert [(item.name, item.role) for item in loaded.experiments] == [("sine", "validate"), ("steps", "train")]
+    steps = loaded.experiment("steps")
+    assert steps.track is not None and steps.track.file == campaign / "steps" / "track.csv"
+    assert steps.pressure.file == campaign / "steps" / "pressure.csv"
+    assert steps.actuator == loaded.actuator
+
+
+def test_results_go_where_they_are_wanted(campaign, tmp_path):
+    assert load_campaign(campaign, tmp_path / "elsewhere").out == tmp_path / "elsewhere"
+
+
+def test_experiments_inherit_and_override(campaign):
+    edit(campaign / "campaign.yaml", pressure={"unit": "bar", "reference": "absolute"}, sync="led")
+    edit(
+        campaign / "steps" / "experiment.yaml", sync={"method": "offset", "value": "12 ms"}, actuator={"bends": "right"}
+    )
+    edit(campaign / "sine" / "experiment.yaml", sync=None, pressure={"file": "pressure.csv", "unit": "psi"})
+    loaded = load_campaign(campaign)
+    steps, sine = loaded.experiment("steps"), loaded.experiment("sine")
+    assert (steps.pressure.unit, steps.pressure.reference) == ("bar", "absolute")
+    assert (sine.pressure.unit, sine.pressure.reference) == ("psi", "absolute")
+    assert (steps.sync.method, steps.sync.value_s) == ("offset", pytest.approx(0.012))
+    assert sine.sync.method == "led"
+    assert (steps.actuator.bends, sine.actuator.bends) == ("right", "left")
+    assert steps.actuator.length == sine.actuator.length
+
+
+def test_a_file_shared_by_the_campaign_is_found_there(campaign):
+    (campaign / "steps" / "pressure.csv").rename(campaign / "all.csv")
+    edit(campaign / "steps" / "experiment.yaml", pressure={"file": "all.csv"})
+    assert load_campaign(campaign).experiment("steps").pressure.file == campaign / "all.csv"
+
+
+def test_a_lone_experiment_is_a_campaign(tmp_path):
+    folder = write_experiment(tmp_path / "alone", "alone")
+    edit(folder / "experiment.yaml", actuator={"length": "120 mm"})
+    loaded = load_campaign(folder)
+    assert loaded.root == folder and loaded.out == folder / "rfea"
+    assert [item.name for item in loaded.experiments] == ["alone"]
+    assert loaded.actuator.length == pytest.approx(0.12)
+
+
+def test_an_experiment_inside_a_campaign_names_the_campaign(campaign):
+    with pytest.raises(InputError, match="belongs to the campaign above it"):
+        load_campaign(campaign / "steps")
+
+
+def test_names_may_be_numbers_and_dates(campaign):
+    text = (campaign / "steps" / "experiment.yaml").read_text().replace("name: steps", "name: 2018-03-01")
+    (campaign / "steps" / "experiment.yaml").write_text(text)
+    assert "2018-03-01" in [item.name for item in load_campaign(campaign).experiments]
+
+
+def test_what_is_set_aside_may_be_broken(campaign):
+    folder = write_experiment(campaign / "broken", "broken", "ignore")
+    (folder / "track.csv").unlink()
+    assert load_campaign(campaign).experiment("broken").role == "ignore"
+
+
+# Each case: the file, what is done to it, the key that the sentence names, and words of the sentence.
+WRONG = [
+    ("steps", {"role": "trian"}, "role", "must be 'train', 'validate', 'test' or 'ignore'"),
+    ("steps", {"presure": {"file": "x"}}, "presure", "did you mean 'pressure'?"),
+    ("steps", {"pressure": {"file": "pressure.csv", "unti": "bar"}}, "pressure.unti", "did you mean 'unit'?"),
+    ("steps", {"pressure": {"file": "pressure.csv", "unit": "kpa"}}, "pressure.unit", "did you mean 'kPa'?"),
+    ("steps", {"pressure": {"file": "pressure.csv", "unit": "mm"}}, "pressure.unit", "not a unit of the right kind"),
+    ("steps", {"pressure": {"file": "gone.csv"}}, "pressure.file", "no file 'gone.csv'"),
+    ("steps", {"pressure": {}}, "pressure", "exactly one of 'file' and 'url'"),
+    ("steps", {"pressure": {"url": "sqlite:///log.db"}}, "pressure.query", "is missing"),
+    ("steps", {"pressure": "pressure.csv"}, "pressure", "a mapping"),
+    ("steps", {"track": None}, "video", "exactly one of video, frames and track"),
+    ("steps", {"video": {"file": "track.csv"}}, "track", "found video and track"),
+    ("steps", {"track": {"file": "gone.csv"}}, "track.file", "there is pressure.csv, track.csv"),
+    ("steps", {"sync": {"method": "offset"}}, "sync.value", "is missing"),
+    ("steps", {"sync": {"method": "offset", "value": 12}}, "sync.value", "12 has no unit"),
+    ("steps", {"sync": {"method": "motion", "value": "12 ms"}}, "sync.value", "has no meaning"),
+    ("steps", {"sync": "motoin"}, "sync", "must be 'motion'"),
+    ("steps", {"format": "rfea-experiment/2"}, "format", "must be 'rfea-experiment/1'"),
+    ("steps", {"name": "models"}, "name", "cannot name a folder"),
+    ("steps", {"name": "../up"}, "name", "cannot name a folder"),
+    ("steps", {"repeat_of": "nobody"}, "repeat_of", "no other experiment"),
+    ("steps", {"actuator": {"length": 155}}, "actuator.length", "155 has no unit; write for example '4 mm'"),
+    (None, {"format": "rfea-campaign/2"}, "format", "must be 'rfea-campaign/1'"),
+    (None, {"actuator": {"outer_radius": 4}}, "actuator.outer_radius", "4 has no unit"),
+    (None, {"actuator": {"outer_radius": "4 kg"}}, "actuator.outer_radius", "not a unit of the right kind"),
+    (None, {"actuator": {"outer_radius": "-4 mm"}}, "actuator.outer_radius", "greater than zero"),
+    (None, {"actuator": {"outer_radius": "2 mm"}}, "actuator.inner_radius", "smaller than"),
+    (None, {"actuator": {"bends": "up"}}, "actuator.bends", "'left' or 'right'"),
+    (None, {"actuator": {"lenght": "155 mm"}}, "actuator.lenght", "did you mean 'length'?"),
+    (None, {"camera": {"photos": "board_*.png"}}, "camera.board", "is missing"),
+    (None, {"camera": {"board": {"inner_corners": [9, 6]}, "photos": "b*"}}, "camera.board.square", "is missing"),
+    (None, {"camera": {"board": {"inner_corners": [9, 6], "square": 12}, "photos": "b*"}}, "camera.board.square", "no unit"),
+    (None, {"camera": {"board": "chekerboard-9x6-12mm", "photos": "b*"}}, "camera.board", "did you mean 'checkerboard-9x6-12mm'"),
+    (None, {"camera": {"board": "checkerboard-9x6-12mm", "photos": "b_*.png"}}, "camera.photos", "no photo matches 'b_*.png'"),
+    (None, {"camera": {"file": "gone.yaml"}}, "camera.file", "no file 'gone.yaml'"),
+    (None, {"camera": {"board": {"kind": "charuco", "inner_corners": [9, 6], "square": "12 mm"}, "photos": "b*"}}, "camera.board.marker", "marker: 15 mm"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("where", "change", "key", "says"), WRONG)
+def test_one_sentence_names_file_key_and_remedy(campaign, where, change, key, says):
+    file = campaign / "campaign.yaml" if where is None else campaign / where / "experiment.yaml"
+    edit(file, **change)
+    with pytest.raises(InputError) as caught:
+        load_campaign(campaign)
+    sentence = str(caught.value)
+    assert sentence.startswith(str(file)), sentence
+    assert f" {key}: " in sentence and says in sentence, sentence
+    assert "\n" not in sentence
+    problems = [problem for problem in check_campaign(campaign).problems if problem.severity == "error"]
+    assert key in [problem.key for problem in problems]
+
+
+def test_missing_unit_is_found_on_its_line(campaign):
+    (campaign / "campaign.yaml").write_text(
+        "format: rfea-campaign/1\nname: a\nactuator:\n  length: 155 mm\n  outer_radius: 4\n"
+    )
+    with pytest.raises(InputError, match=r"campaign.yaml:5: actuator.outer_radius: 4 has no unit"):
+        load_campaign(campaign)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "is empty"),
+        (b"- a\n- b\n", "not a mapping"),
+        (b"a: [1\nb: 2\n", ":2: not valid YAML"),
+        (b"name: caf\xe9\n", ":1: not UTF-8 text"),
+        (b"name: a\nrole: train\nname: b\n", ":3: 'name' stands here and on line 1"),
+        (b"a: \x00\n", "not valid YAML"),
+        (b"name: 2020-13-45\n", "not valid YAML"),
+    ],
+)
+def test_a_broken_file_is_named_with_its_line(campaign, content, says):
+    file = campaign / "steps" / "experiment.yaml"
+    file.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        load_campaign(campaign)
+    assert str(caught.value).startswith(str(file)) and says in str(caught.value)
+
+
+def test_a_byte_order_mark_is_no_fault(campaign):
+    file = campaign / "steps" / "experiment.yaml"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert load_campaign(campaign).experiment("steps").role == "train"
+
+
+def test_no_training_experiment_is_said(tmp_path):
+    campaign = write_campaign(tmp_path / "c", {"a": "validate", "b": "test"})
+    with pytest.raises(InputError, match="no experiment has 'role: train'"):
+        load_campaign(campaign)
+
+
+def test_an_empty_campaign_is_said(tmp_path):
+    (tmp_path / "campaign.yaml").write_text("format: rfea-campaign/1\nname: a\n")
+    with pytest.raises(InputError, match="no experiment here"):
+        load_campaign(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["gone", "file.txt"])
+def test_no_folder_is_said(tmp_path, name):
+    (tmp_path / "file.txt").write_text("")
+    with pytest.raises(InputError, match="no such folder"):
+        load_campaign(tmp_path / name)
+    with pytest.raises(InputError, match="neither campaign.yaml nor experiment.yaml"):
+        load_campaign(tmp_path)
+
+
+def test_check_lists_everything_at_once(campaign):
+    edit(campaign / "campaign.yaml", actuator={"outer_radius": 4, "bends": "up"}, camera={"photos": "x*"})
+    edit(campaign / "steps" / "experiment.yaml", role="trian", pressure={"file": "gone.csv"})
+    (campaign / "sine" / "pressure.csv").write_text("time_s,pressure_kPa\n0,1\n0.1,nan\n0.2,3\n")
+    (campaign / "sine" / "track.csv").write_text("time_s,tip_x_mm\n0,1\n")
+    found = [(problem.experiment, problem.key) for problem in check_campaign(campaign).problems]
+    expected = {
+        (None, "actuator.outer_radius"),
+        (None, "actuator.bends"),
+        (None, "camera.board"),
+        ("steps", "role"),
+        ("steps", "pressure.file"),
+        ("sine", "pressure"),
+        ("sine", "track"),
+    }
+    assert expected <= set(found)
+    assert len(found) == len(set(found))
+
+
+def test_one_broken_experiment_leaves_the_others(campaign):
+    edit(campaign / "steps" / "experiment.yaml", role="trian")
+    reading = read_campaign(campaign)
+    assert reading.campaign is not None and reading.blocked is None
+    assert [item.name for item in reading.campaign.experiments] == ["sine"]
+    assert {problem.experiment for problem in reading.problems if problem.severity == "error"} == {"steps"}
+
+
+def test_unknown_experiment_names_those_there_are(campaign):
+    with pytest.raises(InputError, match="no experiment 'step'; there are: sine, steps"):
+        load_campaign(campaign).experiment("step")
+
+
+def test_output_of_an_earlier_run_is_no_experiment(campaign):
+    write_experiment(campaign / "rfea", "rfea")
+    assert "rfea" not in [item.name for item in load_campaign(campaign).experiments]
+
+
+def test_two_experiments_of_one_name_are_both_named(campaign):
+    edit(campaign / "steps" / "experiment.yaml", name="sine")
+    problems = [problem for problem in read_campaign(campaign).problems if problem.key == "name"]
+    assert [problem.file.parent.name for problem in problems] == ["sine", "steps"]
+    assert all("names 2 experiments" in problem.message for problem in problems)

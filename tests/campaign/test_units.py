@@ -1,0 +1,64 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rfea_vision.units import conversion_factor, parse_quantity
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("4 mm", "m", 0.004),
+        ("4mm", "m", 0.004),
+        ("965 kg/m^3", "kg/m^3", 965.0),
+        ("0.965 g/cm^3", "kg/m^3", 965.0),
+        ("12 ms", "s", 0.012),
+        ("-12 ms", "s", -0.012),
+        ("5min", "s", 300.0),
+        ("1e-3 m", "mm", 1.0),
+        ("240 Hz", "Hz", 240.0),
+        ("1 bar", "kPa", 100.0),
+        (".5 psi", "Pa", 0.5 * 6894.757293168),
+    ],
+)
+def test_quantities_are_converted(text, unit, value):
+    assert parse_quantity(text, unit, example="1 mm") == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        (4, "4 has no unit; write for example '4 mm'"),
+        ("4", "'4' has no unit"),
+        ("mm", "not a number with a unit"),
+        ("4 mmm", "unknown unit 'mmm'; did you mean 'mm'?"),
+        ("4 kg", "'kg' is not a unit of the right kind"),
+        ("4,5 mm", "unknown unit"),
+        ("nan mm", "not a number with a unit"),
+        ("1e999 mm", "not a finite number"),
+        (True, "expected a quantity"),
+        (None, "expected a quantity"),
+        (["4 mm"], "expected a quantity"),
+    ],
+)
+def test_what_is_wrong_is_said(value, says):
+    with pytest.raises(ValueError) as caught:
+        parse_quantity(value, "m", example="4 mm")
+    assert says in str(caught.value)
+
+
+@given(st.floats(min_value=-1e6, max_value=1e6, allow_nan=False))
+def test_a_quantity_survives_writing_and_reading(value):
+    assert parse_quantity(f"{value!r} mm", "mm", example="4 mm") == pytest.approx(value)
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_a_quantity_or_a_sentence(text):
+    try:
+        assert isinstance(parse_quantity(text, "m", example="4 mm"), float)
+    except ValueError as error:
+        assert str(error)
+
+
+def test_factors_convert_there_and_back():
+    assert conversion_factor("bar", "kPa") * conversion_factor("kPa", "bar") == pytest.approx(1.0)

@@ -1,0 +1,166 @@
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import sqlalchemy
+from scipy.io import savemat
+
+from rfea_vision.campaign import PressureSpec
+from rfea_vision.errors import InputError
+from rfea_vision.readers.pressure import read_pressure
+
+TIME_S = np.arange(200) * 0.001
+PRESSURE_kPa = 120.0 + 80.0 * np.sin(2 * np.pi * 7.0 * TIME_S)
+FRAME = pd.DataFrame({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa, "lamp": (TIME_S > 0.1).astype(float)})
+
+
+def write_csv(folder):
+    FRAME.to_csv(folder / "p.csv", index=False)
+    return PressureSpec(file=folder / "p.csv")
+
+
+def write_semicolons(folder):
+    FRAME.to_csv(folder / "p.csv", index=False, sep=";", decimal=",")
+    return PressureSpec(file=folder / "p.csv")
+
+
+def write_tabs_with_comments(folder):
+    (folder / "p.txt").write_text("# rig 3\n" + FRAME.to_csv(index=False, sep="\t"))
+    return PressureSpec(file=folder / "p.txt")
+
+
+def write_parquet(folder):
+    FRAME.to_parquet(folder / "p.parquet")
+    return PressureSpec(file=folder / "p.parquet")
+
+
+def write_mat(folder):
+    savemat(folder / "p.mat", {"log": {"t": TIME_S, "p": PRESSURE_kPa / 100.0}})
+    return PressureSpec(file=folder / "p.mat", time="log.t", pressure="log.p", unit="bar")
+
+
+def write_mdf(folder):
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as file:
+        file.append([Signal(PRESSURE_kPa / 100.0, TIME_S, name="P1", unit="bar")])
+        file.save(folder / "p.mf4", overwrite=True)
+    return PressureSpec(file=folder / "p.mf4", pressure="P1")
+
+
+def write_database(folder):
+    engine = sqlalchemy.create_engine(f"sqlite:///{folder / 'log.db'}")
+    frame = pd.DataFrame({"run": 7, "t": TIME_S, "p": PRESSURE_kPa})
+    pd.concat([frame, frame.assign(run=8, p=0.0)]).to_sql("log", engine, index=False)
+    engine.dispose()
+    return PressureSpec(url="sqlite:///log.db", query="SELECT t, p FROM log WHERE run = 7", folder=folder)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [write_csv, write_semicolons, write_tabs_with_comments, write_parquet, write_mat, write_mdf, write_database],
+)
+def test_every_reader_gives_the_same_log(tmp_path, write):
+    log = read_pressure(write(tmp_path), "run")
+    np.testing.assert_allclose(log.time_s, TIME_S, atol=1e-9)
+    np.testing.assert_allclose(log.pressure_kPa, PRESSURE_kPa, rtol=1e-9)
+    assert log.name == "run"
+
+
+def test_other_columns_come_along(tmp_path):
+    log = read_pressure(write_csv(tmp_path))
+    np.testing.assert_array_equal(log.channels["lamp"], FRAME["lamp"])
+
+
+@pytest.mark.parametrize(
+    ("columns", "keys"),
+    [
+        ({"t": TIME_S, "p": PRESSURE_kPa}, {"time": "t", "pressure": "p"}),
+        ({"t": TIME_S, "p": PRESSURE_kPa * 1e3}, {"time": "t", "pressure": "p", "unit": "Pa"}),
+        ({"time_ms": TIME_S * 1e3, "p_bar": PRESSURE_kPa / 100}, {"time": "time_ms", "pressure": "p_bar"}),
+        ({"t [ms]": TIME_S * 1e3, "p [psi]": PRESSURE_kPa / 6.894757293168}, {"time": "t [ms]", "pressure": "p [psi]"}),
+        ({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa + 101.325}, {"reference": "absolute"}),
+        ({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa + 99.0}, {"reference": "absolute", "ambient_kPa": 99.0}),
+        ({"tick": TIME_S * 1e3, "pressure_kPa": PRESSURE_kPa}, {"time": "tick", "time_unit": "ms"}),
+    ],
+)
+def test_columns_and_units_are_chosen(tmp_path, columns, keys):
+    pd.DataFrame(columns).to_csv(tmp_path / "p.csv", index=False)
+    log = read_pressure(PressureSpec(file=tmp_path / "p.csv", **keys))
+    np.testing.assert_allclose(log.time_s, TIME_S, atol=1e-12)
+    np.testing.assert_allclose(log.pressure_kPa, PRESSURE_kPa, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "is empty"),
+        ("time_s,pressure_kPa\n", "0 rows; a log of at least two is needed"),
+        ("time_s,pressure_kPa\n0,1\n", "1 rows"),
+        ("time_s,pressure_kPa\n0,1\n0.1,nan\n0.2,3\n", "pressure, row 2: is not a finite number"),
+        ("time_s,pressure_kPa\n0,1\n0.1,\n0.2,3\n", "pressure, row 2: is not a finite number"),
+        ("time_s,pressure_kPa\n0,1\nnan,2\n0.2,3\n", "time, row 2: is not a finite number"),
+        (
+            "time_s,pressure_kPa\n0,1\n0.2,2\n0.1,3\n0.05,3\n",
+            "time, row 3: is earlier than the row before (and 1 more rows)",
+        ),
+        ("time_s,pressure_kPa\n0,1\n0.1,2\n0.1,3\n", "time, row 3: repeats the row before; remove the duplicate"),
+        ("time_s,pressure_kPa\n0,1\n0.1,full\n", "column 'pressure_kPa', row 2: 'full' is not a number"),
+        (
+            "time_s,pressure_kpa\n0,1\n0.1,2\n",
+            "no column 'pressure_kPa' (pressure.pressure); there are: time_s, pressure_kpa",
+        ),
+        ("t,pressure_kPa\n0,1\n0.1,2\n", "no column 'time_s' (pressure.time)"),
+        ("0,1\n0.1,2\n", ":1: no header line"),
+    ],
+)
+def test_a_bad_log_is_named_with_row_and_remedy(tmp_path, text, says):
+    file = tmp_path / "p.csv"
+    file.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_pressure(PressureSpec(file=file))
+    assert str(caught.value).startswith(str(file)) and says in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["p.parquet", "p.mat", "p.mf4"])
+def test_a_file_that_is_not_what_its_name_says(tmp_path, name):
+    (tmp_path / name).write_bytes(b"not at all what the name says" * 10)
+    with pytest.raises(InputError, match=f"{name}.*export it again"):
+        read_pressure(PressureSpec(file=tmp_path / name))
+
+
+def test_unknown_kinds_and_encodings_are_named(tmp_path):
+    (tmp_path / "p.xyz").write_text("a")
+    with pytest.raises(InputError, match=r"unknown kind of table '.xyz'"):
+        read_pressure(PressureSpec(file=tmp_path / "p.xyz"))
+    (tmp_path / "p.csv").write_bytes(b"time_s,pressure_kPa\n0,\xe9\n")
+    with pytest.raises(InputError, match=":2: not UTF-8"):
+        read_pressure(PressureSpec(file=tmp_path / "p.csv"))
+
+
+@pytest.mark.parametrize(
+    ("url", "query", "says"),
+    [
+        ("sqlite:///gone.db", "SELECT 1", "no database 'gone.db'"),
+        ("not a url", "SELECT 1", "is not a database URL"),
+        ("sqlite:///log.db", "SELECT t FROM nowhere", "no such table"),
+        ("sqlite:///log.db", "SELECT t, p FROM log WHERE run = 99", "returns no rows"),
+        ("sqlite:///log.db", "DELETE FROM log", "refuses it"),
+        ("madeup://user:secret@host/db", "SELECT 1", "pressure.url"),
+    ],
+)
+def test_a_bad_database_is_named(tmp_path, url, query, says):
+    write_database(tmp_path)
+    with pytest.raises(InputError) as caught:
+        read_pressure(PressureSpec(url=url, query=query, folder=tmp_path))
+    assert says in str(caught.value) and "secret" not in str(caught.value)
+    assert not (tmp_path / "gone.db").exists()
+
+
+def test_a_real_file_of_another_rig(shared_data):
+    spec = PressureSpec(
+        file=Path(shared_data) / "static-pressure-tip" / "OverLapMat.mat", time="config(1).x", pressure="config(1).p"
+    )
+    with pytest.raises(InputError, match="time, row"):  # tip positions are no clock, and that is noticed
+        read_pressure(spec)
