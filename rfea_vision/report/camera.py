@@ -24,7 +24,7 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
 def read_camera(path: Path) -> dict[str, Any]:
-    """Keys of the file as plain numbers, lists and text; ``photos`` and ``quality`` as they were before they became JSON.
+    """Keys of the file as plain numbers, lists and text; ``photos`` and ``quality`` are parsed from their JSON.
 
     Raises
     ------

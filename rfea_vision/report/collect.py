@@ -22,7 +22,7 @@ _Artefact = TypeVar("_Artefact")
 
 @dataclass(frozen=True)
 class Experiment:
-    """One recorded run. ``recording`` may be missing where only the track was made; ``absent`` says why for each piece."""
+    """One recorded run; ``absent`` says why for each piece that is missing."""
 
     name: str
     role: str
@@ -144,7 +144,9 @@ def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[
         if rung.model in models:
             steps.append(_step(folder, models.pop(rung.model), rung, on_ladder=True))
         else:
-            absent["models"] = f"models/{rung.model} is named in ladder.json but is not there: run `rfea improve --force`."
+            absent["models"] = (
+                f"models/{rung.model} is named in ladder.json but is not there: run `rfea improve --force`."
+            )
     for name, fit in sorted(models.items(), key=lambda item: (len(item[1].effects), item[0])):
         steps.append(_step(folder, fit, _rung_of(name, fit), on_ladder=False))
     return steps

@@ -26,15 +26,18 @@ FIGURES = {
         Figure(
             "error",
             "Tip error",
-            "Distance between measured and modelled tip; the dashed line is the noise floor. Click near a peak to jump to it.",
+            "Distance between measured and modelled tip; the dashed line is the noise floor. Click near a peak "
+            "to jump to it.",
             "Tip error over time; click a peak to jump to it",
             128,
         ),
         Figure(
             "carpet",
             "Error along the tube",
-            "One column per instant, clamp at the top, tip at the bottom. Blue: the measured tube lies on the inner side of the "
-            "modelled one (as seen along its normal); orange: on the outer side. The strip on top names the phase of the "
+            "One column per instant, clamp at the top, tip at the bottom. Blue: the measured tube lies on the "
+            "inner side of the "
+            "modelled one (as seen along its normal); orange: on the outer side. The strip on top names the "
+            "phase of the "
             "pressure. A complete model leaves grain without stripes or stains.",
             "Carpet of the distance between measured and modelled tube over time and along the tube",
             300,
@@ -63,7 +66,8 @@ FIGURES = {
         Figure(
             "torque",
             "Residual torque",
-            "The torque per segment that would close the gap between model and measurement. Grey where it is smaller than its "
+            "The torque per segment that would close the gap between model and measurement. Grey where it is "
+            "smaller than its "
             "own standard error.",
             "Carpet of the residual torque over time and segment",
             260,
@@ -71,7 +75,8 @@ FIGURES = {
         Figure(
             "torque-cloud",
             "What the residual torque depends on",
-            "One dot per instant for the chosen segment. A curve means a law that is missing; a round cloud means noise.",
+            "One dot per instant for the chosen segment. A curve means a law that is missing; a round cloud "
+            "means noise.",
             "Scatter of the residual torque against a chosen quantity",
             300,
         ),
@@ -148,7 +153,8 @@ FIGURES = {
         Figure(
             "photos",
             "Corners of the board that do not fit",
-            "Worst photo first. Each stroke is the distance from where a corner was seen to where the lens model puts it, much "
+            "Worst photo first. Each stroke is the distance from where a corner was seen to where the lens model "
+            "puts it, much "
             "enlarged and to one scale. Strokes that all point one way tell of a lens or board that is not as assumed.",
             "Reprojection residuals of the calibration photos",
             300,
@@ -163,7 +169,8 @@ FIGURES = {
         Figure(
             "study",
             "Number of segments",
-            "Tip error against the number of segments, training in grey, held-out in orange. Where the curve is flat, more "
+            "Tip error against the number of segments, training in grey, held-out in orange. Where the curve is "
+            "flat, more "
             "segments buy nothing.",
             "Tip error against the number of segments",
             260,

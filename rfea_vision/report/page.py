@@ -58,7 +58,8 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
         headline=prose.headline(evidence, titles), findings=list(prose.findings(evidence)),
         tiles=list(prose.tiles(evidence, titles)), last=prose.last_step(evidence),
         names=[rung_name(step, titles) for step in evidence.steps], scale=ladder_scale(evidence),
-        methods=[prose.methods(evidence, step) for step in evidence.steps], bibtex=prose.BIBTEX, versions=prose.versions(),
+        methods=[prose.methods(evidence, step) for step in evidence.steps],
+        bibtex=prose.BIBTEX, versions=prose.versions(),
         manifest=safe_json(manifest), packed=Markup(packed), clips=clips, style=static("style.css"),
         scripts=Markup("\n").join(static(f"{name}.js") for name in SCRIPTS),
     )  # fmt: skip
@@ -74,8 +75,8 @@ def environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
     )
     made.filters |= {
-        "number": formatting.number, "with_unit": formatting.with_unit, "unit": formatting.unit_text, "law": formatting.law,
-        "listing": formatting.listing, "code": formatting.inline_code, "log10": math.log10,
+        "number": formatting.number, "with_unit": formatting.with_unit, "unit": formatting.unit_text,
+        "law": formatting.law, "listing": formatting.listing, "code": formatting.inline_code, "log10": math.log10,
         "plain": lambda value: None if value is None else float(value),
         "milli": lambda value: None if value is None else 1000 * float(value),
     }  # fmt: skip
@@ -104,7 +105,7 @@ def _finite(value: Any) -> Any:
 
 
 def _calibration(evidence: Evidence) -> dict[str, Any]:
-    """What the calibration knows about itself: residuals photo by photo (the worst first) and the map of uncertainty."""
+    """What the calibration knows about itself: residuals by photo, the worst first, and the map of uncertainty."""
     quality = (evidence.camera or {}).get("quality") or {}
     kept = {key: quality[key] for key in ("uncertainty_map", "coverage") if key in quality}
     fields = [
@@ -122,7 +123,9 @@ def _length_mm(evidence: Evidence) -> float | None:
     return None
 
 
-def _clips(experiments: Sequence[Experiment], records: Sequence[dict[str, Any]], budget: int) -> list[tuple[str, Markup]]:
+def _clips(
+    experiments: Sequence[Experiment], records: Sequence[dict[str, Any]], budget: int
+) -> list[tuple[str, Markup]]:
     """Clips as base64, the smallest first, as many as the size limit allows; the others say why they are missing."""
     chosen = []
     films = [(e, record) for e, record in zip(experiments, records, strict=True) if e.clip is not None]

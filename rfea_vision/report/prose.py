@@ -1,4 +1,4 @@
-"""The sentences of the page: what was found, and the text for a methods section. Every number comes from an artefact."""
+"""The sentences of the page: what was found, and the text for a methods section, all from artefacts."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 
+from rfea_vision.artefacts import Parameter
 from rfea_vision.report.collect import Evidence, Step
 from rfea_vision.report.formatting import listing, number, with_unit
 
 BIBTEX = r"""@misc{kelageri2018kinematics,
   title         = {Kinematics and Dynamic Modeling of a Planar Hydraulic Elastomer Actuator},
-  author        = {Momeni Kelageri, Mahdi and Heikkil{\"a}, Mikko and Jokinen, Jarno and Linjama, Matti and Ghabcheloo, Reza},
+  author        = {Momeni Kelageri, Mahdi and Heikkil{\"a}, Mikko and Jokinen, Jarno and Linjama, Matti
+                   and Ghabcheloo, Reza},
   year          = {2018},
   eprint        = {1806.04907},
   archivePrefix = {arXiv}
@@ -31,7 +33,17 @@ BIBTEX = r"""@misc{kelageri2018kinematics,
   doi     = {10.1214/aos/1176344136}
 }"""
 
-_PACKAGES = ("rfea-vision", "numpy", "scipy", "numba", "sympy", "xarray", "opencv-contrib-python-headless", "av", "scikit-image")
+_PACKAGES = (
+    "rfea-vision",
+    "numpy",
+    "scipy",
+    "numba",
+    "sympy",
+    "xarray",
+    "opencv-contrib-python-headless",
+    "av",
+    "scikit-image",
+)
 
 
 @dataclass(frozen=True)
@@ -105,7 +117,10 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
             return "The model of the paper is complete here: nothing that matters is missing."
         if len(added) == 1:
             return f"The model of the paper lacked one thing: {added[0]}. With it, nothing that matters is missing."
-        return f"The model of the paper lacked {len(added)} things: {'; '.join(added)}. With them, nothing that matters is missing."
+        things = "; ".join(added)
+        return (
+            f"The model of the paper lacked {len(added)} things: {things}. With them, nothing that matters is missing."
+        )
     if diagnosis.verdict == "unexplained":
         return "Something is missing that no effect in the catalogue explains."
     named = [_lower(titles[effect]) for effect in diagnosis.named]
@@ -161,17 +176,20 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
             f"Tip error, {which} runs", with_unit(rows[-1], "mm"), number(rows[0]) if len(rows) > 1 else "",
             "root mean square", "ladder",
         )  # fmt: skip
-        if ladder.test and ladder.test.get("tip_rmse_mm") is not None:
+        test = ladder.test or {}
+        if test.get("tip_rmse_mm") is not None:
+            first = number(test.get("first_model_tip_rmse_mm")) if len(rows) > 1 else ""
             yield Tile(
-                "Tip error, test run", with_unit(ladder.test["tip_rmse_mm"], "mm"),
-                number(ladder.test.get("first_model_tip_rmse_mm")) if len(rows) > 1 else "", "scored once, at the end", "ladder",
-            )  # fmt: skip
+                "Tip error, test run", with_unit(test["tip_rmse_mm"], "mm"), first, "scored once, at the end", "ladder"
+            )
     elif step:
         for role, heading in (("train", "training"), ("validate", "held-out")):
             metrics = step.fit.metrics.get(role)
             if metrics:
                 note = metrics.notes.get("tip_rmse_mm", "root mean square")
-                yield Tile(f"Tip error, {heading} runs", with_unit(metrics.tip_rmse_mm, "mm"), note=note, section="ladder")
+                yield Tile(
+                    f"Tip error, {heading} runs", with_unit(metrics.tip_rmse_mm, "mm"), note=note, section="ladder"
+                )
     if step and step.fit.noise_floor_mm is not None:
         source = f"from {step.fit.noise_floor_source}" if step.fit.noise_floor_source else "no model can do better"
         yield Tile("Noise floor", with_unit(step.fit.noise_floor_mm, "mm"), note=source, section="trust")
@@ -190,49 +208,67 @@ def _measurement(evidence: Evidence) -> str:
         camera = evidence.camera
         rms = camera.get("rms", camera.get("rms_px"))
         text += (
-            f"The camera ({camera.get('image_width')} x {camera.get('image_height')} pixels) was calibrated with the lens model "
-            f"{camera.get('model', 'of OpenCV')} (Zhang 2000); the root mean square reprojection error was {number(rms)} pixels. "
+            f"The camera ({camera.get('image_width')} x {camera.get('image_height')} pixels) was calibrated with "
+            "the lens model "
+            f"{camera.get('model', 'of OpenCV')} (Zhang 2000); the root mean square reprojection error was "
+            f"{number(rms)} pixels. "
         )
     if runs:
         names = listing(f"{run.name} ({run.role})" for run in runs)
         text += f"The runs were {names}. "
-        methods_used = sorted({str(run.recording.attrs.get("sync_method", "")) for run in runs if run.recording is not None} - {""})
+        methods_used = sorted(
+            {str(run.recording.attrs.get("sync_method", "")) for run in runs if run.recording is not None} - {""}
+        )
         if methods_used:
             text += f"Camera and pressure log were brought onto one clock by {listing(methods_used)}. "
     if any(run.recording is not None and "midline" in run.recording for run in runs):
-        text += "The centre line of the tube was taken from the two sides of its silhouette, with a standard error at every node. "
+        text += "The centre line was taken from the two sides of the silhouette, with a standard error at every node. "
     return text.strip()
 
 
 def _model(step: Step) -> str:
     fit = step.fit
     effects = f" with {listing(effect.replace('_', ' ') for effect in fit.effects)} added" if fit.effects else ""
-    values = "; ".join(
-        f"{name} = {with_unit(p.value, p.unit, 4)}" + (" (fixed)" if p.fixed else f" ± {with_unit(p.stderr, p.unit, 2)}" if p.stderr else "")
-        for name, p in fit.parameters.items()
-    )  # fmt: skip
+    values = "; ".join(f"{name} = {_estimate(parameter)}" for name, parameter in fit.parameters.items())
     scores = listing(
-        f"{with_unit(metrics.tip_rmse_mm, 'mm')} ({role})" for role, metrics in fit.metrics.items() if metrics.tip_rmse_mm is not None
+        f"{with_unit(metrics.tip_rmse_mm, 'mm')} ({role})"
+        for role, metrics in fit.metrics.items()
+        if metrics.tip_rmse_mm is not None
     )
     text = (
-        f"The motion was modelled by the rigid-segment chain with spring-damper joints of Momeni Kelageri et al. (2018){effects}, "
-        f"with {fit.segments} segments (joints at the {fit.joints} of their arc), fitted to the {fit.observe.replace('_', ' ')} of the "
+        f"The motion was modelled by the rigid-segment chain with spring-damper joints of Momeni Kelageri et al. "
+        f"(2018){effects}, "
+        f"with {fit.segments} segments (joints at the {fit.joints} of their arc), fitted to the "
+        f"{fit.observe.replace('_', ' ')} of the "
         f"training runs by least squares. The fitted values were {values} (standard errors)."
     )
     if scores:
         text += f" The root mean square tip error was {scores}"
-        text += f"; the noise floor was {with_unit(fit.noise_floor_mm, 'mm')}." if fit.noise_floor_mm is not None else "."
+        text += (
+            f"; the noise floor was {with_unit(fit.noise_floor_mm, 'mm')}." if fit.noise_floor_mm is not None else "."
+        )
     return text
+
+
+def _estimate(parameter: Parameter) -> str:
+    text = with_unit(parameter.value, parameter.unit, 4)
+    if parameter.fixed:
+        return f"{text} (fixed)"
+    return f"{text} ± {with_unit(parameter.stderr, parameter.unit, 2)}" if parameter.stderr else text
 
 
 def _selection(evidence: Evidence) -> str:
     if not evidence.ladder:
         return ""
     added = _added(evidence)
-    chosen = f"In this way {listing(added)} {'was' if len(added) == 1 else 'were'} added. " if added else "None was added. "
+    chosen = (
+        f"In this way {listing(added)} {'was' if len(added) == 1 else 'were'} added. " if added else "None was added. "
+    )
     text = (
-        "Effects were added one at a time. One was accepted if it lowered the error on the held-out runs by at least 10 % and by at "
-        f"least 0.2 noise floors with physically admissible values; the Bayesian information criterion (Schwarz 1978) is given beside it. {chosen}"
+        "Effects were added one at a time. One was accepted if it lowered the error on the held-out runs by at "
+        "least 10 % and by at "
+        f"least 0.2 noise floors with physically admissible values; the Bayesian information criterion (Schwarz "
+        f"1978) is given beside it. {chosen}"
     )
     if evidence.ladder.test:
         text += "Test runs took no part in fitting or choosing and were scored once, at the end."

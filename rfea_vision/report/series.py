@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,9 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
         if name in data and np.isfinite(data[name].values).any():
             record[key] = pack.add(data[name].values[chosen])
         else:
-            record["why"] |= {about: f"The track of {experiment.name} has no {name.replace('_', ' ')}." for about in complain}
+            record["why"] |= {
+                about: f"The track of {experiment.name} has no {name.replace('_', ' ')}." for about in complain
+            }
     if "pressure" in data:
         log_time, pressure = data["log_time"].values, data["pressure"].values
         kept = stride(len(log_time), MOST_LOG)
@@ -55,7 +58,9 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
     else:
         record["why"]["pressure"] = f"{experiment.name} has no pressure on its clock yet: run `rfea sync`."
     if experiment.clip is not None:
-        record["clip"] = {key: experiment.clip_info[key] for key in ("x_min_mm", "y_max_mm", "px_per_mm", "width", "height")}
+        record["clip"] = {
+            key: experiment.clip_info[key] for key in ("x_min_mm", "y_max_mm", "px_per_mm", "width", "height")
+        }
         record["clip"] |= {"frames": len(experiment.clip_info["times_s"]), "step": _clip_step(experiment)}
     return record
 
@@ -81,8 +86,10 @@ def _gaps(data: xr.Dataset) -> list[dict[str, Any]]:
     out = []
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         splits = [start, *(start + 1 + np.flatnonzero(reason[start + 1 : stop] != reason[start : stop - 1])), stop]
-        for a, b in zip(splits[:-1], splits[1:], strict=True):
-            out.append({"from": float(time[a]), "to": float(time[b - 1]), "frames": int(b - a), "reason": str(reason[a])})
+        for a, b in pairwise(splits):
+            out.append(
+                {"from": float(time[a]), "to": float(time[b - 1]), "frames": int(b - a), "reason": str(reason[a])}
+            )
     return out
 
 

@@ -9,6 +9,8 @@ import shutil
 import subprocess
 import tempfile
 import time
+import urllib.request
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
@@ -40,13 +42,12 @@ class Browser:
         self.requests: list[str] = []
         self.events: list[dict[str, Any]] = []
         self._count = 0
-        self._socket = connect(self._address(), max_size=None, compression=None)
+        self._open = ExitStack()
+        self._socket = self._open.enter_context(connect(self._address(), max_size=None, compression=None))
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
 
     def _address(self) -> str:
-        import urllib.request
-
         note = Path(self._profile.name) / "DevToolsActivePort"
         for _ in range(300):
             if note.exists() and len(note.read_text().split("\n")) >= 2:
@@ -102,7 +103,9 @@ class Browser:
             time.sleep(0.05)
 
     def key(self, key: str, *, kind: str = "both", shift: bool = False) -> None:
-        code = {" ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}.get(key, ord(key[0].upper()))
+        code = {" ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}.get(
+            key, ord(key[0].upper())
+        )
         common = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}
         if kind in ("both", "down"):
             self.call("Input.dispatchKeyEvent", type="keyDown", **common)
@@ -127,7 +130,10 @@ class Browser:
         options: dict[str, Any] = {"format": "png"}
         if whole:
             size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-            options |= {"captureBeyondViewport": True, "clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}}
+            options |= {
+                "captureBeyondViewport": True,
+                "clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1},
+            }
         data = base64.b64decode(self.call("Page.captureScreenshot", **options)["data"])
         path.write_bytes(data)
         return data
@@ -145,7 +151,7 @@ class Browser:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._socket.close()
+        self._open.close()
         self._profile.cleanup()
 
     def __enter__(self) -> Self:

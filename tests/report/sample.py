@@ -1,3 +1,4 @@
+# ruff: noqa: E501, RUF005 (tables read better whole)
 """A made-up `rfea/` folder with everything a report can show: four experiments, three rungs, clips.
 
 The tube here is drawn, not simulated: a bend that follows the pressure with some ringing, some creep that the first
@@ -32,7 +33,7 @@ CREEP = (1.0, 0.05, 0.0)  # share of the creep that a rung still lacks
 TILT = (1.0, 1.0, 0.0)
 
 
-def pressure_kPa(name: str, time: np.ndarray) -> np.ndarray:  # noqa: N802
+def pressure_kPa(name: str, time: np.ndarray) -> np.ndarray:
     peak = float(name.split("-")[1].removesuffix("kPa"))
     knots = {
         "steps": ([0, 0.5, 0.56, 2.0, 2.06, 3.3, 3.36, 4.6, 4.66, 9], [0, 0, 1, 1, 0.45, 0.45, 0.8, 0.8, 0, 0]),
@@ -42,7 +43,7 @@ def pressure_kPa(name: str, time: np.ndarray) -> np.ndarray:  # noqa: N802
     return peak * np.interp(time, *knots)
 
 
-def follow(drive: np.ndarray, step: float, natural_Hz: float, damping: float) -> np.ndarray:  # noqa: N803
+def follow(drive: np.ndarray, step: float, natural_Hz: float, damping: float) -> np.ndarray:
     omega, x, v = 2 * np.pi * natural_Hz, drive[0], 0.0
     out = np.empty_like(drive)
     for i, target in enumerate(drive):
@@ -147,7 +148,10 @@ def track_dataset(e: dict) -> xr.Dataset:
     return xr.Dataset(
         values,
         coords={"time": e["time"], "side": ["inner", "outer"], "xy": ["x", "y"]},
-        attrs={"units": "mm", "length_check_sentence": "The inner side keeps its length within 0.3 % over all postures."},
+        attrs={
+            "units": "mm",
+            "length_check_sentence": "The inner side keeps its length within 0.3 % over all postures.",
+        },
     )
 
 
@@ -250,7 +254,12 @@ LAWS = {
 
 def parameter(value: float, unit: str, relative: float, **more: object) -> dict:
     half = 1.96 * relative * abs(value)
-    return {"value": value, "unit": unit, "stderr": relative * abs(value), "interval_95": [value - half, value + half]} | more
+    return {
+        "value": value,
+        "unit": unit,
+        "stderr": relative * abs(value),
+        "interval_95": [value - half, value + half],
+    } | more
 
 
 def model_fit(rung: int, predicted: dict[str, xr.Dataset]) -> ModelFit:
@@ -278,7 +287,13 @@ def model_fit(rung: int, predicted: dict[str, xr.Dataset]) -> ModelFit:
     metrics = {
         role: {
             key: rms(np.array([row[key] for row in table.values() if row["role"] == role]))
-            for key in ("tip_rmse_mm", "tip_y_rmse_mm", "midline_rmse_mm", "angle_rmse_deg", "tip_rmse_percent_of_length")
+            for key in (
+                "tip_rmse_mm",
+                "tip_y_rmse_mm",
+                "midline_rmse_mm",
+                "angle_rmse_deg",
+                "tip_rmse_percent_of_length",
+            )
         }
         for role in sorted({row["role"] for row in table.values()} - ({"test"} if rung < len(RUNGS) - 1 else set()))
     }
@@ -431,7 +446,9 @@ def calibration() -> Calibration:
     )  # fmt: skip
 
 
-def write_sample(folder: Path, *, seconds: float = 6.0, video: bool = True, names: tuple[str, ...] = tuple(ROLES)) -> Path:
+def write_sample(
+    folder: Path, *, seconds: float = 6.0, video: bool = True, names: tuple[str, ...] = tuple(ROLES)
+) -> Path:
     """Write a whole `rfea/` folder and return it."""
     experiments = {name: experiment(name, seconds, seed) for seed, name in enumerate(names)}
     for name, e in experiments.items():
@@ -451,7 +468,9 @@ def write_sample(folder: Path, *, seconds: float = 6.0, video: bool = True, name
         verdict = diagnosis(rung, predicted[rung], errors)
         verdict.save(room / "diagnosis.json")
         if verdict.next_experiment:
-            lines = [f"{t:.2f},{p:.2f}" for t, p in zip(np.arange(0, 8, 0.05), np.repeat([0, 60, 150, 240], 40), strict=True)]
+            lines = [
+                f"{t:.2f},{p:.2f}" for t, p in zip(np.arange(0, 8, 0.05), np.repeat([0, 60, 150, 240], 40), strict=True)
+            ]
             (room / "next_experiment.csv").write_text("time_s,pressure_kPa\n" + "\n".join(lines) + "\n")
         rows.append({"model": fit.name, "added": fit.effects[-1] if fit.effects else None, "verdict": verdict.verdict,
                      "train_tip_rmse_mm": fit.metrics["train"].tip_rmse_mm, "validate_tip_rmse_mm": errors[rung],
@@ -461,7 +480,8 @@ def write_sample(folder: Path, *, seconds: float = 6.0, video: bool = True, name
         "test": {"model": RUNGS[-1], "tip_rmse_mm": errors[-1] * 1.03, "first_model_tip_rmse_mm": errors[0] * 1.1, "experiments": {}},
         "findings": [
             "The model of the paper lacks two effects: creep (maxwell) and a tilt of gravity (gravity_tilt).",
-            f"With both, the tip error on the held-out run falls from {errors[0]:.2f} mm to {errors[-1]:.2f} mm; the noise floor is 0.085 mm.",
+            f"With both, the tip error on the held-out run falls from {errors[0]:.2f} mm to {errors[-1]:.2f} mm; "
+            "the noise floor is 0.085 mm.",
         ],
     }).save(folder / "ladder.json")  # fmt: skip
     return folder

@@ -113,9 +113,9 @@ function drawScene(c, to, k, weight) {
   if (modelTips && modelTips[2 * i] === modelTips[2 * i]) dot(modelTips[2 * i], modelTips[2 * i + 1], hue.modelled);
 }
 
-// The corner of the picture that the tips keep clear of most; one per run, so that the lens does not wander.
+// The corner of the picture that the tube keeps clear of most; one per run, so that the lens does not wander.
 function lensCorner(view) {
-  const tips = series(experiment().tip) ?? new Float64Array(0), best = {distance: -1};
+  const tips = series(experiment().midline) ?? series(experiment().tip) ?? new Float64Array(0), best = {distance: -1};
   for (const [u, v] of [[0.85, 0.84], [0.15, 0.84], [0.85, 0.16], [0.15, 0.16]]) {
     const x = view.left + u * view.width, y = view.top - v * view.height;
     let distance = Math.hypot(x, y); // the clamp is in the way too
@@ -127,14 +127,14 @@ function lensCorner(view) {
 
 // A round lens over the tip, up to six times larger than the picture, less where both tips would not fit.
 function drawLens(c, width, height, perMm, tip, k) {
-  const radius = Math.min(78, width * 0.21), margin = 12, corner = lastView.corner, i = nearest(frameTimes(), poseTime(k)), model = series(prediction()?.tip);
+  const radius = Math.min(78, width * 0.19), margin = 12, corner = lastView.corner, i = nearest(frameTimes(), poseTime(k)), model = series(prediction()?.tip);
   const apart = model ? Math.hypot(model[2 * i] - tip[0], model[2 * i + 1] - tip[1]) : 0, scaleUp = perMm * Math.max(1.5, Math.min(6, 0.75 * radius / (apart * perMm || 1)));
   const cx = corner.u < 0.5 ? margin + radius : width - margin - radius, cy = corner.v < 0.5 ? margin + radius : height - margin - radius;
   c.save(); c.beginPath(); c.arc(cx, cy, radius, 0, 7); c.fillStyle = colours().paper; c.fill(); c.clip();
   drawScene(c, {x: mm => cx + (mm - tip[0]) * scaleUp, y: mm => cy + (tip[1] - mm) * scaleUp, perMm: scaleUp}, k, 1.1);
-  const bar = scaleUp * 2;
-  c.fillStyle = "rgb(255 255 255 / .85)"; c.fillRect(cx - bar / 2 - 5, cy + radius - 33, bar + 10, 21);
-  c.fillStyle = "#1c1e22"; c.fillRect(cx - bar / 2, cy + radius - 16, bar, 1.5); c.font = `11px ${colours().font}`; c.textAlign = "center"; c.fillText("2 mm", cx, cy + radius - 21);
+  const mm = [0.5, 1, 2, 5, 10, 20].find(length => length * scaleUp > 22) ?? 50, bar = scaleUp * mm;
+  c.fillStyle = "rgb(255 255 255 / .85)"; c.fillRect(cx - Math.max(bar, 34) / 2 - 4, cy + radius - 33, Math.max(bar, 34) + 8, 21);
+  c.fillStyle = "#1c1e22"; c.fillRect(cx - bar / 2, cy + radius - 16, bar, 1.5); c.font = `11px ${colours().font}`; c.textAlign = "center"; c.fillText(`${mm} mm`, cx, cy + radius - 21);
   c.restore(); c.beginPath(); c.arc(cx, cy, radius, 0, 7); c.strokeStyle = colours().paper; c.lineWidth = 3; c.stroke(); c.strokeStyle = colours().muted; c.lineWidth = 1; c.stroke();
 }
 

@@ -1,0 +1,329 @@
+# ruff: noqa: E501 (scripts read better whole)
+"""The page in a real browser: loads clean, follows the ladder, scrubs, jumps, prints, listens to keys, fits a phone."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage.io import imread
+
+from rfea_vision.artefacts import Recording
+from rfea_vision.files import read_dataset, write_datasets
+from rfea_vision.report import render
+from tests.report.browser import Browser
+from tests.report.sample import RUNGS, write_sample
+
+pytestmark = pytest.mark.chromium
+
+SHOWN = "[...document.querySelectorAll('[data-rung]:not([hidden])')].map(e => Number(e.dataset.rung))"
+CLOCK = "parseFloat(document.getElementById('clock').textContent)"
+VISIT_ALL = """(async () => {
+  for (const figure of document.querySelectorAll('[data-figure]')) {
+    figure.scrollIntoView({behavior: 'instant', block: 'center'});
+    await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 30))));
+  }
+  scrollTo({top: 0, behavior: 'instant'});
+})()"""
+
+
+TWO = ("steps-270kPa", "steps-180kPa")
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short campaign of two runs without film."""
+    return write_sample(tmp_path_factory.mktemp("bare") / "rfea", seconds=1.5, video=False, names=TWO)
+
+
+def centre_of(browser: Browser, selector: str) -> tuple[float, float]:
+    browser.run(f"document.querySelector({selector!r}).scrollIntoView({{block: 'center', behavior: 'instant'}})")
+    return tuple(
+        browser.run(
+            f"(r => [r.x + r.width / 2, r.y + r.height / "
+            f"2])(document.querySelector({selector!r}).getBoundingClientRect())"
+        )
+    )
+
+
+def ink(browser: Browser, figure: str) -> int:
+    """Number of painted pixels of a figure."""
+    return browser.run(
+        f"""(() => {{ const c = document.querySelector('[data-figure="{figure}"] canvas');
+        return c.getContext('2d').getImageData(0, 0, c.width, c.height).data.filter((v, i) => i % 4 === 3 && v > 0).length; }})()"""
+    )
+
+
+def picture_of(browser: Browser, figure: str) -> str:
+    centre_of(browser, f'[data-figure="{figure}"]')
+    browser.run("new Promise(done => setTimeout(done, 150))")
+    return browser.run(f"""document.querySelector('[data-figure="{figure}"] canvas').toDataURL()""")
+
+
+def test_loads_without_complaint_or_request(opened: Browser) -> None:
+    opened.complaints.clear()
+    opened.requests.clear()
+    opened.call("Page.reload")
+    opened.run("new Promise(done => setTimeout(done, 300))")
+    opened.wait("document.documentElement?.dataset.ready === 'yes'")
+    opened.run(VISIT_ALL)
+    assert opened.complaints == []
+    assert [r for r in opened.requests if not r.startswith(("blob:", "data:"))] == [opened.run("location.href")]
+
+
+def test_every_figure_is_painted(opened: Browser) -> None:
+    opened.run("document.querySelector('[data-choose=\"1\"]').click()")  # the rung that also asks for an experiment
+    opened.run(VISIT_ALL)
+    names = opened.run("[...document.querySelectorAll('[data-figure]')].map(f => f.dataset.figure)")
+    assert len(names) > 20
+    empty = opened.run("[...document.querySelectorAll('.figure.empty')].map(f => f.dataset.figure)")
+    assert empty == []
+    bare = [name for name in names if name != "profile-now" and ink(opened, name) < 200]  # that one is all cursor
+    assert bare == []
+
+
+def test_opens_on_the_failure_at_its_worst_moment(opened: Browser) -> None:
+    assert opened.run("document.querySelector('[role=radio][aria-checked=true]').dataset.choose") == "0"
+    first = opened.run(
+        '(b => [b.dataset.jump, +b.dataset.from, +b.dataset.to])(document.querySelector(\'[data-rung="0"] '
+        "[data-jump]'))"
+    )
+    assert first[0] in opened.run("document.querySelector('[role=tab][aria-selected=true]').textContent")
+    assert first[1] <= opened.run(CLOCK) <= first[2]
+
+
+def test_choosing_a_rung_switches_every_panel(opened: Browser) -> None:
+    before = picture_of(opened, "carpet")
+    total = opened.run("document.querySelectorAll('[data-rung=\"2\"]').length")
+    opened.click(*centre_of(opened, ".rung[data-choose='2']"))
+    assert set(opened.run(SHOWN)) == {2}
+    assert len(opened.run(SHOWN)) == total
+    assert picture_of(opened, "carpet") != before
+    assert "rung 3 of 3" in opened.run("document.querySelector('#see .on-rung').textContent")
+    opened.key("1")
+    assert set(opened.run(SHOWN)) == {0}
+    assert picture_of(opened, "carpet") == before
+
+
+def test_holding_b_shows_the_rung_before(opened: Browser) -> None:
+    opened.key("2")
+    opened.key("b", kind="down")
+    assert set(opened.run(SHOWN)) == {0}
+    opened.key("b", kind="up")
+    assert set(opened.run(SHOWN)) == {1}
+
+
+def test_scrubbing_moves_film_curves_and_clock_together(opened: Browser) -> None:
+    x, y = centre_of(opened, '[data-figure="angle"] .canvas')
+    opened.drag((x - 100, y), (x + 100, y), steps=25)
+    late = opened.run(CLOCK)
+    opened.drag((x + 100, y), (x - 100, y), steps=25)
+    early = opened.run(CLOCK)
+    assert late - early > 1
+    frame = opened.run("Number(document.getElementById('scrub').value)")
+    assert frame == pytest.approx(early * 30, abs=1.01)  # the film of the sample has 30 frames a second
+    readout = opened.run("document.querySelector('[data-figure=\"angle\"] .readout').textContent")
+    assert "deg" in readout
+
+
+def test_film_follows_the_cursor(opened: Browser) -> None:
+    centre_of(opened, "#stage")
+    opened.wait("document.querySelectorAll('#stage canvas').length === 1")
+    opened.run("new Promise(done => setTimeout(done, 800))")
+    stage = "document.querySelector('#stage canvas').toDataURL().length > 20000 && document.querySelector('#stage canvas').toDataURL()"
+    first = opened.run(stage)
+    for _ in range(20):
+        opened.key("ArrowLeft")
+    opened.run("new Promise(done => setTimeout(done, 800))")
+    assert opened.run(stage) != first
+    assert opened.run("document.getElementById('stage-note').textContent") == ""
+
+
+def test_click_near_a_peak_jumps_to_it(opened: Browser) -> None:
+    worst = opened.run(
+        "(b => [+b.dataset.from, +b.dataset.to])(document.querySelector('[data-rung=\"0\"] [data-jump]'))"
+    )
+    peak = opened.run(CLOCK)
+    opened.key("0")
+    for _ in range(30):
+        opened.key("ArrowLeft", shift=True)
+    assert opened.run(CLOCK) < worst[0]
+    centre_of(opened, '[data-figure="error"] .canvas')
+    left, top, width, height = opened.run(
+        '(r => [r.x, r.y, r.width, r.height])(document.querySelector(\'[data-figure="error"] '
+        ".canvas').getBoundingClientRect())"
+    )
+    x = left + 54 + (width - 54 - 14) * (sum(worst) / 2) / opened.run("6 - 1 / 240") + 6
+    opened.click(x, top + height / 2)
+    assert opened.run(CLOCK) == pytest.approx(peak, abs=0.05)
+
+
+def test_worst_moment_of_another_run_opens_that_run(opened: Browser) -> None:
+    button = "document.querySelectorAll('[data-rung=\"0\"] .moments [data-jump]')[1]"
+    name = opened.run(f"{button}.dataset.jump")
+    opened.run(f"{button}.click()")
+    assert name in opened.run("document.querySelector('[role=tab][aria-selected=true]').textContent")
+    low, high = opened.run(f"[+{button}.dataset.from, +{button}.dataset.to]")
+    assert low - 0.01 <= opened.run(CLOCK) <= high + 0.01
+
+
+def test_keys(opened: Browser) -> None:
+    start = opened.run(CLOCK)
+    opened.key("ArrowRight")
+    assert opened.run(CLOCK) == pytest.approx(start + 1 / 30, abs=0.02)
+    tab = opened.run("document.querySelector('[role=tab][aria-selected=true]').dataset.experiment")
+    opened.key("]")
+    assert opened.run("document.querySelector('[role=tab][aria-selected=true]').dataset.experiment") != tab
+    theme = opened.run("document.documentElement.dataset.theme")
+    opened.key("t")
+    assert opened.run("document.documentElement.dataset.theme") != theme
+    opened.key("t")
+    opened.key(" ")
+    moving = opened.run(CLOCK)
+    opened.run("new Promise(done => setTimeout(done, 400))")
+    assert opened.run(CLOCK) != moving
+    opened.key(" ")
+    assert opened.run("document.getElementById('play').getAttribute('aria-label')") == "Play"
+
+
+def test_everything_has_a_name_for_screen_readers(opened: Browser) -> None:
+    nameless = opened.run("""[...document.querySelectorAll('button, input, select, [role=img], table th')].filter(e =>
+        !(e.getAttribute('aria-label') || e.textContent.trim() || e.closest('label')?.textContent.trim())).map(e => e.outerHTML.slice(0, 90))""")
+    assert nameless == []
+    assert opened.run("document.querySelectorAll('h1').length") == 1
+
+
+def test_prints_every_figure_as_vectors(opened: Browser) -> None:
+    pdf = opened.pdf()
+    assert pdf.startswith(b"%PDF")
+    assert pdf.count(b"/Type /Page\n") >= 5
+    assert opened.run("document.querySelectorAll('.sheet').length") == 0  # the screen is as it was
+    opened.run("dispatchEvent(new Event('beforeprint'))")
+    figures, sheets, empty = opened.run(
+        "['[data-figure]', '.sheet svg', '.figure.empty'].map(s => document.querySelectorAll(s).length)"
+    )
+    opened.run("dispatchEvent(new Event('afterprint'))")
+    assert figures == sheets + empty
+    assert sheets > 15
+
+
+def test_saves_figures_and_tables(opened: Browser, tmp_path: Path) -> None:
+    opened.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
+    opened.run("document.querySelector('[data-figure=\"carpet\"] [data-save=svg]').click()")
+    opened.run("document.querySelector('[data-figure=\"angle\"] [data-save=png]').click()")
+    opened.run("document.querySelector('table[data-csv=ladder]').closest('.tablebox').querySelector('.csv').click()")
+    for _ in range(100):
+        found = {path.suffix: path for path in tmp_path.iterdir() if path.suffix in (".svg", ".png", ".csv")}
+        if len(found) == 3:
+            break
+        opened.run("new Promise(done => setTimeout(done, 50))")
+    assert set(found) == {".svg", ".png", ".csv"}
+    assert found[".svg"].read_text().startswith("<svg")
+    assert imread(found[".png"]).std() > 1
+    rows = found[".csv"].read_text().splitlines()
+    assert len(rows) == 4
+    assert "5.73" in rows[1]
+
+
+@pytest.mark.parametrize(("width", "mobile"), [(390, True), (820, False), (1440, False), (2200, False)])
+def test_fits_the_screen(opened: Browser, tmp_path: Path, width: int, mobile: bool) -> None:
+    opened.resize(width, 900, mobile=mobile)
+    opened.run(VISIT_ALL)
+    assert opened.run("document.documentElement.scrollWidth") <= width
+    opened.screenshot(tmp_path / "shot.png")
+    assert imread(tmp_path / "shot.png").shape[1] == width
+
+
+def test_dark_and_light_differ_and_both_are_readable(opened: Browser, tmp_path: Path) -> None:
+    brightness = {}
+    for _ in range(2):
+        theme = opened.run("document.documentElement.dataset.theme")
+        opened.screenshot(tmp_path / f"{theme}.png")
+        brightness[theme] = float(np.median(imread(tmp_path / f"{theme}.png")[..., :3]))
+        opened.key("t")
+    assert brightness["light"] > 230
+    assert brightness["dark"] < 40
+
+
+def test_budgets(chromium: Browser, page: Path) -> None:
+    """Size on disk, and time that the browser's main thread works, counted in CPU time so that a busy machine is no excuse."""
+    assert page.stat().st_size < 10_000_000
+    chromium.resize(1440, 900)
+    chromium.call("Page.navigate", url="about:blank")
+    chromium.call("Performance.disable")
+    chromium.call("Performance.enable", timeDomain="threadTicks")
+
+    def worked() -> float:
+        return {m["name"]: m["value"] for m in chromium.call("Performance.getMetrics")["metrics"]}["TaskDuration"]
+
+    before = worked()
+    chromium.open(page)
+    loading = worked() - before
+    assert loading < 2.0
+    centre_of(chromium, "#see")
+    chromium.run("new Promise(done => setTimeout(done, 500))")
+    before = worked()
+    chromium.run("""(async () => { const s = document.getElementById('scrub');
+      for (let i = 0; i < 120; i++) { s.value = i; s.dispatchEvent(new Event('input')); await new Promise(requestAnimationFrame); } })()""")
+    assert (worked() - before) / 120 < 0.016  # sixty pictures a second
+
+
+def angle_only(folder: Path) -> None:
+    """What an inclinometer gives: no camera, no film, no shape."""
+    for path in folder.glob("*/recording.nc"):
+        data = read_dataset(path)
+        Recording(data[["valid", "reason", "bend_angle", "pressure"]]).save(path)
+        (path.parent / "track.nc").unlink()
+    for path in folder.glob("models/*/prediction.nc"):
+        write_datasets(path, {name: read_dataset(path, group=name)[["bend_angle", "phase"]] for name in TWO})
+    shutil.rmtree(folder / "calibration")
+
+
+def measured_only(folder: Path) -> None:
+    shutil.rmtree(folder / "models")
+    (folder / "ladder.json").unlink()
+
+
+def tracked_only(folder: Path) -> None:
+    measured_only(folder)
+    for path in folder.glob("*/recording.nc"):
+        path.unlink()
+
+
+def empty(folder: Path) -> None:
+    shutil.rmtree(folder)
+    folder.mkdir()
+
+
+def one_fit(folder: Path) -> None:
+    (folder / "ladder.json").unlink()
+    for name in RUNGS[1:]:
+        shutil.rmtree(folder / "models" / name)
+    for name in ("comparison.json", "diagnosis.json"):
+        (folder / "models" / "base" / name).unlink()
+
+
+@pytest.mark.parametrize("take_away", [angle_only, measured_only, tracked_only, empty, one_fit])
+def test_absent_panels_say_why(
+    chromium: Browser, tmp_path: Path, bare: Path, take_away: Callable[[Path], None]
+) -> None:
+    folder = Path(shutil.copytree(bare, tmp_path / "rfea"))
+    take_away(folder)
+    page = tmp_path / "index.html"
+    page.write_text(render(folder, title="bare", commands=()), encoding="utf-8")
+    chromium.complaints.clear()
+    chromium.resize(1440, 900)
+    chromium.open(page)
+    chromium.run(VISIT_ALL)
+    for key in ("ArrowRight", "]", "2", "b", "+", "0", "s"):
+        chromium.key(key)
+    chromium.run("dispatchEvent(new Event('beforeprint')), dispatchEvent(new Event('afterprint'))")
+    assert chromium.complaints == []
+    silent = chromium.run(
+        "[...document.querySelectorAll('.figure.empty')].filter(f => !(f.querySelector('.why')?.textContent.length > 20)).map(f => f.dataset.figure)"
+    )
+    assert silent == []
+    assert "undefined" not in chromium.run("document.body.innerText")

@@ -1,0 +1,184 @@
+"""The page as text: complete or absent with a reason, every number from an artefact, nothing from outside."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from rfea_vision.artefacts import Recording, Track
+from rfea_vision.files import read_dataset, write_datasets
+from rfea_vision.report import render
+from rfea_vision.report.collect import collect
+from tests.report.sample import RUNGS, write_sample
+
+TWO = ("steps-270kPa", "steps-180kPa")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_sample(tmp_path_factory.mktemp("small") / "rfea", seconds=1.5, video=False, names=TWO)
+
+
+@pytest.fixture
+def copy(small: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(small, tmp_path / "rfea"))
+
+
+def page_of(folder: Path) -> str:
+    return render(folder, title="tube-A", commands=("rfea improve tube-A",))
+
+
+def words(html: str) -> str:
+    """What a reader sees, without styles, scripts and tags."""
+    bare = re.sub(r"<(style|script|noscript|math).*?</\\1>".replace("\\\\", "\\"), " ", html, flags=re.S)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", bare))
+
+
+def numbers_in(value: object) -> set[float]:
+    if isinstance(value, dict):
+        return set().union(*map(numbers_in, value.values()), set())
+    if isinstance(value, list):
+        return set().union(*map(numbers_in, value), set())
+    return {float(value)} if isinstance(value, int | float) and not isinstance(value, bool) else set()
+
+
+def test_says_what_was_found(small: Path) -> None:
+    text = words(page_of(small))
+    assert (
+        "The model of the paper lacked 2 things: visco-elastic relaxation (Maxwell branch); gravity tilted in "
+        "the plane." in text
+    )
+    assert "cannot be told apart by these data" in text
+    assert "rfea improve tube-A" in text
+    for name in TWO:
+        assert name in text
+
+
+def test_asks_nothing_of_the_network(small: Path) -> None:
+    html = page_of(small)
+    assert re.findall(r"(?:src|href)=\"(?!#|data:|\$)[^\"]*\"", html) == []
+    assert set(re.findall(r"https?://[\w./]+", html)) <= {
+        "http://www.w3.org/2000/svg",
+        "http://www.w3.org/1998/Math/MathML",
+    }
+    assert "@import" not in html
+    assert "url(" not in html.split("</style>")[0]
+
+
+def test_every_number_in_a_table_stands_in_an_artefact(small: Path) -> None:
+    known: set[float] = set()
+    for path in small.rglob("*.json"):
+        known |= numbers_in(json.loads(path.read_text()))
+    shown = [float(value) for value in re.findall(r"data-value=\"([-\d.e]+)\"", page_of(small))]
+    assert len(shown) > 100
+    assert [value for value in shown if value not in known] == []
+
+
+def test_same_artefacts_same_page(small: Path) -> None:
+    assert page_of(small) == page_of(small)
+
+
+def test_without_a_model_the_measurement_is_shown(copy: Path) -> None:
+    shutil.rmtree(copy / "models")
+    (copy / "ladder.json").unlink()
+    text = words(page_of(copy))
+    assert "no model has been fitted yet" in text
+    assert "run rfea fit" in text.replace("  ", " ")
+    assert "steps-270kPa" in text
+
+
+def test_a_single_fit_without_ladder(copy: Path) -> None:
+    (copy / "ladder.json").unlink()
+    for name in RUNGS[1:]:
+        shutil.rmtree(copy / "models" / name)
+    (copy / "models" / "base" / "diagnosis.json").unlink()
+    text = words(page_of(copy))
+    assert "what it lacks has not been looked for yet" in text
+    assert "base has no diagnosis yet: run rfea diagnose" in text
+    assert "No ladder yet" in text
+
+
+def test_an_empty_folder(tmp_path: Path) -> None:
+    text = words(page_of(tmp_path))
+    assert "No experiment has been tracked yet" in text
+    assert "No model yet" in text
+
+
+@pytest.mark.parametrize("name", ["comparison.json", "diagnosis.json", "prediction.nc"])
+def test_a_missing_piece_is_named(copy: Path, name: str) -> None:
+    (copy / "models" / "base" / name).unlink()
+    html = page_of(copy)
+    assert f"base has no {name.split('.')[0]}" in html
+
+
+@pytest.mark.parametrize(
+    "name", ["ladder.json", "models/base/model.json", "models/base/prediction.nc", "steps-270kPa/recording.nc"]
+)
+def test_a_broken_piece_is_named_and_the_rest_stands(copy: Path, name: str) -> None:
+    (copy / name).write_text("not what it should be")
+    html = page_of(copy)
+    assert Path(name).name in html
+    assert "gravity" in html
+
+
+def test_an_inclinometer_has_only_angles(copy: Path) -> None:
+    for name in TWO:
+        kept = ["valid", "reason", "bend_angle", "bend_angle_sigma"]
+        recording = read_dataset(copy / name / "recording.nc")
+        Recording(recording[[*kept, "pressure"]]).save(copy / name / "recording.nc")
+        Track(read_dataset(copy / name / "track.nc")[kept]).save(copy / name / "track.nc")
+    for rung in RUNGS:
+        path = copy / "models" / rung / "prediction.nc"
+        groups: dict[str | None, xr.Dataset] = {
+            name: read_dataset(path, group=name)[["bend_angle", "phase"]] for name in TWO
+        }
+        write_datasets(path, groups)
+    html = page_of(copy)
+    manifest = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", html, re.S)[1])  # type: ignore[index]
+    first = manifest["experiments"][0]
+    assert "angle" in first
+    assert "tip" not in first
+    assert "has no tip" in first["why"]["tip"]
+    assert "has no tip error" in manifest["rungs"][0]["experiments"]["steps-270kPa"]["why"]["error"]
+
+
+def test_all_frames_lost(copy: Path) -> None:
+    path = copy / TWO[0] / "recording.nc"
+    data = read_dataset(path)
+    for name, variable in data.data_vars.items():
+        if variable.dtype.kind == "f" and name != "pressure":
+            data[name] = variable * np.nan
+    data["valid"] = data["valid"] * 0
+    data["reason"] = ("time", np.full(data.sizes["time"], "the tube was not found"))
+    Recording(data).save(path)
+    html = page_of(copy)
+    assert "the tube was not found" in html
+
+
+def test_hostile_names_stay_text(copy: Path) -> None:
+    html = render(copy, title="</title><script>alert(1)</script>", commands=("rm -rf <b>",))
+    assert "<script>alert(1)" not in html
+    assert "<b>" not in html.split("<main>")[1].split("Commands that made")[1].split("</section>")[0]
+
+
+def test_runs_come_in_the_order_of_their_roles(small: Path) -> None:
+    assert [experiment.role for experiment in collect(small).experiments] == ["train", "validate"]
+
+
+def test_films_beyond_the_size_limit_are_left_out_with_a_word(
+    sample: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rfea_vision.report import page
+
+    whole = len(page_of(sample))
+    films = sum(4 * path.stat().st_size / 3 for path in sample.glob("*/clip.mp4"))
+    monkeypatch.setattr(page, "SIZE_LIMIT_BYTES", whole - int(films / 2))
+    html = page_of(sample)
+    assert len(html) < page.SIZE_LIMIT_BYTES
+    assert "was left out to keep this page below" in html
