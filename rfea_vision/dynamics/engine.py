@@ -17,12 +17,11 @@ Legend. Index 0 is the clamp (it turns only if it is compliant), 1..n the bodies
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean, float64, int64, njit, types, void
+from numba import float64, njit, types, void
 
 VECTOR = float64[::1]
 MATRIX = float64[:, ::1]
 CUBE = float64[:, :, ::1]
-HYPER = float64[:, :, :, ::1]
 JOINT_LAW = types.FunctionType(void(VECTOR, VECTOR, MATRIX, float64, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX))
 JOINT_CUBE = types.FunctionType(void(VECTOR, VECTOR, MATRIX, float64, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, CUBE))
 FORCE_LAW = types.FunctionType(void(MATRIX, VECTOR, VECTOR, VECTOR, CUBE))

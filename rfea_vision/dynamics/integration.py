@@ -6,14 +6,20 @@ Legend as in `engine`. S_* are sensitivities with respect to the free parameters
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import boolean, float64, int64, njit, types
 
 from rfea_vision.dynamics.engine import (
     _OPTIONS,
     BLOWN_UP,
+    CUBE,
     FIXED,
+    FORCE_LAW,
+    JOINT_CUBE,
+    JOINT_LAW,
+    MATRIX,
     NOT_CONVERGED,
     OK,
+    VECTOR,
     _explicit,
     _factor,
     _joint_factors,
@@ -25,6 +31,18 @@ from rfea_vision.dynamics.engine import (
 LARGEST_JOINT_ANGLE = 3.0  # rad; beyond it the chain has wound up
 NEWTON_STEPS = 15
 
+# Signatures are spelled out so that laws enter as function pointers and one compiled engine serves them all.
+_INDEX = int64[::1]
+_BODIES = (MATRIX, CUBE, float64, VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR)
+_EQUILIBRIUM = types.Tuple((int64, float64))(
+    JOINT_LAW, JOINT_CUBE, JOINT_CUBE, FORCE_LAW, *_BODIES, float64, VECTOR, VECTOR, int64, int64, boolean, boolean,
+    _INDEX, VECTOR, MATRIX, MATRIX, CUBE,
+)
+_INTEGRATE = types.Tuple((int64, int64, int64))(
+    JOINT_LAW, JOINT_CUBE, FORCE_LAW, MATRIX, float64, *_BODIES, MATRIX, CUBE, CUBE, int64, int64, boolean, boolean, boolean,
+    float64, _INDEX, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, CUBE, _INDEX, VECTOR, MATRIX, MATRIX, CUBE, CUBE, float64,
+)
+
 
 @njit(inline="never", **_OPTIONS)
 def _joint_angles(phi, om, theta, rate):
@@ -33,7 +51,7 @@ def _joint_angles(phi, om, theta, rate):
         rate[j] = om[j + 1] - om[j]
 
 
-@njit(inline="never", **_OPTIONS)
+@njit(_EQUILIBRIUM, **_OPTIONS)
 def equilibrium(law, law_par, relaxed_law, force_law, chain, dchain, base_length, line, dline, gravity, dgravity,
                 position, arc, weights, par, con, pressure, dpressure, drive, columns, m, with_force, with_base,
                 free, phi, z, S_phi, S_z):
@@ -130,7 +148,7 @@ def equilibrium(law, law_par, relaxed_law, force_law, chain, dchain, base_length
     return status, stability
 
 
-@njit(inline="never", **_OPTIONS)
+@njit(_INTEGRATE, **_OPTIONS)
 def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, line, dline, gravity, dgravity,
               position, arc, weights, par, con, pressure, dpressure, drive, columns, m, with_force, with_base, with_line,
               volume_rate, free, phi, om, z, S_phi, S_om, S_z, frame_step, frame_fraction, out_phi, out_om, out_z, out_S, tolerance):

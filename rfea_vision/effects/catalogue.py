@@ -13,7 +13,7 @@ from pathlib import Path
 from rfea_vision.effects.base import Effect
 from rfea_vision.errors import InputError
 
-_NOT_EFFECTS = {"base", "catalogue"}
+_NOT_EFFECTS = {"base", "catalogue", "typeset"}
 
 
 def _effects_in(module: object) -> list[type[Effect]]:

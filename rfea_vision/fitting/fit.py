@@ -1,0 +1,324 @@
+"""The fit: start from the steady state and from several guesses, then dynamic least squares on all training runs at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts.judgement import ModelFit
+from rfea_vision.artefacts.measurement import Actuator, Recording
+from rfea_vision.dynamics.simulation import Chain, Model
+from rfea_vision.effects.catalogue import find_effects
+from rfea_vision.errors import DataError, InputError
+from rfea_vision.fitting.coordinates import Coordinates, base_reference, build, largest_bend
+from rfea_vision.fitting.observation import Observe, Observed, default_observe, observe_recording
+from rfea_vision.fitting.solver import Solution, fit_clocks, solve
+from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int], None] | None
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What to fit and how.
+
+    Attributes
+    ----------
+    effects : ids, each optionally with a place: ``coulomb@2`` acts at joint 2 alone
+    observe : what of the recordings is compared; None takes the richest that all of them offer
+    fixed : parameters held at a value (SI)
+    starts : number of random starts beside the regular ones
+    """
+
+    name: str = "base"
+    segments: int = 16
+    joints: Literal["middle", "start"] = "middle"
+    effects: tuple[str, ...] = ()
+    observe: Observe | None = None
+    effect_files: tuple[Path, ...] = ()
+    seed: int = 0
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    starts: int = 2
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Recordings made ready, by role, with the tube they show."""
+
+    actuator: Actuator
+    train: tuple[Observed, ...]
+    validate: tuple[Observed, ...]
+    test: tuple[Observed, ...]
+    recordings: dict[str, Recording]
+    bend: float
+
+    @property
+    def mirror(self) -> float:
+        return self.train[0].mirror
+
+    def with_roles(self, *roles: str) -> tuple[Observed, ...]:
+        return tuple(o for o in (*self.train, *self.validate, *self.test) if o.role in roles)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A solved fit, before it becomes an artefact."""
+
+    model: Model
+    options: FitOptions
+    coordinates: Coordinates
+    solution: Solution
+    plateaus: tuple[Plateau, ...] = ()
+    steady: dict[str, Any] = field(default_factory=dict)
+    starts: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def par(self) -> FloatArray:
+        return self.solution.par
+
+    def value(self, name: str) -> float:
+        return float(self.par[self.model.names.index(name)])
+
+
+def make_problem(recordings: Mapping[str, Recording], actuator: Actuator, observe: Observe | None = None) -> Problem:
+    """Prepare all recordings but the ignored ones.
+
+    Raises
+    ------
+    DataError
+        No recording has the role `train`.
+    """
+    used = {name: r for name, r in recordings.items() if r.role in ("train", "validate", "test")}
+    training = [r for r in used.values() if r.role == "train"]
+    if not training:
+        raise DataError("no experiment has `role: train`; set it in the experiment.yaml of at least one run")
+    wanted = observe or default_observe(training)
+    items = []
+    for recording in used.values():
+        own = wanted if _offers(recording, wanted) else default_observe([recording])
+        items.append(observe_recording(recording, wanted if recording.role == "train" else own))
+    groups = {role: tuple(o for o in items if o.role == role) for role in ("train", "validate", "test")}
+    return Problem(actuator, groups["train"], groups["validate"], groups["test"], dict(used), largest_bend(items))
+
+
+def _offers(recording: Recording, observe: Observe) -> bool:
+    return {"midline": "midline", "tip": "tip", "tip_y": "tip", "angle": "bend_angle"}[observe] in recording.dataset
+
+
+def parse_effects(effects: Sequence[str], segments: int) -> tuple[tuple[str, ...], dict[str, int]]:
+    """Split ``coulomb@2`` into id and joint."""
+    ids, places = [], {}
+    for text in effects:
+        name, _, joint = text.partition("@")
+        ids.append(name)
+        if joint:
+            if not joint.isdigit() or not 1 <= int(joint) <= segments:
+                raise InputError(f"effect '{text}': the joint after @ must be a whole number from 1 to {segments}")
+            places[name] = int(joint)
+    return tuple(ids), places
+
+
+def make_model(actuator: Actuator, options: FitOptions, mirror: float = 1.0) -> Model:
+    """Model that the options describe."""
+    ids, places = parse_effects(options.effects, options.segments)
+    effects = find_effects(ids, options.effect_files)
+    return Model(Chain.tube(actuator, options.segments, options.joints), effects, mirror=mirror, at=places)
+
+
+def start_vector(model: Model, actuator: Actuator, segments: int) -> FloatArray:
+    """The paper's table for the base parameters, the declared start for those of effects."""
+    par = np.zeros(len(model.names))
+    par[:7] = base_reference(actuator, segments)
+    for effect in model.effects:
+        for name, spec in effect.parameters.items():
+            first = spec.grid[0] if spec.grid else spec.start
+            par[model.names.index(f"{effect.id}.{name}")] = spec.start if spec.absent is not None else first
+    return par
+
+
+def carried(model: Model, actuator: Actuator, segments: int, previous: Mapping[str, float], previous_segments: int) -> FloatArray:
+    """Start from an earlier fit: its values where it has them, scaled to this number of segments."""
+    par = start_vector(model, actuator, segments)
+    for k, name in enumerate(model.names):
+        if name in previous:
+            par[k] = previous[name] * (segments / previous_segments if k < 6 else 1.0)
+    return par
+
+
+def _steady_start(model: Model, problem: Problem, options: FitOptions, par: FloatArray,
+                  plateaus: Sequence[Plateau]) -> tuple[FloatArray, dict[str, Any]]:
+    """Stiffness from the plateaus, at the present r_hyd; a sentence where they do not allow it."""
+    loaded = [p for p in plateaus if p.pressure > 0.15 * max((q.pressure for q in plateaus), default=0.0)]
+    if len(loaded) < 2:
+        return par, {"note": f"{len(loaded)} plateau(s) under pressure: too few for a steady-state fit; dynamic fit from the paper's table"}
+    coordinates = build(model, problem.actuator, options.segments, problem.bend, only=("k_ref", "k_slope"), held=par)
+    fractions = problem.train[0].fractions
+    out = fit_steady(model, plateaus, coordinates, par, fractions)
+    if out is None:
+        return par, {"note": "the start has no steady state at the plateaus; dynamic fit from the paper's table"}
+    fitted, residual = out
+    angles = [model.steady(fitted, p.pressure) for p in plateaus]
+    record = {
+        "pressure_kPa": [p.pressure / 1e3 for p in plateaus],
+        "experiment": [p.experiment for p in plateaus],
+        "angle_deg": [float(np.rad2deg(p.angle)) for p in plateaus],
+        "fitted_angle_deg": [float(np.rad2deg(s.phi[-1])) if s.found else None for s in angles],
+        "rms_mm": float(np.sqrt(np.mean(residual**2)) * 0.1) if fractions.size else None,
+        "k_ref": float(fitted[0]),
+        "k_slope": float(fitted[1]),
+    }
+    return fitted, record
+
+
+def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:
+    """Fit without a predecessor: steady state, several starts on a coarse chain, then the full one.
+
+    The starts differ in r_hyd (which sets the ringing frequency once the statics are matched) and in damping, so that a
+    minimum with the ringing out of phase is found out.
+    """
+    coarse = replace(options, segments=min(options.segments, 6 if options.joints == "middle" else options.segments))
+    model = make_model(problem.actuator, coarse, problem.mirror)
+    thin = [o.thinned(max(1, o.time.size // 500)) for o in problem.train]
+    plateaus = find_plateaus(problem.train)
+    reference = start_vector(model, problem.actuator, coarse.segments)
+    coordinates = build(model, problem.actuator, coarse.segments, problem.bend, options.fixed)
+    rng = np.random.default_rng(options.seed)
+    shapes = [(1.0, 1.0), (0.9, 2.0), (1.2, 0.5)]
+    shapes += [(float(rng.uniform(0.85, 1.35)), float(np.exp(rng.uniform(-1.2, 1.2)))) for _ in range(options.starts)]
+    best: Solution | None = None
+    record: dict[str, Any] = {}
+    waterfall: list[dict[str, Any]] = []
+    for index, (arm, damping) in enumerate(shapes):
+        guess = reference.copy()
+        guess[6] *= arm
+        guess[:2] *= arm
+        guess[2:6] *= damping
+        guess, steady = _steady_start(model, problem, coarse, guess, plateaus)
+        record = record or steady
+        solution = solve(model, thin, coordinates, guess, most_evaluations=40, tolerance=1e-5)
+        label = f"r_hyd x {arm:.2f}, damping x {damping:.2f}"
+        if solution is None:
+            waterfall.append({"start": label, "cost": None, "status": "could not be simulated"})
+        else:
+            waterfall.append({"start": label, "cost": solution.cost, "status": "converged" if solution.converged else "stopped early"})
+            if best is None or solution.cost < best.cost:
+                best = solution
+        if progress is not None:
+            progress(index + 1, len(shapes) + 2)
+    if best is None:
+        raise DataError(
+            "no start could be simulated: at these pressures the model has no steady state with parameters near the paper's; "
+            "check the unit of the pressure log and the actuator's dimensions"
+        )
+    previous = dict(zip(model.names, best.par, strict=True))
+    fitted = refit(problem, options, previous, coarse.segments, clocks=best.clocks)
+    if progress is not None:
+        progress(len(shapes) + 2, len(shapes) + 2)
+    return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
+
+
+def refit(problem: Problem, options: FitOptions, previous: Mapping[str, float], previous_segments: int,
+          clocks: FloatArray | None = None, *, most_evaluations: int = 60, tolerance: float = 1e-7,
+          items: Sequence[Observed] | None = None) -> Fitted:
+    """Fit from an earlier fit's values.
+
+    Raises
+    ------
+    DataError
+        The start cannot be simulated.
+    """
+    model = make_model(problem.actuator, options, problem.mirror)
+    coordinates = build(model, problem.actuator, options.segments, problem.bend, options.fixed)
+    start = carried(model, problem.actuator, options.segments, previous, previous_segments)
+    used = list(items) if items is not None else list(problem.train)
+    solution = solve(model, used, coordinates, start, clocks, most_evaluations=most_evaluations, tolerance=tolerance)
+    if solution is None:
+        raise DataError(f"model {options.name}: the start could not be simulated; try fewer segments or other effects")
+    return Fitted(model, options, coordinates, solution)
+
+
+def effect_starts(model_effects: Sequence[Any], names: Sequence[str]) -> list[dict[str, float]]:
+    """Starts for the parameters of effects just added: each grid value of what vanishes with the amplitude, both signs."""
+    starts: list[dict[str, float]] = [{}]
+    for effect in model_effects:
+        if effect.id not in names:
+            continue
+        for name, spec in effect.parameters.items():
+            key = f"{effect.id}.{name}"
+            if spec.absent is None and spec.grid:
+                starts = [{**s, key: value} for s in starts for value in spec.grid]
+            elif spec.absent is not None:
+                starts = [{**s, key: spec.start} for s in starts]
+    return starts
+
+
+def fit_added(problem: Problem, options: FitOptions, previous: Fitted, *, starts: Sequence[dict[str, float]] | None = None,
+              progress: Progress = None) -> Fitted:
+    """Fit a model that has more effects than `previous`, from several starts for the new parameters."""
+    model = make_model(problem.actuator, options, problem.mirror)
+    new = [effect.id for effect in model.effects if effect.id not in {e.id for e in previous.model.effects}]
+    options_list = list(starts) if starts is not None else effect_starts(model.effects, new)
+    known = dict(zip(previous.model.names, previous.par, strict=True))
+    segments = previous.options.segments
+    best: Fitted | None = None
+    waterfall = []
+    thin = [o.thinned(max(1, o.time.size // 400)) for o in problem.train]
+    for index, start in enumerate(options_list):
+        label = ", ".join(f"{k} = {v:g}" for k, v in start.items()) or "previous model"
+        try:
+            trial = refit(problem, options, {**known, **start}, segments, previous.solution.clocks, items=thin,
+                          most_evaluations=15 if len(options_list) > 1 else 30, tolerance=1e-4)
+        except DataError:
+            waterfall.append({"start": label, "cost": None, "status": "could not be simulated"})
+            continue
+        waterfall.append({"start": label, "cost": trial.solution.cost, "status": "converged" if trial.solution.converged else "stopped early"})
+        if best is None or trial.solution.cost < best.solution.cost:
+            best = trial
+        if progress is not None:
+            progress(index + 1, len(options_list) + 1)
+    if best is None:
+        raise DataError(f"model {options.name}: none of its starts could be simulated")
+    values = dict(zip(best.model.names, best.par, strict=True))
+    final = refit(problem, options, values, options.segments, best.solution.clocks)
+    return replace(final, plateaus=previous.plateaus, steady=previous.steady, starts=tuple(waterfall))
+
+
+def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:
+    """Base model first, then the effects asked for, all together."""
+    base = fit_base(problem, replace(options, effects=()), progress)
+    if not options.effects:
+        return replace(base, options=options)
+    return fit_added(problem, options, base, progress=progress)
+
+
+def held_out_clocks(fitted: Fitted, items: Sequence[Observed]) -> dict[str, float]:
+    """Clock of every experiment: fitted for training runs, alone for the others."""
+    train = {}
+    for item, clock in zip(items, fit_clocks(fitted.model, items, fitted.par), strict=True):
+        train[item.name] = float(clock)
+    return train
+
+
+def fit_model(
+    recordings: Mapping[str, Recording], actuator: Actuator, options: FitOptions | None = None, progress: Progress = None
+) -> ModelFit:
+    """Fit the RSDA model to the training recordings and score it on the others (test runs are left alone).
+
+    Raises
+    ------
+    DataError
+        No training recording, or no start that can be simulated.
+    InputError
+        An unknown effect.
+    """
+    from rfea_vision.fitting.scoring import as_artefact
+
+    chosen = options or FitOptions()
+    problem = make_problem(recordings, actuator, chosen.observe)
+    return as_artefact(problem, fit(problem, chosen, progress))

@@ -1,0 +1,248 @@
+"""What the fit sees of a recording: positions in the dynamics' frame with weights, and the pressure on the engine's grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.dynamics.simulation import Excitation
+from rfea_vision.errors import DataError
+
+FloatArray = NDArray[np.float64]
+Observe = Literal["midline", "tip", "tip_y", "angle"]
+
+FITTED_NODES = 8
+MM = 1e-3
+#: Nobody reads a tube better than this; keeps a file that claims zero error from ruling the fit.
+SMALLEST_SIGMA_MM = 0.005
+SMALLEST_SIGMA_DEG = 0.005
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One experiment, SI, mirrored where the tube bends right so that bending is towards -x.
+
+    time : (frames,) s on the log's clock, valid frames only
+    points : (frames, m, 2) m at `fractions` of the centre line, the last one the tip; NaN where there is no midline
+    normals : (frames, m, 2) unit normals of the measured centre line
+    sigma : (frames, m) m; angle, angle_sigma : (frames,) rad or NaN
+    weight_rows : how the residual is built, see `rows`
+    """
+
+    name: str
+    role: str
+    mirror: float
+    time: FloatArray
+    frame: NDArray[np.int64]
+    fractions: FloatArray
+    points: FloatArray
+    normals: FloatArray
+    sigma: FloatArray
+    angle: FloatArray
+    angle_sigma: FloatArray
+    excitation: Excitation
+    observe: Observe
+    clock_free: bool
+    clock_sigma: float
+    repeat_of: str | None = None
+    tip_noise_mm: float = field(default=0.0)
+
+    @cached_property
+    def middle_s(self) -> float:
+        """Middle of the recording, where a clock drift is zero."""
+        return float(0.5 * (self.time[0] + self.time[-1]))
+
+    @property
+    def has_midline(self) -> bool:
+        return self.fractions.size > 1
+
+    @property
+    def has_tip(self) -> bool:
+        return self.fractions.size > 0
+
+    def thinned(self, step: int) -> Observed:
+        """Every `step`-th frame, for screening."""
+        if step <= 1:
+            return self
+        pick = slice(None, None, step)
+        changes = {k: getattr(self, k)[pick] for k in ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")}
+        values = {k: v for k, v in self.__dict__.items() if k in self.__dataclass_fields__}
+        return Observed(**{**values, **changes})
+
+
+def white_noise_mm(tip_mm: FloatArray) -> float:
+    """Noise of a tip track (frames, 2) in the norm of the tip RMSE, from its own high frequencies.
+
+    Third differences remove any motion that is smooth over four frames; the median makes single jumps harmless.
+    """
+    if tip_mm.shape[0] < 12:
+        return 0.0
+    third = np.diff(tip_mm, n=3, axis=0)
+    third = third[np.all(np.isfinite(third), axis=1)]
+    if third.shape[0] < 8:
+        return 0.0
+    sigma = np.median(np.abs(third - np.median(third, axis=0)), axis=0) / 0.6745 / np.sqrt(20)
+    return float(np.sqrt(np.sum(sigma**2)))
+
+
+def default_observe(recordings: list[Recording]) -> Observe:
+    """The richest observation that every recording offers."""
+    for name, key in (("midline", "midline"), ("tip", "tip"), ("angle", "bend_angle")):
+        if all(key in r.dataset for r in recordings):
+            return name  # type: ignore[return-value]
+    return "angle"
+
+
+def _points(recording: Recording, valid: NDArray[np.bool_], mirror: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Fractions, points, normals and sigma of the valid frames."""
+    data = recording.dataset
+    flip = np.array([mirror, 1.0])
+    count = int(valid.sum())
+    if "midline" in data:
+        line = data["midline"].values[valid] * flip * MM
+        tangent = np.gradient(line, axis=1)
+        length = np.linalg.norm(tangent, axis=2, keepdims=True)
+        normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / np.where(length > 0, length, 1.0)
+        total = line.shape[1]
+        pick = np.unique(np.linspace(0, total - 1, FITTED_NODES + 1).round().astype(int))[1:]
+        fractions = pick / (total - 1)
+        if "midline_sigma" in data:
+            sigma = data["midline_sigma"].values[valid][:, pick] * MM
+        else:
+            sigma = np.full((count, pick.size), white_noise_mm(data["midline"].values[valid][:, -1]) * MM / np.sqrt(2))
+        if "tip" in data:
+            line[:, -1] = data["tip"].values[valid] * flip * MM
+        return fractions, line[:, pick], normals[:, pick], sigma
+    if "tip" in data:
+        points = (data["tip"].values[valid] * flip * MM)[:, None, :]
+        normals = np.tile(np.array([1.0, 0.0]), (count, 1, 1))
+        if "tip_sigma" in data:
+            sigma = np.sqrt(np.mean(data["tip_sigma"].values[valid] ** 2, axis=1))[:, None] * MM
+        else:
+            sigma = np.full((count, 1), white_noise_mm(data["tip"].values[valid]) * MM / np.sqrt(2))
+        return np.array([1.0]), points, normals, sigma
+    return np.zeros(0), np.zeros((count, 0, 2)), np.zeros((count, 0, 2)), np.zeros((count, 0))
+
+
+def _without_jumps(points: FloatArray, angle: FloatArray, sigma: FloatArray) -> NDArray[np.bool_]:
+    """Frames whose tip does not stand out alone from its neighbours (base and tip swapped, a reflection caught)."""
+    signal = points[:, -1] if points.shape[1] else angle[:, None]
+    if signal.shape[0] < 9:
+        return np.ones(signal.shape[0], dtype=bool)
+    padded = np.pad(signal, ((3, 3), (0, 0)), mode="edge")
+    window = np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0)
+    deviation = np.abs(signal - np.median(window, axis=-1)).max(axis=1)
+    # What a still or moving tube does between frames sets the scale; a jump is far beyond both that and the noise.
+    scale = np.median(deviation) * 12 + (10 * np.median(sigma[:, -1]) if sigma.shape[1] else 0.0)
+    spread = np.ptp(window, axis=-1).max(axis=1)
+    return (deviation <= max(scale, 1e-9)) | (deviation < 0.5 * np.median(spread))
+
+
+def observe_recording(recording: Recording, observe: Observe | None = None) -> Observed:
+    """Prepare a recording.
+
+    Raises
+    ------
+    DataError
+        Too few valid frames within the pressure log, or an observation the track does not carry.
+    """
+    data, name = recording.dataset, recording.name
+    log_time, pressure = data["log_time"].values.astype(float), data["pressure"].values.astype(float) * 1e3
+    time = recording.time_s.astype(float)
+    margin = 0.02
+    valid = recording.valid & (time >= log_time[0] + margin) & (time <= log_time[-1] - margin)
+    valid &= np.concatenate([[True], np.diff(time) > 0])
+    for key in ("tip", "midline", "bend_angle"):
+        if key in data:
+            values = data[key].values.reshape(time.size, -1)
+            valid &= np.all(np.isfinite(values), axis=1)
+    if valid.sum() < 10:
+        raise DataError(
+            f"experiment {name}: only {int(valid.sum())} valid frames lie within the pressure log; "
+            "check the track's reasons (`rfea check`) and the clock offset"
+        )
+    mirror = -1.0 if str(data.attrs.get("bends", "left")) == "right" else 1.0
+    fractions, points, normals, sigma = _points(recording, valid, mirror)
+    count = int(valid.sum())
+    angle = np.deg2rad(data["bend_angle"].values[valid]) if "bend_angle" in data else np.full(count, np.nan)
+    if "bend_angle_sigma" in data:
+        angle_sigma = np.deg2rad(data["bend_angle_sigma"].values[valid])
+    else:
+        pair = np.column_stack([np.rad2deg(angle), np.zeros(count)])
+        angle_sigma = np.full(count, np.deg2rad(white_noise_mm(pair)))
+    wanted: Observe = observe or default_observe([recording])
+    if (wanted == "midline" and fractions.size < 2) or (wanted in ("tip", "tip_y") and fractions.size == 0):
+        raise DataError(f"experiment {name}: its track has no {wanted.split('_')[0]}; use --observe {default_observe([recording])}")
+    if wanted == "angle" and not np.any(np.isfinite(angle)):
+        raise DataError(f"experiment {name}: its track has no bend angle; use --observe {default_observe([recording])}")
+    sigma = np.maximum(np.where(np.isfinite(sigma), sigma, np.nanmedian(sigma) if sigma.size else 0), SMALLEST_SIGMA_MM * MM)
+    angle_sigma = np.maximum(np.where(np.isfinite(angle_sigma), angle_sigma, 0), np.deg2rad(SMALLEST_SIGMA_DEG))
+    keep = _without_jumps(points, angle, sigma)
+    method = str(data.attrs.get("sync_method", "common_clock"))
+    excitation = Excitation.from_log(log_time, pressure, float(time[valid][0]) - 0.25, float(time[valid][-1]) + 0.25)
+    tip_mm = points[keep, -1] / MM if fractions.size else np.zeros((0, 2))
+    return Observed(
+        name=name,
+        role=recording.role,
+        mirror=mirror,
+        time=time[valid][keep],
+        frame=np.flatnonzero(valid)[keep],
+        fractions=fractions,
+        points=points[keep],
+        normals=normals[keep],
+        sigma=sigma[keep],
+        angle=angle[keep],
+        angle_sigma=angle_sigma[keep],
+        excitation=excitation,
+        observe=wanted,
+        clock_free=method == "motion",
+        clock_sigma=max(float(data.attrs.get("offset_stderr_s", 0.02) or 0.02), 0.01),
+        repeat_of=data.attrs.get("repeat_of") or None,
+        tip_noise_mm=white_noise_mm(tip_mm),
+    )
+
+
+def noise_floor_mm(observed: list[Observed], recordings: dict[str, Recording]) -> tuple[float | None, str]:
+    """Noise floor in the norm of the tip RMSE, and where it comes from.
+
+    Repeats of the same excitation give it directly; else the tracking errors, but never less than the track's own high
+    frequencies show.
+    """
+    by_name = {o.name: o for o in observed}
+    pairs = []
+    for item in observed:
+        other = by_name.get(item.repeat_of or "")
+        if other is not None and item.has_tip and other.has_tip:
+            a = item.time - item.time[0]
+            b = other.time - other.time[0]
+            inside = a <= b[-1]
+            difference = np.stack(
+                [item.points[inside, -1, k] - np.interp(a[inside], b, other.points[:, -1, k]) for k in range(2)], axis=-1
+            )
+            pairs.append(float(np.sqrt(np.mean(np.sum(difference**2, axis=1)) / 2)) / MM)
+    if pairs:
+        return float(np.mean(pairs)), "repeated runs"
+    stated, measured = [], []
+    for item in observed:
+        if not item.has_tip:
+            continue
+        measured.append(item.tip_noise_mm)
+        data = recordings[item.name].dataset
+        if "tip_sigma" in data:
+            stated.append(float(np.sqrt(np.mean(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1)))))
+        elif "midline_sigma" in data:
+            stated.append(float(np.sqrt(2 * np.mean(data["midline_sigma"].values[item.frame, -1] ** 2))))
+    if not measured:
+        return None, "no tip in the data"
+    high = float(np.sqrt(np.mean(np.square(measured))))
+    if not stated:
+        return high, "the track's own high frequencies (no standard errors given)"
+    claim = float(np.sqrt(np.mean(np.square(stated))))
+    if high > claim:
+        return high, "the track's own high frequencies (above the stated standard errors)"
+    return claim, "standard errors of the track"

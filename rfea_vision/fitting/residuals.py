@@ -1,0 +1,140 @@
+"""Residuals of a model against recordings, with exact Jacobians. Everything in units of the measurement's standard error."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.dynamics.simulation import Model, Motion
+from rfea_vision.fitting.observation import Observed
+
+FloatArray = NDArray[np.float64]
+THREADS = min(2, os.cpu_count() or 1)
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What the camera would have seen, SI: points (frames, m, 2), angle (frames,), with derivatives and velocity.
+
+    The last column of the derivatives is that of the clock offset.
+    """
+
+    motion: Motion
+    points: FloatArray
+    dpoints: FloatArray
+    angle: FloatArray
+    dangle: FloatArray
+
+
+def predict_observed(model: Model, par: FloatArray, item: Observed, free: Sequence[int], clock_s: float = 0.0,
+                     fractions: FloatArray | None = None) -> Predicted | None:
+    """Simulate one experiment and look at it as the camera did; None if the simulation fails."""
+    row = model.law.time_shift(par, model._constants, item.time - item.middle_s)[0]
+    shift = np.broadcast_to(np.asarray(row[0], dtype=float), item.time.shape)
+    frames = np.clip(item.time + shift + clock_s, item.excitation.start_s, item.excitation.end_s)
+    motion = model.simulate(par, item.excitation, frames, free)
+    if not motion.ok:
+        return None
+    free = list(free)
+    # The velocity is one more sensitivity: that to time.
+    extended = np.concatenate([motion.sensitivity, motion.rate[:, :, None]], axis=2)
+    for column, k in enumerate(free):
+        slope = np.broadcast_to(np.asarray(row[2 + k], dtype=float), item.time.shape)
+        if np.any(slope):
+            extended[:, :, column] += motion.rate * slope[:, None]
+    seen = Motion(motion.status, "", motion.phi, motion.rate, motion.states, extended, motion.free)
+    points, dpoints = model.centre_line(seen, item.fractions if fractions is None else fractions)
+    if not model.law.observes_truly:
+        rows = model.law.observed_position(par, model._constants, points[..., 0], points[..., 1])
+        jacobian = np.empty((*points.shape[:-1], 2, 2))
+        explicit = np.zeros_like(dpoints)
+        moved = np.empty_like(points)
+        for axis in range(2):
+            moved[..., axis] = rows[axis][0]
+            jacobian[..., axis, 0], jacobian[..., axis, 1] = rows[axis][1], rows[axis][2]
+            for column, k in enumerate(free):
+                explicit[..., axis, column] = rows[axis][3 + k]
+        dpoints = np.einsum("...ab,...bp->...ap", jacobian, dpoints) + explicit
+        points = moved
+    return Predicted(motion, points, dpoints, motion.phi[:, -1], extended[:, -1, :])
+
+
+def rows(item: Observed, predicted: Predicted, *, jacobian: bool = True) -> tuple[FloatArray, FloatArray]:
+    """Weighted residual (measured minus modelled) and its Jacobian for the free parameters and the clock.
+
+    midline: the normal distance at every node but the tip, and both coordinates of the tip; the weight of a frame's
+    nodes is shared, as their errors are alike.
+    """
+    p = predicted.dpoints.shape[-1]
+    if item.observe == "angle":
+        residual = (item.angle - predicted.angle) / item.angle_sigma
+        return residual, -predicted.dangle / item.angle_sigma[:, None]
+    gap = item.points - predicted.points
+    if item.observe == "tip_y":
+        sigma = item.sigma[:, -1]
+        return gap[:, -1, 1] / sigma, -predicted.dpoints[:, -1, 1] / sigma[:, None]
+    sigma = item.sigma[:, -1:, None]
+    tip = (gap[:, -1:] / sigma).reshape(-1)
+    dtip = (-predicted.dpoints[:, -1:] / sigma[..., None]).reshape(-1, p) if jacobian else np.zeros((0, p))
+    if item.observe == "tip" or item.fractions.size == 1:
+        return tip, dtip
+    normal, sigma = item.normals[:, :-1], item.sigma[:, :-1]
+    body = (np.einsum("fma,fma->fm", normal, gap[:, :-1]) / sigma).reshape(-1)
+    if not jacobian:
+        return np.concatenate([body, tip]), dtip
+    dbody = (-np.einsum("fma,fmap->fmp", normal, predicted.dpoints[:, :-1]) / sigma[..., None]).reshape(-1, p)
+    return np.concatenate([body, tip]), np.concatenate([dbody, dtip])
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Residuals of all experiments stacked; `slices` says which rows are whose; None in place of one that failed."""
+
+    residual: FloatArray
+    jacobian: FloatArray
+    slices: tuple[slice, ...]
+    predicted: tuple[Predicted, ...]
+
+    @property
+    def cost(self) -> float:
+        return float(self.residual @ self.residual)
+
+
+def evaluate(model: Model, par: FloatArray, items: Sequence[Observed], free: Sequence[int],
+             clocks: FloatArray | None = None) -> Evaluation | None:
+    """Residual and Jacobian [free parameters, one clock per experiment]; None if any simulation fails.
+
+    Experiments run on up to two threads; the result does not depend on how many.
+    """
+    offsets = np.zeros(len(items)) if clocks is None else clocks
+
+    def run(index: int) -> Predicted | None:
+        return predict_observed(model, par, items[index], free, float(offsets[index]))
+
+    model.law  # noqa: B018 - compiled once, before the threads
+    if len(items) > 1 and THREADS > 1:
+        with ThreadPoolExecutor(THREADS) as pool:
+            predicted = list(pool.map(run, range(len(items))))
+    else:
+        predicted = [run(index) for index in range(len(items))]
+    if any(one is None for one in predicted):
+        return None
+    residuals, jacobians, slices, start = [], [], [], 0
+    for index, (item, one) in enumerate(zip(items, predicted, strict=True)):
+        residual, jacobian = rows(item, one)  # type: ignore[arg-type]
+        wide = np.zeros((residual.size, len(free) + len(items)))
+        wide[:, : len(free)] = jacobian[:, :-1]
+        wide[:, len(free) + index] = jacobian[:, -1]
+        residuals.append(residual)
+        jacobians.append(wide)
+        slices.append(slice(start, start + residual.size))
+        start += residual.size
+    stacked = np.concatenate(residuals)
+    if not np.all(np.isfinite(stacked)):
+        return None
+    return Evaluation(stacked, np.concatenate(jacobians), tuple(slices), tuple(predicted))  # type: ignore[arg-type]
