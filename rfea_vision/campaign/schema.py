@@ -6,15 +6,15 @@ These models describe one file as it is written. Inheritance, paths and whatever
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 from rfea_vision.units import conversion_factor, parse_quantity
 
 
-def _quantity(unit: str, example: str, *, positive: bool = False) -> Any:
-    """Return the annotated type of a quantity that is stored as a number in `unit`."""
+def _quantity(unit: str, example: str, *, positive: bool = False) -> BeforeValidator:
+    """Return the validator that reads a quantity as a number in `unit`."""
 
     def parse(value: object) -> float:
         number = parse_quantity(value, unit, example=example)
@@ -22,12 +22,13 @@ def _quantity(unit: str, example: str, *, positive: bool = False) -> Any:
             raise ValueError(f"'{value}' must be greater than zero")
         return number
 
-    schema = {
-        "type": "string",
-        "description": f"a quantity with its unit, for example '{example}'",
-        "examples": [example],
-    }
-    return Annotated[float, BeforeValidator(parse), WithJsonSchema(schema)]
+    return BeforeValidator(parse)
+
+
+def _shown(example: str) -> WithJsonSchema:
+    """Return what the JSON Schema says of a quantity."""
+    text = f"a quantity with its unit, for example '{example}'"
+    return WithJsonSchema({"type": "string", "description": text, "examples": [example]})
 
 
 def _text(value: object) -> object:
@@ -61,12 +62,12 @@ def _named_board(value: object) -> object:
     return read_board(value)
 
 
-Length = _quantity("m", "4 mm", positive=True)
-Offset = _quantity("m", "3 mm")
-Density = _quantity("kg/m^3", "965 kg/m^3", positive=True)
-Duration = _quantity("s", "12 ms")
-Rate = _quantity("Hz", "240 Hz", positive=True)
-Pressure = _quantity("kPa", "101.3 kPa")
+Length = Annotated[float, _quantity("m", "4 mm", positive=True), _shown("4 mm")]
+Offset = Annotated[float, _quantity("m", "3 mm"), _shown("3 mm")]
+Density = Annotated[float, _quantity("kg/m^3", "965 kg/m^3", positive=True), _shown("965 kg/m^3")]
+Duration = Annotated[float, _quantity("s", "12 ms"), _shown("12 ms")]
+Rate = Annotated[float, _quantity("Hz", "240 Hz", positive=True), _shown("240 Hz")]
+Pressure = Annotated[float, _quantity("kPa", "101.3 kPa"), _shown("101.3 kPa")]
 Text = Annotated[str, BeforeValidator(_text)]
 PixelPair = tuple[tuple[float, float], tuple[float, float]]
 Role = Literal["train", "validate", "test", "ignore"]
@@ -155,12 +156,16 @@ class PressurePart(_Part):
 
 
 class SyncPart(_Part):
-    """How camera clock and log clock are brought together; `value` is log clock minus camera clock."""
+    """How camera clock and log clock are brought together.
+
+    `value` is log clock minus camera clock; `led` is x, y, width and height of the lamp in pixels; `channel` is the
+    column of the log with the lamp's or the trigger's signal.
+    """
 
     method: Literal["motion", "led", "trigger", "offset", "common_clock"] = "motion"
     value: Duration | None = None
-    led: tuple[float, float, float, float] | None = Field(None, description="x, y, width, height of the lamp in pixels")
-    channel: Text | None = Field(None, description="column of the log that holds the lamp's or the trigger's signal")
+    led: tuple[float, float, float, float] | None = None
+    channel: Text | None = None
 
 
 class _Shared(_Part):

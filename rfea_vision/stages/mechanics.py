@@ -294,7 +294,8 @@ def recording_hashes(work: Workspace, recordings: Mapping[str, Recording]) -> li
 
 def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset]) -> None:
     """Write prediction.nc, one group per experiment."""
-    write_datasets(folder / "prediction.nc", dict(predictions))
+    groups: dict[str | None, xr.Dataset] = dict(predictions)
+    write_datasets(folder / "prediction.nc", groups)
 
 
 def load_prediction(folder: Path, experiments: Sequence[str]) -> dict[str, xr.Dataset]:
@@ -327,7 +328,7 @@ def options_of(record: StageRecord) -> FitOptions:
     from rfea_vision.fitting import FitOptions
 
     known = {item.name for item in fields(FitOptions)}
-    kept = {
+    kept: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in record.options["fit"].items()
         if key in known

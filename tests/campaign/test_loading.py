@@ -90,6 +90,8 @@ def test_what_is_set_aside_may_be_broken(campaign):
 
 
 # Each case: the file, what is done to it, the key that the sentence names, and words of the sentence.
+BOARD = "checkerboard-9x6-12mm"
+CHARUCO = {"kind": "charuco", "inner_corners": [9, 6], "square": "12 mm"}
 WRONG = [
     ("steps", {"role": "trian"}, "role", "must be 'train', 'validate', 'test' or 'ignore'"),
     ("steps", {"presure": {"file": "x"}}, "presure", "did you mean 'pressure'?"),
@@ -121,11 +123,11 @@ WRONG = [
     (None, {"actuator": {"lenght": "155 mm"}}, "actuator.lenght", "did you mean 'length'?"),
     (None, {"camera": {"photos": "board_*.png"}}, "camera.board", "is missing"),
     (None, {"camera": {"board": {"inner_corners": [9, 6]}, "photos": "b*"}}, "camera.board.square", "is missing"),
-    (None, {"camera": {"board": {"inner_corners": [9, 6], "square": 12}, "photos": "b*"}}, "camera.board.square", "no unit"),
-    (None, {"camera": {"board": "chekerboard-9x6-12mm", "photos": "b*"}}, "camera.board", "did you mean 'checkerboard-9x6-12mm'"),
-    (None, {"camera": {"board": "checkerboard-9x6-12mm", "photos": "b_*.png"}}, "camera.photos", "no photo matches 'b_*.png'"),
+    (None, {"camera": {"board": {"inner_corners": [9, 6], "square": 12}, "photos": "b"}}, "camera.board.square", "no unit"),
+    (None, {"camera": {"board": "chekerboard-9x6-12mm", "photos": "b*"}}, "camera.board", f"did you mean '{BOARD}'"),
+    (None, {"camera": {"board": BOARD, "photos": "b_*.png"}}, "camera.photos", "no photo matches 'b_*.png'"),
     (None, {"camera": {"file": "gone.yaml"}}, "camera.file", "no file 'gone.yaml'"),
-    (None, {"camera": {"board": {"kind": "charuco", "inner_corners": [9, 6], "square": "12 mm"}, "photos": "b*"}}, "camera.board.marker", "marker: 15 mm"),
+    (None, {"camera": {"board": CHARUCO, "photos": "b*"}}, "camera.board.marker", "marker: 15 mm"),
 ]  # fmt: skip
 
 
@@ -194,7 +196,7 @@ def test_no_folder_is_said(tmp_path, name):
     (tmp_path / "file.txt").write_text("")
     with pytest.raises(InputError, match="no such folder"):
         load_campaign(tmp_path / name)
-    with pytest.raises(InputError, match="neither campaign.yaml nor experiment.yaml"):
+    with pytest.raises(InputError, match="neither campaign[.]yaml nor experiment.yaml"):
         load_campaign(tmp_path)
 
 

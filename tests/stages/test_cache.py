@@ -1,0 +1,147 @@
+"""A stage runs again if, and only if, something that it depends on has changed."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfea_vision.campaign import load_campaign
+from rfea_vision.errors import DataError
+from rfea_vision.stages import Listener, Workspace
+from rfea_vision.stages.cache import StageCache, code_version, plain
+
+from campaign.campaigns import write_campaign
+
+
+class Stage:
+    """A stage that doubles the number in a file, and counts how often it is asked to."""
+
+    def __init__(self, folder: Path) -> None:
+        self.campaign = load_campaign(write_campaign(folder))
+        self.source = folder / "number.txt"
+        self.source.write_text("21")
+        self.result = self.campaign.out / "doubled.txt"
+        self.calls = 0
+
+    def make(self, progress):
+        progress(1, 1)
+        self.calls += 1
+        self.result.parent.mkdir(parents=True, exist_ok=True)
+        self.result.write_text(str(2 * int(self.source.read_text())))
+        return int(self.result.read_text()), [self.result], "doubled"
+
+    def run(self, *, force=(), options=None, code=("units",), also=()):
+        work = Workspace(self.campaign, force=force)
+        value = work.run(
+            "double",
+            "number",
+            inputs=[self.source],
+            options=options or {},
+            code=code,
+            also=also,
+            make=self.make,
+            load=lambda: int(self.result.read_text()),
+        )
+        return value, work.outcome("double", "number")
+
+
+@pytest.fixture
+def stage(tmp_path):
+    return Stage(tmp_path / "c")
+
+
+def test_an_unchanged_stage_is_not_run_again(stage):
+    assert stage.run() == (42, "done")
+    assert stage.run() == (42, "unchanged")
+    assert stage.calls == 1
+
+
+def test_force_runs_it_again(stage):
+    stage.run()
+    assert stage.run(force=["other"])[1] == "unchanged"
+    assert stage.run(force=["double"]) == (42, "done")
+    assert stage.calls == 2
+
+
+def test_it_runs_again_when_an_input_changes(stage):
+    stage.run()
+    stage.source.write_text("22")
+    assert stage.run() == (44, "done")
+    assert stage.run()[1] == "unchanged"
+
+
+def test_touching_a_file_changes_nothing(stage):
+    stage.run()
+    stage.source.touch()
+    assert stage.run()[1] == "unchanged"
+
+
+@pytest.mark.parametrize("change", [{"options": {"segments": 8}}, {"code": ("units", "files")}, {"also": ("abc",)}])
+def test_it_runs_again_when_options_code_or_earlier_results_change(stage, change):
+    stage.run()
+    assert stage.run(**change)[1] == "done"
+    assert stage.run(**change)[1] == "unchanged"
+
+
+@pytest.mark.parametrize("spoil", [Path.unlink, lambda path: path.write_text("0")])
+def test_it_runs_again_when_its_output_is_gone_or_altered(stage, spoil):
+    stage.run()
+    spoil(stage.result)
+    assert stage.run() == (42, "done")
+
+
+def test_damaged_records_only_cost_time(stage):
+    stage.run()
+    for path in (stage.campaign.out / ".stages").iterdir():
+        path.write_text("{broken")
+    assert stage.run() == (42, "done")
+
+
+def test_a_failed_stage_leaves_no_record(stage):
+    def fail(progress):
+        raise DataError("no")
+
+    stage.make = fail
+    with pytest.raises(DataError):
+        stage.run()
+    assert StageCache(stage.campaign.out).record("double/number") is None
+
+
+def test_the_listener_hears_of_progress_and_end(stage):
+    heard = []
+
+    class Ear(Listener):
+        def begin(self, stage, subject):
+            heard.append(("begin", stage, subject))
+            return lambda done, total: heard.append(("progress", done, total))
+
+        def end(self, stage, subject, outcome, sentence):
+            heard.append(("end", outcome, sentence))
+
+    work = Workspace(stage.campaign, listener=Ear())
+    work.run("double", "number", inputs=[], options={}, code=(), make=stage.make, load=lambda: 0)
+    assert heard == [("begin", "double", "number"), ("progress", 1, 1), ("end", "done", "doubled")]
+
+
+def test_records_keep_raw_inputs_by_their_place_in_the_campaign(stage):
+    stage.run()
+    record = StageCache(stage.campaign.out).record("double/number")
+    assert record is not None and list(record.inputs) == ["number.txt"]
+    assert len(record.inputs["number.txt"]) == 64
+
+
+def test_the_version_of_code_covers_templates_and_sources():
+    assert code_version("campaign") != code_version("readers")
+    assert len({code_version(name) for name in ("units", "files", "errors")}) == 3
+
+
+def test_options_become_plain_values():
+    @dataclass(frozen=True)
+    class Options:
+        file: Path
+        values: tuple[float, ...]
+        more: dict
+
+    kept = plain(Options(Path("/somewhere/video.mp4"), (1.0, 2.0), {"a": np.float64(3.0), "b": np.arange(2)}))
+    assert kept == {"file": "video.mp4", "values": [1.0, 2.0], "more": {"a": 3.0, "b": [0, 1]}}
