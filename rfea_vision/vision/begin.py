@@ -1,0 +1,204 @@
+"""The first frame: from a picture to a fitted tube with its clamp and tip, or the reason why not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.calibration.projection import project, unproject
+from rfea_vision.vision.curve import VERTICES, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, point_and_tangent
+from rfea_vision.vision.ends import End, find_end
+from rfea_vision.vision.follow import State, Workspace, fit_sides, measure_sides, move_state, update_levels
+from rfea_vision.vision.locate import Path, find_paths
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is known before the first frame: camera, tube, hints, which way is down (plane frame), scale."""
+
+    camera: FloatArray
+    actuator: Actuator
+    down: FloatArray
+    px_per_mm: float
+    clamp_px: FloatArray | None = None
+    tip_px: FloatArray | None = None
+
+    @property
+    def half_mm(self) -> float:
+        return 1000.0 * self.actuator.outer_radius
+
+    @property
+    def length_mm(self) -> float:
+        return 1000.0 * self.actuator.length
+
+
+@dataclass(frozen=True)
+class Begin:
+    """A fitted first frame: its state, and how the clamp and the tip were found."""
+
+    state: State
+    base: End
+    tip: End
+    polarity: int
+    score: float
+
+
+def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | str:
+    """Find and fit the tube in one picture; a sentence where there is none."""
+    hints = [
+        h for h in (None if scene.clamp_px is None else scene.clamp_px.mean(axis=0), scene.tip_px) if h is not None
+    ]
+    near = np.array(hints).reshape(-1, 2) if hints else None
+    paths = find_paths(picture, 2 * scene.half_mm * scene.px_per_mm, scene.length_mm * scene.px_per_mm, near_px=near)
+    best: Begin | None = None
+    reason = "no_tube: no ribbon of the tube's width and length is in the picture"
+    for path in paths[:6]:
+        if best is not None and path.score < 0.6 * best.score:
+            break
+        found = fit_path(picture, scene, work, path)
+        if isinstance(found, str):
+            reason = found
+        elif best is None or found.score > best.score:
+            best = found
+    return best if best is not None else reason
+
+
+def oriented(path_mm: FloatArray, scene: Scene) -> FloatArray:
+    """Order a path from clamp to tip: the tube leaves its clamp downwards, and bends to its side."""
+    if scene.clamp_px is not None:
+        clamp = unproject(scene.camera, scene.clamp_px).mean(axis=0)
+        flip = np.linalg.norm(path_mm[-1] - clamp) < np.linalg.norm(path_mm[0] - clamp)
+        return path_mm[::-1] if flip else path_mm
+    if scene.tip_px is not None:
+        tip = unproject(scene.camera, scene.tip_px)
+        flip = np.linalg.norm(path_mm[0] - tip) < np.linalg.norm(path_mm[-1] - tip)
+        return path_mm[::-1] if flip else path_mm
+    n = max(len(path_mm) // 10, 1)
+    first = path_mm[n] - path_mm[0]
+    last = path_mm[-1 - n] - path_mm[-1]
+    falls = float(first @ scene.down / np.linalg.norm(first) - last @ scene.down / np.linalg.norm(last))
+    if abs(falls) < 0.4:
+        right = np.array([-scene.down[1], scene.down[0]])
+        side = float((path_mm[0] - path_mm[-1]) @ right) * (1 if scene.actuator.bends == "left" else -1)
+        return path_mm if side > 0 else path_mm[::-1]
+    return path_mm if falls > 0 else path_mm[::-1]
+
+
+def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Workspace, path: Path) -> Begin | str:
+    """Fit edges, clamp and tip to a candidate."""
+    points = unproject(scene.camera, path.points)
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 5:
+        return "no_tube: the candidate lies outside the plane of motion"
+    points = oriented(points, scene)
+    state = new_state(_smoothed(points), scene.half_mm, path.polarity)
+    kept = refine(picture, scene, state, work, 6)
+    if kept < 0.25:
+        return f"no_tube: only {100 * kept:.0f} % of the edges fit a tube of {2 * scene.half_mm:.1f} mm"
+    contrast = float(np.median(state.levels[:2, :, 0] - state.levels[:2, :, 1]))
+    if contrast * path.polarity <= 0:
+        return "no_tube: the candidate has no contrast"
+    state.reference[:] = contrast
+    half = float(np.mean(work.half_width))
+    base = _base_end(picture, scene, state, half, contrast)
+    move_ends(state, base.along_mm, 0.0)
+    tip = find_end(picture, scene.camera, state.coefficients, half, contrast, at_tip=True)
+    move_ends(state, 0.0, tip.along_mm)
+    refine(picture, scene, state, work, 3)
+    fix_clamp(state)
+    state.reference[:2] = state.levels[:2, :, 0] - state.levels[:2, :, 1]
+    state.reference[2] = contrast
+    state.levels[2, :, 0] = state.levels[:2, -VERTICES // 16 :, 0].mean()
+    state.levels[2, :, 1] = state.levels[:2, -VERTICES // 16 :, 1].mean()
+    state.blurs[2] = float(np.median(state.blurs[:2]))
+    ratio = length_of(state) / scene.length_mm
+    score = (
+        path.score
+        * min(kept, 1.0)
+        * float(np.exp(-0.5 * (np.log(ratio) / 0.12) ** 2))
+        * float(np.exp(-0.5 * (np.log(half / scene.half_mm) / 0.15) ** 2))
+    )
+    return Begin(state, base, tip, path.polarity, score)
+
+
+def _base_end(picture: NDArray[np.uint8], scene: Scene, state: State, half: float, contrast: float) -> End:
+    if scene.clamp_px is None:
+        return find_end(picture, scene.camera, state.coefficients, half, contrast, at_tip=False)
+    clamp = unproject(scene.camera, scene.clamp_px).mean(axis=0)
+    x, y, tx, ty, _ = point_and_tangent(state.coefficients, 0.0)
+    return End(float((x - clamp[0]) * tx + (y - clamp[1]) * ty), 0.0, "hint")
+
+
+def _smoothed(points: FloatArray) -> FloatArray:
+    """A first curve of few coefficients through a ragged path, as dense points."""
+    coarse = fit_curve(points, 7)
+    return basis_matrix(np.linspace(0, 1, 200), 7) @ coarse
+
+
+def new_state(points: FloatArray, half_mm: float, polarity: int) -> State:
+    """A state on given centre points, with everything else still unknown."""
+    x, y, tx, ty, _ = point_and_tangent(fit_curve(points), 0.0)
+    return State(
+        fit_curve(points),
+        np.full(WIDTH_COEFFICIENTS, half_mm),
+        np.zeros((3, VERTICES, 2)),
+        np.full((3, VERTICES), 1.0),
+        np.full((3, VERTICES), polarity * 1e-3),
+        np.zeros(2),
+        np.array([x, y, tx, ty]),
+    )
+
+
+def fix_clamp(state: State) -> None:
+    """Let the clamp line be where the curve starts now."""
+    x, y, tx, ty, _ = point_and_tangent(state.coefficients, 0.0)
+    state.clamp[:] = x, y, tx, ty
+
+
+def move_ends(state: State, before_mm: float, beyond_mm: float) -> None:
+    """Lengthen the curve at its clamp and its tip (negative: shorten)."""
+    fix_clamp(state)
+    state.clamp[0] -= before_mm * state.clamp[2]
+    state.clamp[1] -= before_mm * state.clamp[3]
+    solution = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
+    while abs(before_mm) > 8.0:  # `move_state` goes 8 mm at most
+        move_state(state, solution, 0.0)
+        before_mm -= 8.0 * np.sign(before_mm)
+    move_state(state, solution, beyond_mm)
+
+
+def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Workspace, turns: int) -> float:
+    """Fit the edges away from the ends a few times; the share of stations that agree."""
+    kept = 0.0
+    px_per_vertex = max(length_of(state) * scene.px_per_mm / (VERTICES - 1), 0.2)
+    blur_limit = 0.3 * scene.half_mm * scene.px_per_mm
+    for turn in range(turns):
+        fix_clamp(state)
+        measure_sides(picture, scene.camera, state, work, 2, 0.03, 0.97, scene.px_per_mm)
+        update_levels(state, work, 1.0, blur_limit, px_per_vertex)
+        filled, length = measure_sides(picture, scene.camera, state, work, 1, 0.03, 0.97, scene.px_per_mm)
+        wide = (8.0 if turn < 2 else 3.0) / scene.px_per_mm
+        solution, _, _, number = fit_sides(state, work, filled, wide, 0.3)
+        kept = number / max(2.0 * length * scene.px_per_mm * 0.94 * 0.85, 1.0)
+        if number < 20:
+            return 0.0
+        move_state(state, solution, 0.0)
+    return kept
+
+
+def length_of(state: State) -> float:
+    """Arc length of the centre line in mm."""
+    points = basis_matrix(np.linspace(0, 1, 400), state.coefficients.shape[0]) @ state.coefficients
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def scale_at(camera: FloatArray, pixel: FloatArray) -> float:
+    """Px per mm at a pixel."""
+    place = unproject(camera, pixel)
+    around = project(camera, place + np.array([[0.0, 0], [1, 0], [0, 1]]))
+    return float(np.sqrt(abs(np.linalg.det(around[1:] - around[0]))))

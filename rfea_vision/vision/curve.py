@@ -1,0 +1,169 @@
+"""The centre line as a uniform cubic B-spline in mm on the plane of motion, compiled.
+
+A curve is its coefficients (K, 2); its parameter u runs from 0 at the clamp to 1 at the tip, evenly in arc length. The
+same basis, with fewer coefficients, carries the half width along the tube.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+COEFFICIENTS = 18
+WIDTH_COEFFICIENTS = 8
+VERTICES = 257
+
+
+@njit(cache=True, nogil=True)
+def basis_at(u, count, weights):
+    """First index and the four weights of the cubic B-spline basis at `u`; the end pieces continue outside [0, 1]."""
+    spans = count - 3
+    x = u * spans
+    i = int(np.floor(x))
+    i = min(max(i, 0), spans - 1)
+    t = x - i
+    r = 1.0 - t
+    weights[0] = r * r * r / 6.0
+    weights[1] = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
+    weights[2] = (3.0 * r * r * r - 6.0 * r * r + 4.0) / 6.0
+    weights[3] = t * t * t / 6.0
+    return i
+
+
+@njit(cache=True, nogil=True)
+def slope_at(u, count, weights):
+    """The same for the derivative with respect to u."""
+    spans = count - 3
+    x = u * spans
+    i = int(np.floor(x))
+    i = min(max(i, 0), spans - 1)
+    t = x - i
+    r = 1.0 - t
+    weights[0] = -0.5 * r * r * spans
+    weights[1] = (1.5 * t * t - 2.0 * t) * spans
+    weights[2] = (2.0 * r - 1.5 * r * r) * spans
+    weights[3] = 0.5 * t * t * spans
+    return i
+
+
+@njit(cache=True, nogil=True)
+def point_and_tangent(coefficients, u):
+    """Point and unit tangent at `u`: x, y, tangent x, tangent y, speed."""
+    w = np.empty(4)
+    count = coefficients.shape[0]
+    i = basis_at(u, count, w)
+    x = y = 0.0
+    for k in range(4):
+        x += w[k] * coefficients[i + k, 0]
+        y += w[k] * coefficients[i + k, 1]
+    slope_at(u, count, w)
+    dx = dy = 0.0
+    for k in range(4):
+        dx += w[k] * coefficients[i + k, 0]
+        dy += w[k] * coefficients[i + k, 1]
+    speed = np.sqrt(dx * dx + dy * dy) + 1e-300
+    return x, y, dx / speed, dy / speed, speed
+
+
+@njit(cache=True, nogil=True)
+def value_at(coefficients, u):
+    """A scalar spline at `u`."""
+    w = np.empty(4)
+    i = basis_at(u, coefficients.shape[0], w)
+    return w[0] * coefficients[i] + w[1] * coefficients[i + 1] + w[2] * coefficients[i + 2] + w[3] * coefficients[i + 3]
+
+
+def basis_matrix(u: FloatArray, count: int, derivative: int = 0) -> FloatArray:
+    """Basis (or its 1st or 2nd derivative with respect to u) at each `u`, (len(u), count)."""
+    u = np.asarray(u, dtype=float)
+    spans = count - 3
+    x = u * spans
+    i = np.clip(np.floor(x).astype(int), 0, spans - 1)
+    t = x - i
+    r = 1.0 - t
+    if derivative == 0:
+        columns = [r**3 / 6, (3 * t**3 - 6 * t**2 + 4) / 6, (3 * r**3 - 6 * r**2 + 4) / 6, t**3 / 6]
+    elif derivative == 1:
+        columns = [-0.5 * r**2, 1.5 * t**2 - 2 * t, 2 * r - 1.5 * r**2, 0.5 * t**2]
+    else:
+        columns = [r, 3 * t - 2, 3 * r - 2, t]
+    matrix = np.zeros((len(u), count))
+    for k in range(4):
+        matrix[np.arange(len(u)), i + k] = columns[k] * float(spans) ** derivative
+    return matrix
+
+
+def fit_curve(points: FloatArray, count: int = COEFFICIENTS) -> FloatArray:
+    """Coefficients (count, 2) of the curve through ordered points (n, 2), parameter even in arc length."""
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    u = np.linspace(0, 1, max(4 * count, len(points)))
+    even = np.column_stack([np.interp(u * lengths[-1], lengths, points[:, i]) for i in (0, 1)])
+    matrix = basis_matrix(u, count)
+    penalty = 1e-6 * np.eye(count)
+    return np.linalg.solve(matrix.T @ matrix + 1e-9 * penalty, matrix.T @ even)
+
+
+VERTEX_U = np.linspace(0.0, 1.0, VERTICES)
+VERTEX_BASIS = basis_matrix(VERTEX_U, COEFFICIENTS)
+REFIT = np.linalg.pinv(VERTEX_BASIS)  # points at the vertices -> coefficients
+
+
+@njit(cache=True, nogil=True)
+def vertices_of(coefficients, width_coefficients, centre, normal, half_width):
+    """Fill centre (V, 2), left-hand normal (V, 2) and half width (V,) at the vertices; return the length."""
+    count = centre.shape[0]
+    length = 0.0
+    for v in range(count):
+        u = v / (count - 1)
+        x, y, tx, ty, speed = point_and_tangent(coefficients, u)
+        centre[v, 0], centre[v, 1] = x, y
+        normal[v, 0], normal[v, 1] = -ty, tx
+        half_width[v] = value_at(width_coefficients, u)
+        length += speed * (0.5 if v in (0, count - 1) else 1.0) / (count - 1)
+    return length
+
+
+@njit(cache=True, nogil=True)
+def moved_curve(coefficients, offset, from_mm, beyond_mm, refit):
+    """Move a curve along its normals by the scalar spline `offset`, cut or extend its ends, make u even again.
+
+    `from_mm` is where the new curve starts on the old one, `beyond_mm` how far it goes on past the old end. Ends are
+    extended by the end pieces of the spline.
+    """
+    count = refit.shape[1]
+    extra = 8  # vertices beyond either end, to find the arc length there
+    total = count + 2 * extra
+    length = 0.0
+    arc = np.empty(total)
+    previous_x = previous_y = 0.0
+    start_arc = 0.0
+    end_arc = 0.0
+    step = 1.0 / (count - 1)
+    for k in range(total):
+        u = (k - extra) * step
+        x, y, tx, ty, _ = point_and_tangent(coefficients, u)
+        d = value_at(offset, u)
+        px, py = x - d * ty, y + d * tx
+        if k > 0:
+            length += np.sqrt((px - previous_x) ** 2 + (py - previous_y) ** 2)
+        arc[k] = length
+        previous_x, previous_y = px, py
+        if k == extra:
+            start_arc = length
+        if k == extra + count - 1:
+            end_arc = length
+    first, last = start_arc + from_mm, end_arc + beyond_mm
+    points = np.empty((count, 2))
+    k = 0
+    for v in range(count):
+        target = first + (last - first) * v * step
+        while k < total - 2 and arc[k + 1] < target:
+            k += 1
+        u = (k - extra + (target - arc[k]) / max(arc[k + 1] - arc[k], 1e-12)) * step
+        x, y, tx, ty, _ = point_and_tangent(coefficients, u)
+        d = value_at(offset, u)
+        points[v, 0], points[v, 1] = x - d * ty, y + d * tx
+    return refit @ points

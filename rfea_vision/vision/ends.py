@@ -1,0 +1,147 @@
+"""Where the tube begins and ends: steps in the light along its axis, on it and beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.calibration.projection import project
+from rfea_vision.vision.curve import basis_matrix
+
+FloatArray = NDArray[np.float64]
+
+STEP_MM = 0.05
+HALF_WINDOW_MM = 1.0
+LEAST_STEP = 0.3  # of the contrast between tube and background
+
+
+@dataclass(frozen=True)
+class End:
+    """An end of the tube: `along_mm` from the curve's end (positive beyond it), its standard error, and what it is."""
+
+    along_mm: float
+    stderr_mm: float
+    kind: str  # "step" | "border" | "path"
+
+
+def extended(
+    coefficients: FloatArray, at_tip: bool, beyond_mm: float, within_mm: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Points along the axis through one end, from inside to beyond, continued by its end circle.
+
+    Returns s (n,), positive beyond the end, points (n, 2) and outward tangents (n, 2).
+    """
+    count = coefficients.shape[0]
+    ends = np.array([0.0, 1.0])
+    slope = basis_matrix(ends, count, 1) @ coefficients
+    length = float(
+        np.linalg.norm(np.diff(basis_matrix(np.linspace(0, 1, 200), count) @ coefficients, axis=0), axis=1).sum()
+    )
+    s = np.arange(-within_mm, beyond_mm + STEP_MM / 2, STEP_MM)
+    inside = np.minimum(s, 0.0) / length
+    u = 1.0 + inside if at_tip else -inside
+    points = basis_matrix(u, count) @ coefficients
+    tangents = basis_matrix(u, count, 1) @ coefficients * (1 if at_tip else -1)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    end_tangent = slope[1 if at_tip else 0] * (1 if at_tip else -1)
+    end_tangent /= np.linalg.norm(end_tangent)
+    back = tangents[np.argmin(np.abs(s + 0.15 * length))]
+    bend = np.arctan2(back[0] * end_tangent[1] - back[1] * end_tangent[0], float(back @ end_tangent))
+    curvature = bend / (0.15 * length)
+    out = s > 0
+    angle = np.arctan2(end_tangent[1], end_tangent[0]) + curvature * s[out]
+    tangents[out] = np.column_stack([np.cos(angle), np.sin(angle)])
+    middle = np.arctan2(end_tangent[1], end_tangent[0]) + 0.5 * curvature * s[out]
+    points[out] = points[np.argmin(np.abs(s))] + s[out, None] * np.column_stack([np.cos(middle), np.sin(middle)])
+    return s, points, tangents
+
+
+def strips(
+    picture: NDArray[np.uint8], camera: FloatArray, points: FloatArray, tangents: FloatArray, half_mm: float
+) -> tuple[FloatArray, FloatArray]:
+    """Mean light (n, 3) in the tube, beside its left and its right edge, along the axis; and which rows are in the picture."""
+    normal = np.column_stack([-tangents[:, 1], tangents[:, 0]])
+    bands = ((-0.6, 0.6), (1.18, 1.75), (-1.75, -1.18))
+    means = np.empty((len(points), 3))
+    seen = np.ones(len(points), dtype=bool)
+    height, width = picture.shape
+    for k, (low, high) in enumerate(bands):
+        q = np.linspace(low, high, 9) * half_mm
+        places = project(camera, points[:, None, :] + q[None, :, None] * normal[:, None, :])
+        values = cv2.remap(picture, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # pyright: ignore[reportCallIssue, reportArgumentType]
+        means[:, k] = np.asarray(values, dtype=float).mean(axis=1)
+    for side in (-1.1, 1.1):
+        px = project(camera, points + side * half_mm * normal)
+        seen &= (px[:, 0] > 1) & (px[:, 1] > 1) & (px[:, 0] < width - 2) & (px[:, 1] < height - 2)
+    return means, seen
+
+
+def find_end(
+    picture: NDArray[np.uint8],
+    camera: FloatArray,
+    coefficients: FloatArray,
+    half_mm: float,
+    contrast: float,
+    *,
+    at_tip: bool,
+    beyond_mm: float = 14.0,
+    within_mm: float = 14.0,
+) -> End:
+    """The first cross-section, going outwards, where the tube stops looking like the tube.
+
+    At the tip the light on the tube must change; at the clamp it may be the light on the tube or beside it.
+    """
+    s, points, tangents = extended(coefficients, at_tip, beyond_mm, within_mm)
+    means, seen = strips(picture, camera, points, tangents, half_mm)
+    m = round(HALF_WINDOW_MM / STEP_MM)
+    cumulative = np.vstack([np.zeros(3), np.cumsum(means, axis=0)])
+    k = np.arange(m, len(s) - m)
+    steps = (cumulative[k + m] - cumulative[k] - (cumulative[k] - cumulative[k - m])) / m / abs(contrast)
+    size = np.abs(steps)
+    size[~seen[k]] = 0.0
+    channels = size[:, :1] if at_tip else size
+    strongest = channels.max(axis=1)
+    first_unseen = int(np.argmin(seen)) if not seen.all() else len(s)
+    peaks = np.flatnonzero(
+        (strongest > LEAST_STEP) & (strongest >= _sliding_max(strongest, m // 2) - 1e-12) & (k < first_unseen)
+    )
+    if len(peaks) == 0:
+        if first_unseen < len(s):
+            return End(float(s[max(first_unseen - 1, 0)]), 0.1, "border")
+        return End(0.0, 1.0, "path")
+    peak = _choose(peaks, strongest, at_tip)
+    places, weights = [], []
+    for channel in range(1 if at_tip else 3):
+        near = slice(max(peak - m // 2, 0), peak + m // 2 + 1)
+        if size[near, channel].max() > LEAST_STEP:
+            centre = k[near.start + int(size[near, channel].argmax())]
+            places.append(_crossing(s, means[:, channel], centre, m))
+            weights.append(float(size[near, channel].max()))
+    place = float(np.average(places, weights=weights))
+    spread = float(np.ptp(places)) / 2 if len(places) > 1 else 0.02
+    return End(place, max(spread / np.sqrt(len(places)), 0.01), "step")
+
+
+def _choose(peaks: NDArray[np.int64], strongest: FloatArray, at_tip: bool) -> int:
+    """The first strong step met when leaving the tube; a shadow's weak step does not count beside a much stronger one."""
+    top = strongest[peaks].max()
+    share = 0.5 if at_tip else 0.4
+    return int(next(p for p in peaks if strongest[p] > share * top))
+
+
+def _sliding_max(values: FloatArray, half: int) -> FloatArray:
+    kernel = np.ones((2 * half + 1, 1), dtype=np.uint8)
+    return cv2.dilate(values.reshape(-1, 1), kernel).ravel()
+
+
+def _crossing(s: FloatArray, values: FloatArray, centre: int, m: int) -> float:
+    """Place of a step from the area under its profile: exact for any symmetric blur."""
+    low, high = max(centre - 2 * m, 0), min(centre + 2 * m, len(s) - 1)
+    before = values[low : centre - m // 2].mean()
+    after = values[centre + m // 2 : high].mean()
+    window = slice(max(centre - m, 0), centre + m + 1)
+    share = (values[window] - before) / (after - before if abs(after - before) > 1e-9 else 1e-9)
+    return float(s[window][-1] + STEP_MM / 2 - STEP_MM * share.sum())

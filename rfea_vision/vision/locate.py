@@ -1,0 +1,177 @@
+"""Find the tube in a picture without knowing where it is.
+
+A tube of known width is two parallel edges of opposite direction, one width apart. For a set of orientations the
+picture is searched for such pairs (both the lighter and the darker tube), the strongest are followed in both
+directions, and the path whose length is that of the tube wins. Wide bodies, single edges and textures have no partner
+edge at the right distance, so uneven light and busy backgrounds matter little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+WIDTH_SCALED_PX = 9.0  # the picture is scaled until the tube is this wide
+ORIENTATIONS = 36
+SEEDS = 40
+
+
+@dataclass(frozen=True)
+class Path:
+    """A candidate: ordered points (n, 2) px, `polarity` +1 where the tube is lighter, mean response and score."""
+
+    points: FloatArray
+    polarity: int
+    response: float
+    score: float
+    length_px: float
+
+
+@dataclass(frozen=True)
+class RibbonField:
+    """Response (2, orientations, h, w) to a lighter and a darker ribbon; `scale` from picture to field px."""
+
+    response: NDArray[np.float32]
+    scale: float
+    contrast: float
+
+
+def ribbon_field(picture: NDArray[np.uint8], width_px: float) -> RibbonField:
+    """Pairs of opposite edges one width apart, for every orientation of the ribbon's axis."""
+    scale = min(WIDTH_SCALED_PX / width_px, 1.0)
+    size = (max(round(picture.shape[1] * scale), 16), max(round(picture.shape[0] * scale), 16))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    small = cv2.GaussianBlur(small, (0, 0), 1.0)
+    width = width_px * scale
+    gx = cv2.Sobel(small, cv2.CV_32F, 1, 0, ksize=3) / 8
+    gy = cv2.Sobel(small, cv2.CV_32F, 0, 1, ksize=3) / 8
+    contrast = float(np.percentile(np.hypot(gx, gy), 98)) + 0.2
+    response = np.empty((2, ORIENTATIONS, size[1], size[0]), dtype=np.float32)
+    for k in range(ORIENTATIONS):
+        angle = np.pi * k / ORIENTATIONS
+        tx, ty = np.cos(angle), np.sin(angle)
+        nx, ny = -ty, tx
+        slope = gx * nx + gy * ny
+        # Average along the axis over one width.
+        along = _shifted(slope, 0.33 * width * tx, 0.33 * width * ty) + _shifted(
+            slope, -0.33 * width * tx, -0.33 * width * ty
+        )
+        slope = (slope + along) / 3
+        rising = _shifted(slope, 0.5 * width * nx, 0.5 * width * ny)  # slope at p - n w/2
+        falling = -_shifted(slope, -0.5 * width * nx, -0.5 * width * ny)  # minus the slope at p + n w/2
+        response[0, k] = np.minimum(rising, falling)
+        response[1, k] = np.minimum(-rising, -falling)
+    return RibbonField(np.maximum(response, 0.0), size[0] / picture.shape[1], contrast)
+
+
+def _shifted(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:
+    matrix = np.array([[1, 0, dx], [0, 1, dy]], dtype=np.float32)
+    moved = cv2.warpAffine(image, matrix, (image.shape[1], image.shape[0]), flags=cv2.INTER_LINEAR, borderValue=0)
+    return np.asarray(moved, dtype=np.float32)
+
+
+def find_paths(
+    picture: NDArray[np.uint8], width_px: float, length_px: float, *, near_px: FloatArray | None = None
+) -> list[Path]:
+    """Candidate centre lines, best first.
+
+    Parameters
+    ----------
+    picture : (h, w) luma
+    width_px, length_px : expected width and length of the tube
+    near_px : points (n, 2) that the path must pass within three widths (a clamp or tip that is known)
+    """
+    field = ribbon_field(picture, width_px)
+    step = 0.35 * width_px * field.scale
+    paths: list[Path] = []
+    for polarity in (0, 1):
+        stack = field.response[polarity]
+        best = stack.max(axis=0)
+        seeds = _seeds(best, round(0.8 * width_px * field.scale))
+        taken = np.zeros(best.shape, dtype=bool)
+        for y, x in seeds:
+            if taken[y, x]:
+                continue
+            strength = float(best[y, x])
+            direction = np.pi * int(stack[:, y, x].argmax()) / ORIENTATIONS
+            floor = 0.3 * strength
+            ahead = _follow(stack, x, y, direction, step, floor, 1.5 * length_px * field.scale)
+            behind = _follow(stack, x, y, direction + np.pi, step, floor, 1.5 * length_px * field.scale)
+            points = np.vstack([behind[::-1, :2], [[x, y]], ahead[:, :2]])
+            for px, py in points.round().astype(int):
+                r = 2
+                taken[max(py - r, 0) : py + r + 1, max(px - r, 0) : px + r + 1] = True
+            if len(points) < 5:
+                continue
+            values = np.concatenate([behind[:, 2], [strength], ahead[:, 2]])
+            pixels = (points + 0.5) / field.scale - 0.5
+            path = _scored(pixels, 1 if polarity == 0 else -1, float(np.median(values)), field.contrast, length_px)
+            if near_px is None or _passes(path, near_px, 3 * width_px):
+                paths.append(path)
+    return sorted(paths, key=lambda path: -path.score)
+
+
+def _passes(path: Path, near_px: FloatArray, reach: float) -> bool:
+    gaps = np.linalg.norm(path.points[:, None] - np.asarray(near_px, dtype=float)[None], axis=-1)
+    return bool(np.all(gaps.min(axis=0) < reach))
+
+
+def _scored(points: FloatArray, polarity: int, response: float, contrast: float, length_px: float) -> Path:
+    length = float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    ratio = length / length_px
+    # A tube may be partly hidden (shorter) and grows when bent (a little longer).
+    misfit = np.log(ratio) / (0.25 if ratio < 1 else 0.18)
+    score = np.exp(-0.5 * misfit**2) * np.sqrt(min(response / contrast, 3.0)) + 0.02 * min(ratio, 1.0)
+    return Path(points, polarity, response, float(score), length)
+
+
+def _seeds(best: NDArray[np.float32], spacing: int) -> list[tuple[int, int]]:
+    kernel = np.ones((2 * max(spacing, 1) + 1,) * 2, dtype=np.uint8)
+    peaks = (best >= cv2.dilate(best, kernel) - 1e-6) & (best > 0.05 * best.max()) & (best > 0.3)
+    places = np.argwhere(peaks)
+    order = np.argsort(-best[peaks])
+    return [(int(y), int(x)) for y, x in places[order][:SEEDS]]
+
+
+def _follow(
+    stack: NDArray[np.float32], x: float, y: float, direction: float, step: float, floor: float, longest: float
+) -> FloatArray:
+    """Walk along the ridge; rows (x, y, response). A gap of up to three widths is crossed straight on."""
+    count, height, width = stack.shape
+    rows: list[tuple[float, float, float]] = []
+    gap: list[tuple[float, float, float]] = []
+    turns = np.radians([-20, -10, 0, 10, 20])
+    lateral = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    travelled = 0.0
+    while travelled < longest:
+        travelled += step
+        best = (-1.0, x, y, direction)
+        for turn in turns if not gap else turns[1:-1]:
+            heading = direction + turn
+            cx, cy = x + step * np.cos(heading), y + step * np.sin(heading)
+            k = int(round(heading / np.pi * count)) % count
+            for shift in lateral:
+                px, py = cx - shift * np.sin(heading), cy + shift * np.cos(heading)
+                i, j = int(round(py)), int(round(px))
+                if 0 <= i < height and 0 <= j < width:
+                    value = float(stack[k, i, j]) * (1 - 0.05 * abs(shift) - 0.1 * abs(turn))
+                    if value > best[0]:
+                        best = (value, px, py, heading)
+        if best[0] < 0:
+            break
+        if best[0] >= floor:
+            value, x, y, direction = best
+            rows.extend(gap)
+            gap = []
+            rows.append((x, y, value))
+        else:
+            x, y = x + step * np.cos(direction), y + step * np.sin(direction)
+            gap.append((x, y, 0.0))
+            if len(gap) * step > 1.6 * WIDTH_SCALED_PX:
+                break
+    return np.array(rows).reshape(-1, 3)

@@ -1,0 +1,117 @@
+"""What is kept of every frame while a video runs, in arrays that grow by doubling."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rfea_vision.vision import follow
+from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
+
+FloatArray = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def _quadratic_forms(rows, covariance, first, out):
+    """Diagonal of rows @ covariance[first:, first:] @ rows.T."""
+    size = rows.shape[1]
+    for n in range(rows.shape[0]):
+        total = 0.0
+        for i in range(size):
+            if rows[n, i] != 0.0:
+                inner = 0.0
+                for j in range(size):
+                    inner += covariance[first + i, first + j] * rows[n, j]
+                total += rows[n, i] * inner
+        out[n] = total
+
+
+class Rows:
+    """One row per frame: coefficients, variances of what will be derived from them, reason."""
+
+    def __init__(self, nodes: int, segments: int) -> None:
+        self.nodes, self.segments = nodes, segments
+        at_nodes = np.linspace(0, 1, nodes)
+        joints = np.linspace(0, 1, segments + 1)
+        slopes = basis_matrix(joints, COEFFICIENTS, 1)
+        self._shift_rows = np.ascontiguousarray(
+            np.vstack(
+                [
+                    basis_matrix(at_nodes, COEFFICIENTS),
+                    basis_matrix(at_nodes, COEFFICIENTS, 2),
+                    basis_matrix(np.array([1.0]), COEFFICIENTS, 1),
+                    np.diff(slopes, axis=0),
+                ]
+            )
+        )
+        self._width_rows = np.ascontiguousarray(basis_matrix(at_nodes, WIDTH_COEFFICIENTS))
+        self._arrays: dict[str, NDArray[Any]] = {}
+        self._count = 0
+        self.reasons: list[str] = []
+        self._allocate(256)
+
+    def _allocate(self, capacity: int) -> None:
+        shapes: dict[str, tuple[int, ...]] = {
+            "time": (),
+            "coefficients": (COEFFICIENTS, 2),
+            "width": (WIDTH_COEFFICIENTS,),
+            "shift_variance": (len(self._shift_rows),),
+            "width_variance": (len(self._width_rows),),
+            "numbers": (follow.NUMBERS,),
+        }
+        for name, shape in shapes.items():
+            new = np.full((capacity, *shape), np.nan, dtype=np.float32 if "variance" in name else np.float64)
+            old = self._arrays.get(name)
+            if old is not None:
+                new[: self._count] = old[: self._count]
+            self._arrays[name] = new
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self._arrays[name][: self._count]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        return np.array([reason == "" for reason in self.reasons])
+
+    @property
+    def any_valid(self) -> bool:
+        return any(reason == "" for reason in self.reasons)
+
+    @property
+    def commonest_reason(self) -> str:
+        return Counter(self.reasons).most_common(1)[0][0]
+
+    def variances(self, name: str) -> FloatArray:
+        """Variances at unit inflation: `node` mm^2, `bend2` of d2/du2, `tip_slope` of d/du, `joint` of its differences."""
+        n = self.nodes
+        table = self["shift_variance"]
+        part = {
+            "node": slice(0, n),
+            "bend2": slice(n, 2 * n),
+            "tip_slope": slice(2 * n, 2 * n + 1),
+            "joint": slice(2 * n + 1, None),
+        }
+        return table[:, part[name]].astype(float)
+
+    def append(self, time_s: float, reason: str, follower: Any) -> None:
+        """Add a frame."""
+        if self._count == len(self._arrays["time"]):
+            self._allocate(2 * self._count)
+        n = self._count
+        self._arrays["time"][n] = time_s
+        self.reasons.append(reason)
+        self._count += 1
+        if reason:
+            return
+        self._arrays["coefficients"][n] = follower.state.coefficients
+        self._arrays["width"][n] = follower.state.width
+        self._arrays["numbers"][n] = follower.work.numbers
+        _quadratic_forms(self._shift_rows, follower.work.covariance, 0, self._arrays["shift_variance"][n])
+        _quadratic_forms(self._width_rows, follower.work.covariance, COEFFICIENTS, self._arrays["width_variance"][n])
