@@ -27,20 +27,19 @@ def commands_page() -> str:
         "130 interrupted, with everything finished so far kept.",
         "",
     ]
-    for path, command in _walk("rfea", rfea):
-        context = click.Context(command, info_name=path, max_content_width=WIDTH, terminal_width=WIDTH)
-        parts += [f"## {path}", "", "```", command.get_help(context), "```", ""]
+    for context in _walk(click.Context(rfea, info_name="rfea", terminal_width=WIDTH, **rfea.context_settings)):
+        parts += [f"## {context.command_path}", "", "```", context.command.get_help(context), "```", ""]
     return "\n".join(parts)
 
 
-def _walk(path: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
-    yield path, command
-    if isinstance(command, click.Group):
-        context = click.Context(command, info_name=path)
-        for name in command.list_commands(context):
-            child = command.get_command(context, name)
+def _walk(context: click.Context) -> Iterator[click.Context]:
+    """Go through a command and those below it, as contexts, so that settings are inherited."""
+    yield context
+    if isinstance(context.command, click.Group):
+        for name in context.command.list_commands(context):
+            child = context.command.get_command(context, name)
             assert child is not None
-            yield from _walk(f"{path} {name}", child)
+            yield from _walk(click.Context(child, info_name=name, parent=context, **child.context_settings))
 
 
 if __name__ == "__main__":

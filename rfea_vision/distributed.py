@@ -51,7 +51,7 @@ def dask_client(scheduler: str | None, workers: int = DEFAULT_WORKERS) -> Iterat
     InputError
         If no scheduler answers at the address.
     """
-    import dask
+    from dask import config
     from distributed import Client, LocalCluster
 
     if scheduler is not None:
@@ -65,12 +65,12 @@ def dask_client(scheduler: str | None, workers: int = DEFAULT_WORKERS) -> Iterat
             yield client
         return
     # A worker that grows is killed in silence and its task runs again: let the machine decide instead.
-    with dask.config.set({"distributed.worker.memory.terminate": False, "distributed.admin.low-level-log-length": 0}):
+    with config.set({"distributed.worker.memory.terminate": False, "distributed.admin.low-level-log-length": 0}):
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address=":0",
             memory_limit=0,
             silence_logs=50,
         )

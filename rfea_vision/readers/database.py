@@ -26,10 +26,11 @@ def read_query(url: str, query: str, folder: Path = Path()) -> Table:
         If the URL or the query is wrong, the database cannot be reached, or nothing is found.
     """
     import sqlalchemy
+    from sqlalchemy import exc
 
     try:
         parsed = sqlalchemy.make_url(os.path.expandvars(url))
-    except sqlalchemy.exc.ArgumentError as error:
+    except exc.ArgumentError as error:
         raise InputError(
             f"pressure.url: '{url}' is not a database URL; write for example 'sqlite:///log.db'"
         ) from error
@@ -43,13 +44,13 @@ def read_query(url: str, query: str, folder: Path = Path()) -> Table:
         engine = sqlalchemy.create_engine(parsed)
     except ImportError as error:
         raise InputError(f"pressure.url: {shown} needs the Python module '{error.name}'; install it") from error
-    except sqlalchemy.exc.SQLAlchemyError as error:
+    except exc.SQLAlchemyError as error:
         raise InputError(f"pressure.url: {shown}: {_reason(error)}; correct the URL") from error
     try:
         with engine.connect() as connection:
             answer = connection.execute(sqlalchemy.text(query))
             frame = pd.DataFrame(answer.fetchall(), columns=list(answer.keys()))
-    except sqlalchemy.exc.SQLAlchemyError as error:
+    except exc.SQLAlchemyError as error:
         fault = f"pressure.query: {shown} refuses it ({_reason(error)})"
         raise InputError(f"{fault}; correct the query, or the URL") from error
     finally:

@@ -42,14 +42,13 @@ class Table:
         values = self.columns[name]
         if values.dtype.kind in "fiub":
             return values.astype(np.float64)
-        texts = pd.Series(values)
-        numbers = pd.to_numeric(texts, errors="coerce")
-        wrong = np.flatnonzero(numbers.isna().to_numpy() & texts.notna().to_numpy())
+        numbers = np.asarray(pd.to_numeric(pd.Series(values), errors="coerce"), dtype=np.float64)
+        wrong = np.flatnonzero(np.isnan(numbers) & ~np.asarray(pd.isna(values)))
         if wrong.size:
             row = int(wrong[0])
             where = f"{self.source}: column '{name}', row {row + 1}"
-            raise InputError(f"{where}: '{texts.iloc[row]}' is not a number; correct or remove the row")
-        return numbers.to_numpy(dtype=np.float64)
+            raise InputError(f"{where}: '{values[row]}' is not a number; correct or remove the row")
+        return numbers
 
 
 def read_table(path: Path) -> Table:

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
@@ -294,7 +295,7 @@ def recording_hashes(work: Workspace, recordings: Mapping[str, Recording]) -> li
 
 def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset]) -> None:
     """Write prediction.nc, one group per experiment."""
-    groups: dict[str | None, xr.Dataset] = dict(predictions)
+    groups: dict[str | None, xr.Dataset] = {name: dataset for name, dataset in predictions.items()}  # noqa: C416
     write_datasets(folder / "prediction.nc", groups)
 
 
@@ -308,10 +309,9 @@ def save_diagnosis(folder: Path, diagnosis: Diagnosis, experiment: xr.Dataset | 
     outputs = [folder / "diagnosis.json"]
     if experiment is not None and diagnosis.next_experiment is not None:
         path = folder / Path(diagnosis.next_experiment.pressure).name
-        table = experiment["pressure"].to_pandas()
-        table.index.name = "time_s"
+        columns = {"time_s": experiment["log_time"].values, "pressure_kPa": experiment["pressure"].values}
         with whole_file(path) as temporary:
-            table.rename("pressure_kPa").to_csv(temporary, float_format="%.6g")
+            pd.DataFrame(columns).to_csv(temporary, float_format="%.6g", index=False)
         outputs.append(path)
     diagnosis.save(outputs[0])
     return outputs

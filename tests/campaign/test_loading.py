@@ -123,7 +123,7 @@ WRONG = [
     (None, {"actuator": {"lenght": "155 mm"}}, "actuator.lenght", "did you mean 'length'?"),
     (None, {"camera": {"photos": "board_*.png"}}, "camera.board", "is missing"),
     (None, {"camera": {"board": {"inner_corners": [9, 6]}, "photos": "b*"}}, "camera.board.square", "is missing"),
-    (None, {"camera": {"board": {"inner_corners": [9, 6], "square": 12}, "photos": "b"}}, "camera.board.square", "no unit"),
+    (None, {"camera": {"board": {"inner_corners": [9, 6], "square": 9}, "photos": "b"}}, "camera.board.square", "unit"),
     (None, {"camera": {"board": "chekerboard-9x6-12mm", "photos": "b*"}}, "camera.board", f"did you mean '{BOARD}'"),
     (None, {"camera": {"board": BOARD, "photos": "b_*.png"}}, "camera.photos", "no photo matches 'b_*.png'"),
     (None, {"camera": {"file": "gone.yaml"}}, "camera.file", "no file 'gone.yaml'"),
@@ -196,7 +196,7 @@ def test_no_folder_is_said(tmp_path, name):
     (tmp_path / "file.txt").write_text("")
     with pytest.raises(InputError, match="no such folder"):
         load_campaign(tmp_path / name)
-    with pytest.raises(InputError, match="neither campaign[.]yaml nor experiment.yaml"):
+    with pytest.raises(InputError, match="holds neither"):
         load_campaign(tmp_path)
 
 

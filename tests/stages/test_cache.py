@@ -5,13 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from campaign.campaigns import write_campaign
 
 from rfea_vision.campaign import load_campaign
 from rfea_vision.errors import DataError
 from rfea_vision.stages import Listener, Workspace
 from rfea_vision.stages.cache import StageCache, code_version, plain
-
-from campaign.campaigns import write_campaign
 
 
 class Stage:
