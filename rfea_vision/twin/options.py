@@ -106,6 +106,7 @@ class TwinOptions:
     Attributes
     ----------
     hidden : effect parameters in SI units, keyed ``effect.parameter`` (see `parse_hidden`); empty hides nothing
+    name : of the campaign; empty takes the folder's
     seed : draws base parameters, excitations, clocks, camera and noise; the same seed gives the same campaign
     roles : role of every experiment, in order
     duration_s : length of each video or track
@@ -136,6 +137,7 @@ class TwinOptions:
     """
 
     hidden: Mapping[str, float] = field(default_factory=dict)
+    name: str = ""
     seed: int = 0
     roles: tuple[str, ...] = ("train", "train", "validate", "test")
     duration_s: float = 6.0

@@ -82,7 +82,7 @@ def simulate(
             postures.append(posture_at(plant, motion, run.offset_s + (1 + run.drift) * camera_s))
         studio = Studio(options, postures) if options.video else None
         camera = studio.write_calibration(work / "calibration") if studio else None
-        _write_campaign(work, options, camera)
+        _write_campaign(work, options.name or out.name, options, camera)
         for index, (run, posture) in enumerate(zip(runs, postures, strict=True)):
             report(200 * len(runs) + 800 * index, total)
             generator = np.random.default_rng([options.seed, 3, index])
@@ -126,11 +126,11 @@ def _truth(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dic
     }
 
 
-def _write_campaign(folder: Path, options: TwinOptions, camera: dict[str, Any] | None) -> None:
+def _write_campaign(folder: Path, name: str, options: TwinOptions, camera: dict[str, Any] | None) -> None:
     tube = options.actuator
     content: dict[str, Any] = {
         "format": "rfea-campaign/1",
-        "name": "twin",
+        "name": name,
         "actuator": {
             "outer_radius": f"{tube.outer_radius * 1e3:.6g} mm",
             "inner_radius": f"{tube.inner_radius * 1e3:.6g} mm",
