@@ -132,10 +132,12 @@ class JointLaw:
         Raises
         ------
         DataError
-            If stiffness or damping has become negative: such a tube does not exist.
+            If bore, stiffness or damping has become negative: such a tube does not exist.
         """
         get = self.hidden
         area = self.inner_area(theta, p)
+        if not np.min(area) > 0:
+            raise DataError("simulate: the tube folds up; lower pressure_max_kPa, or take a larger k_ref")
         radius = np.sqrt(area / np.pi)
         k = self.stiffness(theta, radius, memory, p, time)
         b = self.damping(rate, radius)
