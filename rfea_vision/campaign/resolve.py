@@ -10,6 +10,7 @@ from rfea_vision.campaign.problems import Problem, problem_at
 from rfea_vision.campaign.schema import CameraPart, ExperimentFile, PlumbPart, PressurePart, SyncPart
 from rfea_vision.campaign.specs import CameraSpec, ExperimentSpec, PressureSpec, SyncSpec, TrackSpec, VideoSpec
 from rfea_vision.campaign.yaml_file import YamlFile
+from rfea_vision.data import read_camera_profile
 from rfea_vision.errors import InputError
 
 Folders = tuple[Path, ...]
@@ -109,9 +110,13 @@ def resolve_camera(
         clamp=part.clamp,
         tip=part.tip,
         board_offset_mm=part.board_offset * 1000.0,
-        lens=part.lens,
+        lens=part.lens or _lens_of(part.profile),
     )
     return (None if finder.problems else camera), finder.problems
+
+
+def _lens_of(profile: str | None) -> str:
+    return "auto" if profile is None else str(read_camera_profile(profile).get("lens", "auto"))
 
 
 def resolve_experiment(

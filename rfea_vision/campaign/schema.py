@@ -53,6 +53,14 @@ def _sync(value: object) -> object:
     return {"method": value} if isinstance(value, str) else value
 
 
+def _camera_profile(value: object) -> object:
+    if isinstance(value, str):
+        from rfea_vision.data import read_camera_profile
+
+        read_camera_profile(value)
+    return value
+
+
 def _named_board(value: object) -> object:
     """Let ``board: checkerboard-9x6-12mm`` name a file of calib/boards."""
     if not isinstance(value, str):
@@ -107,14 +115,18 @@ class PlumbPart(_Part):
 
 
 class CameraPart(_Part):
-    """How the pictures are to be read. Either `board` and `photos`, or `file` of an earlier calibration."""
+    """How the pictures are to be read. Either `board` and `photos`, or `file` of an earlier calibration.
+
+    `profile` names a file of calib/cameras, whose lens model is taken where `lens` is not given.
+    """
 
     board: Annotated[BoardPart | None, BeforeValidator(_named_board)] = None
     photos: str | list[str] | None = None
     plane: str | None = None
     board_offset: Offset = 0.0
     file: str | None = None
-    lens: Literal["auto", "brown5", "brown8", "fisheye"] = "auto"
+    profile: Annotated[str | None, BeforeValidator(_camera_profile)] = None
+    lens: Literal["auto", "brown5", "brown8", "fisheye"] | None = None
     vertical: Literal["board", "rest", "image"] | PlumbPart = "board"
     clamp: PixelPair | None = None
     tip: tuple[float, float] | None = None

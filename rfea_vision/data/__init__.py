@@ -31,11 +31,6 @@ def data_folder(name: str) -> Path:
     return folder
 
 
-def list_boards() -> tuple[str, ...]:
-    """Return the names of the boards in calib/boards."""
-    return tuple(sorted(path.stem for path in (data_folder("calib") / "boards").glob("*.yaml")))
-
-
 def read_board(name: str) -> dict[str, Any]:
     """Return the keys of a board in calib/boards, as they would stand under ``camera.board``.
 
@@ -44,22 +39,38 @@ def read_board(name: str) -> dict[str, Any]:
     ValueError
         If there is no such board.
     """
-    boards = list_boards()
-    if name not in boards:
-        close = difflib.get_close_matches(name, boards, n=1)
-        hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(boards)}"
-        raise ValueError(f"no board '{name}' in calib/boards; {hint}")
-    text = (data_folder("calib") / "boards" / f"{name}.yaml").read_text(encoding="utf-8")
-    return {key: value for key, value in yaml.safe_load(text).items() if key != "title"}
+    return {key: value for key, value in _read_page("boards", name).items() if key != "title"}
+
+
+def read_camera_profile(name: str) -> dict[str, Any]:
+    """Return a camera profile of calib/cameras: title, lens and notes.
+
+    Raises
+    ------
+    ValueError
+        If there is no such profile.
+    """
+    return _read_page("cameras", name)
+
+
+def board_titles() -> dict[str, str]:
+    """Return what each board of calib/boards is, by name."""
+    return {name: str(_read_page("boards", name).get("title", "")) for name in _pages("boards")}
+
+
+def _pages(kind: str) -> list[str]:
+    return sorted(path.stem for path in (data_folder("calib") / kind).glob("*.yaml"))
+
+
+def _read_page(kind: str, name: str) -> dict[str, Any]:
+    known = _pages(kind)
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(known)}"
+        raise ValueError(f"no '{name}' in calib/{kind}; {hint}")
+    return yaml.safe_load((data_folder("calib") / kind / f"{name}.yaml").read_text(encoding="utf-8"))
 
 
 def list_recipes() -> dict[str, Path]:
     """Return the recipes in pipelines/, by name."""
     return {path.stem: path for path in sorted(data_folder("pipelines").glob("*.yaml"))}
-
-
-def board_titles() -> dict[str, str]:
-    """Return what each board of calib/boards is, by name."""
-    folder = data_folder("calib") / "boards"
-    pages = {name: yaml.safe_load((folder / f"{name}.yaml").read_text(encoding="utf-8")) for name in list_boards()}
-    return {name: str(page.get("title", "")) for name, page in pages.items()}
