@@ -1,0 +1,8 @@
+"""The critique: where the model fails, which effect is missing, and the ladder of models that mends it."""
+
+from rfea_vision.critique.comparison import compare
+from rfea_vision.critique.diagnosis import diagnose
+from rfea_vision.critique.ladder import improve
+from rfea_vision.critique.torque import with_residual_torque
+
+__all__ = ["compare", "diagnose", "improve", "with_residual_torque"]

@@ -1,0 +1,187 @@
+"""Where a model fails: by phase, pressure, place and experiment, beside the noise floor, and the worst places in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts.judgement import Comparison, ModelFit, WorstPlace
+from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.critique.elongation import describe_elongation
+from rfea_vision.critique.phases import label_phases
+from rfea_vision.critique.torque import all_residual_torques, summarise_torque
+
+FloatArray = NDArray[np.float64]
+WORST_PLACES = 5
+WINDOW_S = 0.25
+PRESSURE_BANDS = 6
+
+
+def _square_error(dataset: xr.Dataset, recording: xr.Dataset) -> tuple[FloatArray, FloatArray]:
+    """Squared error per frame and node in mm^2 (frames, nodes) and the nodes' place on the tube; the angle's in deg^2 if alone."""
+    valid = recording["valid"].values.astype(bool)[:, None]
+    if "midline" in recording:
+        gap = recording["midline"].values - dataset["midline"].values
+        return np.where(valid, np.sum(gap**2, axis=2), np.nan), np.linspace(0, 1, gap.shape[1])
+    if "tip" in recording:
+        gap = recording["tip"].values - dataset["tip"].values
+        return np.where(valid, np.sum(gap**2, axis=1, keepdims=True), np.nan), np.ones(1)
+    gap = recording["bend_angle"].values - dataset["bend_angle"].values
+    return np.where(valid, gap[:, None] ** 2, np.nan), np.ones(1)
+
+
+def _row_means(square: FloatArray) -> FloatArray:
+    """Mean over the finite nodes of each frame; NaN where there is none."""
+    good = np.isfinite(square)
+    count = good.sum(axis=1)
+    return np.where(count > 0, np.where(good, square, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+
+
+def _rms(values: FloatArray) -> float | None:
+    good = values[np.isfinite(values)]
+    return float(np.sqrt(good.mean())) if good.size else None
+
+
+def _worst(name: str, time: FloatArray, square: FloatArray, sigma: FloatArray, phase: NDArray[np.str_], floor: float | None,
+           unit: str) -> list[WorstPlace]:
+    """Windows of a quarter second, worst first; neighbours that are bad for the same reason are joined."""
+    first, last = time[0], time[-1]
+    edges = np.arange(first, last, WINDOW_S)
+    per_frame = _row_means(square)
+    windows = []
+    for start in edges:
+        inside = (time >= start) & (time < start + WINDOW_S) & np.isfinite(per_frame)
+        if inside.sum() < 3:
+            continue
+        values, counts = np.unique(phase[inside], return_counts=True)
+        windows.append((float(np.sqrt(per_frame[inside].mean())), start, min(start + WINDOW_S, last), str(values[counts.argmax()])))
+    if not windows:
+        return []
+    limit = max(floor or 0.0, float(np.median([w[0] for w in windows])))
+    joined: list[list[Any]] = []
+    for rms, start, stop, label in windows:
+        if rms < 1.2 * limit:
+            continue
+        if joined and joined[-1][3] == label and start - joined[-1][2] < 1e-6:
+            joined[-1][2] = stop
+            joined[-1][0] = max(joined[-1][0], rms)
+        else:
+            joined.append([rms, start, stop, label])
+    places = []
+    for _, start, stop, label in joined:
+        inside = (time >= start) & (time <= stop)
+        rows = square[inside]
+        rms = _rms(_row_means(rows))
+        if rms is None:
+            continue
+        along = _row_means(rows.T)
+        bad = np.flatnonzero(along >= 0.5 * np.nanmax(along))
+        low, high = float(sigma[bad[0]]), float(sigma[bad[-1]])
+        times = f", {rms / floor:.1f} times the noise floor" if floor else ""
+        where = "at the tip" if low > 0.9 else f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
+        article = {"ringing": "while ringing", "reversal": "at a reversal", "rest": "at rest"}.get(label, f"during a {label}")
+        sentence = f"{name}: {rms:.2f} {unit} between {start:.2f} and {stop:.2f} s {article}, {where}{times}."
+        places.append(
+            WorstPlace(experiment=name, from_s=float(start), to_s=float(stop), from_sigma=low, to_sigma=high, rmse_mm=rms, phase=label, sentence=sentence)  # type: ignore[arg-type]
+        )
+    return sorted(places, key=lambda p: -p.rmse_mm)
+
+
+def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> Comparison:
+    """Compare a fitted model with the training and validation recordings (test runs are left alone)."""
+    floor = model.noise_floor_mm
+    by_phase, where = [], []
+    pressures, squares, places, biases = [], [], [], []
+    unit = "mm"
+    for name, dataset in predictions.items():
+        recording = recordings[name]
+        if recording.role not in ("train", "validate"):
+            continue
+        data = recording.dataset
+        square, sigma = _square_error(dataset, data)
+        unit = "mm" if "tip" in data or "midline" in data else "deg"
+        time = data["time"].values
+        pressure = np.interp(time, data["log_time"].values, data["pressure"].values)
+        phase = label_phases(time, pressure, np.nan_to_num(dataset["bend_angle"].values.astype(float)))
+        per_frame = _row_means(square)
+        total = float(np.nansum(per_frame))
+        for label in dict.fromkeys(phase.tolist()):
+            inside = phase == label
+            by_phase.append(
+                {"experiment": name, "role": recording.role, "phase": label, "rmse_mm": _rms(per_frame[inside]),
+                 "share": float(np.nansum(per_frame[inside])) / total if total > 0 else 0.0, "frames": int(inside.sum())}
+            )
+        where += _worst(name, time, square, sigma, phase, floor if unit == "mm" else None, unit)
+        pressures.append(pressure)
+        squares.append(per_frame)
+        if "normal_residual" in dataset:
+            places.append(square)
+            biases.append(dataset["normal_residual"].values)
+    torque = summarise_torque(list(all_residual_torques(model, recordings).values()))
+    where.sort(key=lambda p: -p.rmse_mm)
+    comparison = Comparison(
+        model=model.name,
+        noise_floor_mm=floor,
+        by_phase=by_phase,
+        by_pressure=_by_pressure(pressures, squares),
+        by_segment=_by_segment(places, biases),
+        where=where[:WORST_PLACES],
+        residual_torque=torque,
+        elongation=describe_elongation(recordings, predictions),
+    )
+    return comparison.model_copy(update={"sentences": _sentences(model, comparison, unit)})
+
+
+def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray]) -> list[dict[str, Any]]:
+    if not pressures:
+        return []
+    pressure, square = np.concatenate(pressures), np.concatenate(squares)
+    edges = np.linspace(pressure.min(), pressure.max(), PRESSURE_BANDS + 1)
+    rows = []
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        inside = (pressure >= low) & (pressure <= high)
+        rows.append({"from_kPa": float(low), "to_kPa": float(high), "rmse_mm": _rms(square[inside]), "frames": int(inside.sum())})
+    return rows
+
+
+def _by_segment(squares: list[FloatArray], residuals: list[FloatArray]) -> list[dict[str, Any]]:
+    if not squares:
+        return []
+    nodes = min(s.shape[1] for s in squares)
+    square, residual = np.concatenate([s[:, :nodes] for s in squares]), np.concatenate([r[:, :nodes] for r in residuals])
+    parts = np.array_split(np.arange(nodes), 8)
+    return [
+        {"from_sigma": float(part[0] / (nodes - 1)), "to_sigma": float(part[-1] / (nodes - 1)), "rmse_mm": _rms(square[:, part]),
+         "bias_mm": float(np.nanmean(residual[:, part]))}
+        for part in parts
+    ]
+
+
+def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
+    out = []
+    held = model.metrics.get("validate") or model.metrics.get("train")
+    kind = "held-out" if "validate" in model.metrics else "training"
+    if held is not None and held.tip_rmse_mm is not None:
+        floor = f"; the noise floor is {model.noise_floor_mm:.3f} mm" if model.noise_floor_mm else ""
+        share = held.tip_rmse_percent_of_length or 0.0
+        out.append(f"The tip of model {model.name} is off by {held.tip_rmse_mm:.3f} mm RMS on {kind} runs ({share:.2f} % of the length{floor}).")
+    elif held is not None and held.angle_rmse_deg is not None:
+        out.append(f"The angle of model {model.name} is off by {held.angle_rmse_deg:.2f} deg RMS on {kind} runs.")
+    totals: dict[str, float] = {}
+    for row in comparison.by_phase:
+        if row["rmse_mm"] is not None:
+            totals[row["phase"]] = totals.get(row["phase"], 0.0) + row["rmse_mm"] ** 2 * row["frames"]
+    if totals and sum(totals.values()) > 0:
+        worst = max(totals, key=lambda key: totals[key])
+        out.append(f"{100 * totals[worst] / sum(totals.values()):.0f} % of the squared error falls into the phase '{worst}'.")
+    out += [place.sentence for place in comparison.where[:2]]
+    ranked = comparison.residual_torque.get("depends_on") or []
+    if ranked and ranked[0]["score"] > 0.15:
+        out.append(
+            f"The torque that would close the gap is {comparison.residual_torque['rms_mNm']:.2f} mN m RMS; " + ranked[0]["sentence"]
+        )
+    return out

@@ -1,0 +1,87 @@
+"""The experiment to run next: the pressure profile on which two rival models differ most, within what the rig has shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts.judgement import NextExperiment
+from rfea_vision.dynamics.simulation import Excitation
+from rfea_vision.fitting.fit import Fitted, Problem
+
+FloatArray = NDArray[np.float64]
+DURATION_S = 8.0
+STEP_S = 2e-3
+
+
+def limits(problem: Problem) -> tuple[float, float, float]:
+    """Lowest and highest pressure (Pa) and steepest rate (Pa/s) that the recordings show the rig can do."""
+    low = min(float(o.excitation.pressure.min()) for o in problem.train)
+    high = max(float(o.excitation.pressure.max()) for o in problem.train)
+    rates = [np.abs(np.diff(o.excitation.pressure)) / o.excitation.step_s for o in problem.train]
+    return max(low, 0.0), high, float(np.percentile(np.concatenate(rates), 99.5))
+
+
+def _limited(target: FloatArray, rate: float) -> FloatArray:
+    out = np.empty_like(target)
+    out[0] = target[0]
+    step = rate * STEP_S
+    for k in range(1, target.size):
+        out[k] = out[k - 1] + np.clip(target[k] - out[k - 1], -step, step)
+    return out
+
+
+def profiles(low: float, high: float, rate: float, seed: int) -> dict[str, FloatArray]:
+    """Candidate profiles in words: name to pressure (Pa) on a 2 ms grid."""
+    t = np.arange(0, DURATION_S, STEP_S)
+    rng = np.random.default_rng(seed)
+    span = high - low
+    levels = rng.uniform(0.1, 1.0, 10)
+    targets = {
+        "a fast step to full pressure, held, and back": low + span * ((t > 0.5) & (t < 5)),
+        "a slow triangle to full pressure and back": low + span * np.interp(t, [0.3, 4.0, 7.7], [0, 1, 0]),
+        "fast and slow triangles to the same pressure": low + 0.8 * span * np.interp(t, [0.2, 0.7, 1.2, 1.7, 4.5, 7.5], [0, 1, 0, 0, 1, 0]),
+        "a staircase up and down with holds": low + span * np.interp(np.floor(t / 0.8), range(10), [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0]),
+        "small fast reversals about half pressure": low + span * (0.5 * (t > 0.3) + 0.12 * np.sign(np.sin(2 * np.pi * 1.5 * t)) * (t > 2)),
+        "small fast reversals near full pressure": low + span * (0.85 * (t > 0.3) + 0.12 * np.sign(np.sin(2 * np.pi * 2 * t)) * (t > 2)),
+        "random steps": low + span * levels[np.minimum((t / 0.8).astype(int), 9)] * (t > 0.3),
+        "the same cycle twice after a rest": low + span * np.interp(t, [0.3, 1.3, 2.3, 4.5, 5.5, 6.5], [0, 1, 0, 0, 1, 0]),
+    }
+    return {name: _limited(np.asarray(target, dtype=float), rate) for name, target in targets.items()}
+
+
+def _tip(fitted: Fitted, pressure: FloatArray) -> FloatArray | None:
+    model = fitted.model
+    excitation = Excitation(0.0, STEP_S, pressure)
+    times = np.arange(0, DURATION_S - 0.02, 0.01)
+    motion = model.simulate(fitted.par, excitation, times)
+    if not motion.ok:
+        return None
+    return model.centre_line(motion, np.array([0.5, 1.0]))[0].reshape(times.size, -1) * 1e3
+
+
+def design_next(problem: Problem, rivals: Sequence[Fitted], names: Sequence[str], seed: int) -> tuple[NextExperiment | None, xr.Dataset | None]:
+    """Profile that separates two fitted rivals best, by the RMS difference of their predictions (mm)."""
+    if len(rivals) < 2:
+        return None, None
+    low, high, rate = limits(problem)
+    best: tuple[float, str, FloatArray] | None = None
+    for name, pressure in profiles(low, high, rate, seed).items():
+        tips = [_tip(r, pressure) for r in rivals[:2]]
+        if tips[0] is None or tips[1] is None:
+            continue
+        apart = float(np.sqrt(2 * np.mean((tips[0] - tips[1]) ** 2)))
+        if best is None or apart > best[0]:
+            best = (apart, name, pressure)
+    if best is None:
+        return None, None
+    apart, name, pressure = best
+    sentence = (
+        f"Run {name} (up to {high / 1e3:.0f} kPa): there {names[0]} and {names[1]}, as fitted now, predict tips {apart:.3f} mm RMS apart."
+    )
+    file = f"next-experiment-{names[0]}-{names[1]}.csv"
+    dataset = xr.Dataset({"pressure": ("log_time", pressure / 1e3, {"units": "kPa"})}, coords={"log_time": np.arange(pressure.size) * STEP_S})
+    return NextExperiment.model_validate({"for": list(names[:2]), "pressure": file, "sentence": sentence}), dataset

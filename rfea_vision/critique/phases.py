@@ -1,0 +1,42 @@
+"""What the tube was doing: rise, hold, fall, reversal, rest or ringing, frame by frame, from pressure and motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+PHASES = ("rest", "rise", "hold", "fall", "reversal", "ringing")
+SMOOTHING_S = 0.04
+REVERSAL_S = 0.15
+
+
+def _smooth(time: FloatArray, values: FloatArray, width_s: float) -> FloatArray:
+    period = float(np.median(np.diff(time))) if time.size > 1 else width_s
+    count = max(1, round(width_s / max(period, 1e-9)) | 1)
+    padded = np.pad(values, count // 2, mode="edge")
+    return np.convolve(padded, np.full(count, 1 / count), mode="valid")[: values.size]
+
+
+def label_phases(time: FloatArray, pressure: FloatArray, bend: FloatArray) -> NDArray[np.str_]:
+    """One label per frame. time (s), pressure (any unit) and bend (any measure that grows with bending), all (frames,)."""
+    smooth = _smooth(time, pressure, SMOOTHING_S)
+    span = max(float(np.ptp(smooth)), 1e-12)
+    rate = np.gradient(smooth, time) if time.size > 2 else np.zeros_like(smooth)
+    moving = np.abs(rate) > 0.03 * span  # 3 % of the range per second
+    labels = np.full(time.size, "hold", dtype="U8")
+    labels[(smooth < smooth.min() + 0.05 * span) & ~moving] = "rest"
+    labels[moving & (rate > 0)] = "rise"
+    labels[moving & (rate < 0)] = "fall"
+    # A hold in which the tube still moves is ringing.
+    speed = np.abs(np.gradient(_smooth(time, bend, 0.02), time)) if time.size > 2 else np.zeros_like(smooth)
+    labels[~moving & (speed > 0.05 * max(float(np.ptp(bend)), 1e-12) / 0.1 * 0.2)] = "ringing"
+    sign = np.sign(np.where(moving, rate, 0.0))
+    last, last_time = 0.0, -np.inf
+    for k in range(time.size):
+        if sign[k] != 0:
+            if last != 0 and sign[k] != last and time[k] - last_time < 0.3:
+                near = np.abs(time - time[k]) < REVERSAL_S / 2
+                labels[near & moving] = "reversal"
+            last, last_time = sign[k], time[k]
+    return labels

@@ -1,0 +1,167 @@
+"""Score test of every effect at the present fit: how much of the misfit would each explain, by one linear step?
+
+All effects are compiled into one law, at their absent values, so a single run gives the sensitivity to every amplitude. The
+base parameters and clocks are projected out, so what they can swallow is not credited. Parameters that vanish with the
+amplitude (a time constant, a loop width, the place of a wall) are screened over their grid (Davies 1987,
+doi:10.1093/biomet/74.1.33). Significance allows for correlated residuals: gradients are summed over blocks of time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from rfea_vision.dynamics.simulation import Model
+from rfea_vision.effects.base import Effect
+from rfea_vision.effects.catalogue import catalogue, find_effects, load_effect_file
+from rfea_vision.fitting.fit import Fitted, Problem
+from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.uncertainty import BLOCK_S, _frame_of_row
+
+FloatArray = NDArray[np.float64]
+FRAMES_SCREENED = 400
+
+
+@dataclass(frozen=True)
+class Screened:
+    """One effect at one point of its grid: the share of the squared error that a linear step would remove."""
+
+    effect: str
+    grid: dict[str, float]
+    step: dict[str, float]
+    explained: float
+    score_p: float
+    at: int | None = None
+
+
+def offered(problem: Problem, fitted: Fitted, candidates: Sequence[str] | None, effect_files: Sequence[Path]) -> tuple[Effect, ...]:
+    """Effects to be screened: those asked for (all by default) that are not in the model and could be told from it."""
+    own = [item.__class__.id for item in fitted.model.effects]
+    users = [effect.id for path in effect_files for effect in load_effect_file(Path(path))]
+    ids = list(candidates) if candidates is not None else [*sorted(catalogue()), *(u for u in users if u not in catalogue())]
+    clocks_free = all(item.clock_free for item in problem.train)
+    chosen = []
+    for effect in find_effects([i for i in ids if i not in own], effect_files):
+        tied_to_base = any(name in fitted.coordinates.names for name in effect.exactly_tied_to)
+        if tied_to_base or (effect.id == "time_offset" and clocks_free):
+            continue
+        chosen.append(effect)
+    return tuple(chosen)
+
+
+def grids(effects: Sequence[Effect]) -> list[dict[str, float]]:
+    """Points at which to screen: every effect walks along its own grid at the same time."""
+    longest = max([len(s.grid) for e in effects for s in e.parameters.values() if s.absent is None], default=1)
+    out = []
+    for index in range(max(longest, 1)):
+        point = {}
+        for effect in effects:
+            for name, spec in effect.parameters.items():
+                if spec.absent is None:
+                    values = spec.grid or (spec.start,)
+                    point[f"{effect.id}.{name}"] = values[min(index, len(values) - 1)]
+        out.append(point)
+    return out
+
+
+def _vector(model: Model, fitted: Fitted, point: dict[str, float]) -> FloatArray:
+    known = dict(zip(fitted.model.names, fitted.par, strict=True))
+    par = np.zeros(len(model.names))
+    for k, name in enumerate(model.names):
+        if name in known:
+            par[k] = known[name]
+        elif name in point:
+            par[k] = point[name]
+        else:
+            effect, parameter = name.split(".")
+            spec = next(e for e in model.effects if e.id == effect).parameters[parameter]
+            par[k] = 0.0 if spec.absent is None else spec.absent
+    return par
+
+
+def _step(effect: Effect, gradient: FloatArray, hessian: FloatArray, names: list[str]) -> tuple[FloatArray, float]:
+    """Best step of the amplitudes within their bounds, and the fall of the squared error that it predicts."""
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    normed = hessian / np.outer(scale, scale) + 1e-8 * np.eye(len(names))
+    step = np.linalg.solve(normed, gradient / scale) / scale
+    for i, name in enumerate(names):
+        spec = effect.parameters[name]
+        absent = spec.absent or 0.0
+        step[i] = float(np.clip(step[i], spec.lower - absent, spec.upper - absent))
+    return step, float(2 * gradient @ step - step @ hessian @ step)
+
+
+def screen(problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None) -> list[Screened]:
+    """Score every effect at every point of its grid, best first; empty if the model cannot be simulated."""
+    thin = [o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train]
+    everything = tuple(sorted([*fitted.model.effects, *effects], key=lambda e: e.id))
+    model = replace(fitted.model, effects=everything)
+    base_free = [model.names.index(name) for name in fitted.coordinates.names]
+    found: list[Screened] = []
+    points = grids(effects)
+    for round_, point in enumerate(points):
+        active = effects if round_ == 0 else [e for e in effects if any(len(s.grid) > round_ for s in e.parameters.values())]
+        par = _vector(model, fitted, point)
+        amplitude = {e.id: [n for n in e.amplitudes()] for e in active}
+        extra = [model.names.index(f"{e.id}.{n}") for e in active for n in amplitude[e.id]]
+        free = [*base_free, *extra]
+        result = evaluate(model, par, thin, free, fitted.solution.clocks)
+        if result is None:
+            continue
+        nb = len(base_free)
+        clock_columns = [len(free) + i for i in fitted.solution.clock_index]
+        base = result.jacobian[:, [*range(nb), *clock_columns]]
+        q, _ = np.linalg.qr(base / np.maximum(np.linalg.norm(base, axis=0), 1e-300))
+        residual = result.residual - q @ (q.T @ result.residual)
+        total = float(residual @ residual)
+        clusters = _clusters(thin, result.slices)
+        column = nb
+        for effect in active:
+            names = amplitude[effect.id]
+            jacobian = result.jacobian[:, column : column + len(names)]
+            column += len(names)
+            raw = np.linalg.norm(jacobian, axis=0)
+            jacobian = jacobian - q @ (q.T @ jacobian)
+            left = np.linalg.norm(jacobian, axis=0)
+            if np.all(left <= 1e-6 * np.maximum(raw, 1e-300)):
+                continue  # the base parameters swallow it whole
+            # The residual is measured minus modelled; its Jacobian has the sign of minus the model's.
+            gradient, hessian = -jacobian.T @ residual, jacobian.T @ jacobian
+            step, fall = _step(effect, gradient, hessian, names)
+            own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
+            found.append(
+                Screened(
+                    effect.id, own_grid, dict(zip(names, step.tolist(), strict=True)), max(fall, 0.0) / max(total, 1e-300),
+                    _score_p(jacobian, residual, clusters, len(points)),
+                )
+            )
+        if progress is not None:
+            progress(round_ + 1, len(points))
+    return sorted(found, key=lambda s: -s.explained)
+
+
+def _clusters(items: Sequence, slices: Sequence[slice]) -> NDArray[np.int64]:
+    out, first = [], 0
+    for item, part in zip(items, slices, strict=True):
+        frame = _frame_of_row(item, part.stop - part.start)
+        block = ((item.time - item.time[0]) / BLOCK_S).astype(int)
+        out.append(first + block[frame])
+        first += int(block.max()) + 1
+    return np.concatenate(out)
+
+
+def _score_p(jacobian: FloatArray, residual: FloatArray, clusters: NDArray[np.int64], tests: int) -> float:
+    """Cluster-robust score test, Bonferroni over the grid."""
+    count = int(clusters.max()) + 1
+    p = jacobian.shape[1]
+    sums = np.stack([np.bincount(clusters, jacobian[:, k] * residual, minlength=count) for k in range(p)], axis=1)
+    variance = sums.T @ sums
+    scale = np.sqrt(np.maximum(np.diag(variance), 1e-300))
+    score = sums.sum(axis=0) / scale
+    statistic = float(score @ np.linalg.pinv(variance / np.outer(scale, scale), rcond=1e-8) @ score)
+    return float(min(1.0, chi2.sf(statistic, p) * tests))
