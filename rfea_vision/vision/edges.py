@@ -212,8 +212,13 @@ def smooth_levels(sums, levels, blurs, half_window, blur_window, blur_limit, fre
             if number >= 6:
                 mean = (cumulative[high, 2 * k] - cumulative[low, 2 * k]) / number
                 levels[v, k] += fresh * (mean - levels[v, k])
+    # Blurs are averaged over the same window: what the window cannot tell apart must not drift.
+    total = np.zeros(count + 1)
+    for v in range(count):
+        total[v + 1] = total[v] + blurs[v]
     for v in range(count):
         low, high = max(0, v - blur_window), min(count, v + blur_window + 1)
+        blurs[v] = (total[high] - total[low]) / (high - low)
         down = cumulative[high, BLUR_DOWN] - cumulative[low, BLUR_DOWN]
         if down > 1e-6:
             change = (cumulative[high, BLUR_UP] - cumulative[low, BLUR_UP]) / down

@@ -22,6 +22,8 @@ from rfea_vision.vision.curve import (
     vertices_of,
 )
 from rfea_vision.vision.edges import (
+    BLUR_DOWN,
+    BLUR_UP,
     INFO,
     LEVEL_COLUMNS,
     MAX_STATIONS,
@@ -38,7 +40,7 @@ FloatArray = NDArray[np.float64]
 
 CAP_VERTICES = 33
 CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured
-LEVEL_WINDOW = 8
+LEVEL_WINDOW, BLUR_WINDOW = 8, 48
 
 # Numbers that come out of a frame.
 (
@@ -149,8 +151,15 @@ def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
 def update_levels(state, work, fresh, blur_limit, px_per_vertex):
     """Levels and blurs of both edges from the sums of the last measurement."""
     window = max(LEVEL_WINDOW, int(25.0 / px_per_vertex))
+    # One blur for both edges, over a long stretch: at a single sub-pixel phase blur and place are not told apart.
+    for v in range(VERTICES):
+        for k in (BLUR_UP, BLUR_DOWN):
+            both = work.sums[0, v, k] + work.sums[1, v, k]
+            work.sums[0, v, k] = both
+            work.sums[1, v, k] = both
     for s in range(2):
-        smooth_levels(work.sums[s], state.levels[s], state.blurs[s], window, 2 * window, blur_limit, fresh)
+        smooth_levels(work.sums[s], state.levels[s], state.blurs[s], window, BLUR_WINDOW, blur_limit, fresh)
+    state.blurs[1] = state.blurs[0]
 
 
 @njit(cache=True, nogil=True)
@@ -187,7 +196,6 @@ def robust_scale(work, filled):
 def fit_sides(state, work, filled, wide_mm, least_contrast):
     """Robust fit of shift and widening: all, then without outliers. Returns solution, covariance, noise, kept."""
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
-    work.residual[:filled] = 0.0
     for n in range(filled):
         work.residual[n] = work.stations[n, SHIFT]
     kept = select(state, work, filled, wide_mm, least_contrast)
@@ -198,14 +206,7 @@ def fit_sides(state, work, filled, wide_mm, least_contrast):
         return solution, covariance, noise, kept
     for repeat in range(2):
         solution, covariance = fit_shift(
-            work.stations,
-            filled,
-            work.keep,
-            max(noise * noise, 0.25),
-            count,
-            width_count,
-            PRIOR_BEND_MM,
-            PRIOR_WIDTH_MM,
+            work.stations, filled, work.keep, max(noise * noise, 0.25), state.width, count, PRIOR_BEND_MM, PRIOR_WIDTH_MM
         )
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         noise = max(robust_scale(work, filled), 0.3)
@@ -397,7 +398,7 @@ def apply_coarse(state, work, filled, px_per_mm):
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
     solution = np.zeros(count + width_count)
     for repeat in range(4):
-        solution, _ = fit_shift(work.stations, filled, work.keep, 1.0, count, width_count, 0.5, 1e-4)
+        solution, _ = fit_shift(work.stations, filled, work.keep, 1.0, np.zeros(width_count), count, 0.5, 1e-4)
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         limit = max(6.0 / px_per_mm / (repeat + 1), 2.0 / px_per_mm)
         for n in range(filled):

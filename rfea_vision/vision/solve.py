@@ -46,12 +46,14 @@ def cholesky_inverse(matrix):
 
 
 @njit(cache=True, nogil=True)
-def fit_shift(stations, filled, keep, variance, count, width_count, prior_bend, prior_width):
+def fit_shift(stations, filled, keep, variance, width, count, prior_bend, prior_width):
     """Fit shift(u) (count coefficients) and widening(u) (width_count) to the kept stations.
 
-    A station of side s sees s * shift + widening along its outward normal. Returns the coefficients (count +
+    A station of side s sees s * shift + widening along its outward normal. The prior bends the shift little, and the
+    half width that results, `width` (width_count,) plus widening, even less. Returns the coefficients (count +
     width_count), and the covariance for `variance` (grey levels^2).
     """
+    width_count = width.shape[0]
     size = count + width_count
     matrix = np.zeros((size, size))
     right = np.zeros(size)
@@ -81,7 +83,13 @@ def fit_shift(stations, filled, keep, variance, count, width_count, prior_bend, 
             matrix[i, j] = total
             matrix[j, i] = total
     _add_prior(matrix, 0, count, 1.0 / prior_bend**2)
-    _add_prior(matrix, count, width_count, 1.0 / prior_width**2)
+    strength = 1.0 / prior_width**2
+    _add_prior(matrix, count, width_count, strength)
+    for i in range(width_count - 2):
+        bend = strength * (width[i] - 2.0 * width[i + 1] + width[i + 2])
+        right[count + i] -= bend
+        right[count + i + 1] += 2.0 * bend
+        right[count + i + 2] -= bend
     for i in range(count, size):
         matrix[i, i] += 1.0 / (10.0 * prior_width) ** 2
     covariance = cholesky_inverse(matrix)
