@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -46,8 +47,15 @@ def _rms(values: FloatArray) -> float | None:
     return float(np.sqrt(good.mean())) if good.size else None
 
 
-def _worst(name: str, time: FloatArray, square: FloatArray, sigma: FloatArray, phase: NDArray[np.str_], floor: float | None,
-           unit: str) -> list[WorstPlace]:
+def _worst(
+    name: str,
+    time: FloatArray,
+    square: FloatArray,
+    sigma: FloatArray,
+    phase: NDArray[np.str_],
+    floor: float | None,
+    unit: str,
+) -> list[WorstPlace]:
     """Windows of a quarter second, worst first; neighbours that are bad for the same reason are joined."""
     first, last = time[0], time[-1]
     edges = np.arange(first, last, WINDOW_S)
@@ -58,7 +66,9 @@ def _worst(name: str, time: FloatArray, square: FloatArray, sigma: FloatArray, p
         if inside.sum() < 3:
             continue
         values, counts = np.unique(phase[inside], return_counts=True)
-        windows.append((float(np.sqrt(per_frame[inside].mean())), start, min(start + WINDOW_S, last), str(values[counts.argmax()])))
+        windows.append(
+            (float(np.sqrt(per_frame[inside].mean())), start, min(start + WINDOW_S, last), str(values[counts.argmax()]))
+        )
     if not windows:
         return []
     limit = max(floor or 0.0, float(np.median([w[0] for w in windows])))
@@ -83,10 +93,21 @@ def _worst(name: str, time: FloatArray, square: FloatArray, sigma: FloatArray, p
         low, high = float(sigma[bad[0]]), float(sigma[bad[-1]])
         times = f", {rms / floor:.1f} times the noise floor" if floor else ""
         where = "at the tip" if low > 0.9 else f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
-        article = {"ringing": "while ringing", "reversal": "at a reversal", "rest": "at rest"}.get(label, f"during a {label}")
+        article = {"ringing": "while ringing", "reversal": "at a reversal", "rest": "at rest"}.get(
+            label, f"during a {label}"
+        )
         sentence = f"{name}: {rms:.2f} {unit} between {start:.2f} and {stop:.2f} s {article}, {where}{times}."
         places.append(
-            WorstPlace(experiment=name, from_s=float(start), to_s=float(stop), from_sigma=low, to_sigma=high, rmse_mm=rms, phase=label, sentence=sentence)  # type: ignore[arg-type]
+            WorstPlace(
+                experiment=name,
+                from_s=float(start),
+                to_s=float(stop),
+                from_sigma=low,
+                to_sigma=high,
+                rmse_mm=rms,
+                phase=label,
+                sentence=sentence,
+            )  # type: ignore[arg-type]
         )
     return sorted(places, key=lambda p: -p.rmse_mm)
 
@@ -112,8 +133,14 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
         for label in dict.fromkeys(phase.tolist()):
             inside = phase == label
             by_phase.append(
-                {"experiment": name, "role": recording.role, "phase": label, "rmse_mm": _rms(per_frame[inside]),
-                 "share": float(np.nansum(per_frame[inside])) / total if total > 0 else 0.0, "frames": int(inside.sum())}
+                {
+                    "experiment": name,
+                    "role": recording.role,
+                    "phase": label,
+                    "rmse_mm": _rms(per_frame[inside]),
+                    "share": float(np.nansum(per_frame[inside])) / total if total > 0 else 0.0,
+                    "frames": int(inside.sum()),
+                }
             )
         where += _worst(name, time, square, sigma, phase, floor if unit == "mm" else None, unit)
         pressures.append(pressure)
@@ -142,9 +169,16 @@ def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray]) -> list
     pressure, square = np.concatenate(pressures), np.concatenate(squares)
     edges = np.linspace(pressure.min(), pressure.max(), PRESSURE_BANDS + 1)
     rows = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         inside = (pressure >= low) & (pressure <= high)
-        rows.append({"from_kPa": float(low), "to_kPa": float(high), "rmse_mm": _rms(square[inside]), "frames": int(inside.sum())})
+        rows.append(
+            {
+                "from_kPa": float(low),
+                "to_kPa": float(high),
+                "rmse_mm": _rms(square[inside]),
+                "frames": int(inside.sum()),
+            }
+        )
     return rows
 
 
@@ -152,11 +186,18 @@ def _by_segment(squares: list[FloatArray], residuals: list[FloatArray]) -> list[
     if not squares:
         return []
     nodes = min(s.shape[1] for s in squares)
-    square, residual = np.concatenate([s[:, :nodes] for s in squares]), np.concatenate([r[:, :nodes] for r in residuals])
+    square, residual = (
+        np.concatenate([s[:, :nodes] for s in squares]),
+        np.concatenate([r[:, :nodes] for r in residuals]),
+    )
     parts = np.array_split(np.arange(nodes), 8)
     return [
-        {"from_sigma": float(part[0] / (nodes - 1)), "to_sigma": float(part[-1] / (nodes - 1)), "rmse_mm": _rms(square[:, part]),
-         "bias_mm": float(np.nanmean(residual[:, part]))}
+        {
+            "from_sigma": float(part[0] / (nodes - 1)),
+            "to_sigma": float(part[-1] / (nodes - 1)),
+            "rmse_mm": _rms(square[:, part]),
+            "bias_mm": float(np.nanmean(residual[:, part])),
+        }
         for part in parts
     ]
 
@@ -168,7 +209,10 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
     if held is not None and held.tip_rmse_mm is not None:
         floor = f"; the noise floor is {model.noise_floor_mm:.3f} mm" if model.noise_floor_mm else ""
         share = held.tip_rmse_percent_of_length or 0.0
-        out.append(f"The tip of model {model.name} is off by {held.tip_rmse_mm:.3f} mm RMS on {kind} runs ({share:.2f} % of the length{floor}).")
+        out.append(
+            f"The tip of model {model.name} is off by {held.tip_rmse_mm:.3f} mm RMS on {kind} runs "
+            f"({share:.2f} % of the length{floor})."
+        )
     elif held is not None and held.angle_rmse_deg is not None:
         out.append(f"The angle of model {model.name} is off by {held.angle_rmse_deg:.2f} deg RMS on {kind} runs.")
     totals: dict[str, float] = {}
@@ -177,11 +221,14 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
             totals[row["phase"]] = totals.get(row["phase"], 0.0) + row["rmse_mm"] ** 2 * row["frames"]
     if totals and sum(totals.values()) > 0:
         worst = max(totals, key=lambda key: totals[key])
-        out.append(f"{100 * totals[worst] / sum(totals.values()):.0f} % of the squared error falls into the phase '{worst}'.")
+        out.append(
+            f"{100 * totals[worst] / sum(totals.values()):.0f} % of the squared error falls into the phase '{worst}'."
+        )
     out += [place.sentence for place in comparison.where[:2]]
     ranked = comparison.residual_torque.get("depends_on") or []
     if ranked and ranked[0]["score"] > 0.15:
         out.append(
-            f"The torque that would close the gap is {comparison.residual_torque['rms_mNm']:.2f} mN m RMS; " + ranked[0]["sentence"]
+            f"The torque that would close the gap is {comparison.residual_torque['rms_mNm']:.2f} mN m RMS; "
+            + ranked[0]["sentence"]
         )
     return out

@@ -16,10 +16,10 @@ from rfea_vision.critique.next_experiment import design_next
 from rfea_vision.critique.screening import Screened, offered, screen
 from rfea_vision.effects.base import Effect
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.fit import Fitted, FitOptions, Problem, fit_added, make_problem, parse_effects, refit
+from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, fit_added, make_problem, parse_effects, refit
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
-from rfea_vision.fitting.scoring import gaps
 from rfea_vision.fitting.residuals import predict_observed
+from rfea_vision.fitting.scoring import gaps
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.fitting.uncertainty import sandwich
 
@@ -98,7 +98,9 @@ def effective_count(problem: Problem, fitted: Fitted) -> float:
     """Number of independent residuals: rows over the integrated autocorrelation time of the tip residual, frame by frame."""
     total = 0.0
     for item, predicted in zip(problem.train, fitted.solution.evaluation.predicted, strict=True):
-        gap = (item.points[:, -1] - predicted.points[:, -1]) if item.has_tip else (item.angle - predicted.angle)[:, None]
+        gap = (
+            (item.points[:, -1] - predicted.points[:, -1]) if item.has_tip else (item.angle - predicted.angle)[:, None]
+        )
         for axis in range(gap.shape[1]):
             series = gap[:, axis] - gap[:, axis].mean()
             spectrum = np.abs(np.fft.rfft(series, 2 * series.size)) ** 2
@@ -135,7 +137,12 @@ def matters(before: Errors, after: Errors, floor: float) -> bool:
     """The rule of docs/formats.md, on the tip or on the midline."""
 
     def better(old: float | None, new: float | None) -> bool:
-        return old is not None and new is not None and old - new >= MATTERS_SHARE * old and old - new >= MATTERS_FLOORS * floor
+        return (
+            old is not None
+            and new is not None
+            and old - new >= MATTERS_SHARE * old
+            and old - new >= MATTERS_FLOORS * floor
+        )
 
     return better(before.held, after.held) or (
         better(before.held_midline, after.held_midline) and after.held <= before.held * 1.02 + 0.05 * floor
@@ -159,9 +166,7 @@ def _start(effect: Effect, screened: Screened) -> dict[str, float]:
         spec = effect.parameters[name]
         absent = spec.absent or 0.0
         value = absent + step if step else absent + 0.1 * (spec.start - absent)
-        margin = 0.02 * (spec.upper - spec.lower)
-        low = spec.lower if spec.lower == absent else spec.lower + margin
-        out[f"{effect.id}.{name}"] = float(np.clip(value, low, spec.upper - margin))
+        out[f"{effect.id}.{name}"] = float(np.clip(value, spec.lower, spec.upper))
     return out
 
 
@@ -179,8 +184,14 @@ def choose_for_refit(screened: Sequence[Screened], misfit_floors: float) -> dict
 
 
 def judge(
-    problem: Problem, fitted: Fitted, *, candidates: Sequence[str] | None = None, effect_files: Sequence[Path] = (),
-    where: Sequence[WorstPlace] = (), seed: int = 0, progress: Callable[[int, int], None] | None = None,
+    problem: Problem,
+    fitted: Fitted,
+    *,
+    candidates: Sequence[str] | None = None,
+    effect_files: Sequence[Path] = (),
+    where: Sequence[WorstPlace] = (),
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
     """Diagnose a solved fit."""
     floor_mm, _ = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
@@ -200,14 +211,19 @@ def judge(
         starts = [_start(by_id[name], row) for row in rows]
         try:
             options = replace(
-                fitted.options, effects=(*fitted.options.effects, name), name=f"{fitted.options.name}+{name}",
+                fitted.options,
+                effects=(*fitted.options.effects, name),
+                name=f"{fitted.options.name}+{name}",
                 effect_files=tuple(effect_files) or fitted.options.effect_files,
             )
             trial = fit_added(problem, options, fitted, starts=starts)
         except DataError:
             continue
         refitted[name] = Refitted(
-            rows[0], trial, errors_of(problem, trial), _delta_bic(problem, fitted, trial, max(count, effective_count(problem, trial))),
+            rows[0],
+            trial,
+            errors_of(problem, trial),
+            _delta_bic(problem, fitted, trial, max(count, effective_count(problem, trial))),
             _physical(trial, name),
         )
         if progress is not None:
@@ -227,16 +243,25 @@ def _midline_structure(problem: Problem, errors: Errors, floor: float) -> float:
 
 
 def _merit(item: Refitted) -> float:
-    return item.errors.held if item.errors.held_midline is None else float(np.hypot(item.errors.held, item.errors.held_midline))
+    return (
+        item.errors.held
+        if item.errors.held_midline is None
+        else float(np.hypot(item.errors.held, item.errors.held_midline))
+    )
 
 
 def _verdict(
-    problem: Problem, fitted: Fitted, errors: Errors, floor: float, screened: Sequence[Screened], refitted: Mapping[str, Refitted],
-    by_id: Mapping[str, Effect], where: Sequence[WorstPlace], seed: int,
+    problem: Problem,
+    fitted: Fitted,
+    errors: Errors,
+    floor: float,
+    screened: Sequence[Screened],
+    refitted: Mapping[str, Refitted],
+    by_id: Mapping[str, Effect],
+    where: Sequence[WorstPlace],
+    seed: int,
 ) -> tuple[Diagnosis, xr.Dataset | None]:
-    winners = [
-        n for n, r in refitted.items() if matters(errors, r.errors, floor) and r.delta_bic < 0 and r.allowed
-    ]
+    winners = [n for n, r in refitted.items() if matters(errors, r.errors, floor) and r.delta_bic < 0 and r.allowed]
     winners.sort(key=lambda n: _merit(refitted[n]))
     left = max(structure(errors.held, floor), _midline_structure(problem, errors, floor))
     named: list[str] = []
@@ -273,8 +298,16 @@ def _verdict(
         )
     candidates = _candidates(screened, refitted, errors, floor, problem)
     diagnosis = Diagnosis(
-        model=fitted.options.name, verdict=verdict, sentence=sentence, named=named, tied=tied, candidates=candidates, where=list(where),
-        noise_floor_mm=floor, explained_fraction=explained, next_experiment=following,
+        model=fitted.options.name,
+        verdict=verdict,
+        sentence=sentence,
+        named=named,
+        tied=tied,
+        candidates=candidates,
+        where=list(where),
+        noise_floor_mm=floor,
+        explained_fraction=explained,
+        next_experiment=following,
         warnings=_swallowed(problem, fitted, refitted[named[0]].fitted, by_id[named[0]]) if named else [],
     )
     return diagnosis, pressure
@@ -288,13 +321,17 @@ def _tied(best: Refitted, other: Refitted, floor: float) -> bool:
 
 def _missing_sentence(effect: Effect, before: Errors, after: Errors, tied: Sequence[Tie], held: bool) -> str:
     runs = "runs that were not used" if held else "the training runs (there are no validation runs)"
-    text = f"{effect.title} is missing: adding it takes the error on {runs} from {before.held:.3f} to {after.held:.3f} mm."
+    text = (
+        f"{effect.title} is missing: adding it takes the error on {runs} from {before.held:.3f} to {after.held:.3f} mm."
+    )
     if tied:
         text += f" These data cannot tell it from {', '.join(tied[0].effects[1:])}."
     return text
 
 
-def _candidates(screened: Sequence[Screened], refitted: Mapping[str, Refitted], errors: Errors, floor: float, problem: Problem) -> list[Candidate]:
+def _candidates(
+    screened: Sequence[Screened], refitted: Mapping[str, Refitted], errors: Errors, floor: float, problem: Problem
+) -> list[Candidate]:
     rows, seen = [], set()
     for item in screened:
         if item.effect in seen:
@@ -308,18 +345,32 @@ def _candidates(screened: Sequence[Screened], refitted: Mapping[str, Refitted], 
             continue
         rows.append(
             Candidate(
-                effect=item.effect, score_p=best_p, predicted_rmse_mm=predicted, train_rmse_mm=done.errors.train,
-                validate_rmse_mm=done.errors.held if problem.validate else None, delta_bic=done.delta_bic,
-                parameters=_effect_parameters(problem, done.fitted, item.effect), refitted=True,
-                matters=matters(errors, done.errors, floor), note="" if done.allowed else "ended at a bound: not a value that physics allows",
+                effect=item.effect,
+                score_p=best_p,
+                predicted_rmse_mm=predicted,
+                train_rmse_mm=done.errors.train,
+                validate_rmse_mm=done.errors.held if problem.validate else None,
+                delta_bic=done.delta_bic,
+                parameters=_effect_parameters(problem, done.fitted, item.effect),
+                refitted=True,
+                matters=matters(errors, done.errors, floor),
+                note="" if done.allowed else "ended at a bound: not a value that physics allows",
             )
         )
-    return sorted(rows, key=lambda c: (not c.refitted, c.validate_rmse_mm if c.validate_rmse_mm is not None else c.predicted_rmse_mm or 0))
+    return sorted(
+        rows,
+        key=lambda c: (
+            not c.refitted,
+            c.validate_rmse_mm if c.validate_rmse_mm is not None else c.predicted_rmse_mm or 0,
+        ),
+    )
 
 
 def _effect_parameters(problem: Problem, fitted: Fitted, effect_id: str) -> dict[str, Parameter]:
     solution = fitted.solution
-    spread = sandwich(list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices)
+    spread = sandwich(
+        list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
+    )
     ny = len(fitted.coordinates.free)
     covariance = fitted.coordinates.matrix @ spread.covariance[:ny, :ny] @ fitted.coordinates.matrix.T
     effect = next(e for e in fitted.model.effects if e.id == effect_id)
@@ -328,8 +379,15 @@ def _effect_parameters(problem: Problem, fitted: Fitted, effect_id: str) -> dict
         k = fitted.model.names.index(f"{effect_id}.{name}")
         error = float(np.sqrt(max(covariance[k, k], 0)))
         out[f"{effect_id}.{name}"] = Parameter(
-            value=float(fitted.par[k]), unit=spec.unit, stderr=error, lower=spec.lower, upper=spec.upper,
-            interval_95=(float(fitted.par[k] - spread.quantile * error), float(fitted.par[k] + spread.quantile * error)),
+            value=float(fitted.par[k]),
+            unit=spec.unit,
+            stderr=error,
+            lower=spec.lower,
+            upper=spec.upper,
+            interval_95=(
+                float(fitted.par[k] - spread.quantile * error),
+                float(fitted.par[k] + spread.quantile * error),
+            ),
         )
     return out
 
@@ -337,7 +395,9 @@ def _effect_parameters(problem: Problem, fitted: Fitted, effect_id: str) -> dict
 def _swallowed(problem: Problem, before: Fitted, after: Fitted, effect: Effect) -> list[str]:
     """Base parameters that had moved to make up for the missing effect: value and z-score before and after."""
     solution = before.solution
-    spread = sandwich(list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices)
+    spread = sandwich(
+        list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
+    )
     ny = len(before.coordinates.free)
     covariance = before.coordinates.matrix @ spread.covariance[:ny, :ny] @ before.coordinates.matrix.T
     out = []
@@ -356,18 +416,34 @@ def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
     files = tuple(Path(p) for p in (model.model_extra or {}).get("effect_files", ()))
     fixed = {n: p.value for n, p in model.parameters.items() if p.fixed}
     options = FitOptions(
-        name=model.name, segments=model.segments, joints=model.joints, effects=tuple(model.effects), observe=model.observe,  # type: ignore[arg-type]
-        effect_files=files, fixed=fixed,
+        name=model.name,
+        segments=model.segments,
+        joints=model.joints,
+        effects=tuple(model.effects),
+        observe=model.observe,  # type: ignore[arg-type]
+        effect_files=files,
+        fixed=fixed,
     )
     values = {name: p.value for name, p in model.parameters.items()}
-    clocks = np.array([model.experiments[o.name].nuisance.get("clock_offset_s", 0.0) if o.name in model.experiments else 0.0 for o in problem.train])
+    clocks = np.array(
+        [
+            model.experiments[o.name].nuisance.get("clock_offset_s", 0.0) if o.name in model.experiments else 0.0
+            for o in problem.train
+        ]
+    )
     parse_effects(options.effects, options.segments)
     return refit(problem, options, values, model.segments, clocks, most_evaluations=15)
 
 
 def diagnose(
-    model: ModelFit, recordings: Mapping[str, Recording], *, candidates: Sequence[str] | None = None, effect_files: Sequence[Path] = (),
-    where: Sequence[WorstPlace] = (), seed: int = 0, progress: Callable[[int, int], None] | None = None,
+    model: ModelFit,
+    recordings: Mapping[str, Recording],
+    *,
+    candidates: Sequence[str] | None = None,
+    effect_files: Sequence[Path] = (),
+    where: Sequence[WorstPlace] = (),
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Diagnosis, xr.Dataset | None]:
     """Name the effect that is missing from a fitted model, or say that none is, or that none on offer explains what is left.
 
@@ -378,7 +454,9 @@ def diagnose(
     problem = make_problem(recordings, Actuator(**model.actuator), model.observe)  # type: ignore[arg-type]
     fitted = refit_artefact(model, problem)
     files = tuple(effect_files) or fitted.options.effect_files
-    judgement = judge(problem, fitted, candidates=candidates, effect_files=files, where=where, seed=seed, progress=progress)
+    judgement = judge(
+        problem, fitted, candidates=candidates, effect_files=files, where=where, seed=seed, progress=progress
+    )
     return judgement.diagnosis, judgement.next_pressure
 
 

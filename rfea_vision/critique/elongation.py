@@ -23,10 +23,16 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
     as fully correlated (the errors of neighbouring frames are alike), so that the test does not grow with the frame rate.
     """
     chosen = [
-        (name, r) for name, r in recordings.items() if r.role in ("train", "validate") and "elongation" in r.dataset and name in predictions
+        (name, r)
+        for name, r in recordings.items()
+        if r.role in ("train", "validate") and "elongation" in r.dataset and name in predictions
     ]
     if not chosen:
-        return {"sentence": "Elongation needs a midline; these recordings have none.", "assumption": ASSUMPTION, "profiles": []}
+        return {
+            "sentence": "Elongation needs a midline; these recordings have none.",
+            "assumption": ASSUMPTION,
+            "profiles": [],
+        }
     name, recording = max(chosen, key=lambda pair: float(np.nanmax(pair[1].dataset["pressure"].values)))
     data, model = recording.dataset, predictions[name]
     time = data["time"].values
@@ -51,8 +57,16 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
         uniform = float(np.sum(weight * mean) / np.sum(weight))
         chi2 = float(np.sum(weight * (mean - uniform) ** 2))
         profiles.append(
-            {"pressure_kPa": share * top, "experiment": name, "position": centre.tolist(), "measured": mean.tolist(), "sigma": sigma.tolist(),
-             "modelled": modelled.tolist(), "chi2": chi2, "degrees_of_freedom": segments - 1}
+            {
+                "pressure_kPa": share * top,
+                "experiment": name,
+                "position": centre.tolist(),
+                "measured": mean.tolist(),
+                "sigma": sigma.tolist(),
+                "modelled": modelled.tolist(),
+                "chi2": chi2,
+                "degrees_of_freedom": segments - 1,
+            }
         )
         spread = float(np.ptp(mean))
         uneven = chi2 > (segments - 1) + 3 * np.sqrt(2 * (segments - 1))

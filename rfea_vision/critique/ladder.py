@@ -16,7 +16,7 @@ from rfea_vision.critique.comparison import compare
 from rfea_vision.critique.diagnosis import Errors, Judgement, effective_count, errors_of, judge, matters
 from rfea_vision.critique.torque import with_residual_torque
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.fit import Fitted, FitOptions, Problem, fit, make_problem, refit
+from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.scoring import as_artefact, score
 
@@ -24,7 +24,9 @@ OnRung = Callable[[ModelFit, dict[str, xr.Dataset], Comparison, Diagnosis], None
 MOST_RUNGS = 6
 
 
-def _look_back(problem: Problem, fitted: Fitted, errors: Errors, floor: float, keep: str) -> tuple[Fitted, Errors, str | None]:
+def _look_back(
+    problem: Problem, fitted: Fitted, errors: Errors, floor: float, keep: str
+) -> tuple[Fitted, Errors, str | None]:
     """Drop an earlier effect whose removal no longer hurts the held-out error."""
     for effect in fitted.options.effects:
         if effect == keep:
@@ -43,8 +45,14 @@ def _look_back(problem: Problem, fitted: Fitted, errors: Errors, floor: float, k
 
 
 def improve(
-    recordings: Mapping[str, Recording], actuator: Actuator, options: FitOptions | None = None, *, budget_s: float = 300.0,
-    on_rung: OnRung | None = None, candidates: Sequence[str] | None = None, effect_files: Sequence[Path] = (),
+    recordings: Mapping[str, Recording],
+    actuator: Actuator,
+    options: FitOptions | None = None,
+    *,
+    budget_s: float = 300.0,
+    on_rung: OnRung | None = None,
+    candidates: Sequence[str] | None = None,
+    effect_files: Sequence[Path] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Ladder:
     """Climb from the base model to the model that needs nothing more.
@@ -70,10 +78,17 @@ def improve(
         floor = artefact.noise_floor_mm
         predictions = with_residual_torque(artefact, recordings, predict(artefact, _without_test(recordings)))
         comparison = compare(artefact, recordings, predictions)
-        judgement = judge(problem, fitted, candidates=candidates, effect_files=files, where=comparison.where, seed=chosen.seed)
+        judgement = judge(
+            problem, fitted, candidates=candidates, effect_files=files, where=comparison.where, seed=chosen.seed
+        )
         rungs.append(_rung(problem, artefact, added, before, fitted, judgement))
         if on_rung is not None:
-            on_rung(artefact, predictions, comparison, judgement.diagnosis.model_copy(update={"next_pressure": _as_lists(judgement)}))
+            on_rung(
+                artefact,
+                predictions,
+                comparison,
+                judgement.diagnosis.model_copy(update={"next_pressure": _as_lists(judgement)}),
+            )
         if progress is not None:
             progress(index + 1, MOST_RUNGS)
         diagnosis = judgement.diagnosis
@@ -95,21 +110,32 @@ def improve(
         if gone is not None:
             dropped.add(gone)
     test = _test_score(problem, first, fitted) if problem.test else None
-    return Ladder(rungs=rungs, test=test, noise_floor_mm=floor, stopped_because=stopped, findings=_findings(rungs, test, floor, stopped))
+    return Ladder(
+        rungs=rungs,
+        test=test,
+        noise_floor_mm=floor,
+        stopped_because=stopped,
+        findings=_findings(rungs, test, floor, stopped),
+    )
 
 
 def _as_lists(judgement: Judgement) -> dict[str, Any] | None:
     pressure = judgement.next_pressure
     if pressure is None:
         return None
-    return {"time_s": pressure["log_time"].values.tolist(), "pressure_kPa": pressure["pressure"].values.round(4).tolist()}
+    return {
+        "time_s": pressure["log_time"].values.tolist(),
+        "pressure_kPa": pressure["pressure"].values.round(4).tolist(),
+    }
 
 
 def _without_test(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
     return {name: r for name, r in recordings.items() if r.role in ("train", "validate")}
 
 
-def _rung(problem: Problem, artefact: ModelFit, added: str | None, before: Fitted | None, fitted: Fitted, judgement: Judgement) -> Rung:
+def _rung(
+    problem: Problem, artefact: ModelFit, added: str | None, before: Fitted | None, fitted: Fitted, judgement: Judgement
+) -> Rung:
     import numpy as np
 
     bic = None
@@ -120,8 +146,12 @@ def _rung(problem: Problem, artefact: ModelFit, added: str | None, before: Fitte
         bic = float(count * np.log(ratio) + extra * np.log(count))
     train, validate = artefact.metrics.get("train"), artefact.metrics.get("validate")
     return Rung(
-        model=artefact.name, added=added, train_tip_rmse_mm=train.tip_rmse_mm if train else None,
-        validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None, delta_bic=bic, verdict=judgement.diagnosis.verdict,
+        model=artefact.name,
+        added=added,
+        train_tip_rmse_mm=train.tip_rmse_mm if train else None,
+        validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
+        delta_bic=bic,
+        verdict=judgement.diagnosis.verdict,
     )
 
 
@@ -137,7 +167,13 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]
 
     before, _ = of(first)
     after, each = of(last)
-    return {"model": last.options.name, "tip_rmse_mm": after, "first_model": first.options.name, "first_model_tip_rmse_mm": before, "experiments": each}
+    return {
+        "model": last.options.name,
+        "tip_rmse_mm": after,
+        "first_model": first.options.name,
+        "first_model_tip_rmse_mm": before,
+        "experiments": each,
+    }
 
 
 def _findings(rungs: Sequence[Rung], test: dict[str, Any] | None, floor: float | None, stopped: str) -> list[str]:
@@ -148,9 +184,15 @@ def _findings(rungs: Sequence[Rung], test: dict[str, Any] | None, floor: float |
     first, last = rungs[0], rungs[-1]
     if added and first.validate_tip_rmse_mm and last.validate_tip_rmse_mm:
         factor = first.validate_tip_rmse_mm / last.validate_tip_rmse_mm
-        out.append(f"The tip error on validation runs fell from {first.validate_tip_rmse_mm:.3f} to {last.validate_tip_rmse_mm:.3f} mm ({factor:.1f} times).")
+        out.append(
+            f"The tip error on validation runs fell from {first.validate_tip_rmse_mm:.3f} to "
+            f"{last.validate_tip_rmse_mm:.3f} mm ({factor:.1f} times)."
+        )
     if added and test and test["tip_rmse_mm"] and test["first_model_tip_rmse_mm"]:
-        out.append(f"On test runs, on which nothing was chosen, it fell from {test['first_model_tip_rmse_mm']:.3f} to {test['tip_rmse_mm']:.3f} mm.")
+        out.append(
+            f"On test runs, on which nothing was chosen, it fell "
+            f"from {test['first_model_tip_rmse_mm']:.3f} to {test['tip_rmse_mm']:.3f} mm."
+        )
     if floor:
         out.append(f"The noise floor is {floor:.3f} mm.")
     out.append(f"Stopped because {stopped}")

@@ -43,12 +43,17 @@ def profiles(low: float, high: float, rate: float, seed: int) -> dict[str, Float
     targets = {
         "a fast step to full pressure, held, and back": low + span * ((t > 0.5) & (t < 5)),
         "a slow triangle to full pressure and back": low + span * np.interp(t, [0.3, 4.0, 7.7], [0, 1, 0]),
-        "fast and slow triangles to the same pressure": low + 0.8 * span * np.interp(t, [0.2, 0.7, 1.2, 1.7, 4.5, 7.5], [0, 1, 0, 0, 1, 0]),
-        "a staircase up and down with holds": low + span * np.interp(np.floor(t / 0.8), range(10), [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0]),
-        "small fast reversals about half pressure": low + span * (0.5 * (t > 0.3) + 0.12 * np.sign(np.sin(2 * np.pi * 1.5 * t)) * (t > 2)),
-        "small fast reversals near full pressure": low + span * (0.85 * (t > 0.3) + 0.12 * np.sign(np.sin(2 * np.pi * 2 * t)) * (t > 2)),
+        "fast and slow triangles to the same pressure": low
+        + 0.8 * span * np.interp(t, [0.2, 0.7, 1.2, 1.7, 4.5, 7.5], [0, 1, 0, 0, 1, 0]),
+        "a staircase up and down with holds": low
+        + span * np.interp(np.floor(t / 0.8), range(10), [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0]),
+        "small fast reversals about half pressure": low
+        + span * (0.5 * (t > 0.3) + 0.12 * np.sign(np.sin(2 * np.pi * 1.5 * t)) * (t > 2)),
+        "small fast reversals near full pressure": low
+        + span * (0.85 * (t > 0.3) + 0.12 * np.sign(np.sin(2 * np.pi * 2 * t)) * (t > 2)),
         "random steps": low + span * levels[np.minimum((t / 0.8).astype(int), 9)] * (t > 0.3),
-        "the same cycle twice after a rest": low + span * np.interp(t, [0.3, 1.3, 2.3, 4.5, 5.5, 6.5], [0, 1, 0, 0, 1, 0]),
+        "the same cycle twice after a rest": low
+        + span * np.interp(t, [0.3, 1.3, 2.3, 4.5, 5.5, 6.5], [0, 1, 0, 0, 1, 0]),
     }
     return {name: _limited(np.asarray(target, dtype=float), rate) for name, target in targets.items()}
 
@@ -63,7 +68,9 @@ def _tip(fitted: Fitted, pressure: FloatArray) -> FloatArray | None:
     return model.centre_line(motion, np.array([0.5, 1.0]))[0].reshape(times.size, -1) * 1e3
 
 
-def design_next(problem: Problem, rivals: Sequence[Fitted], names: Sequence[str], seed: int) -> tuple[NextExperiment | None, xr.Dataset | None]:
+def design_next(
+    problem: Problem, rivals: Sequence[Fitted], names: Sequence[str], seed: int
+) -> tuple[NextExperiment | None, xr.Dataset | None]:
     """Profile that separates two fitted rivals best, by the RMS difference of their predictions (mm)."""
     if len(rivals) < 2:
         return None, None
@@ -79,9 +86,11 @@ def design_next(problem: Problem, rivals: Sequence[Fitted], names: Sequence[str]
     if best is None:
         return None, None
     apart, name, pressure = best
-    sentence = (
-        f"Run {name} (up to {high / 1e3:.0f} kPa): there {names[0]} and {names[1]}, as fitted now, predict tips {apart:.3f} mm RMS apart."
-    )
+    run = f"Run {name} (up to {high / 1e3:.0f} kPa)"
+    sentence = f"{run}: there {names[0]} and {names[1]}, as fitted now, predict tips {apart:.3f} mm RMS apart."
     file = f"next-experiment-{names[0]}-{names[1]}.csv"
-    dataset = xr.Dataset({"pressure": ("log_time", pressure / 1e3, {"units": "kPa"})}, coords={"log_time": np.arange(pressure.size) * STEP_S})
+    dataset = xr.Dataset(
+        {"pressure": ("log_time", pressure / 1e3, {"units": "kPa"})},
+        coords={"log_time": np.arange(pressure.size) * STEP_S},
+    )
     return NextExperiment.model_validate({"for": list(names[:2]), "pressure": file, "sentence": sentence}), dataset

@@ -39,11 +39,17 @@ class Screened:
     at: int | None = None
 
 
-def offered(problem: Problem, fitted: Fitted, candidates: Sequence[str] | None, effect_files: Sequence[Path]) -> tuple[Effect, ...]:
+def offered(
+    problem: Problem, fitted: Fitted, candidates: Sequence[str] | None, effect_files: Sequence[Path]
+) -> tuple[Effect, ...]:
     """Effects to be screened: those asked for (all by default) that are not in the model and could be told from it."""
     own = [item.__class__.id for item in fitted.model.effects]
     users = [effect.id for path in effect_files for effect in load_effect_file(Path(path))]
-    ids = list(candidates) if candidates is not None else [*sorted(catalogue()), *(u for u in users if u not in catalogue())]
+    ids = (
+        list(candidates)
+        if candidates is not None
+        else [*sorted(catalogue()), *(u for u in users if u not in catalogue())]
+    )
     clocks_free = all(item.clock_free for item in problem.train)
     chosen = []
     for effect in find_effects([i for i in ids if i not in own], effect_files):
@@ -96,7 +102,9 @@ def _step(effect: Effect, gradient: FloatArray, hessian: FloatArray, names: list
     return step, float(2 * gradient @ step - step @ hessian @ step)
 
 
-def screen(problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None) -> list[Screened]:
+def screen(
+    problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None
+) -> list[Screened]:
     """Score every effect at every point of its grid, best first; empty if the model cannot be simulated."""
     thin = [o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train]
     everything = tuple(sorted([*fitted.model.effects, *effects], key=lambda e: e.id))
@@ -105,9 +113,11 @@ def screen(problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress
     found: list[Screened] = []
     points = grids(effects)
     for round_, point in enumerate(points):
-        active = effects if round_ == 0 else [e for e in effects if any(len(s.grid) > round_ for s in e.parameters.values())]
+        active = (
+            effects if round_ == 0 else [e for e in effects if any(len(s.grid) > round_ for s in e.parameters.values())]
+        )
         par = _vector(model, fitted, point)
-        amplitude = {e.id: [n for n in e.amplitudes()] for e in active}
+        amplitude = {e.id: list(e.amplitudes()) for e in active}
         extra = [model.names.index(f"{e.id}.{n}") for e in active for n in amplitude[e.id]]
         free = [*base_free, *extra]
         result = evaluate(model, par, thin, free, fitted.solution.clocks)
@@ -136,7 +146,10 @@ def screen(problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress
             own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
             found.append(
                 Screened(
-                    effect.id, own_grid, dict(zip(names, step.tolist(), strict=True)), max(fall, 0.0) / max(total, 1e-300),
+                    effect.id,
+                    own_grid,
+                    dict(zip(names, step.tolist(), strict=True)),
+                    max(fall, 0.0) / max(total, 1e-300),
                     _score_p(jacobian, residual, clusters, len(points)),
                 )
             )

@@ -55,15 +55,13 @@ def _angle_gap(model: Model, item: Observed, predicted: Predicted) -> tuple[Floa
     # Sensitivity of the points to each function, exact at the modelled pose.
     from rfea_vision.dynamics.simulation import Motion
 
-    S = np.broadcast_to(phi_basis, (frames, n + 1, shapes)).copy()
+    S = np.broadcast_to(phi_basis, (frames, n + 1, shapes)).astype(np.float64)
     motion = predicted.motion
     posed = Motion(0, "", motion.phi, motion.rate, motion.states, S, np.arange(shapes))
     _, slope = model.centre_line(posed, item.fractions)
     gap = item.points - predicted.points
     normal = np.einsum("fma,fma->fm", item.normals, gap) if item.has_midline else gap.reshape(frames, -1)
-    design = (
-        np.einsum("fma,fmap->fmp", item.normals, slope) if item.has_midline else slope.reshape(frames, -1, shapes)
-    )
+    design = np.einsum("fma,fmap->fmp", item.normals, slope) if item.has_midline else slope.reshape(frames, -1, shapes)
     sigma = item.sigma if item.has_midline else np.repeat(item.sigma, 2, axis=1)
     weighted = design / sigma[..., None]
     information = np.einsum("fmp,fmq->fpq", weighted, weighted)
@@ -83,7 +81,9 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     period = float(np.median(np.diff(item.time)))
     window = max(5, round(WINDOW_S / period) | 1)
     window = min(window, item.time.size // 2 * 2 - 1)
-    smooth = [savgol_filter(gap, window, 3, deriv=d, delta=period, axis=0) for d in range(3)]
+    smooth: list[FloatArray] = [
+        np.asarray(savgol_filter(gap, window, 3, deriv=d, delta=period, axis=0)) for d in range(3)
+    ]
     motion = predicted.motion
     acceleration = np.gradient(motion.rate, item.time, axis=0)
     grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
@@ -94,7 +94,9 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     # Error band: stiffness times the smoothed error of the joint angle.
     stiffness = float(par[0])
     sigma = stiffness * np.sqrt(spread[:, 1:] ** 2 + spread[:, :-1] ** 2) / np.sqrt(window / 3)
-    return ResidualTorque(measured - modelled, sigma, np.diff(motion.phi + smooth[0], axis=1), np.diff(motion.rate + smooth[1], axis=1))
+    return ResidualTorque(
+        measured - modelled, sigma, np.diff(motion.phi + smooth[0], axis=1), np.diff(motion.rate + smooth[1], axis=1)
+    )
 
 
 def dependence(explained: FloatArray, by: FloatArray, bins: int = 16) -> float:
@@ -112,9 +114,13 @@ def dependence(explained: FloatArray, by: FloatArray, bins: int = 16) -> float:
 
 
 _WORDS = {
-    "angle": "the joint's angle", "rate": "the joint's rate", "pressure": "the pressure",
-    "pressure rate": "the rate of the pressure", "time since reversal": "the time since the last reversal",
-    "place": "the place along the tube", "time": "the time into the run",
+    "angle": "the joint's angle",
+    "rate": "the joint's rate",
+    "pressure": "the pressure",
+    "pressure rate": "the rate of the pressure",
+    "time since reversal": "the time since the last reversal",
+    "place": "the place along the tube",
+    "time": "the time into the run",
 }
 
 
@@ -122,11 +128,16 @@ def _regressors(result: ResidualTorque, item: Observed, clock_s: float) -> dict[
     frames, n = result.torque.shape
     grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
     pressure = np.interp(item.time + clock_s, grid, item.excitation.pressure)
-    rate = np.gradient(savgol_filter(pressure, min(31, frames // 2 * 2 - 1), 2), item.time)
+    rate = np.gradient(np.asarray(savgol_filter(pressure, min(31, frames // 2 * 2 - 1), 2)), item.time)
     bend_rate = result.rate.sum(axis=1)
     turned = np.concatenate([[True], np.sign(bend_rate[1:]) != np.sign(bend_rate[:-1])])
     since = item.time - np.maximum.accumulate(np.where(turned, item.time, item.time[0]))
-    wide = {"pressure": pressure, "pressure rate": rate, "time since reversal": since * np.sign(bend_rate), "time": item.time - item.time[0]}
+    wide = {
+        "pressure": pressure,
+        "pressure rate": rate,
+        "time since reversal": since * np.sign(bend_rate),
+        "time": item.time - item.time[0],
+    }
     out = {name: np.broadcast_to(values[:, None], (frames, n)).ravel() for name, values in wide.items()}
     out["angle"], out["rate"] = result.theta.ravel(), result.rate.ravel()
     out["place"] = np.broadcast_to(np.arange(n, dtype=float), (frames, n)).ravel()
@@ -136,14 +147,18 @@ def _regressors(result: ResidualTorque, item: Observed, clock_s: float) -> dict[
 def summarise_torque(results: list[tuple[ResidualTorque, Observed, float]]) -> dict[str, Any]:
     """RMS and ranked dependence of the residual torque over several experiments."""
     if not results:
-        return {"note": "the residual torque needs at least 25 valid frames in an experiment that the model can be simulated on"}
+        return {
+            "note": "the residual torque needs at least 25 valid frames in an experiment that the model can be simulated on"
+        }
     torque = np.concatenate([r.torque.ravel() for r, _, _ in results])
     sigma = np.concatenate([r.sigma.ravel() for r, _, _ in results])
     columns = [_regressors(*each) for each in results]
     ranked = []
     for name in columns[0]:
         score = dependence(torque, np.concatenate([c[name] for c in columns]))
-        ranked.append({"on": name, "score": score, "sentence": f"{100 * score:.0f} % of its variance goes with {_WORDS[name]}."})
+        ranked.append(
+            {"on": name, "score": score, "sentence": f"{100 * score:.0f} % of its variance goes with {_WORDS[name]}."}
+        )
     ranked.sort(key=lambda row: -row["score"])
     return {
         "rms_mNm": float(np.sqrt(np.mean(torque**2)) * 1e3),
@@ -153,7 +168,9 @@ def summarise_torque(results: list[tuple[ResidualTorque, Observed, float]]) -> d
     }
 
 
-def all_residual_torques(artefact: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, tuple[ResidualTorque, Observed, float]]:
+def all_residual_torques(
+    artefact: ModelFit, recordings: Mapping[str, Recording]
+) -> dict[str, tuple[ResidualTorque, Observed, float]]:
     """Residual torque of every experiment that was scored."""
     model, par = rebuild(artefact)
     out = {}
@@ -169,7 +186,9 @@ def all_residual_torques(artefact: ModelFit, recordings: Mapping[str, Recording]
     return out
 
 
-def with_residual_torque(artefact: ModelFit, recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
+def with_residual_torque(
+    artefact: ModelFit, recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]
+) -> dict[str, xr.Dataset]:
     """Predictions with `residual_torque`, `residual_torque_sigma` (mN m) and `phase` added."""
     torques = all_residual_torques(artefact, recordings)
     out = {}

@@ -47,7 +47,7 @@ MATRIX = float64[:, ::1]
 FIXED_COLUMNS = 6
 
 
-def _derivative(expression: sp.Expr, symbol: sp.Symbol) -> sp.Expr:
+def _derivative(expression: sp.Expr, symbol: sp.Symbol) -> Any:
     result = sp.diff(expression, symbol)
     # sign(x) has a derivative at 0 alone; the laws are piecewise smooth and Newton only needs one side.
     return result.replace(sp.DiracDelta, lambda *_: sp.Integer(0))
@@ -74,18 +74,27 @@ def _assignments(targets: Sequence[tuple[str, sp.Expr]], indent: str) -> str:
 
 
 def _unpack(law: Law, expressions: Sequence[sp.Expr], indent: str, per_item: dict[sp.Symbol, str]) -> str:
-    used = set().union(*(expression.free_symbols for expression in expressions)) if expressions else set()
+    used: set[Any] = set().union(*(expression.free_symbols for expression in expressions)) if expressions else set()
     sources: dict[sp.Symbol, str] = dict(per_item)
     sources.update({symbol: f"par[{index}]" for index, symbol in enumerate(law.symbols)})
     sources.update({symbol: f"con[{index}]" for index, symbol in enumerate(laws.CONSTANTS)})
     unknown = sorted(str(symbol) for symbol in used if symbol not in sources)
     if unknown:
-        raise InputError(f"effect law uses {', '.join(unknown)}, which is neither a parameter, a state nor a symbol of the hook")
+        raise InputError(
+            f"effect law uses {', '.join(unknown)}, which is neither a parameter, a state nor a symbol of the hook"
+        )
     return "\n".join(f"{indent}{symbol} = {sources[symbol]}" for symbol in sorted(used, key=str))
 
 
-def _function(name: str, arguments: str, signature: str, law: Law, targets: list[tuple[str, sp.Expr]],
-              per_item: dict[sp.Symbol, str], count: str) -> str:
+def _function(
+    name: str,
+    arguments: str,
+    signature: str,
+    law: Law,
+    targets: list[tuple[str, sp.Expr]],
+    per_item: dict[sp.Symbol, str],
+    count: str,
+) -> str:
     expressions = [expression for _, expression in targets]
     for expression in expressions:
         if expression.has(sp.Derivative, sp.Subs, sp.zoo, sp.nan):
@@ -135,7 +144,9 @@ def generate(law: Law) -> str:
             put(_derivative(rate, state))
     joint_arguments = "thetas, rates, z, felt, positions, arcs, weights, par, con, out"
     joint_signature = "VECTOR, VECTOR, MATRIX, float64, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX"
-    source = _HEADER + _function("joint_law", joint_arguments, joint_signature, law, targets, _joint_items(law), "thetas.size")
+    source = _HEADER + _function(
+        "joint_law", joint_arguments, joint_signature, law, targets, _joint_items(law), "thetas.size"
+    )
 
     rows = [law.torque, law.added_mass, *law.state_rates]
     parameter_targets = [
@@ -144,7 +155,9 @@ def generate(law: Law) -> str:
         for column, symbol in enumerate(law.symbols)
     ]
     cube = joint_signature.rsplit(", ", 1)[0] + ", float64[:, :, ::1]"
-    source += _function("joint_law_parameters", joint_arguments, cube, law, parameter_targets, _joint_items(law), "thetas.size")
+    source += _function(
+        "joint_law_parameters", joint_arguments, cube, law, parameter_targets, _joint_items(law), "thetas.size"
+    )
 
     relaxed_targets: list[tuple[str, sp.Expr]] = []
     for index, value in enumerate(law.relaxed):
@@ -161,8 +174,15 @@ def generate(law: Law) -> str:
         force_targets += [(f"out[j, {row}, {column}]", item) for column, item in enumerate(columns)]
     items = {symbol: f"motion[j, {index}]" for index, symbol in enumerate(kinematic)}
     items[laws.BODY_LENGTH] = "length[j]"
-    source += _function("body_force", "motion, length, par, con, out",
-                        "MATRIX, VECTOR, VECTOR, VECTOR, float64[:, :, ::1]", law, force_targets, items, "length.size")
+    source += _function(
+        "body_force",
+        "motion, length, par, con, out",
+        "MATRIX, VECTOR, VECTOR, VECTOR, float64[:, :, ::1]",
+        law,
+        force_targets,
+        items,
+        "length.size",
+    )
     return source
 
 
@@ -232,7 +252,9 @@ def _numpy_function(law: Law, expressions: Sequence[sp.Expr], own: Sequence[sp.S
     """(par, con, *own) -> list of [value, d/d own..., d/d par...] per expression, each broadcast like `own`."""
     flat = []
     for expression in expressions:
-        flat.append([expression, *(_derivative(expression, s) for s in own), *(_derivative(expression, s) for s in law.symbols)])
+        flat.append(
+            [expression, *(_derivative(expression, s) for s in own), *(_derivative(expression, s) for s in law.symbols)]
+        )
     return sp.lambdify([list(law.symbols), list(laws.CONSTANTS), *own], flat, modules="numpy", cse=True)
 
 
@@ -268,7 +290,9 @@ def _compile(effects: Sequence[Effect], key: str) -> CompiledLaw:
         has_body_force=law.body_force != (0, 0),
         has_base=law.base_compliance != 0,
         has_line=law.flow_resistance != 0 or law.flow_inertance != 0,
-        inertia=_numpy_function(law, inertia, (laws.MASS, laws.ALONG, laws.ACROSS, laws.INERTIA, laws.BODY_LENGTH, laws.IS_LAST)),
+        inertia=_numpy_function(
+            law, inertia, (laws.MASS, laws.ALONG, laws.ACROSS, laws.INERTIA, laws.BODY_LENGTH, laws.IS_LAST)
+        ),
         gravity=_numpy_function(law, law.gravity, (laws.GRAVITY,)),
         base_compliance=_numpy_function(law, (law.base_compliance,), ()),
         felt_pressure=_numpy_function(law, (law.felt_pressure,), (laws.PRESSURE,)),
@@ -283,7 +307,8 @@ def _compile(effects: Sequence[Effect], key: str) -> CompiledLaw:
     )
 
 
-def constants(count: float, outer_radius: float, inner_radius: float, fluid_density: float, tube_length: float,
-              mirror: float) -> np.ndarray:
+def constants(
+    count: float, outer_radius: float, inner_radius: float, fluid_density: float, tube_length: float, mirror: float
+) -> np.ndarray:
     """The vector of constants in the order of `laws.CONSTANTS`."""
     return np.array([count, outer_radius, inner_radius, fluid_density, tube_length, mirror])

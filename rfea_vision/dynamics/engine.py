@@ -70,8 +70,34 @@ def _kinematics(chain, base_length, phi, om, al, u, ac, motion, gravity, with_fo
 
 
 @njit(inline="never", **_OPTIONS)
-def _factor(chain, base_length, compliance, phi, om, al, u, ac, out, force, stiff, zc_torque, D, cA, cO, cP,
-            f, tau, residual, beta, gamma, K, Kx, xf, e, with_base):
+def _factor(
+    chain,
+    base_length,
+    compliance,
+    phi,
+    om,
+    al,
+    u,
+    ac,
+    out,
+    force,
+    stiff,
+    zc_torque,
+    D,
+    cA,
+    cO,
+    cP,
+    f,
+    tau,
+    residual,
+    beta,
+    gamma,
+    K,
+    Kx,
+    xf,
+    e,
+    with_base,
+):
     """Residual of every body, and the factors of the linearised chain, by one sweep from tip to clamp."""
     n = chain.shape[0]
     f[n + 1, 0], f[n + 1, 1], tau[n + 1] = 0.0, 0.0, 0.0
@@ -118,12 +144,16 @@ def _factor(chain, base_length, compliance, phi, om, al, u, ac, out, force, stif
         T = stiff[i - 1]
         grow = out[i - 1, ADDED_THETA] * cP
         t = out[i - 1, TAU]
-        residual[i] = (
-            chain[i - 1, INERTIA] * al[i] + mass * acc_q + length * (nx * fx + ny * fy) + tau[i + 1] - t
-        )
+        residual[i] = chain[i - 1, INERTIA] * al[i] + mass * acc_q + length * (nx * fx + ny * fy) + tau[i + 1] - t
         b0 = (
-            chain[i - 1, INERTIA] * cA + mass * (gx * qx + gy * qy) - mass * (accx * rx + accy * ry) * cP
-            + length * (nx * Kx[i, 0] + ny * Kx[i, 1]) + Kx[i, 2] - length * (ux * fx + uy * fy) * cP - T + grow * acc_q
+            chain[i - 1, INERTIA] * cA
+            + mass * (gx * qx + gy * qy)
+            - mass * (accx * rx + accy * ry) * cP
+            + length * (nx * Kx[i, 0] + ny * Kx[i, 1])
+            + Kx[i, 2]
+            - length * (ux * fx + uy * fy) * cP
+            - T
+            + grow * acc_q
         )
         # Row of d in this body's equation, and rows of d in what it passes on.
         for b in range(D):
@@ -144,8 +174,16 @@ def _factor(chain, base_length, compliance, phi, om, al, u, ac, out, force, stif
             f[i, 0] -= Fx
             f[i, 1] -= Fy
             vx, vy = cO * sqx - cP * om[i] * srx, cO * sqy - cP * om[i] * sry
-            dFx = (force[i - 1, 0, 1] * sqx + force[i - 1, 0, 2] * sqy) * cP + force[i - 1, 0, 3] * vx + force[i - 1, 0, 4] * vy
-            dFy = (force[i - 1, 1, 1] * sqx + force[i - 1, 1, 2] * sqy) * cP + force[i - 1, 1, 3] * vx + force[i - 1, 1, 4] * vy
+            dFx = (
+                (force[i - 1, 0, 1] * sqx + force[i - 1, 0, 2] * sqy) * cP
+                + force[i - 1, 0, 3] * vx
+                + force[i - 1, 0, 4] * vy
+            )
+            dFy = (
+                (force[i - 1, 1, 1] * sqx + force[i - 1, 1, 2] * sqy) * cP
+                + force[i - 1, 1, 3] * vx
+                + force[i - 1, 1, 4] * vy
+            )
             b0 += (Fx * srx + Fy * sry) * cP - (dFx * sqx + dFy * sqy)
             xf0 -= dFx
             xf1 -= dFy
@@ -181,7 +219,7 @@ def _factor(chain, base_length, compliance, phi, om, al, u, ac, out, force, stif
 
 @njit(inline="never", **_OPTIONS)
 def _solve(chain, base_length, compliance, u, beta, gamma, stiff, xf, e, D, with_base, rhs, x, d, kf, x0):
-    """x = -J^-1 rhs for every column of rhs (n + 1, m), with the factors of `_factor`."""
+    """X = -J^-1 rhs for every column of rhs (n + 1, m), with the factors of `_factor`."""
     n = chain.shape[0]
     m = rhs.shape[1]
     for k in range(m):
@@ -303,8 +341,40 @@ def _relaxed_factors(out, relaxed, m, cP, z, stiff, tau_p, zc, zc_torque, Sx, zp
 
 
 @njit(inline="never", **_OPTIONS)
-def _explicit(chain, dchain, base_length, compliance, dcompliance, dgravity, phi, om, al, u, ac, f, tau, out, out_par,
-              force, tau_z_zeta, D, with_base, dphi, dom, dp, free, rhs, dA, dV, dP, dac, df, dtau_next, dtau, dforce):
+def _explicit(
+    chain,
+    dchain,
+    base_length,
+    compliance,
+    dcompliance,
+    dgravity,
+    phi,
+    om,
+    al,
+    u,
+    ac,
+    f,
+    tau,
+    out,
+    out_par,
+    force,
+    tau_z_zeta,
+    D,
+    with_base,
+    dphi,
+    dom,
+    dp,
+    free,
+    rhs,
+    dA,
+    dV,
+    dP,
+    dac,
+    df,
+    dtau_next,
+    dtau,
+    dforce,
+):
     """Directional derivative of every body's residual for the known part of the motion's and parameters' change."""
     n = chain.shape[0]
     m = free.size
@@ -329,10 +399,22 @@ def _explicit(chain, dchain, base_length, compliance, dcompliance, dgravity, phi
             for k in range(m):
                 p = free[k]
                 dc, dd = dchain[i - 1, 1, p], dchain[i - 1, 2, p]
-                dac[i, 0, k] = (dA[0, k] + cx * dphi[i, k] - 2 * w * rx * dom[i, k] - dgravity[0, p]
-                                + al[i] * (dc * nx + dd * ux) - w2 * (dc * ux - dd * nx))
-                dac[i, 1, k] = (dA[1, k] + cy * dphi[i, k] - 2 * w * ry * dom[i, k] - dgravity[1, p]
-                                + al[i] * (dc * ny + dd * uy) - w2 * (dc * uy - dd * ny))
+                dac[i, 0, k] = (
+                    dA[0, k]
+                    + cx * dphi[i, k]
+                    - 2 * w * rx * dom[i, k]
+                    - dgravity[0, p]
+                    + al[i] * (dc * nx + dd * ux)
+                    - w2 * (dc * ux - dd * nx)
+                )
+                dac[i, 1, k] = (
+                    dA[1, k]
+                    + cy * dphi[i, k]
+                    - 2 * w * ry * dom[i, k]
+                    - dgravity[1, p]
+                    + al[i] * (dc * ny + dd * uy)
+                    - w2 * (dc * uy - dd * ny)
+                )
             if D > 3:
                 along, across = chain[i - 1, FORCE_ALONG], chain[i - 1, FORCE_ACROSS]
                 srx, sry = along * ux - across * nx, along * uy - across * ny
@@ -343,8 +425,11 @@ def _explicit(chain, dchain, base_length, compliance, dcompliance, dgravity, phi
                     vy = dV[1, k] + sqy * dom[i, k] - w * sry * dphi[i, k]
                     for a in range(2):
                         dforce[i, a, k] = (
-                            force[i - 1, a, 1] * ex + force[i - 1, a, 2] * ey + force[i - 1, a, 3] * vx
-                            + force[i - 1, a, 4] * vy + force[i - 1, a, 5 + free[k]]
+                            force[i - 1, a, 1] * ex
+                            + force[i - 1, a, 2] * ey
+                            + force[i - 1, a, 3] * vx
+                            + force[i - 1, a, 4] * vy
+                            + force[i - 1, a, 5 + free[k]]
                         )
         cx, cy = -length * (al[i] * ux + w2 * nx), -length * (al[i] * uy + w2 * ny)
         for k in range(m):
@@ -373,13 +458,24 @@ def _explicit(chain, dchain, base_length, compliance, dcompliance, dgravity, phi
             p = free[k]
             dtheta = dphi[i, k] - dphi[i - 1, k]
             drate = dom[i, k] - dom[i - 1, k]
-            dtau[k] = (out[i - 1, TAU_THETA] * dtheta + out[i - 1, TAU_RATE] * drate + out[i - 1, TAU_PRESSURE] * dp[k]
-                       + out_par[i - 1, 0, p] + tau_z_zeta[i - 1, k])
+            dtau[k] = (
+                out[i - 1, TAU_THETA] * dtheta
+                + out[i - 1, TAU_RATE] * drate
+                + out[i - 1, TAU_PRESSURE] * dp[k]
+                + out_par[i - 1, 0, p]
+                + tau_z_zeta[i - 1, k]
+            )
             dm = dchain[i - 1, 0, p] + out_par[i - 1, 1, p] + grow * dtheta
             rhs[i, k] = (
-                dchain[i - 1, 3, p] * al[i] + dm * acc_q + mass * (dac[i, 0, k] * qx + dac[i, 1, k] * qy)
-                - mass * acc_r * dphi[i, k] + mass * (dchain[i - 1, 1, p] * acc_n + dchain[i - 1, 2, p] * acc_u)
-                + length * (nx * df[0, k] + ny * df[1, k]) - fu * dphi[i, k] + dtau_next[k] - dtau[k]
+                dchain[i - 1, 3, p] * al[i]
+                + dm * acc_q
+                + mass * (dac[i, 0, k] * qx + dac[i, 1, k] * qy)
+                - mass * acc_r * dphi[i, k]
+                + mass * (dchain[i - 1, 1, p] * acc_n + dchain[i - 1, 2, p] * acc_u)
+                + length * (nx * df[0, k] + ny * df[1, k])
+                - fu * dphi[i, k]
+                + dtau_next[k]
+                - dtau[k]
             )
             df[0, k] += dm * accx + mass * dac[i, 0, k]
             df[1, k] += dm * accy + mass * dac[i, 1, k]
@@ -399,8 +495,10 @@ def _explicit(chain, dchain, base_length, compliance, dcompliance, dgravity, phi
         moment = tau[1] + base_length * (nx * f[1, 0] + ny * f[1, 1])
         fu = base_length * (ux * f[1, 0] + uy * f[1, 1])
         for k in range(m):
-            rhs[0, k] = dphi[0, k] + dcompliance[free[k]] * moment + compliance * (
-                dtau_next[k] + base_length * (nx * df[0, k] + ny * df[1, k]) - fu * dphi[0, k]
+            rhs[0, k] = (
+                dphi[0, k]
+                + dcompliance[free[k]] * moment
+                + compliance * (dtau_next[k] + base_length * (nx * df[0, k] + ny * df[1, k]) - fu * dphi[0, k])
             )
     else:
         for k in range(m):

@@ -35,12 +35,54 @@ NEWTON_STEPS = 15
 _INDEX = int64[::1]
 _BODIES = (MATRIX, CUBE, float64, VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR)
 _EQUILIBRIUM = types.Tuple((int64, float64))(
-    JOINT_LAW, JOINT_CUBE, JOINT_CUBE, FORCE_LAW, *_BODIES, float64, VECTOR, VECTOR, int64, int64, boolean, boolean,
-    _INDEX, VECTOR, MATRIX, MATRIX, CUBE,
+    JOINT_LAW,
+    JOINT_CUBE,
+    JOINT_CUBE,
+    FORCE_LAW,
+    *_BODIES,
+    float64,
+    VECTOR,
+    VECTOR,
+    int64,
+    int64,
+    boolean,
+    boolean,
+    _INDEX,
+    VECTOR,
+    MATRIX,
+    MATRIX,
+    CUBE,
 )
 _INTEGRATE = types.Tuple((int64, int64, int64))(
-    JOINT_LAW, JOINT_CUBE, FORCE_LAW, MATRIX, float64, *_BODIES, MATRIX, CUBE, CUBE, int64, int64, boolean, boolean, boolean,
-    float64, _INDEX, VECTOR, VECTOR, MATRIX, MATRIX, MATRIX, CUBE, _INDEX, VECTOR, MATRIX, MATRIX, CUBE, CUBE, float64,
+    JOINT_LAW,
+    JOINT_CUBE,
+    FORCE_LAW,
+    MATRIX,
+    float64,
+    *_BODIES,
+    MATRIX,
+    CUBE,
+    CUBE,
+    int64,
+    int64,
+    boolean,
+    boolean,
+    boolean,
+    float64,
+    _INDEX,
+    VECTOR,
+    VECTOR,
+    MATRIX,
+    MATRIX,
+    MATRIX,
+    CUBE,
+    _INDEX,
+    VECTOR,
+    MATRIX,
+    MATRIX,
+    CUBE,
+    CUBE,
+    float64,
 )
 
 
@@ -52,9 +94,36 @@ def _joint_angles(phi, om, theta, rate):
 
 
 @njit(_EQUILIBRIUM, **_OPTIONS)
-def equilibrium(law, law_par, relaxed_law, force_law, chain, dchain, base_length, line, dline, gravity, dgravity,
-                position, arc, weights, par, con, pressure, dpressure, drive, columns, m, with_force, with_base,
-                free, phi, z, S_phi, S_z):
+def equilibrium(
+    law,
+    law_par,
+    relaxed_law,
+    force_law,
+    chain,
+    dchain,
+    base_length,
+    line,
+    dline,
+    gravity,
+    dgravity,
+    position,
+    arc,
+    weights,
+    par,
+    con,
+    pressure,
+    dpressure,
+    drive,
+    columns,
+    m,
+    with_force,
+    with_base,
+    free,
+    phi,
+    z,
+    S_phi,
+    S_z,
+):
     """Solve for phi (n + 1) in place, from the start that it holds; S_phi (n + 1, p), S_z (n, m, p) follow.
 
     Returns (status, stability): the smallest pivot of the stiffness along the chain, positive where it is stable.
@@ -96,8 +165,34 @@ def equilibrium(law, law_par, relaxed_law, force_law, chain, dchain, base_length
         if with_force:
             force_law(motion, length, par, con, force)
         _relaxed_factors(out, relaxed, m, 1.0, z, stiff, tau_p, zc, zc_torque, Sx, zp)
-        _factor(chain, base_length, compliance, phi, om, al, u, ac, out, force, stiff, zc_torque, D, 0.0, 0.0, 1.0,
-                f, tau, res, beta, gamma, K, Kx, xf, e, with_base)
+        _factor(
+            chain,
+            base_length,
+            compliance,
+            phi,
+            om,
+            al,
+            u,
+            ac,
+            out,
+            force,
+            stiff,
+            zc_torque,
+            D,
+            0.0,
+            0.0,
+            1.0,
+            f,
+            tau,
+            res,
+            beta,
+            gamma,
+            K,
+            Kx,
+            xf,
+            e,
+            with_base,
+        )
         for i in range(n + 1):
             flat[i] = res[i]
         _solve(chain, base_length, compliance, u, beta, gamma, stiff, xf, e, D, with_base, residual, x, d, kf, x0)
@@ -136,11 +231,58 @@ def equilibrium(law, law_par, relaxed_law, force_law, chain, dchain, base_length
         for k in range(p):
             dp[k] = dpressure[free[k]]
         rhs = np.zeros((n + 1, p))
-        _explicit(chain, dchain, base_length, compliance, dline[2], dgravity, phi, om, al, u, ac, f, tau, out, out_par,
-                  force, tau_z_zeta, D, with_base, zero, zero, dp, free, rhs, np.zeros((2, p)), np.zeros((2, p)),
-                  np.zeros((2, p)), np.zeros((n + 1, 2, p)), np.zeros((2, p)), np.zeros(p), np.zeros(p), np.zeros((n + 1, 2, p)))
-        _solve(chain, base_length, compliance, u, beta, gamma, stiff, xf, e, D, with_base, rhs, S_phi,
-               np.zeros((D, p)), np.zeros((3, p)), np.zeros((n + 1, p)))
+        _explicit(
+            chain,
+            dchain,
+            base_length,
+            compliance,
+            dline[2],
+            dgravity,
+            phi,
+            om,
+            al,
+            u,
+            ac,
+            f,
+            tau,
+            out,
+            out_par,
+            force,
+            tau_z_zeta,
+            D,
+            with_base,
+            zero,
+            zero,
+            dp,
+            free,
+            rhs,
+            np.zeros((2, p)),
+            np.zeros((2, p)),
+            np.zeros((2, p)),
+            np.zeros((n + 1, 2, p)),
+            np.zeros((2, p)),
+            np.zeros(p),
+            np.zeros(p),
+            np.zeros((n + 1, 2, p)),
+        )
+        _solve(
+            chain,
+            base_length,
+            compliance,
+            u,
+            beta,
+            gamma,
+            stiff,
+            xf,
+            e,
+            D,
+            with_base,
+            rhs,
+            S_phi,
+            np.zeros((D, p)),
+            np.zeros((3, p)),
+            np.zeros((n + 1, p)),
+        )
         for j in range(n):
             for a in range(m):
                 for k in range(p):
@@ -149,9 +291,48 @@ def equilibrium(law, law_par, relaxed_law, force_law, chain, dchain, base_length
 
 
 @njit(_INTEGRATE, **_OPTIONS)
-def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, line, dline, gravity, dgravity,
-              position, arc, weights, par, con, pressure, dpressure, drive, columns, m, with_force, with_base, with_line,
-              volume_rate, free, phi, om, z, S_phi, S_om, S_z, frame_step, frame_fraction, out_phi, out_om, out_z, out_S, tolerance):
+def integrate(
+    law,
+    law_par,
+    force_law,
+    tableau,
+    h,
+    chain,
+    dchain,
+    base_length,
+    line,
+    dline,
+    gravity,
+    dgravity,
+    position,
+    arc,
+    weights,
+    par,
+    con,
+    pressure,
+    dpressure,
+    drive,
+    columns,
+    m,
+    with_force,
+    with_base,
+    with_line,
+    volume_rate,
+    free,
+    phi,
+    om,
+    z,
+    S_phi,
+    S_om,
+    S_z,
+    frame_step,
+    frame_fraction,
+    out_phi,
+    out_om,
+    out_z,
+    out_S,
+    tolerance,
+):
     """March along the log; phi (n + 1), om, z (n, m) and their sensitivities are updated in place.
 
     pressure (steps, stages) at the stage times; dpressure (steps, stages, parameters) or with no rows; drive
@@ -235,7 +416,7 @@ def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, l
                     z_s[j, a] = z_star[j, a]
             converged = False
             felt = pressure[step, stage]
-            for iteration in range(NEWTON_STEPS):
+            for _ in range(NEWTON_STEPS):
                 iterations += 1
                 _joint_angles(phi_s, om_s, theta, rate)
                 if with_line:
@@ -250,15 +431,43 @@ def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, l
                 if with_force:
                     force_law(motion, length, par, con, force)
                 _joint_factors(out, m, s, z_s, z_star, s, s * s, stiff, tau_p, zc, zc_torque, Sx, zp, Minv, small)
-                _factor(chain, base_length, compliance, phi_s, om_s, al, u, ac, out, force, stiff, zc_torque, D, 1.0, s,
-                        s * s, f, tau, res, beta, gamma, K, Kx, xf, e, with_base)
+                _factor(
+                    chain,
+                    base_length,
+                    compliance,
+                    phi_s,
+                    om_s,
+                    al,
+                    u,
+                    ac,
+                    out,
+                    force,
+                    stiff,
+                    zc_torque,
+                    D,
+                    1.0,
+                    s,
+                    s * s,
+                    f,
+                    tau,
+                    res,
+                    beta,
+                    gamma,
+                    K,
+                    Kx,
+                    xf,
+                    e,
+                    with_base,
+                )
                 for i in range(n + 1):
                     residual[i, 0] = res[i]
                 if with_line:
                     for i in range(n + 1):
                         residual[i, 1] = (tau_p[i] if i < n else 0.0) - (tau_p[i - 1] if i > 0 else 0.0)
                     residual[0, 1] = compliance * tau_p[0]
-                _solve(chain, base_length, compliance, u, beta, gamma, stiff, xf, e, D, with_base, residual, x, d, kf, x0)
+                _solve(
+                    chain, base_length, compliance, u, beta, gamma, stiff, xf, e, D, with_base, residual, x, d, kf, x0
+                )
                 change = 0.0
                 if with_line:
                     q = (resistance * s + inertance) * volume
@@ -302,8 +511,34 @@ def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, l
                 if with_force:
                     force_law(motion, length, par, con, force)
                 _joint_factors(out, m, s, z_s, z_star, s, s * s, stiff, tau_p, zc, zc_torque, Sx, zp, Minv, small)
-                _factor(chain, base_length, compliance, phi_s, om_s, al, u, ac, out, force, stiff, zc_torque, D, 1.0, s,
-                        s * s, f, tau, res, beta, gamma, K, Kx, xf, e, with_base)
+                _factor(
+                    chain,
+                    base_length,
+                    compliance,
+                    phi_s,
+                    om_s,
+                    al,
+                    u,
+                    ac,
+                    out,
+                    force,
+                    stiff,
+                    zc_torque,
+                    D,
+                    1.0,
+                    s,
+                    s * s,
+                    f,
+                    tau,
+                    res,
+                    beta,
+                    gamma,
+                    K,
+                    Kx,
+                    xf,
+                    e,
+                    with_base,
+                )
                 for i in range(n + 1):
                     for k in range(p):
                         v, q = S_om_old[i, k], S_phi_old[i, k]
@@ -320,7 +555,8 @@ def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, l
                 if with_line:
                     for k in range(p):
                         dp[k] -= volume * (
-                            dline[0, free[k]] * (om_s[n] - om_s[0]) + dline[1, free[k]] * (al[n] - al[0])
+                            dline[0, free[k]] * (om_s[n] - om_s[0])
+                            + dline[1, free[k]] * (al[n] - al[0])
                             + resistance * (S_om_s[n, k] - S_om_s[0, k])
                         )
                 if m > 0:
@@ -341,7 +577,8 @@ def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, l
                                 known = S_z_star[j, b, k] + s * (
                                     out[j, row + 1] * (S_phi_s[j + 1, k] - S_phi_s[j, k])
                                     + out[j, row + 2] * (S_om_s[j + 1, k] - S_om_s[j, k])
-                                    + out[j, row + 3] * dp[k] + out_par[j, 2 + b, free[k]]
+                                    + out[j, row + 3] * dp[k]
+                                    + out_par[j, 2 + b, free[k]]
                                 )
                                 for a in range(m):
                                     zeta[j, a, k] += Minv[j, a, b] * known
@@ -350,16 +587,65 @@ def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, l
                             for a in range(m):
                                 total += out[j, FIXED + a] * zeta[j, a, k]
                             tau_z_zeta[j, k] = total
-                _explicit(chain, dchain, base_length, compliance, dline[2], dgravity, phi_s, om_s, al, u, ac, f, tau, out,
-                          out_par, force, tau_z_zeta, D, with_base, S_phi_s, S_om_s, dp, free, rhs, dA, dV, dP, dac, df,
-                          dtau_next, dtau, dforce)
-                _solve(chain, base_length, compliance, u, beta, gamma, stiff, xf, e, D, with_base, rhs, S_al, Sd, Skf, Sx0)
+                _explicit(
+                    chain,
+                    dchain,
+                    base_length,
+                    compliance,
+                    dline[2],
+                    dgravity,
+                    phi_s,
+                    om_s,
+                    al,
+                    u,
+                    ac,
+                    f,
+                    tau,
+                    out,
+                    out_par,
+                    force,
+                    tau_z_zeta,
+                    D,
+                    with_base,
+                    S_phi_s,
+                    S_om_s,
+                    dp,
+                    free,
+                    rhs,
+                    dA,
+                    dV,
+                    dP,
+                    dac,
+                    df,
+                    dtau_next,
+                    dtau,
+                    dforce,
+                )
+                _solve(
+                    chain, base_length, compliance, u, beta, gamma, stiff, xf, e, D, with_base, rhs, S_al, Sd, Skf, Sx0
+                )
                 if with_line:
                     for i in range(n + 1):
                         line_rhs[i, 0] = (tau_p[i] if i < n else 0.0) - (tau_p[i - 1] if i > 0 else 0.0)
                     line_rhs[0, 0] = compliance * tau_p[0]
-                    _solve(chain, base_length, compliance, u, beta, gamma, stiff, xf, e, D, with_base, line_rhs, line_x,
-                           ld, lkf, lx0)
+                    _solve(
+                        chain,
+                        base_length,
+                        compliance,
+                        u,
+                        beta,
+                        gamma,
+                        stiff,
+                        xf,
+                        e,
+                        D,
+                        with_base,
+                        line_rhs,
+                        line_x,
+                        ld,
+                        lkf,
+                        lx0,
+                    )
                     q = (resistance * s + inertance) * volume
                     denominator = 1.0 + q * (line_x[n, 0] - line_x[0, 0])
                     for k in range(p):
@@ -408,8 +694,9 @@ def integrate(law, law_par, force_law, tableau, h, chain, dchain, base_length, l
                 out_phi[frame, i] = h00 * phi_old[i] + h10 * om_old[i] + h01 * phi[i] + h11 * om[i]
                 out_om[frame, i] = g00 * (phi_old[i] - phi[i]) + g10 * om_old[i] + g11 * om[i]
                 for k in range(p):
-                    out_S[frame, i, k] = (h00 * S_phi_old[i, k] + h10 * S_om_old[i, k]
-                                          + h01 * S_phi[i, k] + h11 * S_om[i, k])
+                    out_S[frame, i, k] = (
+                        h00 * S_phi_old[i, k] + h10 * S_om_old[i, k] + h01 * S_phi[i, k] + h11 * S_om[i, k]
+                    )
             for j in range(n):
                 for a in range(m):
                     out_z[frame, j, a] = z[j, a]

@@ -23,7 +23,9 @@ def _bias(chain, base_length, gravity, added, force, phi, om, al, out, motion, u
         mass = chain[i - 1, 1] + added[i - 1]
         along, across = chain[i - 1, 2], chain[i - 1, 3]
         qx, qy = along * nx + across * ux, along * ny + across * uy
-        needed += chain[i - 1, 4] * al[i] + mass * (ac[i, 0] * qx + ac[i, 1] * qy) + chain[i - 1, 0] * (nx * fx + ny * fy)
+        needed += (
+            chain[i - 1, 4] * al[i] + mass * (ac[i, 0] * qx + ac[i, 1] * qy) + chain[i - 1, 0] * (nx * fx + ny * fy)
+        )
         fx += mass * ac[i, 0]
         fy += mass * ac[i, 1]
         if with_force:
@@ -36,7 +38,13 @@ def _bias(chain, base_length, gravity, added, force, phi, om, al, out, motion, u
 
 
 def joint_torques(
-    model: Model, par: FloatArray, phi: FloatArray, rate: FloatArray, acceleration: FloatArray, states: FloatArray, pressure: FloatArray
+    model: Model,
+    par: FloatArray,
+    phi: FloatArray,
+    rate: FloatArray,
+    acceleration: FloatArray,
+    states: FloatArray,
+    pressure: FloatArray,
 ) -> FloatArray:
     """Torque at each joint (frames, n) in N m that the motion needs beside the law's own.
 
@@ -46,7 +54,9 @@ def joint_torques(
     chain, _ = model._bodies(par)
     _, _, gravity, _ = model._environment(par)
     law = model.law
-    felt = np.broadcast_to(np.asarray(law.felt_pressure(par, model._constants, pressure)[0][0], dtype=float), pressure.shape)
+    felt = np.broadcast_to(
+        np.asarray(law.felt_pressure(par, model._constants, pressure)[0][0], dtype=float), pressure.shape
+    )
     columns, length = np.zeros((n, law.columns)), chain[:, 0].copy()
     force = np.zeros((n, 2, 5 + par.size))
     u, ac, motion = np.zeros((n + 1, 2)), np.zeros((n + 1, 2)), np.zeros((n, 4))
@@ -54,13 +64,33 @@ def joint_torques(
     for f in range(frames):
         theta, theta_rate = np.diff(phi[f]), np.diff(rate[f])
         law.module.joint_law(
-            theta, theta_rate, np.ascontiguousarray(states[f]), float(felt[f]), model.chain.position, model.chain.arc,
-            model._weights, par, model._constants, columns,
+            theta,
+            theta_rate,
+            np.ascontiguousarray(states[f]),
+            float(felt[f]),
+            model.chain.position,
+            model.chain.arc,
+            model._weights,
+            par,
+            model._constants,
+            columns,
         )
         args = (np.ascontiguousarray(phi[f]), np.ascontiguousarray(rate[f]), np.ascontiguousarray(acceleration[f]))
         if law.has_body_force:
             _kinematics(chain, model.chain.base_length, *args, u, ac, motion, gravity, True)
             law.module.body_force(motion, length, par, model._constants, force)
-        _bias(chain, model.chain.base_length, gravity, columns[:, 4].copy(), force, *args, needed, motion, u, ac, law.has_body_force)
+        _bias(
+            chain,
+            model.chain.base_length,
+            gravity,
+            columns[:, 4].copy(),
+            force,
+            *args,
+            needed,
+            motion,
+            u,
+            ac,
+            law.has_body_force,
+        )
         out[f] = needed - columns[:, 0]
     return out

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import sympy as sp
 
@@ -116,7 +117,7 @@ def compose(effects: Sequence[Effect]) -> Law:
     felt: sp.Expr = PRESSURE
     observed: tuple[sp.Expr, sp.Expr] = (X, Y)
     body = Body(X, Y, VX, VY, BODY_LENGTH, OUTER, TUBE_LENGTH, MIRROR)
-    place_in_joint: dict[sp.Symbol, sp.Expr] = {}
+    place_in_joint: Any = {}
     for effect in effects:
         weight = sp.Symbol(f"weight__{effect.id}", real=True)
         weights.append(weight)
@@ -129,7 +130,9 @@ def compose(effects: Sequence[Effect]) -> Law:
         own_rates, own_relaxed = effect.state_rates(joint), effect.relaxed_states(joint)
         for state in effect.states:
             if state not in own_rates or state not in own_relaxed:
-                raise InputError(f"effect {effect.id}: state '{state}' needs an entry in state_rates and relaxed_states")
+                raise InputError(
+                    f"effect {effect.id}: state '{state}' needs an entry in state_rates and relaxed_states"
+                )
             states.append(getattr(effect, state))
             rates.append(sp.sympify(own_rates[state]))
             relaxed.append(sp.sympify(own_relaxed[state]))

@@ -54,12 +54,19 @@ def as_paper_matrix(inner_radius: float = 0.003) -> NDArray[np.float64]:
 
 
 PAPER_UNITS = {
-    "k_0": "N*m/deg", "m_k": "N/deg", "b_0pos": "N*m*s/deg", "m_bpos": "N*s/deg",
-    "b_0neg": "N*m*s/deg", "m_bneg": "N*s/deg", "r_hyd": "m",
+    "k_0": "N*m/deg",
+    "m_k": "N/deg",
+    "b_0pos": "N*m*s/deg",
+    "m_bpos": "N*s/deg",
+    "b_0neg": "N*m*s/deg",
+    "m_bneg": "N*s/deg",
+    "r_hyd": "m",
 }
 
 _SOURCE = "Momeni Kelageri et al., Kinematics and Dynamic Modeling of a Planar Hydraulic Elastomer Actuator, Table I"
 PUBLISHED = {
-    "2-DoF": PaperParameters(2, 0.00075223, -0.00029452, 2.6171e-05, -0.0038529, 3.7374e-08, -3.0518e-05, 0.0037125, _SOURCE),
+    "2-DoF": PaperParameters(
+        2, 0.00075223, -0.00029452, 2.6171e-05, -0.0038529, 3.7374e-08, -3.0518e-05, 0.0037125, _SOURCE
+    ),
     "8-DoF": PaperParameters(8, 0.045257, -14.101, 0.00032813, -0.098948, 0.00058815, -0.18966, 0.0035644, _SOURCE),
 }

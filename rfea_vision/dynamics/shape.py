@@ -86,8 +86,12 @@ def centre_line(phi, S, segment_length, outer_radius, polygon, fractions, nodes,
                         d_middle = S[frame, k - 1, q] + d_half
                         d_end = S[frame, k - 1, q] + 2 * d_half
                         d_chord = segment_length * (d_xi * value + xi * slope * d_half)
-                        dnodes[frame, node, 0, q] = dH[0, q] + d_chord * ux + chord * uy * d_middle + outer_radius * ey * d_end
-                        dnodes[frame, node, 1, q] = dH[1, q] + d_chord * uy - chord * ux * d_middle - outer_radius * ex * d_end
+                        dnodes[frame, node, 0, q] = (
+                            dH[0, q] + d_chord * ux + chord * uy * d_middle + outer_radius * ey * d_end
+                        )
+                        dnodes[frame, node, 1, q] = (
+                            dH[1, q] + d_chord * uy - chord * ux * d_middle - outer_radius * ex * d_end
+                        )
                 node += 1
             # Carry the hinge line to the end of this segment.
             if polygon:

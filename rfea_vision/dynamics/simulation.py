@@ -100,15 +100,29 @@ class Chain:
         )
 
     @classmethod
-    def general(cls, length: Sequence[float], mass: Sequence[float], along: Sequence[float], inertia: Sequence[float]) -> Chain:
+    def general(
+        cls, length: Sequence[float], mass: Sequence[float], along: Sequence[float], inertia: Sequence[float]
+    ) -> Chain:
         """Any planar chain: link lengths (m), masses (kg), centres of mass from the hinge (m), inertias about them (kg m^2)."""
         values = [np.asarray(v, dtype=float) for v in (length, mass, along, inertia)]
         n = values[0].size
         if any(v.shape != (n,) for v in values):
             raise InputError("chain: length, mass, along and inertia must have one entry per body")
         return cls(
-            *values[:3], np.zeros(n), values[3], values[2], np.zeros(n), np.linspace(0, 1, n), values[0],
-            base_length=0.0, count=1.0, outer_radius=0.004, inner_radius=0.003, fluid_density=0.0,
+            length=values[0],
+            mass=values[1],
+            along=values[2],
+            across=np.zeros(n),
+            inertia=values[3],
+            force_along=values[2],
+            force_across=np.zeros(n),
+            position=np.linspace(0, 1, n),
+            arc=values[0],
+            base_length=0.0,
+            count=1.0,
+            outer_radius=0.004,
+            inner_radius=0.003,
+            fluid_density=0.0,
         )
 
     @property
@@ -127,7 +141,12 @@ class Excitation:
 
     @classmethod
     def from_log(
-        cls, time_s: FloatArray, pressure_Pa: FloatArray, from_s: float, to_s: float, longest_step_s: float = LONGEST_STEP_S
+        cls,
+        time_s: FloatArray,
+        pressure_Pa: FloatArray,
+        from_s: float,
+        to_s: float,
+        longest_step_s: float = LONGEST_STEP_S,
     ) -> Excitation:
         """Put a log on a grid aligned with its own samples: every sample of a regular log up to 1 kHz is a grid point."""
         period = float(np.median(np.diff(time_s)))
@@ -231,7 +250,9 @@ class Model:
         chain, n = self.chain, self.chain.bodies
         last = np.zeros(n)
         last[-1] = 1.0
-        rows = self.law.inertia(par, self._constants, chain.mass, chain.along, chain.across, chain.inertia, chain.length, last)
+        rows = self.law.inertia(
+            par, self._constants, chain.mass, chain.along, chain.across, chain.inertia, chain.length, last
+        )
         own = 6
         values = [np.broadcast_to(row[0], n) for row in rows]
         columns = np.column_stack([chain.length, *values, chain.force_along, chain.force_across])
@@ -274,7 +295,12 @@ class Model:
         return felt, derivative
 
     def steady(
-        self, par: FloatArray, pressure: float, free: Sequence[int] = (), *, start: FloatArray | None = None,
+        self,
+        par: FloatArray,
+        pressure: float,
+        free: Sequence[int] = (),
+        *,
+        start: FloatArray | None = None,
         drive: FloatArray | None = None,
     ) -> Steady:
         """Steady state at one pressure (Pa), by continuation from the unloaded tube unless a start is given."""
@@ -287,14 +313,42 @@ class Model:
         target, dpressure = float(row[0]), np.array([float(v) for v in row[2:]])
         torque = np.zeros(n) if drive is None else np.asarray(drive, dtype=float)
         phi = np.zeros(n + 1) if start is None else start.copy()
-        states, S_phi, S_z = np.zeros((n, max(m, 1))), np.zeros((n + 1, index.size)), np.zeros((n, max(m, 1), index.size))
+        states, S_phi, S_z = (
+            np.zeros((n, max(m, 1))),
+            np.zeros((n + 1, index.size)),
+            np.zeros((n, max(m, 1), index.size)),
+        )
 
         def solve(value: float, guess: FloatArray, wanted: NDArray[np.int64]) -> tuple[int, float]:
             return equilibrium(
-                self.law.module.joint_law, self.law.module.joint_law_parameters, self.law.module.relaxed_states,
-                self.law.module.body_force, chain, dchain, self.chain.base_length, line, dline, gravity, dgravity,
-                self.chain.position, self.chain.arc, self._weights, par, self._constants, value, dpressure, torque,
-                self.law.columns, m, self.law.has_body_force, self.law.has_base, wanted, guess, states, S_phi, S_z,
+                self.law.module.joint_law,
+                self.law.module.joint_law_parameters,
+                self.law.module.relaxed_states,
+                self.law.module.body_force,
+                chain,
+                dchain,
+                self.chain.base_length,
+                line,
+                dline,
+                gravity,
+                dgravity,
+                self.chain.position,
+                self.chain.arc,
+                self._weights,
+                par,
+                self._constants,
+                value,
+                dpressure,
+                torque,
+                self.law.columns,
+                m,
+                self.law.has_body_force,
+                self.law.has_base,
+                wanted,
+                guess,
+                states,
+                S_phi,
+                S_z,
             )
 
         none = np.zeros(0, dtype=np.int64)
@@ -314,7 +368,9 @@ class Model:
         status, stability = solve(target, phi, index)
         return Steady(status == OK and stability > 0, phi, states, S_phi, S_z, target, stability)
 
-    def simulate(self, par: FloatArray, excitation: Excitation, frames_s: FloatArray, free: Sequence[int] = ()) -> Motion:
+    def simulate(
+        self, par: FloatArray, excitation: Excitation, frames_s: FloatArray, free: Sequence[int] = ()
+    ) -> Motion:
         """Run from the steady state at the first pressure; read the motion off at `frames_s` (sorted, inside the excitation)."""
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, self.law.state_count
@@ -324,7 +380,7 @@ class Model:
         out_z = np.zeros((frames_s.size, n, max(m, 1)))
         out_S = np.zeros((frames_s.size, n + 1, index.size))
         first_drive = None if excitation.drive is None else excitation.drive[0]
-        rest = self.steady(par, float(excitation.pressure[0]), index, drive=first_drive)
+        rest = self.steady(par, float(excitation.pressure[0]), list(free), drive=first_drive)
         if not rest.found:
             message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
             return Motion(1, message, out_phi, out_om, out_z, out_S, index)
@@ -343,11 +399,46 @@ class Model:
         phi, om, z = rest.phi.copy(), np.zeros(n + 1), rest.states.copy()
         S_phi, S_om, S_z = rest.sensitivity.copy(), np.zeros_like(rest.sensitivity), rest.state_sensitivity.copy()
         status, done, iterations = integrate(
-            self.law.module.joint_law, self.law.module.joint_law_parameters, self.law.module.body_force, tableau,
-            excitation.step_s, chain, dchain, self.chain.base_length, line, dline, gravity, dgravity, self.chain.position,
-            self.chain.arc, self._weights, par, self._constants, felt, dfelt, drive, self.law.columns, m,
-            self.law.has_body_force, self.law.has_base, self.law.has_line, np.pi * self.chain.outer_radius**3, index,
-            phi, om, z, S_phi, S_om, S_z, step, place - step, out_phi, out_om, out_z, out_S, self.tolerance,
+            self.law.module.joint_law,
+            self.law.module.joint_law_parameters,
+            self.law.module.body_force,
+            tableau,
+            excitation.step_s,
+            chain,
+            dchain,
+            self.chain.base_length,
+            line,
+            dline,
+            gravity,
+            dgravity,
+            self.chain.position,
+            self.chain.arc,
+            self._weights,
+            par,
+            self._constants,
+            felt,
+            dfelt,
+            drive,
+            self.law.columns,
+            m,
+            self.law.has_body_force,
+            self.law.has_base,
+            self.law.has_line,
+            np.pi * self.chain.outer_radius**3,
+            index,
+            phi,
+            om,
+            z,
+            S_phi,
+            S_om,
+            S_z,
+            step,
+            place - step,
+            out_phi,
+            out_om,
+            out_z,
+            out_S,
+            self.tolerance,
         )
         message = "" if status == OK else f"the simulation failed after {done * excitation.step_s:.3f} s"
         return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations)
@@ -358,8 +449,14 @@ class Model:
         nodes = np.empty((frames, count, 2))
         dnodes = np.empty((frames, count, 2, motion.sensitivity.shape[2]))
         centre_line(
-            motion.phi, motion.sensitivity, float(self.chain.arc[0]), self.chain.outer_radius, self.chain.polygon,
-            np.asarray(fractions, dtype=float), nodes, dnodes,
+            motion.phi,
+            motion.sensitivity,
+            float(self.chain.arc[0]),
+            self.chain.outer_radius,
+            self.chain.polygon,
+            np.asarray(fractions, dtype=float),
+            nodes,
+            dnodes,
         )
         return nodes, dnodes
 

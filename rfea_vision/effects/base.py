@@ -165,9 +165,7 @@ class Effect:
     exactly_tied_to: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self) -> None:
-        self._symbols = {
-            name: sp.Symbol(f"{self.id}__{name}", real=True) for name in (*self.parameters, *self.states)
-        }
+        self._symbols = {name: sp.Symbol(f"{self.id}__{name}", real=True) for name in (*self.parameters, *self.states)}
 
     def __getattr__(self, name: str) -> sp.Symbol:
         symbols = self.__dict__.get("_symbols", {})

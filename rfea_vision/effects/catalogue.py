@@ -79,5 +79,7 @@ def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple
             known[effect.id] = effect
     missing = [name for name in ids if name not in known]
     if missing:
-        raise InputError(f"effect '{missing[0]}' is unknown; `rfea effects` lists the catalogue: {', '.join(sorted(known))}")
+        raise InputError(
+            f"effect '{missing[0]}' is unknown; `rfea effects` lists the catalogue: {', '.join(sorted(known))}"
+        )
     return tuple(known[name]() for name in ids)

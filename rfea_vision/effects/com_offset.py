@@ -18,4 +18,6 @@ class ComOffset(Effect):
     parameters = {"a": EffectParameter("1", 0.0, -1.0, 2.0, 0.5, "offset over the outer radius")}
 
     def inertia(self, place: BodyPlace, inertia: BodyInertia) -> BodyInertia:
-        return BodyInertia(inertia.mass, inertia.along, inertia.across + self.a * place.rest_outer_radius, inertia.inertia)
+        return BodyInertia(
+            inertia.mass, inertia.along, inertia.across + self.a * place.rest_outer_radius, inertia.inertia
+        )

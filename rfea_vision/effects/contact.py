@@ -19,7 +19,16 @@ class Contact(Effect):
     kind = "load"
     parameters = {
         "k": EffectParameter("N/m", 0.0, 0.0, 5000.0, 50.0, "stiffness of the wall against the whole tube"),
-        "d": EffectParameter("m", None, 0.005, 0.3, 0.05, "distance of the wall from the clamp's centre line", grid=(0.04, 0.07, 0.1), display="mm"),
+        "d": EffectParameter(
+            "m",
+            None,
+            0.005,
+            0.3,
+            0.05,
+            "distance of the wall from the clamp's centre line",
+            grid=(0.04, 0.07, 0.1),
+            display="mm",
+        ),
     }
 
     def body_force(self, body: Body) -> tuple[sp.Expr, sp.Expr]:

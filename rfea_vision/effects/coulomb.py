@@ -18,7 +18,9 @@ class Coulomb(Effect):
     split_by = "small reversals about a held pressure: friction flips at once, hysteresis does not"
     parameters = {
         "tau_c": EffectParameter("N*m", 0.0, 0.0, 0.5, 5e-4, "friction torque", display="mN*m"),
-        "w": EffectParameter("rad/s", None, 1e-3, 10.0, 0.05, "rate over which it turns", grid=(0.02, 0.1, 0.5), display="deg/s"),
+        "w": EffectParameter(
+            "rad/s", None, 1e-3, 10.0, 0.05, "rate over which it turns", grid=(0.02, 0.1, 0.5), display="deg/s"
+        ),
     }
     dissipates = True
 

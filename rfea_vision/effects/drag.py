@@ -17,7 +17,11 @@ class Drag(Effect):
     mistaken_for = "nonlinear_damping (which acts on the rate of the joint)"
     split_by = "a light paddle at the tip"
     kind = "load"
-    parameters = {"c": EffectParameter("kg/m^3", 0.0, 0.0, 2000.0, 5.0, "half the density of the medium times the drag coefficient")}
+    parameters = {
+        "c": EffectParameter(
+            "kg/m^3", 0.0, 0.0, 2000.0, 5.0, "half the density of the medium times the drag coefficient"
+        )
+    }
     dissipates = True
 
     def body_force(self, body: Body) -> tuple[sp.Expr, sp.Expr]:

@@ -18,7 +18,9 @@ class Hysteresis(Effect):
     split_by = "the same triangle of pressure at two very different rates"
     parameters = {
         "tau_h": EffectParameter("N*m", 0.0, 0.0, 0.05, 5e-4, "torque of the fully developed loop", display="mN*m"),
-        "w": EffectParameter("rad", None, 0.005, 3.0, 0.2, "tube angle over which it builds up", grid=(0.05, 0.2, 0.8), display="deg"),
+        "w": EffectParameter(
+            "rad", None, 0.005, 3.0, 0.2, "tube angle over which it builds up", grid=(0.05, 0.2, 0.8), display="deg"
+        ),
     }
     states = ("z",)
     dissipates = True

@@ -18,7 +18,9 @@ class Mullins(Effect):
     split_by = "the same cycle twice without a pause"
     parameters = {
         "c": EffectParameter("1", 0.0, 0.0, 0.8, 0.05, "largest loss of stiffness"),
-        "s": EffectParameter("rad", None, 0.05, 10.0, 1.0, "tube angle over which it is lost", grid=(0.3, 1.5), display="deg"),
+        "s": EffectParameter(
+            "rad", None, 0.05, 10.0, 1.0, "tube angle over which it is lost", grid=(0.3, 1.5), display="deg"
+        ),
     }
     states = ("z",)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import sympy as sp
 
@@ -22,20 +23,26 @@ class _TypesetJoint(Joint):
 
 
 def _joint() -> Joint:
-    base = {name: sp.Symbol({"k_ref": r"k_\mathrm{ref}", "r_hyd": r"r_\mathrm{hyd}"}.get(name, name)) for name in BASE_PARAMETERS}
+    base = {
+        name: sp.Symbol({"k_ref": r"k_\mathrm{ref}", "r_hyd": r"r_\mathrm{hyd}"}.get(name, name))
+        for name in BASE_PARAMETERS
+    }
     names = (r"\theta", r"\dot\theta", "p", r"\sigma", "n", "L_0", "r_o", "r_{i0}", r"\rho_f")
-    joint = _TypesetJoint(*(sp.Symbol(name, real=True) for name in names), base)
+    symbols: list[Any] = [sp.Symbol(name, real=True) for name in names]
+    joint = _TypesetJoint(*symbols, base=base)
     joint.expressions.update(
         outer_radius=sp.Symbol("r_o"), inner_radius=sp.Symbol("r_i"), stiffness=sp.Symbol("k"), damping=sp.Symbol("b")
     )
     return joint
 
 
-def _letters(effect: Effect) -> dict[sp.Symbol, sp.Symbol]:
+def _letters(effect: Effect) -> Any:
     out = {}
     for name in (*effect.parameters, *effect.states):
         letter = re.sub(r"([A-Za-z])(\d+)$", r"\1_{\2}", name)
-        out[getattr(effect, name)] = sp.Symbol({"angle": r"\alpha", "tau_h": r"\tau_h", "tau_c": r"\tau_c"}.get(name, letter))
+        out[getattr(effect, name)] = sp.Symbol(
+            {"angle": r"\alpha", "tau_h": r"\tau_h", "tau_c": r"\tau_c"}.get(name, letter)
+        )
     return out
 
 
@@ -66,7 +73,8 @@ def law_lines(effect: Effect) -> list[str]:
     if effect.overrides("added_mass"):
         lines.append(rf"\Delta m = {latex(effect.added_mass(joint))}")
     if effect.overrides("inertia"):
-        place = BodyPlace(one("l"), sp.Integer(1), one("r_o"))
+        last: Any = sp.Integer(1)
+        place = BodyPlace(one("l"), last, one("r_o"))
         changed = effect.inertia(place, BodyInertia(one("m"), one("c"), sp.Integer(0), one("I")))
         lines.append(rf"m' = {latex(changed.mass)},\quad d' = {latex(changed.across)}")
     if effect.overrides("gravity"):
@@ -86,7 +94,7 @@ def law_lines(effect: Effect) -> list[str]:
     if effect.overrides("flow_inertance"):
         lines.append(rf"p' = p - {latex(effect.flow_inertance())}\, \ddot{{V}}")
     if effect.overrides("observed_position"):
-        x, y = effect.observed_position(one("x"), one("y"), sp.Integer(1))
+        x, y = effect.observed_position(one("x"), one("y"), one("s"))
         lines.append(rf"x' = {latex(x)},\quad y' = {latex(y)}")
     if effect.overrides("time_shift"):
         lines.append(rf"t' = t + {latex(effect.time_shift(one('t')))}")

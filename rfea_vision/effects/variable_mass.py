@@ -17,7 +17,9 @@ class VariableMass(Effect):
     mistaken_for = "payload (the same at every pressure)"
     split_by = "the ringing frequency at a low and at a high pressure"
     kind = "load"
-    parameters = {"a": EffectParameter("1", 0.0, 0.0, 3.0, 1.0, "share of the inflowing water that moves with the body")}
+    parameters = {
+        "a": EffectParameter("1", 0.0, 0.0, 3.0, 1.0, "share of the inflowing water that moves with the body")
+    }
 
     def added_mass(self, joint: Joint) -> sp.Expr:
         return self.a * joint.fluid_density * sp.pi * joint.rest_outer_radius**3 * joint.theta

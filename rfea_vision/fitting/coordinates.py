@@ -41,7 +41,7 @@ class Coordinates:
         free = list(self.free)
         y = np.linalg.solve(self.matrix[free], (par - self.offset)[free])
         margin = 1e-4 * np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 1.0)
-        return np.clip(y, self.lower + margin, self.upper - margin)
+        return np.clip(y, self.lower + margin, self.upper - margin).astype(np.float64)
 
 
 def largest_bend(items: Sequence[Observed]) -> float:
@@ -69,8 +69,13 @@ def base_reference(actuator: Actuator, segments: int) -> FloatArray:
 
 
 def build(
-    model: Model, actuator: Actuator, segments: int, bend: float, fixed: Mapping[str, float] | None = None,
-    only: Sequence[str] | None = None, held: FloatArray | None = None,
+    model: Model,
+    actuator: Actuator,
+    segments: int,
+    bend: float,
+    fixed: Mapping[str, float] | None = None,
+    only: Sequence[str] | None = None,
+    held: FloatArray | None = None,
 ) -> Coordinates:
     """Coordinates for a model; `fixed` pins parameters, `only` frees no others, `held` gives the values of the rest."""
     names = model.names
@@ -119,6 +124,10 @@ def build(
         lower.append(low)
         upper.append(high)
     return Coordinates(
-        np.column_stack(columns) if columns else np.zeros((len(names), 0)), offset, np.array(lower), np.array(upper),
-        tuple(free), tuple(names[k] for k in free),
+        np.column_stack(columns) if columns else np.zeros((len(names), 0)),
+        offset,
+        np.array(lower),
+        np.array(upper),
+        tuple(free),
+        tuple(names[k] for k in free),
     )

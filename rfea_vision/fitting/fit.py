@@ -142,7 +142,9 @@ def start_vector(model: Model, actuator: Actuator, segments: int) -> FloatArray:
     return par
 
 
-def carried(model: Model, actuator: Actuator, segments: int, previous: Mapping[str, float], previous_segments: int) -> FloatArray:
+def carried(
+    model: Model, actuator: Actuator, segments: int, previous: Mapping[str, float], previous_segments: int
+) -> FloatArray:
     """Start from an earlier fit: its values where it has them, scaled to this number of segments."""
     par = start_vector(model, actuator, segments)
     for k, name in enumerate(model.names):
@@ -151,12 +153,15 @@ def carried(model: Model, actuator: Actuator, segments: int, previous: Mapping[s
     return par
 
 
-def _steady_start(model: Model, problem: Problem, options: FitOptions, par: FloatArray,
-                  plateaus: Sequence[Plateau]) -> tuple[FloatArray, dict[str, Any]]:
+def _steady_start(
+    model: Model, problem: Problem, options: FitOptions, par: FloatArray, plateaus: Sequence[Plateau]
+) -> tuple[FloatArray, dict[str, Any]]:
     """Stiffness from the plateaus, at the present r_hyd; a sentence where they do not allow it."""
     loaded = [p for p in plateaus if p.pressure > 0.15 * max((q.pressure for q in plateaus), default=0.0)]
     if len(loaded) < 2:
-        return par, {"note": f"{len(loaded)} plateau(s) under pressure: too few for a steady-state fit; dynamic fit from the paper's table"}
+        return par, {
+            "note": f"{len(loaded)} plateau(s) under pressure: too few for a steady-state fit; dynamic fit from the paper's table"
+        }
     coordinates = build(model, problem.actuator, options.segments, problem.bend, only=("k_ref", "k_slope"), held=par)
     fractions = problem.train[0].fractions
     out = fit_steady(model, plateaus, coordinates, par, fractions)
@@ -206,7 +211,13 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
         if solution is None:
             waterfall.append({"start": label, "cost": None, "status": "could not be simulated"})
         else:
-            waterfall.append({"start": label, "cost": solution.cost, "status": "converged" if solution.converged else "stopped early"})
+            waterfall.append(
+                {
+                    "start": label,
+                    "cost": solution.cost,
+                    "status": "converged" if solution.converged else "stopped early",
+                }
+            )
             if best is None or solution.cost < best.cost:
                 best = solution
         if progress is not None:
@@ -223,9 +234,17 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
 
 
-def refit(problem: Problem, options: FitOptions, previous: Mapping[str, float], previous_segments: int,
-          clocks: FloatArray | None = None, *, most_evaluations: int = 60, tolerance: float = 1e-7,
-          items: Sequence[Observed] | None = None) -> Fitted:
+def refit(
+    problem: Problem,
+    options: FitOptions,
+    previous: Mapping[str, float],
+    previous_segments: int,
+    clocks: FloatArray | None = None,
+    *,
+    most_evaluations: int = 60,
+    tolerance: float = 1e-7,
+    items: Sequence[Observed] | None = None,
+) -> Fitted:
     """Fit from an earlier fit's values.
 
     Raises
@@ -258,8 +277,14 @@ def effect_starts(model_effects: Sequence[Any], names: Sequence[str]) -> list[di
     return starts
 
 
-def fit_added(problem: Problem, options: FitOptions, previous: Fitted, *, starts: Sequence[dict[str, float]] | None = None,
-              progress: Progress = None) -> Fitted:
+def fit_added(
+    problem: Problem,
+    options: FitOptions,
+    previous: Fitted,
+    *,
+    starts: Sequence[dict[str, float]] | None = None,
+    progress: Progress = None,
+) -> Fitted:
     """Fit a model that has more effects than `previous`, from several starts for the new parameters."""
     model = make_model(problem.actuator, options, problem.mirror)
     new = [effect.id for effect in model.effects if effect.id not in {e.id for e in previous.model.effects}]
@@ -272,12 +297,26 @@ def fit_added(problem: Problem, options: FitOptions, previous: Fitted, *, starts
     for index, start in enumerate(options_list):
         label = ", ".join(f"{k} = {v:g}" for k, v in start.items()) or "previous model"
         try:
-            trial = refit(problem, options, {**known, **start}, segments, previous.solution.clocks, items=thin,
-                          most_evaluations=15 if len(options_list) > 1 else 30, tolerance=1e-4)
+            trial = refit(
+                problem,
+                options,
+                {**known, **start},
+                segments,
+                previous.solution.clocks,
+                items=thin,
+                most_evaluations=15 if len(options_list) > 1 else 30,
+                tolerance=1e-4,
+            )
         except DataError:
             waterfall.append({"start": label, "cost": None, "status": "could not be simulated"})
             continue
-        waterfall.append({"start": label, "cost": trial.solution.cost, "status": "converged" if trial.solution.converged else "stopped early"})
+        waterfall.append(
+            {
+                "start": label,
+                "cost": trial.solution.cost,
+                "status": "converged" if trial.solution.converged else "stopped early",
+            }
+        )
         if best is None or trial.solution.cost < best.solution.cost:
             best = trial
         if progress is not None:
@@ -306,7 +345,10 @@ def held_out_clocks(fitted: Fitted, items: Sequence[Observed]) -> dict[str, floa
 
 
 def fit_model(
-    recordings: Mapping[str, Recording], actuator: Actuator, options: FitOptions | None = None, progress: Progress = None
+    recordings: Mapping[str, Recording],
+    actuator: Actuator,
+    options: FitOptions | None = None,
+    progress: Progress = None,
 ) -> ModelFit:
     """Fit the RSDA model to the training recordings and score it on the others (test runs are left alone).
 

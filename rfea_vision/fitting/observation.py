@@ -70,7 +70,9 @@ class Observed:
         if step <= 1:
             return self
         pick = slice(None, None, step)
-        changes = {k: getattr(self, k)[pick] for k in ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")}
+        changes = {
+            k: getattr(self, k)[pick] for k in ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")
+        }
         values = {k: v for k, v in self.__dict__.items() if k in self.__dataclass_fields__}
         return Observed(**{**values, **changes})
 
@@ -98,7 +100,9 @@ def default_observe(recordings: list[Recording]) -> Observe:
     return "angle"
 
 
-def _points(recording: Recording, valid: NDArray[np.bool_], mirror: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _points(
+    recording: Recording, valid: NDArray[np.bool_], mirror: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Fractions, points, normals and sigma of the valid frames."""
     data = recording.dataset
     flip = np.array([mirror, 1.0])
@@ -177,10 +181,14 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         angle_sigma = np.full(count, np.deg2rad(white_noise_mm(pair)))
     wanted: Observe = observe or default_observe([recording])
     if (wanted == "midline" and fractions.size < 2) or (wanted in ("tip", "tip_y") and fractions.size == 0):
-        raise DataError(f"experiment {name}: its track has no {wanted.split('_')[0]}; use --observe {default_observe([recording])}")
+        raise DataError(
+            f"experiment {name}: its track has no {wanted.split('_')[0]}; use --observe {default_observe([recording])}"
+        )
     if wanted == "angle" and not np.any(np.isfinite(angle)):
         raise DataError(f"experiment {name}: its track has no bend angle; use --observe {default_observe([recording])}")
-    sigma = np.maximum(np.where(np.isfinite(sigma), sigma, np.nanmedian(sigma) if sigma.size else 0), SMALLEST_SIGMA_MM * MM)
+    sigma = np.maximum(
+        np.where(np.isfinite(sigma), sigma, np.nanmedian(sigma) if sigma.size else 0), SMALLEST_SIGMA_MM * MM
+    )
     angle_sigma = np.maximum(np.where(np.isfinite(angle_sigma), angle_sigma, 0), np.deg2rad(SMALLEST_SIGMA_DEG))
     keep = _without_jumps(points, angle, sigma)
     method = str(data.attrs.get("sync_method", "common_clock"))
@@ -222,7 +230,8 @@ def noise_floor_mm(observed: list[Observed], recordings: dict[str, Recording]) -
             b = other.time - other.time[0]
             inside = a <= b[-1]
             difference = np.stack(
-                [item.points[inside, -1, k] - np.interp(a[inside], b, other.points[:, -1, k]) for k in range(2)], axis=-1
+                [item.points[inside, -1, k] - np.interp(a[inside], b, other.points[:, -1, k]) for k in range(2)],
+                axis=-1,
             )
             pairs.append(float(np.sqrt(np.mean(np.sum(difference**2, axis=1)) / 2)) / MM)
     if pairs:

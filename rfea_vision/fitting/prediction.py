@@ -40,13 +40,15 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     return out
 
 
-def _predict_one(simulator, par: np.ndarray, item: Observed, recording: Recording, clock: float) -> xr.Dataset:  # noqa: ANN001
+def _predict_one(simulator, par: np.ndarray, item: Observed, recording: Recording, clock: float) -> xr.Dataset:
     data = recording.dataset
     nodes = data.sizes.get("node", NODES)
     fractions = np.linspace(0, 1, nodes)
     predicted = predict_observed(simulator, par, item, (), clock, fractions)
     if predicted is None:
-        raise DataError(f"experiment {item.name}: the model could not be simulated on this run; its pressure may exceed the limit point")
+        raise DataError(
+            f"experiment {item.name}: the model could not be simulated on this run; its pressure may exceed the limit point"
+        )
     frames = data.sizes["time"]
     flip = np.array([item.mirror, 1.0])
     line = np.full((frames, nodes, 2), np.nan)
@@ -65,7 +67,11 @@ def _predict_one(simulator, par: np.ndarray, item: Observed, recording: Recordin
     elongation = radius * np.deg2rad(theta) / arc
     variables["elongation"] = (("time", "segment"), elongation.astype(np.float32), {"units": "1"})
     if "tip" in data:
-        variables["tip_residual"] = (("time", "xy"), (data["tip"].values - line[:, -1]).astype(np.float32), {"units": "mm"})
+        variables["tip_residual"] = (
+            ("time", "xy"),
+            (data["tip"].values - line[:, -1]).astype(np.float32),
+            {"units": "mm"},
+        )
     if "midline" in data:
         measured = data["midline"].values
         tangent = np.gradient(measured, axis=1)

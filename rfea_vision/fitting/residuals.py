@@ -31,8 +31,14 @@ class Predicted:
     dangle: FloatArray
 
 
-def predict_observed(model: Model, par: FloatArray, item: Observed, free: Sequence[int], clock_s: float = 0.0,
-                     fractions: FloatArray | None = None) -> Predicted | None:
+def predict_observed(
+    model: Model,
+    par: FloatArray,
+    item: Observed,
+    free: Sequence[int],
+    clock_s: float = 0.0,
+    fractions: FloatArray | None = None,
+) -> Predicted | None:
     """Simulate one experiment and look at it as the camera did; None if the simulation fails."""
     row = model.law.time_shift(par, model._constants, item.time - item.middle_s)[0]
     shift = np.broadcast_to(np.asarray(row[0], dtype=float), item.time.shape)
@@ -105,8 +111,9 @@ class Evaluation:
         return float(self.residual @ self.residual)
 
 
-def evaluate(model: Model, par: FloatArray, items: Sequence[Observed], free: Sequence[int],
-             clocks: FloatArray | None = None) -> Evaluation | None:
+def evaluate(
+    model: Model, par: FloatArray, items: Sequence[Observed], free: Sequence[int], clocks: FloatArray | None = None
+) -> Evaluation | None:
     """Residual and Jacobian [free parameters, one clock per experiment]; None if any simulation fails.
 
     Experiments run on up to two threads; the result does not depend on how many.

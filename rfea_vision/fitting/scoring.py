@@ -13,7 +13,7 @@ from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit, 
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matrix
 from rfea_vision.effects.base import BASE_UNITS
-from rfea_vision.fitting.fit import Fitted, FitOptions, Problem, make_model
+from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, make_model
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.solver import fit_clocks
@@ -72,8 +72,9 @@ def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
     )
 
 
-def score(problem: Problem, model: Any, par: FloatArray, items: Sequence[Observed],
-          clocks: FloatArray | None = None) -> tuple[dict[str, ExperimentScore], dict[str, Gaps], dict[str, float]]:
+def score(
+    problem: Problem, model: Any, par: FloatArray, items: Sequence[Observed], clocks: FloatArray | None = None
+) -> tuple[dict[str, ExperimentScore], dict[str, Gaps], dict[str, float]]:
     """Score each experiment; its clock is adjusted where it was found from the motion."""
     offsets = fit_clocks(model, items, par) if clocks is None else clocks
     scores, parts, used = {}, {}, {}
@@ -81,13 +82,17 @@ def score(problem: Problem, model: Any, par: FloatArray, items: Sequence[Observe
     for item, clock in zip(items, offsets, strict=True):
         predicted = predict_observed(model, par, item, (), float(clock))
         if predicted is None:
-            scores[item.name] = ExperimentScore(role=item.role, notes={"tip_rmse_mm": "the model could not be simulated on this run"})
+            scores[item.name] = ExperimentScore(
+                role=item.role, notes={"tip_rmse_mm": "the model could not be simulated on this run"}
+            )
             continue
         parts[item.name] = gaps(item, predicted)
         used[item.name] = float(clock)
         metrics = pooled([parts[item.name]], length_mm)
         nuisance = {"clock_offset_s": float(clock)} if item.clock_free else {}
-        scores[item.name] = ExperimentScore(role=item.role, frames_used=int(item.time.size), nuisance=nuisance, **metrics.model_dump())
+        scores[item.name] = ExperimentScore(
+            role=item.role, frames_used=int(item.time.size), nuisance=nuisance, **metrics.model_dump()
+        )
     return scores, parts, used
 
 
@@ -135,8 +140,14 @@ def _parameters(problem: Problem, fitted: Fitted, uncertainty: Uncertainty) -> t
             note, known = f"at its {at_bound[k]} bound: no interval", False
         half = uncertainty.quantile * error
         out[name] = Parameter(
-            value=value, unit=unit, stderr=error if known else None, interval_95=(value - half, value + half) if known else None,
-            lower=lower, upper=upper, fixed=k not in coordinates.free, note=note,
+            value=value,
+            unit=unit,
+            stderr=error if known else None,
+            interval_95=(value - half, value + half) if known else None,
+            lower=lower,
+            upper=upper,
+            fixed=k not in coordinates.free,
+            note=note,
         )
     return out, covariance
 
@@ -147,7 +158,11 @@ def _unit_and_bounds(fitted: Fitted, k: int) -> tuple[str, float | None, float |
         if k == 6 and k in fitted.coordinates.free:
             column = fitted.coordinates.free.index(k)
             size = fitted.coordinates.matrix[k, column]
-            return BASE_UNITS[name], float(fitted.coordinates.lower[column] * size), float(fitted.coordinates.upper[column] * size)
+            return (
+                BASE_UNITS[name],
+                float(fitted.coordinates.lower[column] * size),
+                float(fitted.coordinates.upper[column] * size),
+            )
         return BASE_UNITS[name], 0.0 if k % 2 == 0 else None, None
     effect, parameter = name.split(".")
     spec = next(e for e in fitted.model.effects if e.id == effect).parameters[parameter]
@@ -161,7 +176,12 @@ def _paper(fitted: Fitted, actuator: Actuator, covariance: FloatArray, quantile:
     matrix = as_paper_matrix(inner)
     spread = np.sqrt(np.maximum(np.diag(matrix @ covariance[:7, :7] @ matrix.T), 0.0))
     return {
-        name: Parameter(value=values[name], unit=unit, stderr=float(s), interval_95=(values[name] - quantile * s, values[name] + quantile * s))
+        name: Parameter(
+            value=values[name],
+            unit=unit,
+            stderr=float(s),
+            interval_95=(values[name] - quantile * s, values[name] + quantile * s),
+        )
         for (name, unit), s in zip(PAPER_UNITS.items(), spread, strict=True)
     }
 
@@ -196,7 +216,9 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
     other_clocks = fit_clocks(fitted.model, others, fitted.par)
     clocks = np.array([train_clocks[o.name] for o in problem.train] + [float(c) for c in other_clocks])
     scores, parts, _ = score(problem, fitted.model, fitted.par, [*problem.train, *others], clocks)
-    uncertainty = sandwich(list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices)
+    uncertainty = sandwich(
+        list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
+    )
     parameters, covariance = _parameters(problem, fitted, uncertainty)
     free = list(fitted.coordinates.free)
     spread = np.sqrt(np.maximum(np.diag(covariance)[free], 1e-300))
@@ -224,7 +246,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         steady_state=fitted.steady,
         starts=list(fitted.starts),
         laws=_laws(fitted),
-        effect_files=[str(p) for p in options.effect_files],
+        effect_files=[str(p) for p in options.effect_files],  # type: ignore[call-arg]
     )
 
 
@@ -234,6 +256,12 @@ def rebuild(artefact: ModelFit) -> tuple[Any, FloatArray]:
 
     actuator = Actuator(**artefact.actuator)
     files = tuple(Path(p) for p in (artefact.model_extra or {}).get("effect_files", ()))
-    options = FitOptions(name=artefact.name, segments=artefact.segments, joints=artefact.joints, effects=tuple(artefact.effects), effect_files=files)
+    options = FitOptions(
+        name=artefact.name,
+        segments=artefact.segments,
+        joints=artefact.joints,
+        effects=tuple(artefact.effects),
+        effect_files=files,
+    )
     model = make_model(actuator, options, -1.0 if actuator.bends == "right" else 1.0)
     return model, np.array([artefact.parameters[name].value for name in model.names])

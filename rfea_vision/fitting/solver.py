@@ -40,8 +40,15 @@ class Solution:
 
 
 def solve(
-    model: Model, items: Sequence[Observed], coordinates: Coordinates, start: FloatArray, clocks: FloatArray | None = None,
-    *, most_evaluations: int = 60, tolerance: float = 1e-7, weights: Sequence[FloatArray] | None = None,
+    model: Model,
+    items: Sequence[Observed],
+    coordinates: Coordinates,
+    start: FloatArray,
+    clocks: FloatArray | None = None,
+    *,
+    most_evaluations: int = 60,
+    tolerance: float = 1e-7,
+    weights: Sequence[FloatArray] | None = None,
 ) -> Solution | None:
     """Minimise from `start` (full parameter vector); None where not even the start can be simulated.
 
@@ -103,7 +110,15 @@ def solve(
         par, values = unpack(x0)
         return Solution(par, y0, values, first[2].cost, True, "nothing to fit", first[2], first[1], clock_index, count)
     result = least_squares(
-        fun, x0, jac, bounds=(lower, upper), method="trf", x_scale="jac", ftol=tolerance, xtol=1e-9, gtol=1e-12,
+        fun,
+        x0,
+        jac,  # type: ignore[arg-type]
+        bounds=(lower, upper),
+        method="trf",
+        x_scale="jac",
+        ftol=tolerance,
+        xtol=1e-9,
+        gtol=1e-12,
         max_nfev=most_evaluations,
     )
     last = at(result.x)
@@ -111,8 +126,16 @@ def solve(
         return None
     par, values = unpack(result.x)
     return Solution(
-        par, result.x[:ny], values, last[2].cost, result.status > 0, str(result.message), last[2],
-        last[1][: last[2].residual.size], clock_index, count,
+        par,
+        result.x[:ny],
+        values,
+        last[2].cost,
+        result.status > 0,
+        str(result.message),
+        last[2],
+        last[1][: last[2].residual.size],
+        clock_index,
+        count,
     )
 
 

@@ -53,8 +53,12 @@ def find_plateaus(items: Sequence[Observed]) -> list[Plateau]:
                 if tail.stop - tail.start >= 5 and np.all(np.ptp(signal[tail], axis=0) < still):
                     found.append(
                         Plateau(
-                            item.name, float(item.time[start]), float(item.time[stop - 1]), float(pressure[tail].mean()),
-                            item.points[tail].mean(axis=0), float(np.mean(item.angle[tail])),
+                            item.name,
+                            float(item.time[start]),
+                            float(item.time[stop - 1]),
+                            float(pressure[tail].mean()),
+                            item.points[tail].mean(axis=0),
+                            float(np.mean(item.angle[tail])),
                         )
                     )
                 start = stop
@@ -63,22 +67,42 @@ def find_plateaus(items: Sequence[Observed]) -> list[Plateau]:
     return found
 
 
-def steady_points(model: Model, par: FloatArray, pressure: float, free: Sequence[int], fractions: FloatArray,
-                  start: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float, FloatArray, FloatArray] | None:
+def steady_points(
+    model: Model,
+    par: FloatArray,
+    pressure: float,
+    free: Sequence[int],
+    fractions: FloatArray,
+    start: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray, float, FloatArray, FloatArray] | None:
     """Points (m, 2), derivatives, tip angle and its derivative at one pressure, and phi; None where there is no steady state."""
     steady = model.steady(par, pressure, free, start=start)
     if not steady.found:
         steady = model.steady(par, pressure, free)
         if not steady.found:
             return None
-    motion = Motion(0, "", steady.phi[None], np.zeros((1, steady.phi.size)), steady.states[None], steady.sensitivity[None],
-                    np.asarray(free, dtype=np.int64))
+    motion = Motion(
+        0,
+        "",
+        steady.phi[None],
+        np.zeros((1, steady.phi.size)),
+        steady.states[None],
+        steady.sensitivity[None],
+        np.asarray(free, dtype=np.int64),
+    )
     points, dpoints = model.centre_line(motion, fractions)
     return points[0], dpoints[0], float(steady.phi[-1]), steady.sensitivity[-1], steady.phi
 
 
-def fit_steady(model: Model, plateaus: Sequence[Plateau], coordinates: Coordinates, start: FloatArray,
-               fractions: FloatArray, sigma_m: float = 1e-4, sigma_angle: float = 1e-3) -> tuple[FloatArray, FloatArray] | None:
+def fit_steady(
+    model: Model,
+    plateaus: Sequence[Plateau],
+    coordinates: Coordinates,
+    start: FloatArray,
+    fractions: FloatArray,
+    sigma_m: float = 1e-4,
+    sigma_angle: float = 1e-3,
+) -> tuple[FloatArray, FloatArray] | None:
     """Least squares on the plateaus: parameters and weighted residual; None where the start has no steady state."""
     guesses: dict[int, FloatArray] = {}
 
@@ -112,5 +136,6 @@ def fit_steady(model: Model, plateaus: Sequence[Plateau], coordinates: Coordinat
         out = run(y)
         return np.zeros((bad.size, y.size)) if out is None else out[1]
 
-    result = least_squares(fun, y0, jac, bounds=(coordinates.lower, coordinates.upper), x_scale="jac", max_nfev=40)
+    bounds = (coordinates.lower, coordinates.upper)
+    result = least_squares(fun, y0, jac, bounds=bounds, x_scale="jac", max_nfev=40)  # type: ignore[arg-type]
     return coordinates.parameters(result.x), result.fun

@@ -35,7 +35,9 @@ def _frame_of_row(item: Observed, rows: int) -> NDArray[np.int64]:
     return np.concatenate([np.repeat(np.arange(frames), nodes), tip])
 
 
-def sandwich(items: list[Observed], residual: FloatArray, jacobian: FloatArray, slices: tuple[slice, ...]) -> Uncertainty:
+def sandwich(
+    items: list[Observed], residual: FloatArray, jacobian: FloatArray, slices: tuple[slice, ...]
+) -> Uncertainty:
     """Cluster-robust covariance over blocks of time: J^-1 (sum over blocks of g g') J^-1.
 
     Nodes of one frame, and frames of one block, may be correlated in any way. The blocks' number gives the degrees of

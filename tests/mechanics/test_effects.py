@@ -59,7 +59,9 @@ def test_sensitivities_match_finite_differences(name, actuator, published, excit
         up, down = par.copy(), par.copy()
         up[index] += step
         down[index] -= step
-        difference = (_observed(model, up, excitation, frames)[0] - _observed(model, down, excitation, frames)[0]) / (2 * step)
+        difference = (_observed(model, up, excitation, frames)[0] - _observed(model, down, excitation, frames)[0]) / (
+            2 * step
+        )
         size = np.abs(difference).max()
         if size * abs(par[index] or _scale(model, parameter)) < 1e-9:
             continue
@@ -77,10 +79,26 @@ def _scale(model, parameter):
 @pytest.mark.parametrize("name", EFFECTS)
 def test_every_effect_changes_something_it_says_it_changes(name, actuator, published, excitation, frames):
     effect = catalogue()[name]
-    hooks = (
-        "outer_radius rubber_volume rest_angle stiffness damping hydraulic_torque joint_torque inertia added_mass gravity "
-        "body_force base_compliance felt_pressure line_time_constant flow_resistance flow_inertance observed_position time_shift"
-    ).split()
+    hooks = [
+        "outer_radius",
+        "rubber_volume",
+        "rest_angle",
+        "stiffness",
+        "damping",
+        "hydraulic_torque",
+        "joint_torque",
+        "inertia",
+        "added_mass",
+        "gravity",
+        "body_force",
+        "base_compliance",
+        "felt_pressure",
+        "line_time_constant",
+        "flow_resistance",
+        "flow_inertance",
+        "observed_position",
+        "time_shift",
+    ]
     assert any(effect.overrides(hook) for hook in hooks)
     assert effect.title and effect.reference and effect.shows and effect.mistaken_for and effect.split_by
     for spec in effect.parameters.values():
