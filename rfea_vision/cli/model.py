@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit
-from rfea_vision.cli.console import print_json, print_table, shown
+from rfea_vision.cli.console import print_json, print_table
 from rfea_vision.cli.options import Quantity, campaign_options, effect_file_option, model_options, opened
 
 
@@ -199,12 +199,5 @@ def print_ladder(ladder: Ladder) -> None:
         rows,
         left=2,
     )
-    if ladder.test:
-        before, after = shown(ladder.test.get("first_model_tip_rmse_mm")), shown(ladder.test.get("tip_rmse_mm"))
-        click.echo(f"test: {before} mm with {ladder.rungs[0].model}, {after} mm with {ladder.test.get('model')}")
-    if ladder.noise_floor_mm is not None:
-        click.echo(f"noise floor: {ladder.noise_floor_mm:.3f} mm")
-    if ladder.stopped_because:
-        click.echo(f"stopped because {ladder.stopped_because}")
-    for finding in ladder.findings:
-        click.echo(f"- {finding}")
+    for finding in ladder.findings or [f"Stopped because {ladder.stopped_because}"]:
+        click.echo(finding)

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from rfea_vision.fitting import FitOptions
     from rfea_vision.stages.workspace import Workspace
 
-FIT_CODE = ("tube", "steady", "dynamics", "effects", "fitting")
-CRITIQUE_CODE = (*FIT_CODE, "critique")
+CODE = ("tube", "steady", "dynamics", "effects", "fitting", "critique")
 PREDICTED_ROLES = ("train", "validate")
 
 
@@ -69,11 +68,12 @@ def fit(work: Workspace, options: FitOptions) -> ModelFit:
     folder = model_folder(work, options.name)
 
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
+        from rfea_vision.critique import with_residual_torque
         from rfea_vision.fitting import fit_model, predict
 
         model = fit_model(recordings, actuator, options, progress=progress)
         model = model.model_copy(update={"inputs": work.raw_inputs()})
-        save_prediction(folder, predict(model, recordings))
+        save_prediction(folder, with_residual_torque(model, recordings, predict(model, recordings)))
         model.save(folder / "model.json")
         return model, [folder / "model.json", folder / "prediction.nc"], describe_fit(model)
 
@@ -95,14 +95,14 @@ def fit_parts(
         "inputs": list(options.effect_files),
         "also": recording_hashes(work, seen),
         "options": {"fit": _kept(options), "actuator": actuator},
-        "code": FIT_CODE,
+        "code": CODE,
     }
 
 
 def compare_parts(work: Workspace, name: str) -> dict[str, Any]:
     """Return what a comparison depends on."""
     files = [model_folder(work, name) / file for file in ("model.json", "prediction.nc")]
-    return {"inputs": [], "also": [work.cache.sha256(file) for file in files], "options": {}, "code": CRITIQUE_CODE}
+    return {"inputs": [], "also": [work.cache.sha256(file) for file in files], "options": {}, "code": CODE}
 
 
 def diagnose_parts(
@@ -112,7 +112,7 @@ def diagnose_parts(
     seen = {name: recording for name, recording in recordings.items() if recording.role in PREDICTED_ROLES}
     model = work.cache.sha256(model_folder(work, name) / "model.json")
     also = [model, *recording_hashes(work, seen)]
-    return {"inputs": list(files), "also": also, "options": {"seed": seed}, "code": CRITIQUE_CODE}
+    return {"inputs": list(files), "also": also, "options": {"seed": seed}, "code": CODE}
 
 
 def fitted(work: Workspace, name: str) -> ModelFit:
@@ -168,7 +168,8 @@ def diagnose(work: Workspace, name: str, *, effect_files: Sequence[Path | str] =
         from rfea_vision.critique import diagnose as diagnose_model
 
         diagnosis, experiment = diagnose_model(model, recordings, effect_files=files, seed=seed, progress=progress)
-        outputs = save_diagnosis(folder, diagnosis, experiment)
+        pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)
+        outputs = save_diagnosis(folder, diagnosis, pressure)
         return diagnosis, outputs, diagnosis.sentence or diagnosis.verdict
 
     return work.run(
@@ -210,7 +211,7 @@ def improve(work: Workspace, options: FitOptions, *, budget_s: float) -> Ladder:
         inputs=list(options.effect_files),
         also=recording_hashes(work, recordings),
         options={"fit": _kept(options), "actuator": actuator, "budget_s": budget_s},
-        code=CRITIQUE_CODE,
+        code=CODE,
         make=make,
         load=lambda: Ladder.load(path),
     )
@@ -234,10 +235,18 @@ def _save_rung(
     work.remember("fit", model.name, fit_files, **fit_parts(work, own, recordings, actuator))
     comparison.save(folder / "comparison.json")
     work.remember("compare", model.name, [folder / "comparison.json"], **compare_parts(work, model.name))
-    diagnosis.save(folder / "diagnosis.json")
+    outputs = save_diagnosis(folder, *_without_pressure(diagnosis))
     parts = diagnose_parts(work, model.name, recordings, options.effect_files, options.seed)
-    work.remember("diagnose", model.name, [folder / "diagnosis.json"], **parts)
-    return [*fit_files, folder / "comparison.json", folder / "diagnosis.json"]
+    work.remember("diagnose", model.name, outputs, **parts)
+    return [*fit_files, folder / "comparison.json", *outputs]
+
+
+def _without_pressure(diagnosis: Diagnosis) -> tuple[Diagnosis, tuple[Any, Any] | None]:
+    """Take the next experiment's pressure, which a rung carries with it, out of its diagnosis."""
+    content = diagnosis.model_dump(by_alias=True)
+    given = content.pop("next_pressure", None)
+    pressure = None if given is None else (given["time_s"], given["pressure_kPa"])
+    return Diagnosis.model_validate(content), pressure
 
 
 def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[Rung]) -> Rung:
@@ -304,12 +313,12 @@ def load_prediction(folder: Path, experiments: Sequence[str]) -> dict[str, xr.Da
     return {name: read_dataset(folder / "prediction.nc", name) for name in experiments}
 
 
-def save_diagnosis(folder: Path, diagnosis: Diagnosis, experiment: xr.Dataset | None) -> list[Path]:
-    """Write the diagnosis, and the pressure to play next as a CSV beside it."""
+def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: tuple[Any, Any] | None) -> list[Path]:
+    """Write the diagnosis, and the pressure to play next (s, kPa) as a CSV beside it."""
     outputs = [folder / "diagnosis.json"]
-    if experiment is not None and diagnosis.next_experiment is not None:
+    if pressure is not None and diagnosis.next_experiment is not None:
         path = folder / Path(diagnosis.next_experiment.pressure).name
-        columns = {"time_s": experiment["log_time"].values, "pressure_kPa": experiment["pressure"].values}
+        columns = {"time_s": pressure[0], "pressure_kPa": pressure[1]}
         with whole_file(path) as temporary:
             pd.DataFrame(columns).to_csv(temporary, float_format="%.6g", index=False)
         outputs.append(path)
