@@ -118,6 +118,7 @@ def compose(effects: Sequence[Effect]) -> Law:
     observed: tuple[sp.Expr, sp.Expr] = (X, Y)
     body = Body(X, Y, VX, VY, BODY_LENGTH, OUTER, TUBE_LENGTH, MIRROR)
     place_in_joint: Any = {}
+    numbers: Any = {}
     for effect in effects:
         weight = sp.Symbol(f"weight__{effect.id}", real=True)
         weights.append(weight)
@@ -127,6 +128,7 @@ def compose(effects: Sequence[Effect]) -> Law:
             absent = effect.parameters[name].absent
             if absent is not None:
                 place_in_joint[symbol] = absent + weight * (symbol - absent)
+        numbers.update({getattr(effect, name): sp.Float(value) for name, (_, value) in effect.constants.items()})
         own_rates, own_relaxed = effect.state_rates(joint), effect.relaxed_states(joint)
         for state in effect.states:
             if state not in own_rates or state not in own_relaxed:
@@ -148,23 +150,30 @@ def compose(effects: Sequence[Effect]) -> Law:
         inertance = inertance + effect.flow_inertance()
         observed = effect.observed_position(*observed, MIRROR)
         shift = shift + effect.time_shift(TIME)
+
+    def final(expression: Any) -> Any:
+        return sp.sympify(expression).subs(numbers)
+
+    def in_joint(expression: Any) -> Any:
+        return final(expression).subs(place_in_joint, simultaneous=True)
+
     return Law(
         parameters=tuple(names),
         symbols=tuple(symbols),
         states=tuple(states),
         weights=tuple(weights),
-        torque=sp.sympify(torque).subs(place_in_joint, simultaneous=True),
-        state_rates=tuple(rate.subs(place_in_joint, simultaneous=True) for rate in rates),
-        relaxed=tuple(value.subs(place_in_joint, simultaneous=True) for value in relaxed),
-        added_mass=sp.sympify(mass).subs(place_in_joint, simultaneous=True),
-        body_force=(sp.sympify(force[0]), sp.sympify(force[1])),
-        gravity=(sp.sympify(gravity[0]), sp.sympify(gravity[1])),
+        torque=in_joint(torque),
+        state_rates=tuple(in_joint(rate) for rate in rates),
+        relaxed=tuple(in_joint(value) for value in relaxed),
+        added_mass=in_joint(mass),
+        body_force=(final(force[0]), final(force[1])),
+        gravity=(final(gravity[0]), final(gravity[1])),
         inertia=inertia,
-        base_compliance=sp.sympify(compliance),
-        felt_pressure=sp.sympify(felt),
-        line_time_constant=sp.sympify(lag),
-        flow_resistance=sp.sympify(resistance),
-        flow_inertance=sp.sympify(inertance),
-        observed_position=(sp.sympify(observed[0]), sp.sympify(observed[1])),
-        time_shift=sp.sympify(shift),
+        base_compliance=final(compliance),
+        felt_pressure=final(felt),
+        line_time_constant=final(lag),
+        flow_resistance=final(resistance),
+        flow_inertance=final(inertance),
+        observed_position=(final(observed[0]), final(observed[1])),
+        time_shift=final(shift),
     )

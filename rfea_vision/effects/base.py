@@ -159,13 +159,17 @@ class Effect:
     split_by: ClassVar[str] = ""
     kind: ClassVar[str] = "tube"  # tube | load | pressure | measurement
     parameters: ClassVar[dict[str, EffectParameter]]
-    states: ClassVar[tuple[str, ...]] = ()
+    states: ClassVar[dict[str, str]] = {}  # name to unit
+    constants: ClassVar[dict[str, tuple[str, float]]] = {}  # name to unit and value: numbers that have a unit
     dissipates: ClassVar[bool] = False
     source_text: ClassVar[str | None] = None  # of a user's file
     exactly_tied_to: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self) -> None:
-        self._symbols = {name: sp.Symbol(f"{self.id}__{name}", real=True) for name in (*self.parameters, *self.states)}
+        self._symbols = {
+            name: sp.Symbol(f"{self.id}__{name}", real=True)
+            for name in (*self.parameters, *self.states, *self.constants)
+        }
 
     def __getattr__(self, name: str) -> sp.Symbol:
         symbols = self.__dict__.get("_symbols", {})

@@ -11,9 +11,10 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from rfea_vision.effects.base import Effect
+from rfea_vision.effects.validation import validate
 from rfea_vision.errors import InputError
 
-_NOT_EFFECTS = {"base", "catalogue", "typeset"}
+_NOT_EFFECTS = {"base", "catalogue", "typeset", "validation"}
 
 
 def _effects_in(module: object) -> list[type[Effect]]:
@@ -62,6 +63,12 @@ def load_effect_file(path: Path) -> list[type[Effect]]:
         raise InputError(f"{path}: declares no effect; subclass rfea_vision.effects.base.Effect and give it an `id`")
     for effect in effects:
         effect.source_text = path.read_text(encoding="utf-8")
+        try:
+            validate(effect())
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+        except Exception as error:
+            raise InputError(f"{path}: effect {effect.id}: {type(error).__name__}: {error}; mend the law") from error
     return effects
 
 

@@ -22,10 +22,11 @@ class Drag(Effect):
             "kg/m^3", 0.0, 0.0, 2000.0, 5.0, "half the density of the medium times the drag coefficient"
         )
     }
+    constants = {"still": ("m/s", 1e-6)}
     dissipates = True
 
     def body_force(self, body: Body) -> tuple[sp.Expr, sp.Expr]:
-        # 1e-12: keeps the derivative finite at rest, where |v| has a kink.
-        speed = sp.sqrt(body.vx**2 + body.vy**2 + sp.Float(1e-12))
+        # Keeps the derivative finite at rest, where |v| has a kink.
+        speed = sp.sqrt(body.vx**2 + body.vy**2 + self.still**2)
         factor = -self.c * 2 * body.rest_outer_radius * body.rest_length * speed
         return factor * body.vx, factor * body.vy

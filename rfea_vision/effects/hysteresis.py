@@ -22,7 +22,7 @@ class Hysteresis(Effect):
             "rad", None, 0.005, 3.0, 0.2, "tube angle over which it builds up", grid=(0.05, 0.2, 0.8), display="deg"
         ),
     }
-    states = ("z",)
+    states = {"z": "1"}
     dissipates = True
 
     def joint_torque(self, joint: Joint) -> sp.Expr:

@@ -20,7 +20,7 @@ class Maxwell(Effect):
         "k1": EffectParameter("1", 0.0, 0.0, 3.0, 0.1, "stiffness of the branch over k_ref"),
         "T": EffectParameter("s", None, 0.02, 100.0, 0.5, "relaxation time", grid=(0.08, 0.3, 1.0, 4.0)),
     }
-    states = ("z",)
+    states = {"z": "rad"}
     dissipates = True
 
     def joint_torque(self, joint: Joint) -> sp.Expr:

@@ -22,14 +22,15 @@ class Mullins(Effect):
             "rad", None, 0.05, 10.0, 1.0, "tube angle over which it is lost", grid=(0.3, 1.5), display="deg"
         ),
     }
-    states = ("z",)
+    states = {"z": "rad"}
+    constants = {"follow": ("s", 0.01)}
 
     def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
         return stiffness * (1 - self.c * (1 - sp.exp(-self.z / self.s)))
 
     def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
         gap = joint.tube_angle - self.z
-        return {"z": sp.Piecewise((gap / sp.Float(0.01), gap > 0), (0, True))}
+        return {"z": sp.Piecewise((gap / self.follow, gap > 0), (0, True))}
 
     def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
         return {"z": sp.Piecewise((joint.tube_angle, joint.tube_angle > 0), (0, True))}

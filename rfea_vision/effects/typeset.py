@@ -38,7 +38,7 @@ def _joint() -> Joint:
 
 def _letters(effect: Effect) -> Any:
     out = {}
-    for name in (*effect.parameters, *effect.states):
+    for name in (*effect.parameters, *effect.states, *effect.constants):
         letter = re.sub(r"([A-Za-z])(\d+)$", r"\1_{\2}", name)
         out[getattr(effect, name)] = sp.Symbol(
             {"angle": r"\alpha", "tau_h": r"\tau_h", "tau_c": r"\tau_c"}.get(name, letter)
@@ -75,8 +75,8 @@ def law_lines(effect: Effect) -> list[str]:
     if effect.overrides("inertia"):
         last: Any = sp.Integer(1)
         place = BodyPlace(one("l"), last, one("r_o"))
-        changed = effect.inertia(place, BodyInertia(one("m"), one("c"), sp.Integer(0), one("I")))
-        lines.append(rf"m' = {latex(changed.mass)},\quad d' = {latex(changed.across)}")
+        changed = effect.inertia(place, BodyInertia(one("m_b"), one("c"), sp.Integer(0), one("I")))
+        lines.append(rf"m_b' = {latex(changed.mass)},\quad d' = {latex(changed.across)}")
     if effect.overrides("gravity"):
         gx, gy = effect.gravity((sp.Integer(0), -one("g")), body)
         lines.append(rf"\mathbf{{g}}' = \left({latex(gx)},\ {latex(gy)}\right)")
