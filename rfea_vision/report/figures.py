@@ -34,11 +34,8 @@ FIGURES = {
         Figure(
             "carpet",
             "Error along the tube",
-            "One column per instant, clamp at the top, tip at the bottom. Blue: the measured tube lies on the "
-            "inner side of the "
-            "modelled one (as seen along its normal); orange: on the outer side. The strip on top names the "
-            "phase of the "
-            "pressure. A complete model leaves grain without stripes or stains.",
+            "One column per instant, clamp at the top, tip at the bottom. The strip on top names the phase of "
+            "the pressure. A complete model leaves grain without stripes or stains.",
             "Carpet of the distance between measured and modelled tube over time and along the tube",
             300,
         ),

@@ -49,12 +49,13 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
         "rungs": [pack_step(step, evidence, pack, titles) for step in evidence.steps],
         "calibration": _calibration(evidence),
         "length_mm": _length_mm(evidence),
-        "bends": evidence.steps[0].fit.actuator.get("bends", "left") if evidence.steps else "left",
+        "bends": _bends(evidence),
     }
     packed = pack.base64()
     clips = _clips(evidence.experiments, experiments, SIZE_LIMIT_BYTES - len(packed) - 700_000)
     return environment().get_template("page.html.j2").render(
-        title=title, evidence=evidence, titles=titles, experiments=experiments, commands=commands, figures=FIGURES,
+        title=title, bends=_bends(evidence), evidence=evidence, titles=titles, experiments=experiments,
+        commands=commands, figures=FIGURES,
         headline=prose.headline(evidence, titles), findings=list(prose.findings(evidence)),
         tiles=list(prose.tiles(evidence, titles)), last=prose.last_step(evidence),
         names=[rung_name(step, titles) for step in evidence.steps], scale=ladder_scale(evidence),
@@ -114,6 +115,10 @@ def _calibration(evidence: Evidence) -> dict[str, Any]:
     ]
     size = [evidence.camera.get("image_width"), evidence.camera.get("image_height")] if evidence.camera else None
     return kept | {"photos": fields, "size": size}
+
+
+def _bends(evidence: Evidence) -> str:
+    return str(evidence.steps[0].fit.actuator.get("bends", "left")) if evidence.steps else "left"
 
 
 def _length_mm(evidence: Evidence) -> float | None:

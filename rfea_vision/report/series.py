@@ -111,7 +111,6 @@ def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str,
         ("tip", "tip", "series"),
         ("angle", "bend_angle", "series"),
         ("gap", "tip_residual", "series"),
-        ("error", "tip_error", "series"),
         ("midline", "midline", "pose"),
         ("carpet", "normal_residual", "carpet"),
         ("torque", "residual_torque", "carpet"),
@@ -122,9 +121,25 @@ def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str,
             record[key] = pack.add(modelled[name].values[where[kind]])
         else:
             why[key] = f"prediction.nc of {step.rung.model} has no {name.replace('_', ' ')} for {experiment.name}."
+    record |= _error(modelled, data, where["series"], kinds["series"], pack)
+    if "error" not in record:
+        why["error"] = f"{experiment.name} has neither tip nor bend angle in prediction.nc of {step.rung.model}."
     if "phase" in modelled:
         record["phase"] = _stretches(modelled["phase"].values.astype(str), modelled["time"].values)
     return record
+
+
+def _error(
+    modelled: xr.Dataset, data: xr.Dataset, rows: np.ndarray, measured_rows: np.ndarray, pack: Pack
+) -> dict[str, Any]:
+    """Length of the stored gap at the tip; for an inclinometer, the gap in angle."""
+    if "tip_residual" in modelled:
+        gap = modelled["tip_residual"].values[rows].astype(float)
+        return {"error": pack.add(np.hypot(gap[:, 0], gap[:, 1])), "unit": "mm"}
+    if "bend_angle" in modelled and "bend_angle" in data:
+        angle = data["bend_angle"].values[measured_rows] - modelled["bend_angle"].values[rows]
+        return {"error": pack.add(np.abs(angle)), "unit": "deg"}
+    return {}
 
 
 def _stretches(labels: np.ndarray, time: np.ndarray) -> list[list[Any]]:

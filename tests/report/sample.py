@@ -82,7 +82,7 @@ def shape(angle_deg: np.ndarray, tilt_deg: float) -> tuple[np.ndarray, np.ndarra
 def normals(line: np.ndarray) -> np.ndarray:
     tangent = np.gradient(line, axis=1)
     tangent /= np.linalg.norm(tangent, axis=-1, keepdims=True)
-    return np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
+    return np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
 
 
 def phases(pressure: np.ndarray, time: np.ndarray) -> np.ndarray:
@@ -209,7 +209,6 @@ def prediction(e: dict, rung: int) -> xr.Dataset:
             "theta": (("time", "joint"), theta),
             "elongation": (("time", "segment"), RADIUS_MM * np.radians(theta) / (LENGTH_MM / SEGMENTS)),
             "tip_residual": (("time", "xy"), tip_gap),
-            "tip_error": ("time", np.linalg.norm(tip_gap, axis=-1)),
             "normal_residual": (("time", "node"), np.sum(gap * normals(line), axis=-1)),
             "phase": ("time", phases(e["p"], e["time"])),
             "residual_torque": (("time", "segment"), torque),
@@ -217,6 +216,10 @@ def prediction(e: dict, rung: int) -> xr.Dataset:
         },
         coords={"time": e["time"], "xy": ["x", "y"]},
     )
+
+
+def error_of(predicted: xr.Dataset) -> np.ndarray:
+    return np.linalg.norm(predicted.tip_residual.values, axis=-1)
 
 
 def rms(values: np.ndarray) -> float:
@@ -227,11 +230,11 @@ def scores(predicted: dict[str, xr.Dataset]) -> dict[str, dict]:
     return {
         name: {
             "role": ROLES.get(name, "train"),
-            "tip_rmse_mm": rms(d.tip_error.values),
+            "tip_rmse_mm": rms(error_of(d)),
             "tip_y_rmse_mm": rms(d.tip_residual.values[:, 1]),
             "midline_rmse_mm": rms(d.normal_residual.values),
-            "angle_rmse_deg": rms(d.tip_error.values) * 0.4,
-            "tip_rmse_percent_of_length": 100 * rms(d.tip_error.values) / LENGTH_MM,
+            "angle_rmse_deg": rms(error_of(d)) * 0.4,
+            "tip_rmse_percent_of_length": 100 * rms(error_of(d)) / LENGTH_MM,
             "frames_used": d.sizes["time"],
         }
         for name, d in predicted.items()
@@ -327,7 +330,7 @@ def model_fit(rung: int, predicted: dict[str, xr.Dataset]) -> ModelFit:
 def worst_places(predicted: dict[str, xr.Dataset]) -> list[dict]:
     rows = []
     for name, data in predicted.items():
-        error, time = data.tip_error.values, data.time.values
+        error, time = error_of(data), data.time.values
         peak = int(np.argmax(error))
         phase = str(data.phase.values[peak])
         rows.append({
@@ -339,11 +342,11 @@ def worst_places(predicted: dict[str, xr.Dataset]) -> list[dict]:
 
 
 def comparison(rung: int, experiments: dict[str, dict], predicted: dict[str, xr.Dataset]) -> Comparison:
-    by_phase, pooled = [], np.concatenate([d.tip_error.values for d in predicted.values()])
+    by_phase, pooled = [], np.concatenate([error_of(d) for d in predicted.values()])
     for name, data in predicted.items():
         for phase in np.unique(data.phase.values):
-            chosen = data.tip_error.values[data.phase.values == phase]
-            share = float(np.sum(chosen**2) / np.sum(data.tip_error.values**2))
+            chosen = error_of(data)[data.phase.values == phase]
+            share = float(np.sum(chosen**2) / np.sum(error_of(data) ** 2))
             by_phase.append({"experiment": name, "role": ROLES.get(name, "train"), "phase": str(phase),
                              "rmse_mm": rms(chosen), "share": share, "frames": len(chosen)})  # fmt: skip
     pressures = np.concatenate([e["p"] for e in experiments.values()])
@@ -364,8 +367,8 @@ def comparison(rung: int, experiments: dict[str, dict], predicted: dict[str, xr.
         at = int(np.argmin(np.abs(first["p"] - level)))
         strain = RADIUS_MM * np.radians(first["theta"][at]) / (LENGTH_MM / SEGMENTS)
         profiles.append({
-            "experiment": first["name"], "pressure_kPa": level, "sigma": ((np.arange(SEGMENTS) + 0.5) / SEGMENTS).tolist(),
-            "measured": strain.tolist(), "measured_sigma": [0.004] * SEGMENTS, "modelled": (strain * 0.98).tolist(),
+            "experiment": first["name"], "pressure_kPa": level, "position": ((np.arange(SEGMENTS) + 0.5) / SEGMENTS).tolist(),
+            "measured": strain.tolist(), "sigma": [0.004] * SEGMENTS, "modelled": (strain * 0.98).tolist(),
         })  # fmt: skip
     return Comparison.model_validate({
         "model": RUNGS[rung], "noise_floor_mm": 0.085, "by_phase": by_phase, "by_pressure": by_pressure,
@@ -454,7 +457,8 @@ def write_sample(
     for name, e in experiments.items():
         write_measurement(folder / name, e, video=video)
     save_calibration(folder / "calibration" / "camera.yaml", calibration())
-    predicted = [{name: prediction(e, rung) for name, e in experiments.items()} for rung in range(len(RUNGS))]
+    kept = {name: e for name, e in experiments.items() if ROLES.get(name) != "test"}
+    predicted = [{name: prediction(e, rung) for name, e in kept.items()} for rung in range(len(RUNGS))]
     fits = [model_fit(rung, predicted[rung]) for rung in range(len(RUNGS))]
     roles = ["validate" if "validate" in fit.metrics else "train" for fit in fits]
     errors = [float(fit.metrics[role].tip_rmse_mm or 0) for fit, role in zip(fits, roles, strict=True)]
@@ -464,7 +468,7 @@ def write_sample(
         room.mkdir(parents=True, exist_ok=True)
         fit.save(room / "model.json")
         write_datasets(room / "prediction.nc", dict(predicted[rung]))
-        comparison(rung, experiments, predicted[rung]).save(room / "comparison.json")
+        comparison(rung, kept, predicted[rung]).save(room / "comparison.json")
         verdict = diagnosis(rung, predicted[rung], errors)
         verdict.save(room / "diagnosis.json")
         if verdict.next_experiment:
@@ -477,7 +481,7 @@ def write_sample(
                      "delta_bic": (None, -41200.0, -3100.0)[rung]})  # fmt: skip
     Ladder.model_validate({
         "rungs": rows, "noise_floor_mm": 0.085, "stopped_because": "What is left is at the noise floor.",
-        "test": {"model": RUNGS[-1], "tip_rmse_mm": errors[-1] * 1.03, "first_model_tip_rmse_mm": errors[0] * 1.1, "experiments": {}},
+        "test": {"model": RUNGS[-1], "tip_rmse_mm": errors[-1] * 1.03, "first_model_tip_rmse_mm": errors[0] * 1.1, "first_model": RUNGS[0], "experiments": {"mixed-250kPa": errors[-1] * 1.03}},
         "findings": [
             "The model of the paper lacks two effects: creep (maxwell) and a tilt of gravity (gravity_tilt).",
             f"With both, the tip error on the held-out run falls from {errors[0]:.2f} mm to {errors[-1]:.2f} mm; "

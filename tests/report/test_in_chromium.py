@@ -24,7 +24,7 @@ CLOCK = "parseFloat(document.getElementById('clock').textContent)"
 VISIT_ALL = """(async () => {
   for (const figure of document.querySelectorAll('[data-figure]')) {
     figure.scrollIntoView({behavior: 'instant', block: 'center'});
-    await new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 30))));
+    for (let wait = 0; wait < 200 && figure.dataset.state !== 'drawn'; wait++) await new Promise(done => setTimeout(done, 20));
   }
   scrollTo({top: 0, behavior: 'instant'});
 })()"""
@@ -59,7 +59,7 @@ def ink(browser: Browser, figure: str) -> int:
 
 def picture_of(browser: Browser, figure: str) -> str:
     centre_of(browser, f'[data-figure="{figure}"]')
-    browser.run("new Promise(done => setTimeout(done, 150))")
+    browser.wait(f"""document.querySelector('[data-figure="{figure}"]').dataset.state === 'drawn'""")
     return browser.run(f"""document.querySelector('[data-figure="{figure}"] canvas').toDataURL()""")
 
 

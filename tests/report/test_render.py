@@ -145,7 +145,7 @@ def test_an_inclinometer_has_only_angles(copy: Path) -> None:
     assert "angle" in first
     assert "tip" not in first
     assert "has no tip" in first["why"]["tip"]
-    assert "has no tip error" in manifest["rungs"][0]["experiments"]["steps-270kPa"]["why"]["error"]
+    assert manifest["rungs"][0]["experiments"]["steps-270kPa"]["unit"] == "deg"
 
 
 def test_all_frames_lost(copy: Path) -> None:

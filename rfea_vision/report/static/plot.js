@@ -48,7 +48,7 @@ class Figure {
     this.stale = true;
     this.visible = false;
     new ResizeObserver(() => this.refresh()).observe(this.holder);
-    new IntersectionObserver(([entry]) => { this.visible = entry.isIntersecting; if (this.visible) Figure.schedule(); }, {rootMargin: "300px"}).observe(element);
+    new IntersectionObserver(entries => { this.visible = entries.at(-1).isIntersecting; if (this.visible) Figure.schedule(); }, {rootMargin: "300px"}).observe(element);
     for (const button of element.querySelectorAll("[data-save]")) button.addEventListener("click", () => this.save(button.dataset.save));
     if (this.plot.pick || this.plot.drag) this.listen();
   }
@@ -61,11 +61,13 @@ class Figure {
     this.holder.addEventListener("pointerup", event => { const end = at(event); if (held && Math.hypot(end[0] - start[0], end[1] - start[1]) < 4) this.plot.pick?.(...end, this); held = false; });
     this.holder.addEventListener("pointercancel", () => { held = false; });
   }
+  set stale(value) { this.isStale = value; this.element.dataset.state = value ? "stale" : "drawn"; }
+  get stale() { return this.isStale; }
   refresh() { this.stale = true; Figure.schedule(); }
   paint() {
     if (!this.visible) return;
     if (this.stale) {
-      this.stale = false;
+      this.stale = false; // before drawing: a drawing that fails must not be tried for ever
       const why = this.plot.need?.();
       this.element.classList.toggle("empty", Boolean(why));
       this.holder.querySelector(".why")?.remove();
@@ -113,7 +115,10 @@ class Figure {
   }
   static schedule() {
     if (Figure.waiting) return;
-    Figure.waiting = requestAnimationFrame(() => { Figure.waiting = 0; for (const figure of Figure.all) figure.paint(); });
+    Figure.waiting = requestAnimationFrame(() => {
+      Figure.waiting = 0;
+      for (const figure of Figure.all) try { figure.paint(); } catch (error) { console.error(figure.name, error); } // one broken figure must not take the others with it
+    });
   }
   static redraw() { for (const figure of Figure.all) figure.stale = true; Figure.schedule(); }
   static move() { for (const figure of Figure.all) figure.moved = true; Figure.schedule(); }

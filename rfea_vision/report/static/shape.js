@@ -30,7 +30,7 @@ plots.elongation = {
   drag(px, py, figure) { setTime(timeScale(halfBox(figure.size(), 0)).back(px)); },
 };
 
-const sigmas = count => Float64Array.from({length: count}, (_, i) => (i + 0.5) / count);
+const middles = count => Float64Array.from({length: count}, (_, i) => (i + 0.5) / count);
 function rowOf(array, times) {
   if (!array) return undefined;
   const width = array.shape[1], i = nearest(times, state.time);
@@ -48,11 +48,11 @@ plots["profile-now"] = {
   cursor(pen) {
     const [x, y] = profileFrame(pen, stretchLimits()), c = pen.colours, times = series(experiment().tc);
     const real = rowOf(series(experiment().elongation), times), sigma = rowOf(series(experiment().elongation_sigma), times), model = rowOf(series(prediction()?.elongation), times), before = rowOf(series(prediction(rungBefore())?.elongation), times);
-    const xs = Array.from(x.all(sigmas(real.length)));
+    const xs = Array.from(x.all(middles(real.length)));
     if (sigma && real[0] === real[0]) pen.area(xs, percent(y, real.map((v, i) => v - sigma[i])), percent(y, real.map((v, i) => v + sigma[i])), c.measured);
     pen.line(xs, percent(y, real), c.measured, 2.2);
-    if (before) pen.line(x.all(sigmas(before.length)), percent(y, before), c.earlier, 1.2, [4, 3]);
-    if (model) pen.line(x.all(sigmas(model.length)), percent(y, model), c.modelled, 1.6);
+    if (before) pen.line(x.all(middles(before.length)), percent(y, before), c.earlier, 1.2, [4, 3]);
+    if (model) pen.line(x.all(middles(model.length)), percent(y, model), c.modelled, 1.6);
   },
   readout: () => `at ${show(state.time, 4)} s`,
 };
@@ -65,9 +65,9 @@ plots.profiles = {
     const rows = rung().profiles, c = pen.colours, paint = [c.c1, c.c2, c.c3, c.c4, c.c5, c.c6];
     const [x, y] = profileFrame(pen, extent(...rows.flatMap(row => [row.measured, row.modelled].filter(Boolean))));
     rows.forEach((row, k) => {
-      const colour = paint[k % 6], sigma = row.sigma ?? sigmas((row.measured ?? row.modelled).length), xs = Array.from(sigma, x);
+      const colour = paint[k % 6], xs = Array.from(row.position ?? middles((row.measured ?? row.modelled).length), x);
       if (row.measured) {
-        if (row.measured_sigma) pen.area(xs, percent(y, row.measured.map((v, i) => v - row.measured_sigma[i])), percent(y, row.measured.map((v, i) => v + row.measured_sigma[i])), colour);
+        if (row.sigma) pen.area(xs, percent(y, row.measured.map((v, i) => v - row.sigma[i])), percent(y, row.measured.map((v, i) => v + row.sigma[i])), colour);
         row.measured.forEach((v, i) => pen.dot(xs[i], y(100 * v), 2.6, colour));
       }
       if (row.modelled) pen.line(xs, percent(y, row.modelled), colour, 1.5);

@@ -15,6 +15,7 @@ function shadeGaps(pen, box, x) {
 
 // Curves over time: `measured`, `modelled` and `earlier` are functions that give a series or undefined.
 function timePlot({times, measured, modelled, unit, digits = 3, limits, extra, label = false}) {
+  const unitNow = () => typeof unit === "function" ? unit() : unit;
   const span = box => {
     const all = [measured?.(), ...manifest.rungs.map(r => modelled?.(prediction(r)))];
     return scale(...(limits?.() ?? padded(extent(...all))), box.bottom, box.top);
@@ -23,7 +24,7 @@ function timePlot({times, measured, modelled, unit, digits = 3, limits, extra, l
   return {
     draw(pen) {
       const box = timeBox(pen), x = timeScale(box), y = span(box), xs = x.all(times()), c = pen.colours;
-      axisY(pen, box, y, unit); if (label) axisX(pen, box, x, "time in s"); else pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
+      axisY(pen, box, y, unitNow()); if (label) axisX(pen, box, x, "time in s"); else pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
       pen.clip(box.left, box.top - 4, box.right - box.left, box.bottom - box.top + 8, () => {
         shadeGaps(pen, box, x);
         extra?.(pen, box, x, y);
@@ -39,7 +40,7 @@ function timePlot({times, measured, modelled, unit, digits = 3, limits, extra, l
     },
     readout() {
       const real = value(measured?.()), model = value(modelled?.(prediction()));
-      return [real !== undefined && `<b class="m">${show(real, digits)}</b>`, model !== undefined && `<b class="f">${show(model, digits)}</b>`].filter(Boolean).join(" · ") + ` ${unit}`;
+      return [real !== undefined && `<b class="m">${show(real, digits)}</b>`, model !== undefined && `<b class="f">${show(model, digits)}</b>`].filter(Boolean).join(" · ") + ` ${unitNow()}`;
     },
     drag(px, py, figure) { setTime(timeScale(timeBox(figure.size())).back(px)); },
   };
@@ -64,16 +65,16 @@ plots.angle = timePlot({times: frameTimes, measured: () => series(experiment().a
 plots.angle.need = needs(measuredNeeds("angle"));
 
 // Tip error. Its peak near a click is where to jump.
-const errorOf = p => series(p?.error);
+const errorOf = p => series(p?.error), errorUnit = () => prediction()?.unit ?? "mm";
 function errorLimits() {
   const arrays = state.same ? manifest.rungs.map(r => errorOf(prediction(r))) : [errorOf(prediction()), errorOf(prediction(rungBefore()))];
   return [0, (extent(...arrays)[1] || 1) * 1.05];
 }
 plots.error = timePlot({
-  times: frameTimes, modelled: errorOf, unit: "mm", limits: errorLimits, label: true,
+  times: frameTimes, modelled: errorOf, unit: errorUnit, limits: errorLimits, label: true,
   extra(pen, box, x, y) {
     for (const place of rung().worst) if (place.experiment === experiment().name) pen.rect(x(place.from_s), box.top, x(place.to_s) - x(place.from_s), box.bottom - box.top, pen.colours.modelled, 0.09);
-    if (rung().floor) pen.line([box.left, box.right], [y(rung().floor), y(rung().floor)], pen.colours.good, 1.5, [5, 4]);
+    if (rung().floor && errorUnit() === "mm") pen.line([box.left, box.right], [y(rung().floor), y(rung().floor)], pen.colours.good, 1.5, [5, 4]);
   },
 });
 plots.error.need = needs(modelNeeds("error"));

@@ -1,0 +1,163 @@
+"""Several campaigns on one page: an index for batches, and two campaigns side by side."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from rfea_vision.errors import RfeaError
+from rfea_vision.report import prose
+from rfea_vision.report.collect import Evidence, Step, collect
+from rfea_vision.report.formatting import number
+from rfea_vision.report.pack import Pack, nearest, stride
+from rfea_vision.report.page import environment, safe_json, static
+from rfea_vision.report.series import MOST_SAMPLES, rung_name
+
+PAIR_SCRIPTS = ("data", "pen", "plot", "pair")
+
+
+def render_index(folders: Sequence[Path], *, title: str = "Campaigns", beside: Path | None = None) -> str:
+    """Make an index of many campaigns: rows are experiments, columns are rungs.
+
+    Parameters
+    ----------
+    folders : ``rfea/`` folders; one that cannot be read is listed with the reason
+    title : heading of the page
+    beside : folder in which the page will be saved, so that it can link to each report
+
+    Returns
+    -------
+    str
+        One HTML document.
+    """
+    rows: list[dict[str, Any]] = []
+    for folder in folders:
+        name = folder.parent.name if folder.name == "rfea" else folder.name
+        try:
+            rows.append(_campaign(collect(folder), name, beside))
+        except (RfeaError, OSError, ValueError) as error:
+            rows.append({"name": name, "why": str(error), "steps": [], "experiments": [], "link": None})
+    columns = max((len(row["steps"]) for row in rows), default=0)
+    known = [math.log10(v) for row in rows for e in row["experiments"] for v in e["errors"] if v]
+    return environment().get_template("index.html.j2").render(
+        title=title, campaigns=rows, columns=columns, style=static("style.css"), low=min(known, default=-2.0),
+        high=max(known, default=1.0),
+    )  # fmt: skip
+
+
+def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, Any]:
+    titles = prose.effect_titles(evidence)
+    page = evidence.folder / "report" / "index.html"
+    steps = [step for step in evidence.steps if step.on_ladder] or list(evidence.steps)
+    names = {experiment.name: experiment.role for experiment in evidence.experiments}
+    for step in steps:
+        names |= {key: score.role for key, score in step.fit.experiments.items() if key not in names}
+    last = prose.last_step(evidence)
+    return {
+        "name": name,
+        "why": next(iter(evidence.absent.values()), "") if not steps else "",
+        "headline": prose.headline(evidence, titles),
+        "verdict": last.diagnosis.verdict if last and last.diagnosis else "",
+        "floor": last.fit.noise_floor_mm if last else None,
+        "link": Path(os.path.relpath(page, beside)).as_posix() if beside is not None and page.exists() else None,
+        "steps": [rung_name(step, titles) for step in steps],
+        "experiments": [
+            {"name": key, "role": role, "errors": [_error(step, key) for step in steps]} for key, role in names.items()
+        ],
+    }
+
+
+def _error(step: Step, experiment: str) -> float | None:
+    score = step.fit.experiments.get(experiment)
+    return score.tip_rmse_mm if score else None
+
+
+def render_comparison(first: Path, second: Path, *, names: tuple[str, str] | None = None) -> str:
+    """Put two campaigns side by side: two tubes, two materials, or the same tube before and after.
+
+    Parameters
+    ----------
+    first, second : their ``rfea/`` folders
+    names : what to call them; by default the names of the campaigns' folders
+
+    Returns
+    -------
+    str
+        One HTML document without any link to another file.
+    """
+    both = [collect(first), collect(second)]
+    called = names or (_name_of(first), _name_of(second))
+    pack = Pack()
+    manifest = {
+        "experiments": [],
+        "rungs": [],
+        "names": list(called),
+        "parameters": _parameters(both),
+        "pair": [_side(evidence, pack) for evidence in both],
+    }
+    sides = [
+        {
+            "name": name,
+            "headline": prose.headline(evidence, prose.effect_titles(evidence)),
+            "last": prose.last_step(evidence),
+            "evidence": evidence,
+            "names": [rung_name(step, prose.effect_titles(evidence)) for step in evidence.steps],
+        }
+        for name, evidence in zip(called, both, strict=True)
+    ]
+    return environment().get_template("pair.html.j2").render(
+        title=f"{called[0]} and {called[1]}", sides=sides, parameters=manifest["parameters"], style=static("style.css"),
+        manifest=safe_json(manifest), packed=Markup(pack.base64()), versions=prose.versions(),
+        scripts=Markup("\n").join(static(f"{name}.js") for name in PAIR_SCRIPTS),
+    )  # fmt: skip
+
+
+def _name_of(folder: Path) -> str:
+    return folder.resolve().parent.name if folder.name == "rfea" else folder.name
+
+
+def _parameters(both: Sequence[Evidence]) -> list[dict[str, Any]]:
+    """One row per parameter of either final model: value and 95 % interval on both sides."""
+    fits: list[Mapping[str, Any]] = []
+    for evidence in both:
+        last = prose.last_step(evidence)
+        fits.append(last.fit.parameters if last else {})
+    rows = []
+    for key in dict.fromkeys([*fits[0], *fits[1]]):
+        found = [fit.get(key) for fit in fits]
+        unit = next(p.unit for p in found if p is not None)
+        sides = [
+            {"value": p.value, "interval": list(p.interval_95) if p.interval_95 else None, "text": number(p.value, 4)}
+            if p is not None and p.unit == unit
+            else None
+            for p in found
+        ]
+        rows.append({"name": key, "unit": unit, "sides": sides})
+    return rows
+
+
+def _side(evidence: Evidence, pack: Pack) -> dict[str, Any]:
+    """Curves of one campaign: steady state, elongation profiles, and the loop of every run."""
+    last = prose.last_step(evidence)
+    loops = []
+    for experiment in evidence.experiments:
+        data = experiment.recording
+        if data is None or "bend_angle" not in data:
+            continue
+        rows = stride(data.sizes["time"], MOST_SAMPLES)
+        at = nearest(data["log_time"].values, data["time"].values[rows])
+        loops.append({
+            "name": experiment.name, "role": experiment.role, "pressure": pack.add(data["pressure"].values[at]),
+            "angle": pack.add(np.asarray(data["bend_angle"].values)[rows]),
+        })  # fmt: skip
+    return {
+        "steady": last.fit.steady_state if last else {},
+        "profiles": (last.comparison.elongation.get("profiles") or []) if last and last.comparison else [],
+        "loops": loops,
+    }

@@ -1,0 +1,83 @@
+"""Many campaigns on one page, two side by side, and the notebook."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from rfea_vision.artefacts import ModelFit
+from rfea_vision.report import render_comparison, render_index, render_notebook
+from tests.report.browser import Browser
+from tests.report.sample import RUNGS, write_sample
+
+TWO = ("steps-270kPa", "steps-180kPa")
+
+
+@pytest.fixture(scope="module")
+def tube_a(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_sample(tmp_path_factory.mktemp("a") / "tube-A" / "rfea", seconds=1.5, video=False, names=TWO)
+
+
+def test_index_has_a_row_per_experiment_and_a_column_per_rung(tube_a: Path, tmp_path: Path) -> None:
+    broken = tmp_path / "tube-B" / "rfea"
+    (tube_a / "report").mkdir(exist_ok=True)
+    (tube_a / "report" / "index.html").write_text("made before")
+    html = render_index([tube_a, broken], beside=tube_a.parent.parent)
+    first = ModelFit.load(tube_a / "models" / RUNGS[0] / "model.json").experiments["steps-270kPa"].tip_rmse_mm
+    assert first is not None
+    assert f"{first:.2f}" in html
+    assert html.count('<th scope="row">steps-') == 2
+    assert len(re.findall(r"Rung \d", html)) == 3
+    assert 'href="tube-A/rfea/report/index.html"' in html
+    assert "tube-B" in html
+    assert "No ladder yet" in html
+
+
+def test_notebook_runs_as_it_stands(tube_a: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    book = json.loads(render_notebook(tube_a, title="tube-A"))
+    assert book["nbformat"] == 4
+    (tube_a / "report").mkdir(exist_ok=True)
+    monkeypatch.chdir(tube_a / "report")
+    space: dict = {}
+    for cell in book["cells"]:
+        if cell["cell_type"] == "code":
+            exec(cell["source"], space)
+    assert (
+        space["recording"].attrs["experiment"] == "steps-180kPa"
+        or space["recording"].attrs["experiment"] == "steps-270kPa"
+    )
+    assert "midline" in space["prediction"]
+
+
+def test_notebook_of_an_empty_folder(tmp_path: Path) -> None:
+    assert json.loads(render_notebook(tmp_path, title="nothing"))["cells"]
+
+
+def test_pair_without_models(tube_a: Path, tmp_path: Path) -> None:
+    other = tmp_path / "tube-C" / "rfea"
+    shutil.copytree(tube_a, other)
+    shutil.rmtree(other / "models")
+    html = render_comparison(tube_a, other)
+    assert "tube-C" in html
+    assert "No model yet" in html
+
+
+@pytest.mark.chromium
+def test_pair_in_a_browser(chromium: Browser, tube_a: Path, sample: Path, tmp_path: Path) -> None:
+    page = tmp_path / "pair.html"
+    page.write_text(render_comparison(sample, tube_a, names=("long", "short")), encoding="utf-8")
+    chromium.complaints.clear()
+    chromium.requests.clear()
+    chromium.resize(1440, 900)
+    chromium.open(page)
+    chromium.wait("[...document.querySelectorAll('[data-figure]')].slice(0, 1).every(f => f.dataset.state === 'drawn')")
+    chromium.run(
+        "(s => { s.value = 1; s.dispatchEvent(new Event('change')); })(document.querySelector('select[data-side]'))"
+    )
+    assert chromium.run("document.querySelectorAll('.figure.empty').length") == 0
+    assert chromium.complaints == []
+    assert [r for r in chromium.requests if not r.startswith("data:")] == [page.resolve().as_uri()]
