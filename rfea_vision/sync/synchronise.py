@@ -1,0 +1,134 @@
+"""`synchronise`: a track and its pressure log become a recording."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Recording, Track
+from rfea_vision.errors import DataError, InputError
+from rfea_vision.readers.pressure import PressureLog
+from rfea_vision.sync.motion import Alignment, align_by_motion
+from rfea_vision.sync.pulses import align_by_lamp, align_by_trigger
+
+FloatArray = NDArray[np.float64]
+
+METHODS = ("motion", "led", "trigger", "offset", "common_clock")
+LEAST_SWING_KPA = 1.0
+
+
+def synchronise(
+    track: Track,
+    log: PressureLog,
+    *,
+    experiment: str,
+    role: str,
+    bends: str,
+    method: str = "motion",
+    value_s: float | None = None,
+    channel: str | None = None,
+    repeat_of: str | None = None,
+) -> Recording:
+    """Put a track and a pressure log on the log's clock.
+
+    Parameters
+    ----------
+    track, log : what was measured
+    experiment, role, bends : carried along
+    method : ``motion``, ``led`` (lamp in the picture, `channel` of the log), ``trigger`` (`channel` of the log, one
+        pulse per frame or one at the start), ``offset`` (`value_s`) or ``common_clock``
+    value_s : log clock minus camera clock, for ``offset``
+    repeat_of : experiment whose excitation is repeated
+
+    Raises
+    ------
+    InputError
+        If the method is unknown or lacks its value.
+    DataError
+        If the log is flat or too short, or the two do not belong together.
+    """
+    if method not in METHODS:
+        raise InputError(f"{experiment}: sync.method: '{method}' is unknown; use one of {', '.join(METHODS)}")
+    log_time = np.asarray(log.time_s, dtype=float)
+    pressure = np.asarray(log.pressure_kPa, dtype=float)
+    notes = check_log(log_time, pressure, experiment, moving=method == "motion")
+    alignment = _align(track, log, log_time, pressure, experiment, bends, method, value_s, channel)
+    shifted = track.time_s * (1 + 1e-6 * alignment.drift_ppm) + alignment.offset_s
+    covered = (shifted >= log_time[0]) & (shifted <= log_time[-1])
+    if not np.any(covered & track.valid):
+        raise DataError(
+            f"{experiment}: sync: no frame lies within the log after aligning; check sync.value or the log's times"
+        )
+    if np.mean(covered) < 0.98:
+        notes.append(f"{100 * np.mean(~covered):.0f} % of the frames lie outside the log")
+    dataset = track.dataset.assign_coords(
+        time=("time", shifted, {"units": "s", "long_name": "time on the log's clock"})
+    )
+    dataset = dataset.assign_coords(log_time=("log_time", log_time, {"units": "s"}))
+    dataset["pressure"] = (("log_time",), pressure, {"units": "kPa", "long_name": "gauge pressure"})
+    if len(alignment.curve[0]):
+        dataset = dataset.assign_coords(sync_offset=("sync_offset", alignment.curve[0], {"units": "s"}))
+        dataset["sync_explained"] = xr.Variable(("sync_offset",), alignment.curve[1], {"units": "1"})
+    if alignment.note:
+        notes.append(alignment.note)
+    attributes = {
+        "experiment": experiment,
+        "role": role,
+        "bends": bends,
+        "sync_method": method,
+        "offset_s": alignment.offset_s,
+        "offset_stderr_s": alignment.offset_stderr_s,
+        "drift_ppm": alignment.drift_ppm,
+        "drift_stderr_ppm": alignment.drift_stderr_ppm,
+        "sync_explained": alignment.explained,
+        "sync_notes": "; ".join(notes),
+        "pressure_source": log.source,
+    }
+    dataset.attrs = {**track.dataset.attrs, **attributes}
+    if repeat_of:
+        dataset.attrs["repeat_of"] = repeat_of
+    return Recording(dataset)
+
+
+def _align(track, log, log_time, pressure, experiment, bends, method, value_s, channel) -> Alignment:
+    nothing = (np.empty(0), np.empty(0))
+    if method == "common_clock":
+        return Alignment(0.0, 0.0, 0.0, 0.0, 1.0, nothing, "")
+    if method == "offset":
+        if value_s is None:
+            raise InputError(f"{experiment}: sync.value is missing; give log clock minus camera clock, such as 12 ms")
+        return Alignment(float(value_s), 0.0, 0.0, 0.0, 1.0, nothing, "")
+    if method == "motion":
+        return align_by_motion(track, log_time, pressure, experiment=experiment, bends=bends)
+    named = channel or ("led" if method == "led" else "trigger")
+    if named not in log.channels:
+        there = ", ".join(sorted(log.channels)) or "none"
+        raise InputError(
+            f"{experiment}: sync.channel: the log has no column '{named}' (others: {there}); name the column of the {method}"
+        )
+    signal = np.asarray(log.channels[named], dtype=float)
+    if method == "led":
+        return align_by_lamp(track, log_time, signal, experiment=experiment)
+    return align_by_trigger(track, log_time, signal, experiment=experiment)
+
+
+def check_log(time_s: FloatArray, pressure_kPa: FloatArray, experiment: str, *, moving: bool) -> list[str]:
+    """Say what is wrong with a log: flat or too short is an error for sync by motion, saturation a note."""
+    swing = float(np.ptp(pressure_kPa))
+    if moving and time_s[-1] - time_s[0] < 1.0:
+        raise DataError(
+            f"{experiment}: pressure: the log lasts {time_s[-1] - time_s[0]:.2f} s, too short to align by motion; use sync.method offset"
+        )
+    if moving and swing < LEAST_SWING_KPA:
+        raise DataError(
+            f"{experiment}: pressure: the log is flat ({swing:.2f} kPa); check the column and its unit, or use sync.method offset"
+        )
+    notes = []
+    top = pressure_kPa >= pressure_kPa.max() - 1e-9 * max(swing, 1.0)
+    runs = np.diff(np.flatnonzero(np.diff(np.concatenate([[0], top.astype(int), [0]]))))[::2]
+    if len(runs) and runs.max() > 20 and top.mean() > 0.02 and len(np.unique(pressure_kPa)) > 50:
+        notes.append(
+            f"the log stays at exactly {pressure_kPa.max():.1f} kPa for {runs.max()} samples: is the sensor saturated?"
+        )
+    return notes
