@@ -114,7 +114,7 @@ def build(
             standard = actuator.outer_radius / 0.004
             low, high = R_HYD_BOUNDS[0] * standard / reference[6], R_HYD_BOUNDS[1] * standard / reference[6]
         else:
-            effect, parameter = name.split(".")
+            effect, parameter = names[k].split(".")
             spec = next(e for e in model.effects if e.id == effect).parameters[parameter]
             absent = 0.0 if spec.absent is None else spec.absent
             size = abs(spec.start - absent) or 0.05 * (spec.upper - spec.lower)
