@@ -60,7 +60,9 @@ def validation_problems(
     """Turn pydantic's findings into problems, one per key."""
     files = tuple(files)
     problems: dict[KeyPath, Problem] = {}
-    for item in error.errors(include_url=False):
+    # a misspelt key is also a missing one: the misspelling is what to mend
+    found = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
+    for item in found:
         keys = _keys_as_written(item["loc"], files, keep_last=item["type"] == "missing")
         file, line = _locate(files, keys)
         problem = Problem(file.path, _explain(item, model), ".".join(map(str, keys)), line, "error", experiment)

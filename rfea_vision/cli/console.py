@@ -21,8 +21,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from rfea_vision.stages.listener import Listener, Outcome
-from rfea_vision.stages.listener import Progress as ProgressCall
+from rfea_vision.progress import Listener, Outcome
+from rfea_vision.progress import Progress as ProgressCall
 
 _MARKS = {"done": "done", "unchanged": "unchanged", "failed": "failed"}
 

@@ -12,7 +12,6 @@ import rfea_vision.data
 from rfea_vision.cli.console import print_json, print_table
 from rfea_vision.cli.options import effect_file_option, output_options
 from rfea_vision.errors import InputError
-from rfea_vision.files import write_text
 
 _TEMPLATE = Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt"
 
@@ -69,6 +68,8 @@ def _cell(value: object) -> str:
 @output_options
 def new_command(file: Path, as_json: bool, debug: bool) -> None:
     """A template of one's own effect, to edit and to pass on with --effect-file."""
+    from rfea_vision.files import write_text
+
     if file.exists():
         raise InputError(f"{file}: is there already and is left as it is; choose another name")
     if file.suffix != ".py":

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit
 from rfea_vision.cli.console import print_json, print_table
 from rfea_vision.cli.options import Quantity, campaign_options, effect_file_option, model_options, opened
+
+if TYPE_CHECKING:
+    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit
 
 
 @click.command("fit")
@@ -148,7 +150,8 @@ def print_comparison(name: str, comparison: Comparison) -> None:
     for sentence in comparison.sentences:
         click.echo(f"  {sentence}")
     for place in comparison.where:
-        click.echo(f"  {place.sentence}")
+        if place.sentence not in comparison.sentences:
+            click.echo(f"  {place.sentence}")
 
 
 def print_diagnosis(diagnosis: Diagnosis) -> None:

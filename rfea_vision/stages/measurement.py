@@ -12,9 +12,9 @@ from rfea_vision.artefacts import Calibration, Recording, Track
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import write_text
+from rfea_vision.progress import Progress
 from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
-from rfea_vision.stages.listener import Progress
 
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
@@ -184,6 +184,7 @@ def synchronise(work: Workspace, experiment: ExperimentSpec) -> Recording:
             bends=experiment.actuator.bends,
             method=sync.method,
             value_s=sync.value_s,
+            channel=sync.channel,
             repeat_of=experiment.repeat_of,
         )
         recording.save(path)

@@ -13,8 +13,8 @@ import xarray as xr
 from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import read_dataset, whole_file, write_datasets
+from rfea_vision.progress import Progress
 from rfea_vision.stages.cache import StageRecord, plain
-from rfea_vision.stages.listener import Progress
 
 if TYPE_CHECKING:
     from rfea_vision.fitting import FitOptions

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Ladder
 from rfea_vision.files import write_text
+from rfea_vision.progress import Progress
 from rfea_vision.stages import mechanics
-from rfea_vision.stages.listener import Progress
 
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace

@@ -9,9 +9,9 @@ from typing import Any, TypeVar
 from rfea_vision.artefacts import Calibration, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
 from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
 from rfea_vision.errors import DataError, InputError, RfeaError
+from rfea_vision.progress import Listener, Progress
 from rfea_vision.stages import measurement, mechanics, publishing
 from rfea_vision.stages.cache import StageCache
-from rfea_vision.stages.listener import Listener, Progress
 
 _Result = TypeVar("_Result")
 
