@@ -206,7 +206,14 @@ def fit_sides(state, work, filled, wide_mm, least_contrast):
         return solution, covariance, noise, kept
     for repeat in range(2):
         solution, covariance = fit_shift(
-            work.stations, filled, work.keep, max(noise * noise, 0.25), state.width, count, PRIOR_BEND_MM, PRIOR_WIDTH_MM
+            work.stations,
+            filled,
+            work.keep,
+            max(noise * noise, 0.25),
+            state.width,
+            count,
+            PRIOR_BEND_MM,
+            PRIOR_WIDTH_MM,
         )
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         noise = max(robust_scale(work, filled), 0.3)

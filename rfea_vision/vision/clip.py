@@ -1,0 +1,116 @@
+"""A small clip of an experiment, rectified into the rig plane: a clip pixel is an affine function of rig mm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Calibration, Track
+from rfea_vision.calibration.projection import camera_vector, project
+from rfea_vision.errors import DataError
+from rfea_vision.files import whole_file
+from rfea_vision.readers.video import FrameSource
+from rfea_vision.vision.track import matched_to
+
+FloatArray = NDArray[np.float64]
+
+PLAYBACK_HZ = 30
+KEY_FRAME_EVERY = 6  # frequent key frames, so that a page can jump anywhere
+MARGIN_MM = 14.0
+LONGEST_SIDE_PX = 400
+MOST_FRAMES = 900
+
+
+def rig_to_plane(track: Track, rig_mm: FloatArray) -> FloatArray:
+    """Plane coordinates (..., 2) mm of rig coordinates (..., 2) mm, from the track's attributes."""
+    attributes = track.dataset.attrs
+    try:
+        origin = np.array([attributes["clamp_plane_x_mm"], attributes["clamp_plane_y_mm"]], dtype=float)
+        down = np.array([attributes["down_plane_x"], attributes["down_plane_y"]], dtype=float)
+    except KeyError as error:
+        raise DataError(
+            "the track does not say where its clamp lies in the picture; track the video again with --force"
+        ) from error
+    to_rig = np.array([[-down[1], down[0]], [-down[0], -down[1]]])
+    return origin + np.asarray(rig_mm) @ to_rig
+
+
+def make_clip(
+    source: FrameSource,
+    track: Track,
+    calibration: Calibration,
+    out_mp4: Path,
+    *,
+    crf: int = 30,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Write the clip and say how its pixels relate to rig mm.
+
+    Clip pixel of a rig point: column = (x - x_min_mm) * px_per_mm, row = (y_max_mm - y) * px_per_mm, measured from
+    the picture's top left corner.
+
+    Returns
+    -------
+    dict
+        ``file``, ``times_s`` (camera clock, one per clip frame), ``x_min_mm``, ``y_max_mm``, ``px_per_mm``,
+        ``width``, ``height``.
+    """
+    box = clip_box(track)
+    columns, rows = np.meshgrid(np.arange(box["width"]), np.arange(box["height"]))
+    rig = np.stack(
+        [box["x_min_mm"] + (columns + 0.5) / box["px_per_mm"], box["y_max_mm"] - (rows + 0.5) / box["px_per_mm"]],
+        axis=-1,
+    )
+    camera = camera_vector(matched_to(calibration, source))
+    maps = project(camera, rig_to_plane(track, rig)).astype(np.float32)
+    times = track.time_s
+    step = clip_step(times)
+    shown: list[float] = []
+    with (
+        whole_file(out_mp4) as temporary,
+        av.open(str(temporary), "w", format="mp4", options={"movflags": "faststart"}) as container,
+    ):
+        stream = container.add_stream("libx264", rate=PLAYBACK_HZ)
+        stream.width, stream.height, stream.pix_fmt = box["width"], box["height"], "yuv420p"
+        stream.gop_size = KEY_FRAME_EVERY
+        stream.time_base = Fraction(1, PLAYBACK_HZ)
+        stream.options = {"crf": str(crf), "preset": "fast", "bf": "0"}
+        for number, (time, luma) in enumerate(source):
+            if number % step == 0:
+                picture = cv2.remap(luma, maps, None, cv2.INTER_LINEAR, borderValue=0)  # pyright: ignore[reportCallIssue, reportArgumentType]
+                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="gray").reformat(
+                    format="yuv420p"
+                )
+                frame.pts, frame.time_base = len(shown), Fraction(1, PLAYBACK_HZ)
+                for packet in stream.encode(frame):
+                    container.mux(packet)
+                shown.append(float(time))
+            if progress is not None and number % 16 == 0:
+                progress(number + 1, max(len(times), number + 1))
+        for packet in stream.encode():
+            container.mux(packet)
+    return {"file": out_mp4.name, "times_s": shown, **box}
+
+
+def clip_step(times: FloatArray) -> int:
+    """Take every so many frames: about 30 a second, and no more than 900 in all."""
+    if len(times) < 2:
+        return 1
+    rate = 1.0 / max(float(np.median(np.diff(times))), 1e-6)
+    return max(1, round(rate / PLAYBACK_HZ), int(np.ceil(len(times) / MOST_FRAMES)))
+
+
+def clip_box(track: Track) -> dict[str, Any]:
+    """Part of the rig plane that the tube visits, with a margin, and the clip's scale and size (even, in px)."""
+    midline = track.dataset["midline"].values[track.valid].reshape(-1, 2)
+    low, high = np.nanmin(midline, axis=0) - MARGIN_MM, np.nanmax(midline, axis=0) + MARGIN_MM
+    scale = min(LONGEST_SIDE_PX / float(np.max(high - low)), float(track.dataset.attrs.get("px_per_mm", 4.0)))
+    width, height = (int(2 * np.ceil(side * scale / 2)) for side in high - low)
+    return {"x_min_mm": float(low[0]), "y_max_mm": float(high[1]), "px_per_mm": scale, "width": width, "height": height}
