@@ -26,8 +26,8 @@ FIGURES = {
         Figure(
             "error",
             "Tip error",
-            "Distance between measured and modelled tip; the dashed line is the noise floor. Click near a peak "
-            "to jump to it.",
+            "Distance between measured and modelled tip, with the noise floor dashed and the worst moments shaded; red "
+            "marks frames set aside. Drag to move in time, click near a peak to jump to it.",
             "Tip error over time; click a peak to jump to it",
             128,
         ),
@@ -128,10 +128,26 @@ FIGURES = {
         ),
         Figure(
             "tracking",
-            "Tracking, frame by frame",
-            "Standard error of the tip. A red tick is a frame that was set aside; its reason is in the table.",
+            "Standard error of the tip",
+            "",
             "Standard error of the tracked tip over time, with the frames set aside",
-            150,
+            110,
+        ),
+        Figure("seen", "Share of the edges seen", "", "Share of the tube's edges found in each frame", 104),
+        Figure(
+            "blur",
+            "Blur of the edges",
+            "All three should be flat; a step or a spike marks frames to look at. Red: frames set aside, their reasons below.",
+            "Blur of the tube's edges in each frame",
+            140,
+        ),
+        Figure(
+            "hinge",
+            "Length of the inner side",
+            "One dot per instant against the bend angle. The inner side cannot stretch: a slope means that the plane, the "
+            "lens or the scale is off.",
+            "Length of the tube's inextensible side against its bend angle",
+            280,
         ),
         Figure(
             "sync",

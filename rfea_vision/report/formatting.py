@@ -8,6 +8,16 @@ from collections.abc import Iterable
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
+_REASONS = {
+    "no_tube": "no tube was found",
+    "occluded": "part of the tube was hidden",
+    "blurred": "the picture is blurred",
+    "width_off": "the width is not that of the tube",
+    "length_off": "the length is not that of the tube",
+    "touches_border": "the tube leaves the picture",
+    "tip_hidden": "the tip was hidden",
+    "no_fit": "the curve did not settle",
+}
 MINUS = "\N{MINUS SIGN}"
 
 
@@ -55,6 +65,11 @@ def law(latex: str) -> Markup:
         return Markup(convert(latex.strip().strip("$"), display="block"))
     except Exception:  # the converter raises many kinds; the page must not fall with it
         return Markup("<code>{}</code>").format(latex)
+
+
+def reason_words(code: str) -> str:
+    """Why a frame was set aside, in words; a reason that is not a known code stays as it is."""
+    return _REASONS.get(code, code)
 
 
 def listing(words: Iterable[str], last: str = "and") -> str:

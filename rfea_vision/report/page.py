@@ -55,7 +55,7 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
     clips = _clips(evidence.experiments, experiments, SIZE_LIMIT_BYTES - len(packed) - 700_000)
     return environment().get_template("page.html.j2").render(
         title=title, bends=_bends(evidence), evidence=evidence, titles=titles, experiments=experiments,
-        commands=commands, figures=FIGURES,
+        commands=commands, figures=FIGURES, checks=_length_checks(evidence),
         headline=prose.headline(evidence, titles), findings=list(prose.findings(evidence)),
         tiles=list(prose.tiles(evidence, titles)), last=prose.last_step(evidence),
         names=[rung_name(step, titles) for step in evidence.steps], scale=ladder_scale(evidence),
@@ -115,6 +115,16 @@ def _calibration(evidence: Evidence) -> dict[str, Any]:
     ]
     size = [evidence.camera.get("image_width"), evidence.camera.get("image_height")] if evidence.camera else None
     return kept | {"photos": fields, "size": size}
+
+
+def _length_checks(evidence: Evidence) -> list[dict[str, str]]:
+    """What tracking says of the length of the inner side, run by run."""
+    found = [(e.name, e.recording if e.recording is not None else e.track) for e in evidence.experiments]
+    return [
+        {"name": name, "sentence": str(data.attrs["length_check"])}
+        for name, data in found
+        if data is not None and "length_check" in data.attrs
+    ]
 
 
 def _bends(evidence: Evidence) -> str:

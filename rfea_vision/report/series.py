@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.report.collect import Evidence, Experiment, Step
+from rfea_vision.report.formatting import reason_words
 from rfea_vision.report.pack import Pack, nearest, stride
 
 MOST_SAMPLES = 2400  # rows of a time series
@@ -42,6 +43,9 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
         ("elongation", "elongation", columns, ("elongation",)),
         ("elongation_sigma", "elongation_sigma", columns, ()),
         ("width", "width", columns, ("width",)),
+        ("hinge", "hinge_length", columns, ("hinge",)),
+        ("seen", "seen", rows, ("seen",)),
+        ("blur", "blur", rows, ("blur",)),
     )
     for key, name, chosen, complain in wanted:
         if name in data and np.isfinite(data[name].values).any():
@@ -88,7 +92,12 @@ def _gaps(data: xr.Dataset) -> list[dict[str, Any]]:
         splits = [start, *(start + 1 + np.flatnonzero(reason[start + 1 : stop] != reason[start : stop - 1])), stop]
         for a, b in pairwise(splits):
             out.append(
-                {"from": float(time[a]), "to": float(time[b - 1]), "frames": int(b - a), "reason": str(reason[a])}
+                {
+                    "from": float(time[a]),
+                    "to": float(time[b - 1]),
+                    "frames": int(b - a),
+                    "reason": reason_words(str(reason[a])),
+                }
             )
     return out
 

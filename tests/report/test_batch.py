@@ -63,7 +63,7 @@ def test_pair_without_models(tube_a: Path, tmp_path: Path) -> None:
     shutil.rmtree(other / "models")
     html = render_comparison(tube_a, other)
     assert "tube-C" in html
-    assert "No model yet" in html
+    assert "is named in ladder.json but is not there" in html
 
 
 @pytest.mark.chromium

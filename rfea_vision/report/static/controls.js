@@ -52,6 +52,18 @@ function showExperiment() {
   if (scrub && e?.tp) scrub.max = series(e.tp).length - 1;
 }
 
+// Above the slider: worst moments of this rung, and frames that were set aside.
+function showMarks() {
+  const marks = one("#marks"), e = experiment();
+  if (!marks || !e?.span) return;
+  const [from, to] = e.span, bands = [...(rung()?.worst ?? []).filter(w => w.experiment === e.name).map(w => [w.from_s, w.to_s, ""]), ...e.gaps.map(g => [g.from, g.to, "gap"])];
+  marks.replaceChildren(...bands.map(([a, b, kind]) => {
+    const mark = document.createElement("i");
+    mark.className = kind; mark.style.left = `${100 * (a - from) / (to - from)}%`; mark.style.width = `${100 * (b - a) / (to - from)}%`;
+    return mark;
+  }));
+}
+
 function showTime() {
   const scrub = one("#scrub");
   if (!scrub || !experiment()?.tp) return;

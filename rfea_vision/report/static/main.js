@@ -15,11 +15,12 @@ function wire() {
   listen("#theme", "click", toggleTheme);
   listen("#keys", "click", () => one("#help").showModal());
   listen("#snapshot", "click", () => stage.canvas.toBlob(blob => download(blob, `tube-${experiment().name}-${state.time.toFixed(3)}s.png`)));
-  listen("#before", "pointerdown", () => holdEarlier(true));
-  for (const event of ["pointerup", "pointerleave", "pointercancel"]) listen("#before", event, () => holdEarlier(false));
+  for (const event of ["pointerdown", "pointerenter"]) listen("#before", event, () => holdEarlier(true));
+  for (const event of ["pointerleave", "pointercancel"]) listen("#before", event, () => holdEarlier(false));
   listenKeys();
   addEventListener("beforeprint", toPaper);
   addEventListener("afterprint", fromPaper);
+  on("rung experiment", showMarks);
   on("rung", () => { showRung(); Figure.redraw(); paintStage(); });
   on("experiment", () => { showExperiment(); showRung(); Figure.redraw(); });
   on("window", () => Figure.redraw());

@@ -1,9 +1,27 @@
 // What the numbers rest on: tracking, clock, width, and the fit itself.
 plots.tracking = timePlot({
-  times: frameTimes, measured: () => column(series(experiment().tip_sigma), 1), unit: "mm", digits: 2, label: true, limits: () => [0, extent(series(experiment().tip_sigma))[1] * 1.1 || 1],
+  times: frameTimes, measured: () => column(series(experiment().tip_sigma), 1), unit: "mm", digits: 2, limits: () => [0, extent(series(experiment().tip_sigma))[1] * 1.1 || 1],
   extra(pen, box, x) { for (const gap of experiment().gaps) pen.rect(x(gap.from) - 1, box.top, Math.max(2, x(gap.to) - x(gap.from)), 8, pen.colours.bad); },
 });
 plots.tracking.need = needs(measuredNeeds("tip_sigma"));
+
+plots.seen = timePlot({times: frameTimes, measured: () => series(experiment().seen), unit: "", limits: () => [0, 1.05]});
+plots.seen.need = needs(measuredNeeds("seen"));
+plots.blur = timePlot({times: frameTimes, measured: () => series(experiment().blur), unit: "px", label: true, limits: () => [0, extent(series(experiment().blur))[1] * 1.1 || 1]});
+plots.blur.need = needs(measuredNeeds("blur"));
+
+plots.hinge = {
+  need: needs(measuredNeeds("hinge"), measuredNeeds("angle")),
+  frame(pen) {
+    const box = area(pen, {top: 10, bottom: 38, left: 64}), angle = thinned(series(experiment().angle)), length = series(experiment().hinge);
+    return [box, scale(...padded(extent(angle)), box.left, box.right), scale(...padded(extent(length), 0.25), box.bottom, box.top), angle, length];
+  },
+  draw(pen) {
+    const [box, x, y, angle, length] = this.frame(pen);
+    axisY(pen, box, y, "length in mm"); axisX(pen, box, x, "bend angle in deg", {about: 4});
+    for (let i = 0; i < angle.length; i++) if (angle[i] === angle[i] && length[i] === length[i]) pen.dot(x(angle[i]), y(length[i]), 1.6, pen.colours.measured, null, 0.4);
+  },
+};
 
 plots.sync = {
   need: needs(measuredNeeds("lp", "pressure"), () => experiment().angle || experiment().tip ? undefined : "Neither angle nor tip was tracked."),
