@@ -121,9 +121,17 @@ def _truth(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dic
         "units": {key: HIDDEN[key].unit for key in hidden},
         "base": base,
         "seed": options.seed,
-        "noise_mm": options.noise_mm,
+        **_noise(options),
         "experiments": {run.name: {"role": run.role, "offset_s": run.offset_s} for run in runs},
     }
+
+
+def _noise(options: TwinOptions) -> dict[str, float]:
+    if options.video:
+        return {"image_noise_grey_levels": options.image_noise, "codec_qp": options.codec_qp}
+    if options.observe == "angle":
+        return {"noise_angle_deg": options.noise_angle_deg}
+    return {"noise_mm": options.noise_mm}
 
 
 def _write_campaign(folder: Path, name: str, options: TwinOptions, camera: dict[str, Any] | None) -> None:
