@@ -42,14 +42,14 @@ FIGURES = {
         Figure(
             "phases",
             "By phase of the pressure",
-            "Root mean square tip error while the pressure rises, holds, falls and so on. The ring is the rung before.",
+            "Root mean square error while the pressure rises, holds, falls and so on. The ring is the rung before.",
             "Tip error by phase of the pressure",
             220,
         ),
         Figure(
             "pressures",
             "By pressure",
-            "Root mean square tip error in bands of pressure. The ring is the rung before.",
+            "Root mean square error in bands of pressure. The ring is the rung before.",
             "Tip error by pressure band",
             220,
         ),
@@ -193,7 +193,7 @@ FIGURES = {
             "Correlation of the parameters",
             "Near +1 or -1 two parameters cannot be told apart: read them together.",
             "Matrix of parameter correlations",
-            320,
+            280,
         ),
         Figure(
             "steady",

@@ -33,6 +33,9 @@ BIBTEX = r"""@misc{kelageri2018kinematics,
   doi     = {10.1214/aos/1176344136}
 }"""
 
+# The tiles give the noise floor and the diagnosis tells why the search ended: once is enough.
+_SAID_ELSEWHERE = ("The noise floor is", "Stopped because")
+
 _PACKAGES = (
     "rfea-vision",
     "numpy",
@@ -142,7 +145,8 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
     step = last_step(evidence)
     if evidence.ladder:
         for sentence in evidence.ladder.findings:
-            yield Finding(sentence, "ladder", "the ladder")
+            if not sentence.startswith(_SAID_ELSEWHERE):
+                yield Finding(sentence, "ladder", "the ladder")
     if step and step.diagnosis and step.diagnosis.sentence:
         yield Finding(step.diagnosis.sentence, "why", "the evidence")
     first = evidence.steps[0] if evidence.steps else None

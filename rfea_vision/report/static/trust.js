@@ -78,7 +78,7 @@ plots.starts = {
   need: modelOnly(r => r.starts?.length > 1, "This fit was started once, so there is no waterfall."),
   draw(pen) {
     const costs = rung().starts.map(s => s.cost).filter(v => v !== null && v !== undefined).sort((a, b) => a - b), box = area(pen, {top: 10, bottom: 38, left: 64}), c = pen.colours;
-    const x = scale(0.5, costs.length + 0.5, box.left, box.right), y = scale(...padded(extent(costs), 0.1), box.bottom, box.top);
+    const x = scale(0.5, costs.length + 0.5, box.left, box.right), [best, worst] = extent(costs), y = scale(...padded([best, Math.max(worst, best + 0.01 * Math.abs(best))], 0.1), box.bottom, box.top);
     axisY(pen, box, y, "final cost"); axisX(pen, box, x, "start, best first", {about: Math.min(8, costs.length)});
     pen.line(costs.map((_, i) => x(i + 1)), costs.map(v => y(v)), c.hair, 1.2);
     costs.forEach((v, i) => pen.dot(x(i + 1), y(v), 4, c.modelled, c.paper));
