@@ -7,15 +7,17 @@ body centres lie on the hinge line, which starts at (-r_o, 0). MuJoCo supplies m
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
+from importlib import import_module
+from typing import Any, Literal
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Actuator
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating]
+
+mujoco: Any = import_module("mujoco")  # its type stubs do not list what the compiled module offers
 
 GRAVITY = 9.81
 
@@ -174,7 +176,7 @@ class Chain:
         return np.append(total_moment[0], generalised) if self.has_base else generalised
 
 
-def _full_mass_matrix(model: mujoco.MjModel, data: mujoco.MjData, out: FloatArray) -> None:
+def _full_mass_matrix(model: Any, data: Any, out: FloatArray) -> None:
     """Dense mass matrix; MuJoCo 4 reads it from the data, older ones from the sparse array."""
     try:
         mujoco.mj_fullM(model, data, out)

@@ -13,7 +13,7 @@ from rfea_vision.twin.options import BaseParameters, TwinOptions, with_partners
 from rfea_vision.twin.plant import Motion, Plant
 from rfea_vision.twin.shape import hinge_arcs, line_at
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating]
 
 LOG_STEP_S = 0.001
 BEFORE_S, AFTER_S = 0.5, 0.6  # the log outlasts the video on both sides

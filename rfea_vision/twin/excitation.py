@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating]
 
 GRID_S = 0.00025
 

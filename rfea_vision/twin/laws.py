@@ -16,7 +16,7 @@ from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import DataError
 from rfea_vision.twin.options import HIDDEN, BaseParameters
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lapack
+from scipy.linalg import get_lapack_funcs
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import DataError
@@ -22,7 +22,9 @@ from rfea_vision.twin.chain import Chain
 from rfea_vision.twin.laws import JointLaw, Memory
 from rfea_vision.twin.options import BaseParameters
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating]
+
+_solve: Any = get_lapack_funcs("gesv", dtype=np.float64)  # np.linalg.solve without its checks, called at every Newton step
 
 GAMMA = 1 - math.sqrt(0.5)
 TOLERANCE = 1e-6  # rad/s: the last Newton change that is not followed by another look; it is still applied
@@ -73,7 +75,8 @@ class Plant:
     ) -> None:
         self.law = JointLaw(actuator, base, joints, hidden)
         self.chain = Chain(actuator, joints, layout, self.law.all_hidden)
-        self.actuator, self.joints, self.layout = actuator, joints, layout
+        self.actuator, self.joints = actuator, joints
+        self.layout: Literal["middle", "start"] = layout
         self._clamp = slice(1, None) if self.chain.has_base else slice(None)
         self._gusts = _gusts(seed)
 
@@ -176,7 +179,7 @@ class Plant:
         v = v0 + step * guess
         residual, matrix = equation(v)
         for _ in range(60):
-            change = lapack.dgesv(matrix, residual)[2]
+            change = _solve(matrix, residual)[2]
             size = float(np.max(np.abs(change)))
             if size < TOLERANCE:
                 break

@@ -18,8 +18,8 @@ from rfea_vision.twin.camera import Camera
 from rfea_vision.twin.coverage import coverage
 from rfea_vision.twin.draw import Posture
 
-FloatArray = NDArray[np.float64]
-Picture = NDArray[np.float32]
+FloatArray = NDArray[np.floating]
+Picture = NDArray[np.floating]
 
 SAMPLES = 400  # of each edge of the tube: chords 0.4 mm long, 0.002 px from the arc
 NOISE_FRAMES = 31

@@ -20,7 +20,7 @@ from rfea_vision.twin.draw import Posture, misread_plane
 from rfea_vision.twin.options import TwinOptions
 from rfea_vision.twin.renderer import Scene, blurred, draw_scene, finely, frames
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from rfea_vision.twin.draw import (
 from rfea_vision.twin.options import HIDDEN, TwinOptions, with_partners
 from rfea_vision.twin.studio import Studio
 
-FloatArray = NDArray[np.float64]
+FloatArray = NDArray[np.floating]
 
 NODES = 33
 
