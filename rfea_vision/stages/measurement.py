@@ -15,6 +15,7 @@ from rfea_vision.files import write_text
 from rfea_vision.progress import Progress
 from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
+from rfea_vision.stages.stored import Stored
 
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
@@ -33,16 +34,21 @@ def calibration_path(work: Workspace, experiment: ExperimentSpec | None) -> Path
     return work.out / experiment.name / "camera.yaml"
 
 
-def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> Calibration:
+def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> Stored[Calibration]:
     """Calibrate one camera from its photos, or take over an earlier calibration."""
-    from rfea_vision.calibration import calibrate as calibrate_camera
-    from rfea_vision.calibration import load_calibration, save_calibration
-
     inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
 
+    def load(file: Path) -> Calibration:
+        from rfea_vision.calibration import load_calibration
+
+        return load_calibration(file)
+
     def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
+        from rfea_vision.calibration import calibrate as calibrate_camera
+        from rfea_vision.calibration import save_calibration
+
         if camera.file is not None:
-            calibration = load_calibration(camera.file)
+            calibration = load(camera.file)
         else:
             assert camera.board is not None
             calibration = calibrate_camera(
@@ -66,11 +72,11 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
         options={"camera": camera},
         code=CALIBRATION_CODE,
         make=make,
-        load=lambda: load_calibration(path),
+        load=lambda: load(path),
     )
 
 
-def track(work: Workspace, experiment: ExperimentSpec) -> Track:
+def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
     """Track one experiment's pictures, or read the track that another tool made."""
     path = work.out / experiment.name / "track.nc"
     if experiment.track is not None:
@@ -88,7 +94,7 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Track:
 
         found = track_frames(
             open_source(video),
-            calibration,
+            calibration.value,
             experiment.actuator,
             vertical=camera.vertical,
             clamp_px=camera.clamp,
@@ -113,7 +119,11 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Track:
 
 
 def _clip(
-    work: Workspace, experiment: ExperimentSpec, tracked: Track, track_file: Path, calibration: Calibration
+    work: Workspace,
+    experiment: ExperimentSpec,
+    tracked: Stored[Track],
+    track_file: Path,
+    calibration: Stored[Calibration],
 ) -> None:
     """Make the small rectified clip that the report shows."""
     folder = track_file.parent
@@ -124,7 +134,7 @@ def _clip(
         from rfea_vision.vision import make_clip
 
         facts: dict[str, Any] = make_clip(
-            open_source(video), tracked, calibration, folder / "clip.mp4", progress=progress
+            open_source(video), tracked.value, calibration.value, folder / "clip.mp4", progress=progress
         )
         write_text(folder / "clip.json", json.dumps(facts) + "\n")
         size = (folder / "clip.mp4").stat().st_size
@@ -142,7 +152,7 @@ def _clip(
     )
 
 
-def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> Track:
+def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> Stored[Track]:
     source = experiment.track
     assert source is not None
 
@@ -162,7 +172,7 @@ def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> T
     )
 
 
-def synchronise(work: Workspace, experiment: ExperimentSpec) -> Recording:
+def synchronise(work: Workspace, experiment: ExperimentSpec) -> Stored[Recording]:
     """Bring the track and the pressure log of one experiment on one clock."""
     tracked = work.track_of(experiment)
     spec, sync = experiment.pressure, experiment.sync
@@ -177,7 +187,7 @@ def synchronise(work: Workspace, experiment: ExperimentSpec) -> Recording:
         from rfea_vision.sync import synchronise as synchronise_clocks
 
         recording = synchronise_clocks(
-            tracked,
+            tracked.value,
             log or read_pressure(spec, experiment.name),
             experiment=experiment.name,
             role=experiment.role,

@@ -9,6 +9,8 @@ from rfea_vision.artefacts import Ladder
 from rfea_vision.files import write_text
 from rfea_vision.progress import Progress
 from rfea_vision.stages import mechanics
+from rfea_vision.stages.choices import choices_of
+from rfea_vision.stages.stored import Stored
 
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 _ARTEFACTS = ("ladder.json", "calibration/*", "*/camera.yaml", "*/track.nc", "*/recording.nc", "*/clip.*", "models/*/*")
 
 
-def report(work: Workspace) -> Path:
+def report(work: Workspace) -> Stored[Path]:
     """Write the report of what there is; what is out of date is redone first; without a model the ladder is climbed."""
     path = work.out / "report" / "index.html"
     bring_up_to_date(work)
@@ -44,9 +46,10 @@ def report(work: Workspace) -> Path:
 def bring_up_to_date(work: Workspace) -> None:
     """Redo what stands on changed data: the ladder with its options, single models with theirs."""
     ladder = work.cache.record("improve/ladder")
+    choices = choices_of(ladder) if ladder is not None else None
     names = mechanics.model_names(work)
-    if ladder is not None and "fit" in ladder.options:
-        mechanics.improve(work, mechanics.options_of(ladder), budget_s=float(ladder.options["budget_s"]))
+    if ladder is not None and choices is not None:
+        mechanics.improve(work, choices, budget_s=float(ladder.options["budget_s"]))
     elif not names:
         work.improve()
     climbed = rung_models(work)

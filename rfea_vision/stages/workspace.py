@@ -12,6 +12,8 @@ from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.progress import Listener, Progress
 from rfea_vision.stages import measurement, mechanics, publishing
 from rfea_vision.stages.cache import StageCache
+from rfea_vision.stages.choices import choose
+from rfea_vision.stages.stored import Stored, values
 
 _Result = TypeVar("_Result")
 
@@ -55,31 +57,28 @@ class Workspace:
         self.tolerant = tolerant
         self.outcomes: list[dict[str, str]] = []
         self.failures: dict[str, RfeaError] = {}
-        self._done: dict[str, Any] = {}
+        self._done: dict[str, Stored[Any]] = {}
 
     # -- measurement ---------------------------------------------------------------------------------------------
 
     def calibrate(self) -> Calibration | None:
         """Calibrate the campaign's camera, and those of experiments with their own; None where nothing is pictured."""
-        own = None
+        found: list[Stored[Calibration]] = []
         if self.campaign.camera is not None:
             path = measurement.calibration_path(self, None)
-            own = measurement.calibrate(self, self.campaign.camera, path, self.campaign.name)
-        for experiment in self._active():
-            if experiment.video is not None:
-                found = self.calibration_of(experiment)
-                own = own or found
-        return own
+            found.append(measurement.calibrate(self, self.campaign.camera, path, self.campaign.name))
+        found += [self.calibration_of(item) for item in self._active() if item.video is not None]
+        return found[0].value if found else None
 
     def track(self, names: Sequence[str] = ()) -> dict[str, Track]:
         """Track the experiments (all, or those named) and return the tracks by name."""
-        return self._each(names, self.track_of, "tracked")
+        return values(self._each(names, self.track_of, "tracked"))
 
     def sync(self, names: Sequence[str] = ()) -> dict[str, Recording]:
         """Bring tracks and pressure logs on one clock and return the recordings by name."""
-        return self._each(names, lambda experiment: measurement.synchronise(self, experiment), "synchronised")
+        return values(self._each(names, self.recording_of, "synchronised"))
 
-    def calibration_of(self, experiment: ExperimentSpec) -> Calibration:
+    def calibration_of(self, experiment: ExperimentSpec) -> Stored[Calibration]:
         """Return the calibration that an experiment's pictures need."""
         if experiment.camera is None:
             raise InputError(f"{experiment.folder / 'experiment.yaml'}: camera: is missing; pictures need it")
@@ -87,83 +86,65 @@ class Workspace:
         subject = self.campaign.name if experiment.camera == self.campaign.camera else experiment.name
         return measurement.calibrate(self, experiment.camera, path, subject)
 
-    def track_of(self, experiment: ExperimentSpec) -> Track:
+    def track_of(self, experiment: ExperimentSpec) -> Stored[Track]:
         """Return the track of one experiment."""
         return measurement.track(self, experiment)
 
+    def recording_of(self, experiment: ExperimentSpec) -> Stored[Recording]:
+        """Return the recording of one experiment."""
+        return measurement.synchronise(self, experiment)
+
     # -- mechanics -----------------------------------------------------------------------------------------------
 
-    def fit(
-        self,
-        name: str | None = None,
-        *,
-        segments: int = 16,
-        joints: str = "middle",
-        add: Sequence[str] = (),
-        observe: str | None = None,
-        effect_files: Sequence[Path | str] = (),
-        seed: int = 0,
-        **more: Any,
-    ) -> ModelFit:
-        """Fit one model to the training experiments; `add` names the effects beside the base model."""
-        options = mechanics.fit_options(
-            name,
-            segments=segments,
-            joints=joints,
-            add=add,
-            observe=observe,
-            effect_files=effect_files,
-            seed=seed,
-            **more,
-        )
-        return mechanics.fit(self, options)
+    def fit(self, name: str | None = None, *, add: Sequence[str] = (), **choices: Any) -> ModelFit:
+        """Fit one model to the training experiments.
 
-    def compare(self, *models: str) -> dict[str, Comparison]:
-        """Compare models (default: all there are, or the base model) with the measurement."""
-        return {name: mechanics.compare(self, name) for name in models or mechanics.model_names(self) or ("base",)}
-
-    def diagnose(
-        self, model: str | None = None, *, effect_files: Sequence[Path | str] = (), seed: int = 0
-    ) -> Diagnosis:
-        """Ask which effect is missing from a model (default: the one fitted last, or the base model)."""
-        return mechanics.diagnose(
-            self, model or mechanics.last_model(self) or "base", effect_files=effect_files, seed=seed
-        )
-
-    def improve(
-        self,
-        *,
-        budget_s: float = 300.0,
-        segments: int = 16,
-        joints: str = "middle",
-        observe: str | None = None,
-        effect_files: Sequence[Path | str] = (),
-        seed: int = 0,
-        **more: Any,
-    ) -> Ladder:
-        """Fit, diagnose, add one effect, again, until a verdict ends it."""
-        options = mechanics.fit_options(
-            "base", segments=segments, joints=joints, observe=observe, effect_files=effect_files, seed=seed, **more
-        )
-        return mechanics.improve(self, options, budget_s=budget_s)
+        Parameters
+        ----------
+        name : folder of the model; default ``base``, ``base+maxwell``, ...
+        add : ids of effects beside the base model
+        choices : ``segments``, ``joints``, ``observe``, ``effect_files``, ``seed``, or any other option of the fit
+        """
+        return mechanics.fit(self, choose(name, add=add, **choices)).value
 
     def model(self, name: str) -> ModelFit:
         """Return a model by name, fitted again if it is out of date."""
-        return mechanics.fitted(self, name)
+        return mechanics.fitted(self, name).value
 
     def model_names(self) -> list[str]:
         """Return the models there are, in the order in which they were fitted."""
         return mechanics.model_names(self)
 
+    def compare(self, *models: str) -> dict[str, Comparison]:
+        """Compare models (default: all there are, or the base model) with the measurement."""
+        return values({name: mechanics.compare(self, name) for name in models or self.model_names() or ("base",)})
+
+    def diagnose(
+        self, model: str | None = None, *, effect_files: Sequence[Path | str] = (), seed: int = 0
+    ) -> Diagnosis:
+        """Ask which effect is missing from a model (default: the one fitted last, or the base model)."""
+        name = model or mechanics.last_model(self) or "base"
+        return mechanics.diagnose(self, name, effect_files=effect_files, seed=seed).value
+
+    def improve(self, *, budget_s: float = 300.0, **choices: Any) -> Ladder:
+        """Fit, diagnose, add one effect, again, until a verdict ends it.
+
+        Parameters
+        ----------
+        budget_s : time after which no further rung is begun
+        choices : as for `fit`
+        """
+        return mechanics.improve(self, choose("base", **choices), budget_s=budget_s).value
+
     # -- publishing ----------------------------------------------------------------------------------------------
 
     def report(self) -> Path:
         """Write the report and return its path; with no model yet, `improve` comes first."""
-        return publishing.report(self)
+        return publishing.report(self).value
 
     # -- how stages run ------------------------------------------------------------------------------------------
 
-    def recordings(self, *roles: str) -> dict[str, Recording]:
+    def recordings(self, *roles: str) -> dict[str, Stored[Recording]]:
         """Return the recordings of these roles by name.
 
         Raises
@@ -172,8 +153,8 @@ class Workspace:
             If no training experiment is left.
         """
         wanted = [item.name for item in self._active() if item.role in roles]
-        found = self.sync(wanted)
-        if not any(recording.role == "train" for recording in found.values()):
+        found = self._each(wanted, self.recording_of, "synchronised") if wanted else {}
+        if not any(self.campaign.experiment(name).role == "train" for name in found):
             raise DataError(f"{self.campaign.root}: no experiment with 'role: train' is left to fit; mend or add one")
         return found
 
@@ -188,8 +169,8 @@ class Workspace:
         make: Callable[[Progress], tuple[_Result, list[Path], str]],
         load: Callable[[], _Result],
         also: Sequence[str] = (),
-    ) -> _Result:
-        """Run one stage, or load what it made before if nothing that it depends on has changed.
+    ) -> Stored[_Result]:
+        """Run one stage, or take what it made before if nothing that it depends on has changed.
 
         Parameters
         ----------
@@ -206,7 +187,7 @@ class Workspace:
             return self._done[key]
         hashes, digest = self._digest(stage, inputs, also, options, code)
         if stage not in self.force and self.cache.is_fresh(key, digest):
-            result = load()
+            stored = Stored(load)
             self._say(stage, subject, "unchanged", "")
         else:
             progress = self.listener.begin(stage, subject)
@@ -215,10 +196,11 @@ class Workspace:
             except BaseException as error:
                 self.listener.end(stage, subject, "failed", str(error))
                 raise
+            stored = Stored.of(result)
             self.cache.store(key, digest, outputs, options=options, inputs=hashes)
             self._say(stage, subject, "done", sentence)
-        self._done[key] = result
-        return result
+        self._done[key] = stored
+        return stored
 
     def remember(
         self,

@@ -42,7 +42,7 @@ class Stage:
             make=self.make,
             load=lambda: int(self.result.read_text()),
         )
-        return value, work.outcome("double", "number")
+        return value.value, work.outcome("double", "number")
 
 
 @pytest.fixture

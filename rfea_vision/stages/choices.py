@@ -1,0 +1,91 @@
+"""What a model is asked for. Kept apart from the fit's own options, so that an unchanged fit needs none of its libraries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rfea_vision.errors import InputError
+from rfea_vision.stages.cache import StageRecord, plain
+
+if TYPE_CHECKING:
+    from rfea_vision.fitting import FitOptions
+
+
+@dataclass(frozen=True)
+class ModelChoices:
+    """The choices of a fit, as the command line, a recipe or a record of an earlier fit gives them.
+
+    Attributes
+    ----------
+    name : folder of the model
+    effects : ids of the effects beside the base model
+    observe : what of the recordings is fitted; None takes the richest that all of them offer
+    more : further options of the fit by name
+    """
+
+    name: str = "base"
+    segments: int = 16
+    joints: str = "middle"
+    effects: tuple[str, ...] = ()
+    observe: str | None = None
+    effect_files: tuple[Path, ...] = ()
+    seed: int = 0
+    more: Mapping[str, Any] = field(default_factory=dict)
+
+    def with_effects(self, name: str, effects: Sequence[str]) -> ModelChoices:
+        """Return the same choices for another rung."""
+        return replace(self, name=name, effects=tuple(effects))
+
+    def fit_options(self) -> FitOptions:
+        """Return the options that the fit takes.
+
+        Raises
+        ------
+        InputError
+            If one of `more` is no option of the fit.
+        """
+        from rfea_vision.fitting import FitOptions
+
+        own = {key: value for key, value in vars(self).items() if key != "more"}
+        try:
+            return FitOptions(**own, **self.more)
+        except TypeError as error:
+            raise InputError(f"fit: {error}; known are {', '.join(FitOptions.__dataclass_fields__)}") from error
+
+    def as_record(self) -> dict[str, Any]:
+        """Return plain values; paths in full, so that the fit can be done again."""
+        return {**plain(self), "effect_files": [str(path) for path in self.effect_files]}
+
+
+def choose(
+    name: str | None = None, *, add: Sequence[str] = (), effect_files: Sequence[Path | str] = (), **choices: Any
+) -> ModelChoices:
+    """Return the choices of a model; without a name it is called after its effects.
+
+    Raises
+    ------
+    InputError
+        If an effect file is not there, or the name cannot name a folder.
+    """
+    effects = tuple(dict.fromkeys(add))
+    files = tuple(Path(file).expanduser().resolve() for file in effect_files)
+    for file in files:
+        if not file.is_file():
+            raise InputError(f"--effect-file {file}: not found; 'rfea effects new {file.name}' writes a template")
+    name = name or "+".join(["base", *effects])
+    if "/" in name or "\\" in name or name.startswith("."):
+        raise InputError(f"--name {name}: cannot name a folder; use letters, digits and dashes")
+    known = {key: choices.pop(key) for key in ("segments", "joints", "observe", "seed") if key in choices}
+    return ModelChoices(name=name, effects=effects, effect_files=files, more=choices, **known)
+
+
+def choices_of(record: StageRecord) -> ModelChoices | None:
+    """Return the choices with which a model was fitted; None if the record does not say."""
+    kept = record.options.get("fit")
+    if not isinstance(kept, dict) or not set(kept) <= set(ModelChoices.__dataclass_fields__):
+        return None
+    files = tuple(Path(path) for path in kept.get("effect_files", ()))
+    return ModelChoices(**{**kept, "effects": tuple(kept.get("effects", ())), "effect_files": files})

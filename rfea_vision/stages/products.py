@@ -1,0 +1,81 @@
+"""What the stages of mechanics write beside their JSON, and the sentences that say how they went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from rfea_vision.artefacts import Diagnosis, ModelFit, Rung
+from rfea_vision.files import read_dataset, whole_file, write_datasets
+
+
+def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset]) -> None:
+    """Write prediction.nc, one group per experiment."""
+    groups: dict[str | None, xr.Dataset] = {name: dataset for name, dataset in predictions.items()}  # noqa: C416
+    write_datasets(folder / "prediction.nc", groups)
+
+
+def load_prediction(folder: Path, experiments: Sequence[str]) -> dict[str, xr.Dataset]:
+    """Read the groups of prediction.nc."""
+    return {name: read_dataset(folder / "prediction.nc", name) for name in experiments}
+
+
+def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: tuple[Any, Any] | None) -> list[Path]:
+    """Write the diagnosis, and the pressure to play next (s, kPa) as a CSV beside it."""
+    outputs = [folder / "diagnosis.json"]
+    if pressure is not None and diagnosis.next_experiment is not None:
+        path = folder / Path(diagnosis.next_experiment.pressure).name
+        columns = {"time_s": pressure[0], "pressure_kPa": pressure[1]}
+        with whole_file(path) as temporary:
+            pd.DataFrame(columns).to_csv(temporary, float_format="%.6g", index=False)
+        outputs.append(path)
+    diagnosis.save(outputs[0])
+    return outputs
+
+
+def without_pressure(diagnosis: Diagnosis) -> tuple[Diagnosis, tuple[Any, Any] | None]:
+    """Take the next experiment's pressure, which a rung carries with it, out of its diagnosis."""
+    content = diagnosis.model_dump(by_alias=True)
+    given = content.pop("next_pressure", None)
+    pressure = None if given is None else (given["time_s"], given["pressure_kPa"])
+    return Diagnosis.model_validate(content), pressure
+
+
+def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[Rung]) -> Rung:
+    """Return the rung that a model stands on, above those `below`, for the ladder as far as it is."""
+    known = {rung.added for rung in below}
+    new = [effect for effect in model.effects if effect not in known]
+    train, validate = model.metrics.get("train"), model.metrics.get("validate")
+    return Rung(
+        model=model.name,
+        added=new[-1] if below and new else None,
+        train_tip_rmse_mm=train.tip_rmse_mm if train else None,
+        validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
+        delta_bic=None,
+        verdict=diagnosis.verdict,
+    )
+
+
+def describe_fit(model: ModelFit) -> str:
+    """Say how well a model fits."""
+    parts = []
+    for role, metrics in model.metrics.items():
+        if metrics.tip_rmse_mm is not None:
+            parts.append(f"{role} {metrics.tip_rmse_mm:.3f} mm")
+        elif metrics.angle_rmse_deg is not None:
+            parts.append(f"{role} {metrics.angle_rmse_deg:.3f} deg")
+    return f"{model.status}, root mean square error {', '.join(parts)}" if parts else model.status
+
+
+def describe_rung(rung: Rung) -> str:
+    """Say what a rung has brought."""
+
+    def shown(value: float | None) -> str:
+        return "-" if value is None else f"{value:.3f} mm"
+
+    errors = f"train {shown(rung.train_tip_rmse_mm)}, validate {shown(rung.validate_tip_rmse_mm)}"
+    return f"{rung.model}: {errors}, {rung.verdict}"
