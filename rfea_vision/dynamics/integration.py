@@ -29,7 +29,9 @@ from rfea_vision.dynamics.engine import (
 )
 
 LARGEST_JOINT_ANGLE = 3.0  # rad; beyond it the chain has wound up
-NEWTON_STEPS = 15
+NEWTON_STEPS = 60
+# Full steps at first; a law that is steep at rest (dry friction) can make them swing about the solution, then shorter ones.
+FULL_STEPS = 8
 
 # Signatures are spelled out so that laws enter as function pointers and one compiled engine serves them all.
 _INDEX = int64[::1]
@@ -416,7 +418,7 @@ def integrate(
                     z_s[j, a] = z_star[j, a]
             converged = False
             felt = pressure[step, stage]
-            for _ in range(NEWTON_STEPS):
+            for iteration in range(NEWTON_STEPS):
                 iterations += 1
                 _joint_angles(phi_s, om_s, theta, rate)
                 if with_line:
@@ -475,6 +477,14 @@ def integrate(
                     change = -q * w
                     for i in range(n + 1):
                         x[i, 0] += change * x[i, 1]
+                damp = 1.0 if iteration < FULL_STEPS else (0.5 if iteration < 3 * FULL_STEPS else 0.2)
+                if damp < 1.0:
+                    change *= damp
+                    for i in range(n + 1):
+                        x[i, 0] *= damp
+                    for j in range(n):
+                        for a in range(m):
+                            zc[j, a] *= damp
                 largest = 0.0
                 for i in range(n + 1):
                     al[i] += x[i, 0]
@@ -488,7 +498,7 @@ def integrate(
                 largest *= s * s
                 if not (largest < 1.0):
                     return BLOWN_UP, step, iterations
-                if largest < tolerance:
+                if largest < tolerance * damp:
                     converged = True
                     break
             if not converged:
