@@ -61,7 +61,7 @@ class VideoSource(FrameSource):
     """A video container."""
 
     override_Hz: float | None = None
-    threads: int = 2
+    threads: int = 4  # pictures decoded ahead, so that the decoder does not wait for the tracker
     quarter_turns: int = 0  # counter-clockwise, from the container's display matrix
     first_pts_s: float = 0.0
     _cache: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False, compare=False)
@@ -179,7 +179,7 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
         raise InputError(f"{path}: video.file is not a readable video ({error}); convert it to H.264 in MP4") from error
     if turns % 2:
         size = (size[1], size[0])
-    return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, 2, turns, start)
+    return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, quarter_turns=turns, first_pts_s=start)
 
 
 def open_frames(folder: Path, times_csv: Path, rate_Hz: float | None = None) -> FrameSource:

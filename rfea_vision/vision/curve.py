@@ -34,36 +34,23 @@ def basis_at(u, count, weights):
 
 
 @njit(cache=True, nogil=True)
-def slope_at(u, count, weights):
-    """The same for the derivative with respect to u."""
-    spans = count - 3
-    x = u * spans
-    i = int(np.floor(x))
-    i = min(max(i, 0), spans - 1)
-    t = x - i
-    r = 1.0 - t
-    weights[0] = -0.5 * r * r * spans
-    weights[1] = (1.5 * t * t - 2.0 * t) * spans
-    weights[2] = (2.0 * r - 1.5 * r * r) * spans
-    weights[3] = 0.5 * t * t * spans
-    return i
-
-
-@njit(cache=True, nogil=True)
 def point_and_tangent(coefficients, u):
     """Point and unit tangent at `u`: x, y, tangent x, tangent y, speed."""
-    w = np.empty(4)
-    count = coefficients.shape[0]
-    i = basis_at(u, count, w)
-    x = y = 0.0
-    for k in range(4):
-        x += w[k] * coefficients[i + k, 0]
-        y += w[k] * coefficients[i + k, 1]
-    slope_at(u, count, w)
-    dx = dy = 0.0
-    for k in range(4):
-        dx += w[k] * coefficients[i + k, 0]
-        dy += w[k] * coefficients[i + k, 1]
+    spans = coefficients.shape[0] - 3
+    x = u * spans
+    i = min(max(int(np.floor(x)), 0), spans - 1)
+    t = x - i
+    r = 1.0 - t
+    a = r * r * r / 6.0
+    b = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
+    c = (3.0 * r * r * r - 6.0 * r * r + 4.0) / 6.0
+    d = t * t * t / 6.0
+    p, q = coefficients, spans
+    x = a * p[i, 0] + b * p[i + 1, 0] + c * p[i + 2, 0] + d * p[i + 3, 0]
+    y = a * p[i, 1] + b * p[i + 1, 1] + c * p[i + 2, 1] + d * p[i + 3, 1]
+    a, b, c, d = -0.5 * r * r * q, (1.5 * t * t - 2.0 * t) * q, (2.0 * r - 1.5 * r * r) * q, 0.5 * t * t * q
+    dx = a * p[i, 0] + b * p[i + 1, 0] + c * p[i + 2, 0] + d * p[i + 3, 0]
+    dy = a * p[i, 1] + b * p[i + 1, 1] + c * p[i + 2, 1] + d * p[i + 3, 1]
     speed = np.sqrt(dx * dx + dy * dy) + 1e-300
     return x, y, dx / speed, dy / speed, speed
 
@@ -71,9 +58,16 @@ def point_and_tangent(coefficients, u):
 @njit(cache=True, nogil=True)
 def value_at(coefficients, u):
     """A scalar spline at `u`."""
-    w = np.empty(4)
-    i = basis_at(u, coefficients.shape[0], w)
-    return w[0] * coefficients[i] + w[1] * coefficients[i + 1] + w[2] * coefficients[i + 2] + w[3] * coefficients[i + 3]
+    spans = coefficients.shape[0] - 3
+    x = u * spans
+    i = min(max(int(np.floor(x)), 0), spans - 1)
+    t = x - i
+    r = 1.0 - t
+    a = r * r * r / 6.0
+    b = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
+    c = (3.0 * r * r * r - 6.0 * r * r + 4.0) / 6.0
+    d = t * t * t / 6.0
+    return a * coefficients[i] + b * coefficients[i + 1] + c * coefficients[i + 2] + d * coefficients[i + 3]
 
 
 def basis_matrix(u: FloatArray, count: int, derivative: int = 0) -> FloatArray:
@@ -107,8 +101,8 @@ def fit_curve(points: FloatArray, count: int = COEFFICIENTS) -> FloatArray:
 
 
 VERTEX_U = np.linspace(0.0, 1.0, VERTICES)
-VERTEX_BASIS = basis_matrix(VERTEX_U, COEFFICIENTS)
-REFIT = np.linalg.pinv(VERTEX_BASIS)  # points at the vertices -> coefficients
+REFIT_POINTS = 73
+REFIT = np.linalg.pinv(basis_matrix(np.linspace(0, 1, REFIT_POINTS), COEFFICIENTS))  # even points -> coefficients
 
 
 @njit(cache=True, nogil=True)
@@ -134,7 +128,7 @@ def moved_curve(coefficients, offset, from_mm, beyond_mm, refit):
     extended by the end pieces of the spline.
     """
     count = refit.shape[1]
-    extra = 8  # vertices beyond either end, to find the arc length there
+    extra = 4  # points beyond either end, to find the arc length there
     total = count + 2 * extra
     length = 0.0
     arc = np.empty(total)

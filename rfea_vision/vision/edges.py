@@ -113,7 +113,7 @@ def cross_edge(picture, along_row, line, place, outward, blur, inside, outside, 
 
 @njit(cache=True, nogil=True)
 def measure_polyline(
-    picture, camera, points, outward, side, u, levels, blurs, stride, reach_limit, stations, filled, sums
+    picture, camera, points, outward, side, u, levels, blurs, stride, hop, reach_limit, stations, filled, sums
 ):
     """Measure along one edge.
 
@@ -122,7 +122,7 @@ def measure_polyline(
     points, outward : (V, 2) mm, expected edge and the direction (unit) in which its shift is counted
     u : (V,) parameter written to the stations
     levels : (V, 2) inside and outside grey level; blurs : (V,) px
-    stride : use every so many rows
+    stride : use every so many rows; hop : and every so many points
     reach_limit : px on the inner side that still belong to the tube
     stations : table to append to, from row `filled` on; returns the new count
     sums : (V, 6) level and blur statistics, added to
@@ -132,12 +132,18 @@ def measure_polyline(
     px0, py0 = project_point(camera, points[0, 0], points[0, 1])
     tip_x, tip_y = project_point(camera, points[0, 0] + 0.5 * outward[0, 0], points[0, 1] + 0.5 * outward[0, 1])
     ox0, oy0 = 2.0 * (tip_x - px0), 2.0 * (tip_y - py0)
-    for v in range(count - 1):
-        px1, py1 = project_point(camera, points[v + 1, 0], points[v + 1, 1])
-        tip_x, tip_y = project_point(
-            camera, points[v + 1, 0] + 0.5 * outward[v + 1, 0], points[v + 1, 1] + 0.5 * outward[v + 1, 1]
-        )
-        ox1, oy1 = 2.0 * (tip_x - px1), 2.0 * (tip_y - py1)
+    v = -hop
+    following = 0
+    while following < count - 1:
+        v = following
+        following = min(v + hop, count - 1)
+        px1, py1 = project_point(camera, points[following, 0], points[following, 1])
+        ox1, oy1 = ox0, oy0
+        if following % 4 == 0 or following == count - 1:  # how far a mm reaches changes slowly
+            tip_x, tip_y = project_point(
+                camera, points[following, 0] + 0.5 * outward[following, 0], points[following, 1] + 0.5 * outward[following, 1]
+            )
+            ox1, oy1 = 2.0 * (tip_x - px1), 2.0 * (tip_y - py1)
         dx, dy = px1 - px0, py1 - py0
         along_row = abs(dy) >= abs(dx)
         span = dy if along_row else dx
@@ -156,12 +162,12 @@ def measure_polyline(
                     continue
                 f = (line - a) / span
                 place = px0 + f * dx if along_row else py0 + f * dy
-                blur = blurs[v] + f * (blurs[v + 1] - blurs[v])
+                blur = blurs[v] + f * (blurs[following] - blurs[v])
                 # The pixel is a box along the line and smears the edge across it by its slope: exact where aligned.
                 seen = math.sqrt(blur * blur + (1.0 - cosine * cosine) / 12.0) / cosine
                 reach = 2.5 * seen + 3.8
                 inner = min(reach, reach_limit / cosine)
-                vertex = v if f < 0.5 else v + 1
+                vertex = v if f < 0.5 else following
                 if not cross_edge(
                     picture,
                     along_row,
@@ -183,7 +189,7 @@ def measure_polyline(
                 per_mm = (ox * nx + oy * ny) / cosine  # px along the line per mm along `outward`
                 if per_mm <= 1e-6:
                     continue
-                stations[filled, U] = u[v] + f * (u[v + 1] - u[v])
+                stations[filled, U] = u[v] + f * (u[following] - u[v])
                 stations[filled, SIDE] = side
                 stations[filled, SHIFT] = result[0] / per_mm
                 stations[filled, INFO] = result[1] * per_mm * per_mm

@@ -59,8 +59,11 @@ LEVEL_WINDOW, BLUR_WINDOW = 8, 48
     CAP_USED,
     LONGEST_GAP,
     LAST_STEP,
-) = range(15)
-NUMBERS = 15
+    BEND,
+    TIP_X,
+    TIP_Y,
+) = range(18)
+NUMBERS = 18
 
 
 class State(NamedTuple):
@@ -139,6 +142,7 @@ def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
             state.levels[s, low:high],
             state.blurs[s, low:high],
             stride,
+            4 if stride > 1 else 1,
             reach,
             work.stations,
             filled,
@@ -248,7 +252,7 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     sums[:] = 0.0
     levels, blurs = state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
     filled = measure_polyline(
-        picture, camera, points, outward, 0.0, across, levels, blurs, 1, 3.0 * px_per_mm * half, work.stations, 0, sums
+        picture, camera, points, outward, 0.0, across, levels, blurs, 1, 1, 3.0 * px_per_mm * half, work.stations, 0, sums
     )
     expected = 2.0 * CAP_REACH * half * px_per_mm * max(abs(tx), abs(ty))
     if filled < 4:
@@ -434,6 +438,18 @@ def move_state(state, solution, beyond_mm):
 
 
 @njit(cache=True, nogil=True)
+def _margin_px(camera, state, u, px_per_mm):
+    """How near to an end the edges can be used: blur of the end, and its corner where rows cross the edge at a slant."""
+    x, y, tx, ty, _ = point_and_tangent(state.coefficients, u)
+    ax, ay = project_point(camera, x, y)
+    bx, by = project_point(camera, x + tx, y + ty)
+    dx, dy = abs(bx - ax), abs(by - ay)
+    slant = min(dx, dy) / max(dx, dy, 1e-9)
+    blur = state.blurs[0, 0] if u < 0.5 else state.blurs[0, -1]
+    return 1.2 + 2.0 * blur + slant * (2.5 * blur + 0.8)
+
+
+@njit(cache=True, nogil=True)
 def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, least_contrast):
     """Fit one frame; `state` holds the prediction and becomes the result. Numbers land in `work.numbers`."""
     numbers = work.numbers
@@ -444,9 +460,8 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
     filled, _ = coarse_search(picture, camera, state, work, reach_px, px_per_mm)
     if filled >= 6:
         numbers[INNOVATION] = apply_coarse(state, work, filled, px_per_mm)
-    margin_mm = (3.0 + 2.0 * np.median(state.blurs[0])) / px_per_mm
-    margin = margin_mm / max(length, 1.0)
-    from_u, to_u = margin, 1.0 - margin
+    from_u = _margin_px(camera, state, 0.0, px_per_mm) / px_per_mm / max(length, 1.0)
+    to_u = 1.0 - _margin_px(camera, state, 1.0, px_per_mm) / px_per_mm / max(length, 1.0)
     filled, length = measure_sides(picture, camera, state, work, 4, from_u, to_u, px_per_mm)
     update_levels(state, work, 1.0, blur_limit, px_per_vertex)
     noise = 3.0
@@ -495,12 +510,24 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
         if last and largest * px_per_mm < 0.1:
             break
     numbers[LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
+    numbers[BEND] = _turning(work.normal)
+    numbers[TIP_X], numbers[TIP_Y] = project_point(camera, work.centre[VERTICES - 1, 0], work.centre[VERTICES - 1, 1])
     numbers[WIDTH] = 2.0 * np.mean(work.half_width)
     numbers[TIP_SHIFT] = tip_shift
     numbers[TIP_VARIANCE] = tip_variance
     numbers[NOISE] = noise
     numbers[CAP_USED] = cap_used
     numbers[BLUR] = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
+
+
+@njit(cache=True, nogil=True)
+def _turning(normal):
+    """Total turning of the curve in rad, counter-clockwise positive."""
+    total = 0.0
+    for v in range(normal.shape[0] - 1):
+        cross = normal[v, 0] * normal[v + 1, 1] - normal[v, 1] * normal[v + 1, 0]
+        total += math.asin(min(max(cross, -1.0), 1.0))
+    return total
 
 
 @njit(cache=True, nogil=True)

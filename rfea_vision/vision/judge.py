@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.calibration.projection import project
 from rfea_vision.vision import follow
 from rfea_vision.vision.begin import Scene
-from rfea_vision.vision.curve import basis_matrix
 
 FloatArray = NDArray[np.float64]
 
@@ -16,9 +14,6 @@ LEAST_USED = 0.45  # share of the edges that must be seen
 LONGEST_GAP = 0.2  # of the length, unseen on both sides
 WIDTH_OFF = 0.2
 LENGTH_OFF = 0.06
-_ENDS = basis_matrix(np.linspace(0, 1, 9), follow.COEFFICIENTS)
-_SLOPES = basis_matrix(np.array([0.0, 1.0]), follow.COEFFICIENTS, 1)
-
 
 class Judge:
     """Compares each fit with what a tube can do; learns the length of this one from its first frames."""
@@ -26,18 +21,17 @@ class Judge:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.hinge_lengths: list[float] = []
+        self.expected_mm = scene.length_mm
         self._sample: NDArray[np.uint8] | None = None
         self._identical = 0
 
-    def __call__(self, luma: NDArray[np.uint8], state: follow.State, numbers: FloatArray) -> str:
+    def __call__(self, luma: NDArray[np.uint8], numbers: FloatArray) -> str:
         """Empty if good, else a reason of FORMATS: no_tube, occluded, blurred, width_off, length_off, touches_border."""
         height, width = luma.shape
-        ends = project(self.scene.camera, _ENDS @ state.coefficients)
-        if not np.all(np.isfinite(ends)):
-            return "no_tube"
+        x, y = numbers[follow.TIP_X], numbers[follow.TIP_Y]
         half_px = self.scene.half_mm * self.scene.px_per_mm
-        x, y = ends[-1]
-        if x < half_px * 0.6 or y < half_px * 0.6 or x > width - 1 - half_px * 0.6 or y > height - 1 - half_px * 0.6:
+        margin = 0.6 * half_px
+        if numbers[follow.LENGTH] > 0 and not (margin <= x <= width - 1 - margin and margin <= y <= height - 1 - margin):
             return "touches_border"
         used = numbers[follow.USED]
         if numbers[follow.BLUR] > 0.27 * half_px:
@@ -52,30 +46,23 @@ class Judge:
             return "tip_hidden"
         if numbers[follow.LAST_STEP] > 3.0:
             return "no_fit"
-        return self._length(state, numbers)
+        return self._length(numbers)
 
-    def _length(self, state: follow.State, numbers: FloatArray) -> str:
+    def _length(self, numbers: FloatArray) -> str:
         """The inextensible side keeps its length: centre line minus half width times the bend."""
-        slopes = _SLOPES @ state.coefficients
-        bend = self._bend(state)
-        sign = 1.0 if self.scene.actuator.bends == "left" else -1.0
-        hinge = float(numbers[follow.LENGTH]) - self.scene.half_mm * sign * bend
-        del slopes
+        # Walking down the tube, a bend to the camera's left turns clockwise.
+        sign = -1.0 if self.scene.actuator.bends == "left" else 1.0
+        hinge = float(numbers[follow.LENGTH] - self.scene.half_mm * sign * numbers[follow.BEND])
         if len(self.hinge_lengths) >= 5:
-            expected = float(np.median(self.hinge_lengths))
+            expected = self.expected_mm
             if abs(hinge / expected - 1) > LENGTH_OFF:
                 return "length_off"
         elif abs(hinge / self.scene.length_mm - 1) > 0.35:
             return "length_off"
         if len(self.hinge_lengths) < 200:
             self.hinge_lengths.append(hinge)
+            self.expected_mm = float(np.median(self.hinge_lengths))
         return ""
-
-    def _bend(self, state: follow.State) -> float:
-        """Total turning in rad, positive towards the camera's left for a tube that hangs down."""
-        slopes = np.diff(basis_matrix(np.linspace(0, 1, 33), follow.COEFFICIENTS) @ state.coefficients, axis=0)
-        angle = np.unwrap(np.arctan2(-slopes[:, 0], -slopes[:, 1]))
-        return float(angle[-1] - angle[0])
 
     def duplicate(self, luma: NDArray[np.uint8], expected_px: float) -> str:
         """A frame identical to the last one although the tube is moving is a copy written by the recorder."""

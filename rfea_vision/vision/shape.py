@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numba import njit
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Calibration
@@ -91,7 +92,7 @@ def _origin(rows: Rows, valid: NDArray[np.bool_], coefficients: FloatArray, star
 
 def _rest_direction(coefficients: FloatArray) -> FloatArray:
     """Direction of the straightest frames' chord: the resting tube hangs straight down."""
-    points = np.einsum("uk,tkc->tuc", basis_matrix(np.linspace(0, 1, 33), COEFFICIENTS), coefficients)
+    points = np.matmul(basis_matrix(np.linspace(0, 1, 33), COEFFICIENTS), coefficients)
     chord = points[:, -1] - points[:, 0]
     length = np.linalg.norm(np.diff(points, axis=1), axis=-1).sum(axis=1)
     straight = np.linalg.norm(chord, axis=1) / length
@@ -109,7 +110,7 @@ class CalibrationError:
     def __init__(
         self, calibration: Calibration, camera: FloatArray, coefficients: FloatArray, origin: FloatArray
     ) -> None:
-        points = np.einsum("uk,tkc->tuc", basis_matrix(np.linspace(0, 1, 9), COEFFICIENTS), coefficients).reshape(-1, 2)
+        points = np.matmul(basis_matrix(np.linspace(0, 1, 9), COEFFICIENTS), coefficients).reshape(-1, 2)
         low, high = points.min(axis=0) - 10, points.max(axis=0) + 10
         self.middle, self.half = (low + high) / 2, (high - low) / 2
         grid = np.stack(np.meshgrid(*np.linspace(low, high, 9).T), axis=-1).reshape(-1, 2)
@@ -147,9 +148,9 @@ def _derive(
     """Everything in the rig frame, valid frames only: name -> (dims, values)."""
     numbers = rows["numbers"][valid]
     nodes = np.linspace(0, 1, rows.nodes)
-    points = np.einsum("uk,tkc->tuc", basis_matrix(nodes, COEFFICIENTS), coefficients)
-    slope = np.einsum("uk,tkc->tuc", basis_matrix(nodes, COEFFICIENTS, 1), coefficients)
-    second = np.einsum("uk,tkc->tuc", basis_matrix(nodes, COEFFICIENTS, 2), coefficients)
+    points = np.matmul(basis_matrix(nodes, COEFFICIENTS), coefficients)
+    slope = np.matmul(basis_matrix(nodes, COEFFICIENTS, 1), coefficients)
+    second = np.matmul(basis_matrix(nodes, COEFFICIENTS, 2), coefficients)
     speed = np.linalg.norm(slope, axis=-1)
     tangent = slope / speed[..., None]
     left = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)  # left-hand normal, walking from clamp to tip
@@ -200,7 +201,7 @@ def _derive(
 
 def _angles(coefficients: FloatArray, sign: float, u: FloatArray) -> FloatArray:
     """Unwrapped tangent angle at `u` in the plane frame, from straight down, positive towards the bend, (t, len(u))."""
-    slope = np.einsum("uk,tkc->tuc", basis_matrix(u, COEFFICIENTS, 1), coefficients)
+    slope = np.matmul(basis_matrix(u, COEFFICIENTS, 1), coefficients)
     return np.unwrap(np.arctan2(-sign * slope[..., 0], -slope[..., 1]), axis=1)
 
 
@@ -211,17 +212,37 @@ def _bend(rows, valid, coefficients, to_rig, sign, inflation, length, calibrated
     angle = _angles(coefficients, sign, u) - turned
     angle -= 2 * np.pi * np.round(angle[:, :1] / (2 * np.pi))
     noise = np.sqrt(inflation * rows.variances("tip_slope")[valid][:, 0]) / length
-    ends = np.einsum("uk,tkc->tuc", basis_matrix(np.array([1.0]), COEFFICIENTS), coefficients)[:, 0]
-    slope = np.einsum("uk,tkc->tuc", basis_matrix(np.array([1.0]), COEFFICIENTS, 1), coefficients)[:, 0]
+    ends = np.matmul(basis_matrix(np.array([1.0]), COEFFICIENTS), coefficients)[:, 0]
+    slope = np.matmul(basis_matrix(np.array([1.0]), COEFFICIENTS, 1), coefficients)[:, 0]
     tangent = slope / np.linalg.norm(slope, axis=1, keepdims=True)
     systematic = np.sum(calibrated.rotation(ends, tangent) ** 2, axis=0)
     return angle[:, -1], noise, np.sqrt(noise**2 + systematic)
 
 
+@njit(cache=True, nogil=True)
+def _centre_over_hinge(hinge, centre, segments):
+    """Centre-line length over hinge-side length minus one, (t, segments), for parts even along the hinge side."""
+    frames, fine = hinge.shape
+    out = np.empty((frames, segments))
+    for t in range(frames):
+        k = 0
+        before = 0.0
+        part = hinge[t, fine - 1] / segments
+        for j in range(segments):
+            target = part * (j + 1)
+            while k < fine - 2 and hinge[t, k + 1] < target:
+                k += 1
+            share = (target - hinge[t, k]) / max(hinge[t, k + 1] - hinge[t, k], 1e-12)
+            here = centre[t, k] + share * (centre[t, k + 1] - centre[t, k])
+            out[t, j] = (here - before) / part - 1.0
+            before = here
+    return out
+
+
 def _elongation(rows, valid, coefficients, sign, inflation, length, half, calibrated):
     """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
     u = np.linspace(0, 1, FINE)
-    speed = np.linalg.norm(np.einsum("uk,tkc->tuc", basis_matrix(u, COEFFICIENTS, 1), coefficients), axis=-1)
+    speed = np.linalg.norm(np.matmul(basis_matrix(u, COEFFICIENTS, 1), coefficients), axis=-1)
     centre = np.concatenate(
         [np.zeros((len(speed), 1)), np.cumsum(0.5 * (speed[:, 1:] + speed[:, :-1]), axis=1) / (FINE - 1)], axis=1
     )
@@ -229,16 +250,11 @@ def _elongation(rows, valid, coefficients, sign, inflation, length, half, calibr
     radius = float(np.median(half))
     hinge = centre - radius * (angle - angle[:, :1])
     segments = rows.segments
-    out = np.empty((len(speed), segments))
-    joints = np.empty((len(speed), segments + 1))
-    for t in range(len(speed)):
-        places = np.linspace(0, hinge[t, -1], segments + 1)
-        joints[t] = np.interp(places, hinge[t], u)
-        out[t] = np.diff(np.interp(places, hinge[t], centre[t])) / np.diff(places) - 1
+    out = _centre_over_hinge(hinge, centre, segments)
     step = hinge[:, -1:] / segments
     noise = radius * np.sqrt(inflation * rows.variances("joint")[valid]) / length[:, None] / step
-    at = np.einsum("uk,tkc->tuc", basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS), coefficients)
-    slope = np.einsum("uk,tkc->tuc", basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS, 1), coefficients)
+    at = np.matmul(basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS), coefficients)
+    slope = np.matmul(basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS, 1), coefficients)
     tangent = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
     turning = np.diff(calibrated.rotation(at, tangent), axis=-1)
     systematic = np.sum((radius * turning / step[None]) ** 2, axis=0)

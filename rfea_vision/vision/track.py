@@ -223,7 +223,7 @@ class Follower:
         assert self.state is not None
         gain = 0.3 if self.good < FIRST_FRAMES else 0.02
         follow.fit_frame(luma, self.scene.camera, self.state, self.work, self.scene.px_per_mm, reach, gain, 0.35)
-        reason = self.judge(luma, self.state, self.work.numbers)
+        reason = self.judge(luma, self.work.numbers)
         if reason:
             for array, old in zip(self.state, saved, strict=True):
                 array[:] = old
