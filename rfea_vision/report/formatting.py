@@ -58,11 +58,11 @@ def unit_text(unit: str) -> str:
 
 
 def law(latex: str) -> Markup:
-    """An equation as MathML, which browsers set without any library; the LaTeX itself where that fails."""
-    if not latex:
-        return Markup("")
+    r"""Equations, separated by ``\\\\``, as MathML, which browsers set without any library; LaTeX where that fails."""
+    source = latex.strip().strip("$")
+    lines = [source] if "\\begin" in source else source.split("\\\\")
     try:
-        return Markup(convert(latex.strip().strip("$"), display="block"))
+        return Markup("").join(Markup(convert(line.strip(), display="block")) for line in lines if line.strip())
     except Exception:  # the converter raises many kinds; the page must not fall with it
         return Markup("<code>{}</code>").format(latex)
 

@@ -87,6 +87,11 @@ def test_laws_are_typeset(latex: str) -> None:
     assert law(latex).startswith("<math")
 
 
+def test_a_law_of_two_lines_is_two_equations() -> None:
+    assert law(r"a = b \\\\ c = d").count("<math") == 2
+    assert law("") == ""
+
+
 def test_a_law_that_cannot_be_typeset_is_shown_as_it_is() -> None:
     assert "<" not in law(r"\left( <b>").replace("<code>", "").replace("</code>", "").split("math")[0]
     assert law("") == ""

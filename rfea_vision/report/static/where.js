@@ -71,7 +71,7 @@ function bars({rows, name, value}) {
         pen.text(names[i], box.left - 8, y, {align: "right", colour: c.ink});
         pen.rect(box.left, y - pitch * 0.28, x(value(row)) - box.left, pitch * 0.56, c.modelled, 0.85);
         if (before) pen.dot(x(value(before)), y, 4, null, c.muted);
-        pen.text(show(value(row), 2), Math.max(x(value(row)), before ? x(value(before)) + 5 : 0) + 6, y, {colour: c.ink});
+        pen.text(show(value(row), 2), pen.width - 6, y, {align: "right", colour: c.ink});
       });
       const bottom = box.top + now.length * pitch;
       if (rung().floor && errorUnit() === "mm") pen.line([x(rung().floor), x(rung().floor)], [box.top, bottom], c.good, 1.5, [4, 3]);
