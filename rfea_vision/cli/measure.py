@@ -63,8 +63,9 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
 @click.command("track")
 @campaign_options
 @experiment_option
+@click.option("--preview", is_flag=True, help="Also write preview.mp4: the track drawn over the video.")
 def track_command(
-    campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...]
+    campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...], preview: bool
 ) -> None:
     """The tube in every frame, with its standard errors.
 
@@ -74,6 +75,7 @@ def track_command(
 
     with opened(campaign, out, force=("track", "clip") if force else ()) as work:
         tracks = work.track(names)
+        previews = work.preview(names) if preview else {}
     summary = [
         {
             "experiment": name,
@@ -82,6 +84,7 @@ def track_command(
             "frames": len(track.time_s),
             "valid": int(track.valid.sum()),
             "reasons": reasons_of(track),
+            **({"preview": str(previews[name])} if name in previews else {}),
         }
         for name, track in tracks.items()
     ]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rfea_vision.artefacts import Calibration, Recording, Track
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
 from rfea_vision.errors import DataError, InputError, RfeaError
-from rfea_vision.files import write_text
+from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
 from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
@@ -138,7 +138,7 @@ def _clip(
         )
         write_text(folder / "clip.json", json.dumps(facts) + "\n")
         size = (folder / "clip.mp4").stat().st_size
-        return None, [folder / "clip.mp4", folder / "clip.json"], f"{size / 1e6:.1f} MB"
+        return None, [folder / "clip.mp4", folder / "clip.json"], f"{size / 1e3:.0f} kB"
 
     work.run(
         "clip",
@@ -149,6 +149,40 @@ def _clip(
         code=CLIP_CODE,
         make=make,
         load=lambda: None,
+    )
+
+
+def preview(work: Workspace, experiment: ExperimentSpec) -> Stored[Path]:
+    """Draw the track over the video, for people to look at.
+
+    Raises
+    ------
+    InputError
+        If the experiment has no pictures.
+    """
+    video = experiment.video
+    if video is None:
+        where = f"{experiment.folder / 'experiment.yaml'}: video"
+        raise InputError(f"{where}: this experiment has no pictures to draw on; choose others with -e")
+    tracked, calibration = work.track_of(experiment), work.calibration_of(experiment)
+    path = work.out / experiment.name / "preview.mp4"
+
+    def make(progress: Progress) -> tuple[Path, list[Path], str]:
+        from rfea_vision.vision import preview_video
+
+        with whole_file(path) as temporary:
+            preview_video(open_source(video), tracked.value, calibration.value, temporary, progress=progress)
+        return path, [path], str(path)
+
+    return work.run(
+        "preview",
+        experiment.name,
+        inputs=[],
+        also=[work.cache.sha256(path.with_name("track.nc"))],
+        options={},
+        code=CLIP_CODE,
+        make=make,
+        load=lambda: path,
     )
 
 

@@ -74,6 +74,11 @@ class Workspace:
         """Track the experiments (all, or those named) and return the tracks by name."""
         return values(self._each(names, self.track_of, "tracked"))
 
+    def preview(self, names: Sequence[str] = ()) -> dict[str, Path]:
+        """Draw the tracks over the videos and return the files by name; experiments without pictures are left out."""
+        chosen = names or [item.name for item in self._active() if item.video is not None]
+        return values(self._each(chosen, lambda item: measurement.preview(self, item), "drawn")) if chosen else {}
+
     def sync(self, names: Sequence[str] = ()) -> dict[str, Recording]:
         """Bring tracks and pressure logs on one clock and return the recordings by name."""
         return values(self._each(names, self.recording_of, "synchronised"))
