@@ -82,9 +82,10 @@ function toggleScale(same = !state.same) { state.same = same; every(".same-scale
 
 function listenKeys() {
   addEventListener("keydown", event => {
-    if (event.ctrlKey || event.metaKey || event.altKey || one("#help").open || event.target.matches("select, input:not([type=range]):not([type=checkbox])")) return;
-    if (event.target.matches("button, summary, input[type=checkbox]") && event.key === " ") return;
-    const ladder = event.target.closest?.(".ladder");
+    const at = event.target instanceof Element ? event.target : document.body;
+    if (event.ctrlKey || event.metaKey || event.altKey || one("#help").open || at.matches("select, input:not([type=range]):not([type=checkbox])")) return;
+    if (at.matches("button, summary, input[type=checkbox]") && event.key === " ") return;
+    const ladder = at.closest(".ladder");
     if (ladder && (event.key === "ArrowUp" || event.key === "ArrowDown")) {
       chooseRung(Math.min(manifest.rungs.length - 1, Math.max(0, state.rung + (event.key === "ArrowDown" ? 1 : -1))));
       one("[role=radio][aria-checked=true]").focus();
@@ -93,7 +94,7 @@ function listenKeys() {
     if (event.key === "b" || event.key === "B") return holdEarlier(true);
     if (/^[1-9]$/.test(event.key)) return chooseRung(Number(event.key) - 1);
     const action = actions[event.key] ?? actions[event.key.toLowerCase()];
-    if (action && !(event.target.matches("#segment") && event.key.startsWith("Arrow"))) { event.preventDefault(); action(event); }
+    if (action && !(at.matches("#segment") && event.key.startsWith("Arrow"))) { event.preventDefault(); action(event); }
   });
   addEventListener("keyup", event => { if (event.key === "b" || event.key === "B") holdEarlier(false); });
   addEventListener("blur", () => holdEarlier(false));
