@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts.measurement import Recording
@@ -18,6 +19,7 @@ Observe = Literal["midline", "tip", "tip_y", "angle"]
 
 FITTED_NODES = 8
 MM = 1e-3
+ORIGIN_SIGMA_MM = 0.1
 #: Nobody reads a tube better than this; keeps a file that claims zero error from ruling the fit.
 SMALLEST_SIGMA_MM = 0.005
 SMALLEST_SIGMA_DEG = 0.005
@@ -51,6 +53,7 @@ class Observed:
     clock_sigma: float
     repeat_of: str | None = None
     tip_noise_mm: float = field(default=0.0)
+    origin_sigma: float = field(default=0.0)  # m; 0 where the track is in the rig frame by somebody else's word
 
     @cached_property
     def middle_s(self) -> float:
@@ -212,7 +215,15 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         clock_sigma=max(float(data.attrs.get("offset_stderr_s", 0.02) or 0.02), 0.01),
         repeat_of=data.attrs.get("repeat_of") or None,
         tip_noise_mm=white_noise_mm(tip_mm),
+        origin_sigma=_origin_sigma(data) if fractions.size > 1 else 0.0,
     )
+
+
+def _origin_sigma(data: xr.Dataset) -> float:
+    """Standard error (m) of the origin of a track read from pictures: where the first visible cross-section was seen."""
+    if "clamp_found_by" not in data.attrs:
+        return 0.0
+    return float(data.attrs.get("origin_sigma_mm", ORIGIN_SIGMA_MM)) * MM
 
 
 def noise_floor_mm(observed: list[Observed], recordings: dict[str, Recording]) -> tuple[float | None, str]:
