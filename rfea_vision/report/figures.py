@@ -174,7 +174,7 @@ FIGURES = {
         ),
         Figure(
             "uncertainty",
-            "What is left of it in the plane of motion",
+            "Uncertainty in the plane of motion",
             "Standard error of a point relative to the middle of the picture.",
             "Map of the calibration's standard error over the picture",
             300,

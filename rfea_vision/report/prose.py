@@ -146,17 +146,17 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
     if evidence.ladder:
         for sentence in evidence.ladder.findings:
             if not sentence.startswith(_SAID_ELSEWHERE):
-                yield Finding(sentence, "ladder", "the ladder")
+                yield Finding(sentence, "ladder", "ladder")
     if step and step.diagnosis and step.diagnosis.sentence:
-        yield Finding(step.diagnosis.sentence, "why", "the evidence")
+        yield Finding(step.diagnosis.sentence, "why", "evidence")
     first = evidence.steps[0] if evidence.steps else None
     if first and first.comparison:
         for sentence in first.comparison.sentences[:2]:
-            yield Finding(f"{_stop(sentence)}", "where", "where and when")
+            yield Finding(f"{_stop(sentence)}", "where", "where")
     if step and step.comparison and step.comparison.elongation.get("sentence"):
         yield Finding(str(step.comparison.elongation["sentence"]), "elongation", "elongation")
     if evidence.ladder and evidence.ladder.stopped_because and not (step and step.diagnosis):
-        yield Finding(f"The search ended: {evidence.ladder.stopped_because}", "ladder", "the ladder")
+        yield Finding(f"The search ended: {evidence.ladder.stopped_because}", "ladder", "ladder")
     for reason in evidence.absent.values():
         yield Finding(reason, "trust", "")
 

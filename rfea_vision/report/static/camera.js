@@ -3,15 +3,19 @@ const noCalibration = () => "There is no calibration here: the experiments came 
 plots.photos = {
   need: () => manifest.calibration.photos.length ? undefined : manifest.calibration.size ? "camera.yaml keeps no residuals of its photos: it came from another tool." : noCalibration(),
   draw(pen) {
-    const {photos, size: [w, h]} = manifest.calibration, c = pen.colours, columns = Math.max(2, Math.min(photos.length, Math.floor(pen.width / 150)));
-    const rows = Math.min(2, Math.ceil(photos.length / columns)), cell = {w: pen.width / columns, h: pen.height / rows};
-    const k = Math.min((cell.w - 16) / w, (cell.h - 30) / h), stretch = 0.03 * h * k / (median(photos.map(p => p.rms_px)) || 1);
-    photos.slice(0, rows * columns).forEach((photo, i) => {
+    const {photos, size: [w, h]} = manifest.calibration, c = pen.colours, label = 32, gap = 14;
+    let columns = 1, k = 0; // the arrangement that shows the photos largest
+    for (let n = 1; n <= photos.length; n++) {
+      const fits = Math.min((pen.width / n - gap) / w, (pen.height / Math.ceil(photos.length / n) - label) / h);
+      if (fits > k) [columns, k] = [n, fits];
+    }
+    const cell = {w: w * k + gap, h: h * k + label}, stretch = 0.03 * h * k / (median(photos.map(p => p.rms_px)) || 1);
+    photos.forEach((photo, i) => {
       const left = (i % columns) * cell.w, top = Math.floor(i / columns) * cell.h;
-      pen.text(photo.file, left, top + 7, {colour: c.ink, size: 11}); pen.text(`${show(photo.rms_px, 2)} px`, left + w * k, top + 7, {align: "right", size: 11});
-      pen.rect(left, top + 16, w * k, h * k, c.sunk);
-      pen.clip(left, top + 16, w * k, h * k, () => photo.x_px.forEach((x, j) => {
-        const px = left + x * k, py = top + 16 + photo.y_px[j] * k;
+      pen.text(photo.file.replace(/\.[^.]*$/, ""), left, top + 6, {colour: c.ink, size: 11}); pen.text(`${show(photo.rms_px, 2)} px`, left, top + 19, {size: 11});
+      pen.rect(left, top + 27, w * k, h * k, c.sunk);
+      pen.clip(left, top + 27, w * k, h * k, () => photo.x_px.forEach((x, j) => {
+        const px = left + x * k, py = top + 27 + photo.y_px[j] * k;
         pen.line([px, px + photo.dx_px[j] * stretch], [py, py + photo.dy_px[j] * stretch], c.modelled, 1.2); pen.dot(px, py, 1.1, c.muted);
       }));
     });

@@ -46,7 +46,7 @@ async function start() {
   // Begin where the first rung fails most: that is what the page is about.
   const worst = manifest.rungs[0]?.worst[0], index = manifest.experiments.findIndex(e => e.name === worst?.experiment);
   chooseExperiment(Math.max(0, index));
-  if (index >= 0) setTime((worst.from_s + worst.to_s) / 2); else if (experiment()?.span) setTime(experiment().span[0]);
+  if (index >= 0) jumpToPeak(worst.from_s, worst.to_s); else if (experiment()?.span) setTime(experiment().span[0]);
   document.documentElement.dataset.ready = "yes";
 }
 start();

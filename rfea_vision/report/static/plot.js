@@ -12,7 +12,12 @@ function ticks(low, high, about) {
   return out;
 }
 const padded = ([low, high], part = 0.06) => { const pad = (high - low || Math.abs(high) || 1) * part; return [low - pad, high + pad]; };
-const tickText = v => String(v).replace("-", "−");
+const raised = power => String(power).replace(/[-\d]/g, mark => "⁰¹²³⁴⁵⁶⁷⁸⁹"[mark] ?? "⁻");
+function tickText(v) {
+  if (v === 0 || (Math.abs(v) < 1e5 && Math.abs(v) >= 1e-4)) return String(v).replace("-", "−");
+  const [mantissa, power] = v.toExponential().split("e");
+  return `${Number(Number(mantissa).toPrecision(5))}·10${raised(Number(power))}`.replace("-", "−");
+}
 
 // Plot area inside the labels. Left margin is the same everywhere so that stacked time axes line up.
 function area(pen, {left = 54, right = 14, top = 8, bottom = 30} = {}) { return {left, right: pen.width - right, top, bottom: pen.height - bottom}; }
@@ -161,5 +166,6 @@ function cells(array, paint) {
 
 function colourBar(pen, x, y, h, paint, low, high, unit) {
   for (let i = 0; i < h; i++) pen.rect(x, y + i, 8, 1.2, `rgb(${paint(1 - i / h).map(Math.round)})`);
-  pen.text(show(high, 2), x + 12, y + 4); pen.text(show(low, 2), x + 12, y + h - 4); pen.text(unit, x + 12, y + h / 2);
+  const digits = Math.max(0, Math.min(6, 1 - Math.floor(Math.log10(high - low || 1)))), end = v => v.toFixed(digits).replace("-", "−");
+  pen.text(end(high), x + 12, y + 4); pen.text(end(low), x + 12, y + h - 4); pen.text(unit, x + 12, y + h / 2);
 }

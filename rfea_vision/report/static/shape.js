@@ -72,7 +72,7 @@ plots.profiles = {
       }
       if (row.modelled) pen.line(xs, percent(y, row.modelled), colour, 1.5);
       const last = row.measured ?? row.modelled;
-      pen.text(`${show(row.pressure_kPa, 3)} kPa`, xs[0], y(100 * last[0]) - 11, {colour, bold: true});
+      pen.text(`${show(row.pressure_kPa, 3)} kPa`, xs[0], y(100 * last[0]) - 14, {colour, bold: true});
     });
   },
 };
