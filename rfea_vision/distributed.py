@@ -56,7 +56,7 @@ def dask_client(scheduler: str | None, workers: int = DEFAULT_WORKERS) -> Iterat
 
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout="10s")
+            client = Client(scheduler, timeout="5s")
         except (OSError, TimeoutError, ValueError) as error:
             raise InputError(
                 f"--scheduler {scheduler}: nothing answers there; start 'dask scheduler' or drop the option"

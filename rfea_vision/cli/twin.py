@@ -108,6 +108,7 @@ def _roles(count: int | None, roles: str | None) -> tuple[str, ...] | None:
 @output_options
 def demo_command(folder: Path, budget_s: float, force: bool, as_json: bool, debug: bool) -> None:
     """The example campaign, all the way to the report."""
+    from rfea_vision.artefacts import Diagnosis
     from rfea_vision.data import data_folder
 
     example = data_folder("examples") / _DEMO
@@ -119,15 +120,17 @@ def demo_command(folder: Path, budget_s: float, force: bool, as_json: bool, debu
     with opened(campaign, None, force=("improve",) if force else ()) as work:
         ladder = work.improve(budget_s=budget_s)
         report = work.report()
-        diagnosis = [work.diagnose(rung.model) for rung in ladder.rungs]
+        models = work.out / "models"
     answer = example.with_name(f"{_DEMO}-truth.json")
     truth = json.loads(answer.read_text(encoding="utf-8"))["effects"] if answer.is_file() else None
     if as_json:
         print_json({**ladder.model_dump(mode="json"), "hidden": truth, "report": str(report)})
         return
     print_ladder(ladder)
-    rows = [[item.model, item.verdict, ", ".join(item.named)] for item in diagnosis]
-    print_table("\nwhat was missing", ["model", "verdict", "named"], rows, left=3)
+    diagnoses = [Diagnosis.load(models / rung.model / "diagnosis.json") for rung in ladder.rungs]
+    rows = [[item.model, item.verdict, ", ".join(item.named)] for item in diagnoses]
+    click.echo("")
+    print_table("what was missing", ["model", "verdict", "named"], rows, left=3)
     if truth is not None:
         click.echo(f"what the example hides: {', '.join(truth)}")
     click.echo(f"report: {report.resolve()}")
