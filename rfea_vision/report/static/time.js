@@ -67,8 +67,8 @@ plots.angle.need = needs(measuredNeeds("angle"));
 // Tip error. Its peak near a click is where to jump.
 const errorOf = p => series(p?.error), errorUnit = () => prediction()?.unit ?? "mm";
 function errorLimits() {
-  const arrays = state.same ? manifest.rungs.map(r => errorOf(prediction(r))) : [errorOf(prediction()), errorOf(prediction(rungBefore()))];
-  return [0, (extent(...arrays)[1] || 1) * 1.05];
+  const arrays = state.same ? manifest.rungs.map(r => errorOf(prediction(r))) : [errorOf(prediction())];
+  return [0, Math.max(extent(...arrays)[1] || 1, errorUnit() === "mm" ? rung().floor ?? 0 : 0) * 1.05];
 }
 plots.error = timePlot({
   times: frameTimes, modelled: errorOf, unit: errorUnit, limits: errorLimits, label: true,
