@@ -1,0 +1,1 @@
+"""Comparisons of speed and accuracy, side by side in one run."""
