@@ -31,7 +31,7 @@ class _Json(BaseModel):
 
 
 class Parameter(_Json):
-    """A fitted value in ``unit``; ``stderr`` and ``interval_95`` are null where the data cannot give them, with the reason in ``note``."""
+    """A fitted value in ``unit``; ``stderr`` and ``interval_95`` are null where the data cannot give them (see ``note``)."""
 
     value: float
     unit: str

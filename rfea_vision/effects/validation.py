@@ -52,7 +52,8 @@ def dimension(expression: Any, known: dict[Any, Dimension]) -> Dimension:
             raise DimensionError(f"{base} [{_name(inner)}] is raised to {exponent}")
         return inner ** float(exponent) if exponent.is_number else inner
     if isinstance(expression, sp.Piecewise):
-        return _same([branch for branch, _ in expression.args if branch != 0], known)
+        pieces: Any = expression.args
+        return _same([branch for branch, _ in pieces if branch != 0], known)
     if isinstance(expression, (sp.Max, sp.Min)):
         return _same([a for a in expression.args if a != 0], known)
     if isinstance(expression, sp.Abs):

@@ -21,6 +21,7 @@ from rfea_vision.fitting.solver import Solution, fit_clocks, solve
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
 
 FloatArray = NDArray[np.float64]
+AGREEING_STARTS = 3
 Progress = Callable[[int, int], None] | None
 
 
@@ -222,6 +223,9 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
                 best = solution
         if progress is not None:
             progress(index + 1, len(shapes) + 2)
+        costs = [row["cost"] for row in waterfall if row["cost"] is not None]
+        if index + 1 >= AGREEING_STARTS and len(costs) == index + 1 and max(costs) < 1.001 * min(costs):
+            break  # starts this different that end in one place leave no doubt about it
     if best is None:
         raise DataError(
             "no start could be simulated: at these pressures the model has no steady state with parameters near the paper's; "

@@ -1,0 +1,21 @@
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rfea_vision.artefacts import Actuator, Recording
+
+
+@pytest.fixture(scope="session")
+def complete_campaign(tmp_path_factory) -> tuple[dict[str, Recording], Actuator, Mapping[str, Any]]:
+    """Two training runs and a validation run of the twin, nothing hidden, white noise of 0.06 mm."""
+    pytest.importorskip("mujoco", reason="the twin needs MuJoCo: pip install 'rfea-vision[twin]'")
+    from rfea_vision.stages import open_campaign
+    from rfea_vision.twin import TwinOptions, simulate
+
+    folder: Path = tmp_path_factory.mktemp("twin") / "complete"
+    truth = simulate(folder, TwinOptions(roles=("train", "train", "validate"), duration_s=4.0, seed=5))
+    work = open_campaign(folder)
+    recordings = work.recordings("train", "validate", "test")
+    return {name: stored.value for name, stored in recordings.items()}, work.campaign.actuator, truth

@@ -1,0 +1,167 @@
+"""The fit on data from the twin: noise floor reached, parameters found, Jacobian exact, intervals honest, refusals clear."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator, ModelFit, Recording
+from rfea_vision.errors import DataError
+from rfea_vision.fitting import FitOptions, fit_model, predict
+from rfea_vision.fitting.coordinates import build
+from rfea_vision.fitting.fit import fit_base, make_model, make_problem, start_vector
+from rfea_vision.fitting.observation import noise_floor_mm, observe_recording, white_noise_mm
+from rfea_vision.fitting.residuals import evaluate
+
+OPTIONS = FitOptions(segments=16, starts=0)
+
+
+@pytest.fixture(scope="module")
+def fitted(complete_campaign) -> tuple[dict[str, Recording], Actuator, ModelFit]:
+    recordings, actuator, _ = complete_campaign
+    return recordings, actuator, fit_model(recordings, actuator, OPTIONS)
+
+
+def test_a_complete_model_reaches_the_noise_floor(fitted):
+    _, _, model = fitted
+    assert model.status == "converged"
+    for role in ("train", "validate"):
+        error = model.metrics[role].tip_rmse_mm
+        assert error is not None and 0.9 < error / model.noise_floor_mm < 1.15
+    assert "test" not in model.metrics
+
+
+def test_parameters_are_found(fitted, complete_campaign):
+    _, _, model = fitted
+    truth = complete_campaign[2]["base"]
+    tolerance = {"k_ref": 0.01, "k_slope": 0.02, "b_pos_ref": 0.02, "b_neg_ref": 0.02, "r_hyd": 0.01}
+    for name, share in tolerance.items():
+        scale = 1 if name == "r_hyd" else 2  # the truth is given for eight joints, the model has sixteen
+        assert abs(model.parameters[name].value / (scale * truth[name]) - 1) < share, name
+    paper = model.paper_parameters
+    assert paper["k_0"].unit == "N*m/deg"
+    k_ref = (paper["k_0"].value + 0.003 * paper["m_k"].value) * 180 / np.pi
+    assert k_ref == pytest.approx(model.parameters["k_ref"].value, rel=1e-9)
+
+
+def test_jacobian_is_exact_with_the_origin_eliminated(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    items = [replace(o.thinned(20), origin_sigma=1e-4) for o in problem.train]
+    model = replace(make_model(actuator, replace(OPTIONS, segments=6)), tolerance=1e-12)
+    par = start_vector(model, actuator, 6)
+    clocks = np.array([0.002, -0.001])[: len(items)]
+    exact = evaluate(model, par, items, range(7), clocks)
+    assert exact is not None
+    for k in range(7):
+        step = 1e-5 * abs(par[k])
+        sides = []
+        for sign in (1, -1):
+            moved = par.copy()
+            moved[k] += sign * step
+            side = evaluate(model, moved, items, (), clocks)
+            assert side is not None
+            sides.append(side.residual)
+        difference = (sides[0] - sides[1]) / (2 * step)
+        assert np.abs(exact.jacobian[:, k] - difference).max() < 1e-3 * np.abs(difference).max()
+    moved = evaluate(model, par, items, (), clocks + np.eye(len(items))[0] * 1e-5)
+    back = evaluate(model, par, items, (), clocks - np.eye(len(items))[0] * 1e-5)
+    assert moved is not None and back is not None
+    difference = (moved.residual - back.residual) / 2e-5
+    assert np.abs(exact.jacobian[:, 7] - difference).max() < 2e-2 * np.abs(difference).max()
+
+
+def test_an_origin_that_is_off_is_not_sold_as_physics(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    moved = {}
+    for name, recording in recordings.items():
+        data = recording.dataset.copy(deep=True)
+        data["midline"] = data["midline"] + np.array([0.05, 0.15])
+        data["tip"] = data["tip"] + np.array([0.05, 0.15])
+        data.attrs["clamp_found_by"] = "test"
+        moved[name] = Recording(data)
+    model = fit_model(moved, actuator, OPTIONS)
+    assert model.metrics["validate"].tip_rmse_mm < 1.15 * model.noise_floor_mm
+
+
+def test_same_seed_same_answer(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    options = replace(OPTIONS, segments=4)
+    first, second = fit_base(problem, options), fit_base(problem, options)
+    np.testing.assert_array_equal(first.par, second.par)
+
+
+def test_prediction_lies_on_the_measurement(fitted):
+    recordings, _, model = fitted
+    for name, dataset in predict(model, recordings).items():
+        assert dataset.sizes["time"] == recordings[name].dataset.sizes["time"]
+        gap = dataset["tip_residual"].values
+        assert np.sqrt(np.nanmean(np.sum(gap**2, axis=1))) < 1.2 * model.noise_floor_mm
+
+
+def test_only_tip_or_only_angle(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    tips, angles = {}, {}
+    for name, recording in recordings.items():
+        data = recording.dataset
+        tips[name] = Recording(data.drop_vars(["midline", "midline_sigma"]))
+        line = data["midline"].values
+        end = line[:, -1] - line[:, -4]
+        angle = data.drop_vars(["midline", "midline_sigma", "tip", "tip_sigma"])
+        angles[name] = Recording(angle.assign(bend_angle=("time", np.rad2deg(np.arctan2(-end[:, 0], -end[:, 1])))))
+    by_tip = fit_model(tips, actuator, replace(OPTIONS, segments=6))
+    assert by_tip.observe == "tip" and by_tip.metrics["validate"].tip_rmse_mm < 0.5
+    assert by_tip.metrics["validate"].midline_rmse_mm is None and by_tip.metrics["validate"].notes["midline_rmse_mm"]
+    by_angle = fit_model(angles, actuator, replace(OPTIONS, segments=6))
+    assert by_angle.observe == "angle" and by_angle.metrics["validate"].angle_rmse_deg < 2
+    assert by_angle.metrics["validate"].tip_rmse_mm is None
+
+
+def test_no_training_run_is_refused(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    held = {}
+    for name, recording in recordings.items():
+        data = recording.dataset.copy()
+        data.attrs["role"] = "validate"
+        held[name] = Recording(data)
+    with pytest.raises(DataError, match="role: train"):
+        make_problem(held, actuator)
+
+
+def test_noise_is_read_from_high_frequencies():
+    rng = np.random.default_rng(3)
+    time = np.linspace(0, 2, 480)
+    clean = np.stack([50 * np.sin(3 * time), 20 * np.cos(5 * time)], axis=1)
+    noise = white_noise_mm(clean + rng.normal(0, 0.05, clean.shape))
+    assert noise == pytest.approx(0.05 * np.sqrt(2), rel=0.15)
+
+
+def test_noise_floor_from_repeats(complete_campaign):
+    recordings, _, _ = complete_campaign
+    name = next(n for n, r in recordings.items() if r.role == "train")
+    data = recordings[name].dataset.copy(deep=True)
+    rng = np.random.default_rng(1)
+    data["midline"] = data["midline"] + rng.normal(0, 0.06, data["midline"].shape)
+    data["tip"] = data["midline"].isel(node=-1)
+    data.attrs.update(experiment="again", repeat_of=name)
+    pair = {name: recordings[name], "again": Recording(data)}
+    floor, source = noise_floor_mm([observe_recording(r) for r in pair.values()], pair)
+    assert source == "repeated runs"
+    # Difference of a run and the same with noise of 0.06 mm per axis on top of it.
+    assert floor == pytest.approx(0.06, rel=0.2)
+
+
+def test_positivity_over_the_reached_radii(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    model = make_model(actuator, OPTIONS)
+    coordinates = build(model, actuator, 16, problem.bend)
+    rng = np.random.default_rng(0)
+    from rfea_vision.tube import inner_radius
+
+    reach = inner_radius(actuator, problem.bend / 16, actuator.length / 16) - actuator.inner_radius
+    for _ in range(50):
+        par = coordinates.parameters(rng.uniform(coordinates.lower, coordinates.upper))
+        for k in (0, 2, 4):
+            assert par[k] > 0 and par[k] + par[k + 1] * reach > 0
