@@ -75,7 +75,10 @@ AMPLITUDES: dict[str, tuple[float, float]] = {
     "kink.c": (0.3, 1.0),
 }
 OUTSIDE = ("fan", "warm_up", "shaking", "heavy_section", "kink")
-SINGLE = tuple(key.split(".")[0] for key in AMPLITUDES if key.split(".")[0] not in OUTSIDE)
+_COMMON = ("maxwell", "coulomb", "payload", "hysteresis", "gravity_tilt", "stiffness_profile")
+SINGLE = tuple(
+    dict.fromkeys([*_COMMON, *(key.split(".")[0] for key in AMPLITUDES if key.split(".")[0] not in OUTSIDE)])
+)
 #: Exactly tied to r_hyd, or swallowed by it: nothing to be found (docs/physics.md 5).
 SWALLOWED = ("pressure_gain",)
 PAIRS = (
@@ -134,15 +137,23 @@ class Case:
 
 
 def cases() -> list[Case]:
-    """All campaigns, the ones that tell most first."""
+    """All campaigns, taken in turn from the kinds, so that a part of them already tells something about each."""
     out: list[Case] = []
-    for seed, floors in ((1, 5.0), (2, 15.0), (3, 5.0), (4, 15.0), (5, 2.0)):
-        out += [Case((), 0.0, 100 + 10 * seed + k) for k in range(6)]
-        out += [Case((effect,), floors, seed) for effect in SINGLE]
-        out += [Case((effect,), floors, seed) for effect in OUTSIDE]
-        out += [Case(pair, 8.0, seed) for pair in PAIRS]
-        if seed == 1:
-            out += [Case((e,), 5.0, 6, "right") for e in ("gravity_tilt", "com_offset", "plane_tilt", "rest_curvature")]
+    for round_, floors in enumerate((5.0, 15.0, 5.0, 15.0, 2.0)):
+        seed = round_ + 1
+        singles = [Case((effect,), floors, seed) for effect in SINGLE]
+        if round_ == 0:
+            turned = ("gravity_tilt", "com_offset", "plane_tilt", "rest_curvature")
+            singles[8:8] = [Case((effect,), floors, 6, "right") for effect in turned]
+        others = [
+            *[Case((effect,), floors, seed) for effect in OUTSIDE],
+            *[Case(pair, 8.0, seed) for pair in PAIRS],
+            *[Case((), 0.0, 100 + 10 * seed + k) for k in range(8)],
+        ]
+        order = np.random.default_rng(seed).permutation(len(others))
+        for index in range(max(len(singles), len(others))):
+            out += singles[index : index + 1]
+            out += [others[k] for k in order[index : index + 1]]
     return out
 
 

@@ -14,7 +14,9 @@ Line = dict[str, Any]
 def _first_or_tied(line: Line) -> bool:
     if line["named"][:1] == line["effects"]:
         return True
-    return any(line["effects"][0] in tie and len(tie) <= 3 and tie[0] == (line["named"] or [""])[0] for tie in line["tied"])
+    return any(
+        line["effects"][0] in tie and len(tie) <= 3 and tie[0] == (line["named"] or [""])[0] for tie in line["tied"]
+    )
 
 
 def _first_alone(line: Line) -> bool:
@@ -52,16 +54,34 @@ def rows(lines: Sequence[Line], command: str) -> list[dict[str, Any]]:
     complete = [line for line in done if line["kind"] == "complete"]
     outside = [line for line in done if line["kind"] == "outside" and line["floors"] >= 1.5]
     ratios = [r for line in done if line["kind"] in ("single", "pair") and (r := _worse_than_told(line)) is not None]
-    covers = [i["covers"] for line in loud if set(line["found"]) == set(line["effects"]) for i in line["intervals"].values()]
+    covers = [
+        i["covers"] for line in loud if set(line["found"]) == set(line["effects"]) for i in line["intervals"].values()
+    ]
     shares = [
-        ("single effect, 4 floors or more: named first or tied (at most three)", *_share(loud, _first_or_tied), 95, ">="),
+        (
+            "single effect, 4 floors or more: named first or tied (at most three)",
+            *_share(loud, _first_or_tied),
+            95,
+            ">=",
+        ),
         ("single effect, 4 floors or more: first alone", *_share(loud, _first_alone), 85, ">="),
         ("two effects: both found", *_share(pairs, _both), 80, ">="),
         ("superfluous effects added", *_share([*loud, *pairs, *complete], _superfluous), 5, "<="),
         ("complete models: complete", *_share(complete, lambda line: line["verdict"] == "complete"), 97, ">="),
-        ("outside the catalogue: unexplained", *_share(outside, lambda line: line["verdict"] == "unexplained"), 80, ">="),
+        (
+            "outside the catalogue: unexplained",
+            *_share(outside, lambda line: line["verdict"] == "unexplained"),
+            80,
+            ">=",
+        ),
         ("outside the catalogue: a confident wrong name", *_share(outside, _confident_wrong), 10, "<="),
-        ("held-out tip error at most 1.3 times that of a fit told the truth", sum(r <= 1.3 for r in ratios), len(ratios), 100, ">="),
+        (
+            "held-out tip error at most 1.3 times that of a fit told the truth",
+            sum(r <= 1.3 for r in ratios),
+            len(ratios),
+            100,
+            ">=",
+        ),
         ("95 % intervals of the named effect's parameters that cover", sum(covers), len(covers), 85, ">="),
     ]
     out = []
@@ -89,7 +109,10 @@ def confusion(lines: Sequence[Line]) -> list[str]:
     said = [(line["effects"][0] if line["effects"] else "nothing", _answer(line)) for line in done]
     counts = Counter(said)
     hidden = sorted({a for a, _ in said})
-    text = ["| hidden | campaigns | misfit, floors | named first, alone | in a tie | other answers |", "|---|---|---|---|---|---|"]
+    text = [
+        "| hidden | campaigns | misfit, floors | named first, alone | in a tie | other answers |",
+        "|---|---|---|---|---|---|",
+    ]
     for effect in hidden:
         own = [line for line in done if (line["effects"] or ["nothing"])[0] == effect]
         alone = sum(_first_alone(line) for line in own) if effect != "nothing" else 0
@@ -113,9 +136,10 @@ def write_document(lines: Sequence[Line], table: Sequence[dict[str, Any]], plann
     text = [
         "# Hidden effects: how often does the critique find what is missing?",
         "",
-        "The twin makes campaigns whose physics is known: random base parameters, two training runs, one validation and one test run of 6 s at",
-        "240 frames/s, 0.06 mm of noise per node (in every third campaign correlated from frame to frame), clocks that have to be found. The",
-        "strength of the hidden effect is set for a wanted misfit of the base model in noise floors. `improve` is then let loose on each.",
+        "The twin makes campaigns whose physics is known: random base parameters, two training runs, one validation and",
+        "one test run of 6 s at 240 frames/s, 0.06 mm of noise per node (in every third campaign correlated from frame to",
+        "frame), clocks that have to be found. The strength of the hidden effect is set for a wanted misfit of the base",
+        "model in noise floors. `improve` is then let loose on each.",
         "",
         f"Run so far: {len(done)} of {planned} campaigns ({', '.join(f'{n} {k}' for k, n in sorted(kinds.items()))}; "
         f"{len(lines) - len(done)} failed). Every count below is of these and of no others. "
@@ -140,7 +164,8 @@ def write_document(lines: Sequence[Line], table: Sequence[dict[str, Any]], plann
         "| hidden | misfit, floors | first diagnosis | in the last model |",
         "|---|---|---|---|",
         *[
-            f"| {' + '.join(line['effects'])} | {line['floors']:.1f} | {line['verdict']} {', '.join(line['named'])} | {', '.join(line['found'])} |"
+            f"| {' + '.join(line['effects'])} | {line['floors']:.1f} | {line['verdict']} {', '.join(line['named'])} "
+            f"| {', '.join(line['found'])} |"
             for line in done
             if line["kind"] == "pair"
         ],
@@ -148,5 +173,8 @@ def write_document(lines: Sequence[Line], table: Sequence[dict[str, Any]], plann
     ]
     seconds = sorted(line["processor_s"] for line in done)
     if seconds:
-        text += [f"Processor time of `improve`: median {seconds[len(seconds) // 2]:.0f} s, longest {seconds[-1]:.0f} s per campaign.", ""]
+        text += [
+            f"Processor time of `improve`: median {seconds[len(seconds) // 2]:.0f} s, longest {seconds[-1]:.0f} s per campaign.",
+            "",
+        ]
     DOCUMENT.write_text("\n".join(text), encoding="utf-8")

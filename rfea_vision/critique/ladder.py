@@ -13,7 +13,8 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import Comparison, Diagnosis, Ladder, ModelFit, Rung
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.comparison import compare
-from rfea_vision.critique.diagnosis import Errors, Judgement, effective_count, errors_of, judge, matters
+from rfea_vision.critique.diagnosis import Judgement, judge
+from rfea_vision.critique.measures import Errors, delta_bic, errors_of, matters
 from rfea_vision.critique.torque import with_residual_torque
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, fit, make_problem, refit
@@ -105,8 +106,7 @@ def improve(
         before, added = fitted, name
         fitted = judgement.refitted[name].fitted
         errors = judgement.refitted[name].errors
-        floor_used = diagnosis.noise_floor_mm or 0.0
-        fitted, errors, gone = _look_back(problem, fitted, errors, floor_used, name)
+        fitted, errors, gone = _look_back(problem, fitted, errors, judgement.floor, name)
         if gone is not None:
             dropped.add(gone)
     test = _test_score(problem, first, fitted) if problem.test else None
@@ -136,14 +136,7 @@ def _without_test(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
 def _rung(
     problem: Problem, artefact: ModelFit, added: str | None, before: Fitted | None, fitted: Fitted, judgement: Judgement
 ) -> Rung:
-    import numpy as np
-
-    bic = None
-    if before is not None:
-        count = max(effective_count(problem, before), effective_count(problem, fitted))
-        ratio = fitted.solution.evaluation.cost / before.solution.evaluation.cost
-        extra = len(fitted.coordinates.free) - len(before.coordinates.free)
-        bic = float(count * np.log(ratio) + extra * np.log(count))
+    bic = delta_bic(problem, before, fitted) if before is not None else None
     train, validate = artefact.metrics.get("train"), artefact.metrics.get("validate")
     return Rung(
         model=artefact.name,

@@ -1,0 +1,97 @@
+"""The evidence behind a diagnosis: every candidate as a row, and base parameters that had moved to swallow physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rfea_vision.artefacts.judgement import Candidate, Parameter
+from rfea_vision.critique.screening import Screened
+from rfea_vision.critique.trials import Refitted, Trials
+from rfea_vision.fitting.fit import Fitted, Problem
+from rfea_vision.fitting.uncertainty import sandwich
+
+
+def candidate_rows(trials: Trials, screened: Sequence[Screened], refitted: Mapping[str, Refitted]) -> list[Candidate]:
+    """Every effect that was screened, those that were refitted first; p values allow for the number of effects tried."""
+    errors, problem = trials.errors, trials.problem
+    tests = len({item.effect for item in screened})
+    rows, seen = [], set()
+    for item in screened:
+        if item.effect in seen:
+            continue
+        seen.add(item.effect)
+        done = refitted.get(item.effect)
+        predicted = errors.train * float(np.sqrt(max(1 - item.explained, 0.0)))
+        best_p = min(1.0, tests * min(s.score_p for s in screened if s.effect == item.effect))
+        if done is None:
+            rows.append(Candidate(effect=item.effect, score_p=best_p, predicted_rmse_mm=predicted))
+            continue
+        rows.append(
+            Candidate(
+                effect=item.effect,
+                score_p=best_p,
+                predicted_rmse_mm=predicted,
+                train_rmse_mm=done.errors.train,
+                validate_rmse_mm=done.errors.held if problem.validate else None,
+                delta_bic=done.delta_bic,
+                parameters=effect_parameters(problem, done.fitted, item.effect),
+                refitted=True,
+                matters=done.matters,
+                note="" if done.allowed else "ended at a bound: not a value that physics allows",
+            )
+        )
+    return sorted(
+        rows,
+        key=lambda c: (
+            not c.refitted,
+            c.validate_rmse_mm if c.validate_rmse_mm is not None else c.predicted_rmse_mm or 0,
+        ),
+    )
+
+
+def effect_parameters(problem: Problem, fitted: Fitted, effect_id: str) -> dict[str, Parameter]:
+    """Fitted values of an effect with their intervals."""
+    solution = fitted.solution
+    spread = sandwich(
+        list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
+    )
+    ny = len(fitted.coordinates.free)
+    covariance = fitted.coordinates.matrix @ spread.covariance[:ny, :ny] @ fitted.coordinates.matrix.T
+    effect = next(e for e in fitted.model.effects if e.id == effect_id)
+    out: dict[str, Parameter] = {}
+    for name, spec in effect.parameters.items():
+        k = fitted.model.names.index(f"{effect_id}.{name}")
+        error = float(np.sqrt(max(covariance[k, k], 0)))
+        out[f"{effect_id}.{name}"] = Parameter(
+            value=float(fitted.par[k]),
+            unit=spec.unit,
+            stderr=error,
+            lower=spec.lower,
+            upper=spec.upper,
+            interval_95=(
+                float(fitted.par[k] - spread.quantile * error),
+                float(fitted.par[k] + spread.quantile * error),
+            ),
+        )
+    return out
+
+
+def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:
+    """Base parameters that had moved to make up for the missing effect: value and z-score before and after."""
+    solution = before.solution
+    spread = sandwich(
+        list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
+    )
+    ny = len(before.coordinates.free)
+    covariance = before.coordinates.matrix @ spread.covariance[:ny, :ny] @ before.coordinates.matrix.T
+    out = []
+    for k in range(7):
+        old, new, error = float(before.par[k]), float(after.par[k]), float(np.sqrt(max(covariance[k, k], 0)))
+        if error > 0 and abs(new - old) > 3 * error and abs(new - old) > 0.03 * abs(old):
+            out.append(
+                f"{before.model.names[k]} had moved to make up for {' and '.join(effects)}: {old:.4g} before, {new:.4g} with it "
+                f"({abs(new - old) / error:.0f} of its former standard errors)."
+            )
+    return out

@@ -1,0 +1,202 @@
+"""Refits of candidates: singles first, and pairs (or three) where no single effect explains what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from rfea_vision.critique.measures import (
+    STRUCTURE_FLOORS,
+    Errors,
+    delta_bic,
+    errors_of,
+    excess,
+    matters,
+    merit,
+    structure,
+)
+from rfea_vision.critique.screening import Screened, offered, screen
+from rfea_vision.effects.base import Effect
+from rfea_vision.errors import DataError
+from rfea_vision.fitting.fit import Fitted, Problem, fit_added
+
+#: Share of the squared error above the noise from which on a misfit counts as explained.
+EXPLAINED = 0.95
+REFITS = 6
+MORE_REFITS = 9
+FIRSTS = 3
+SECONDS = 3
+PAIRS = 4
+MOST_TOGETHER = 3
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """A candidate, or several together, added to the model and refitted."""
+
+    added: tuple[str, ...]
+    screened: Screened
+    fitted: Fitted
+    errors: Errors
+    delta_bic: float
+    allowed: bool
+    explained: float
+    reaches: bool
+    matters: bool
+
+    @property
+    def merit(self) -> float:
+        return merit(self.errors)
+
+    @property
+    def wins(self) -> bool:
+        return self.matters and self.delta_bic < 0 and self.allowed
+
+
+@dataclass(frozen=True)
+class Trials:
+    """What a diagnosis tries: the model before, its errors, and how to refit with more."""
+
+    problem: Problem
+    before: Fitted
+    errors: Errors
+    floor: float
+    effects: tuple[Effect, ...]
+    effect_files: tuple[Path, ...] = ()
+    progress: Callable[[], None] = field(default=lambda: None)
+
+    def effect(self, name: str) -> Effect:
+        return next(e for e in self.effects if e.id == name)
+
+    def refit(self, rows: Sequence[Screened], since: Refitted | None = None) -> Refitted | None:
+        """Add one effect, from each of the screened points, to the model (or to an earlier trial); None if it cannot be."""
+        base = since.fitted if since is not None else self.before
+        name = rows[0].effect
+        options = replace(
+            base.options,
+            effects=(*base.options.effects, name),
+            name=f"{base.options.name}+{name}",
+            effect_files=self.effect_files or base.options.effect_files,
+        )
+        try:
+            trial = fit_added(self.problem, options, base, starts=[_start(self.effect(name), row) for row in rows])
+        except DataError:
+            return None
+        errors = errors_of(self.problem, trial)
+        earlier = since.errors if since is not None else self.errors
+        added = (*(since.added if since is not None else ()), name)
+        before, after = excess(self.errors, self.floor), excess(errors, self.floor)
+        explained = 1 - after / before if before > 0 else 1.0
+        self.progress()
+        return Refitted(
+            added,
+            rows[0],
+            trial,
+            errors,
+            delta_bic(self.problem, base, trial),
+            all(_physical(trial, one) for one in added),
+            explained,
+            structure(errors, self.floor) < STRUCTURE_FLOORS or explained >= EXPLAINED,
+            matters(earlier, errors, self.floor) and (since is None or since.matters),
+        )
+
+
+def _physical(fitted: Fitted, effect_id: str) -> bool:
+    """Whether the amplitudes of the effect stayed off their bounds (other than the bound at which it is absent)."""
+    effect = next(e for e in fitted.model.effects if e.id == effect_id)
+    for name in effect.amplitudes():
+        spec = effect.parameters[name]
+        value = fitted.value(f"{effect_id}.{name}")
+        span = spec.upper - spec.lower
+        if spec.upper - value < 2e-3 * span or (value - spec.lower < 2e-3 * span and spec.lower != spec.absent):
+            return False
+    return True
+
+
+def _start(effect: Effect, screened: Screened) -> dict[str, float]:
+    """Start of a refit: the linear step, kept within the bounds, at the screened point of the grid."""
+    out = {f"{effect.id}.{name}": value for name, value in screened.grid.items()}
+    for name, step in screened.step.items():
+        spec = effect.parameters[name]
+        absent = spec.absent or 0.0
+        value = absent + step if step else absent + 0.1 * (spec.start - absent)
+        out[f"{effect.id}.{name}"] = float(np.clip(value, spec.lower, spec.upper))
+    return out
+
+
+def _by_effect(screened: Sequence[Screened]) -> dict[str, list[Screened]]:
+    """Two best points of the grid of every effect, the effect that explains most first."""
+    out: dict[str, list[Screened]] = {}
+    for item in screened:
+        out.setdefault(item.effect, []).append(item)
+    return {name: rows[:2] for name, rows in out.items() if rows[0].explained > 1e-4}
+
+
+def try_singles(trials: Trials, screened: Sequence[Screened]) -> dict[str, Refitted]:
+    """Refit candidates in the order of the score test, until none that is left could still compete.
+
+    A linear step says little about a large misfit, so more are refitted while none explains it; once one does, only
+    those whose score comes near are worth the time.
+    """
+    ranked = _by_effect(screened)
+    top = max((rows[0].explained for rows in ranked.values()), default=0.0)
+    most = REFITS if structure(trials.errors, trials.floor) < 8 else MORE_REFITS
+    done: dict[str, Refitted] = {}
+    for name, rows in ranked.items():
+        reached = any(r.reaches and r.wins for r in done.values())
+        share = rows[0].explained / max(top, 1e-300)
+        if len(done) >= most or (len(done) >= 2 and share < (0.6 if reached else 0.1)):
+            break
+        trial = trials.refit(rows)
+        if trial is not None:
+            done[name] = trial
+    return done
+
+
+def distinct(candidates: Sequence[Refitted]) -> list[Refitted]:
+    """Leave out candidates that do exactly what a better one does."""
+    out: list[Refitted] = []
+    for item in candidates:
+        if all(abs(item.merit / other.merit - 1) > 3e-3 for other in out):
+            out.append(item)
+    return out
+
+
+def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitted]:
+    """Combinations that explain what no single effect does; best first, empty if there are none.
+
+    Behind each of the best singles the score test says what would go with it; the most promising pairs are refitted, and
+    where none suffices, the best of them is taken one step further.
+    """
+    firsts = distinct(sorted((r for r in singles.values() if r.wins), key=lambda r: r.merit))[:FIRSTS]
+    found: list[Refitted] = []
+    while firsts and len(firsts[0].added) < MOST_TOGETHER:
+        proposals: list[tuple[float, Refitted, list[Screened]]] = []
+        for first in firsts:
+            effects = [e for e in trials.effects if e.id not in first.added]
+            rows = _by_effect(screen(trials.problem, first.fitted, effects))
+            trials.progress()
+            cost = first.fitted.solution.evaluation.cost
+            proposals += [(cost * (1 - r[0].explained), first, r) for r in list(rows.values())[:SECONDS]]
+        seen: set[frozenset[str]] = set()
+        tried: list[Refitted] = []
+        for _, first, rows in sorted(proposals, key=lambda p: p[0]):
+            members = frozenset((*first.added, rows[0].effect))
+            if members in seen or len(seen) >= PAIRS:
+                continue
+            seen.add(members)
+            trial = trials.refit(rows, first)
+            if trial is not None and trial.wins:
+                tried.append(trial)
+        tried.sort(key=lambda r: r.merit)
+        found = [r for r in tried if r.reaches]
+        if found:
+            break
+        firsts = tried[:1]
+    return found
+
+
+__all__ = ["Refitted", "Trials", "distinct", "offered", "try_singles", "try_together"]

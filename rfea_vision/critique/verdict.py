@@ -1,0 +1,109 @@
+"""From trials to a verdict: missing (and what), complete, or unexplained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rfea_vision.artefacts.judgement import Tie
+from rfea_vision.critique.measures import STRUCTURE_FLOORS, structure
+from rfea_vision.critique.trials import Refitted, Trials
+
+#: Two candidates are tied where the held-out error differs by less than this share (or these floors) and the cost of the
+#: training runs by less than that share: below, the sampling of the tube and of its motion decides, not physics.
+TIE_SHARE = 0.03
+TIE_FLOORS = 0.05
+TIE_COST = 0.04
+MOST_TIED = 3
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What was decided; `best` is the trial that is named, `rivals` those that it is tied with (itself first)."""
+
+    verdict: Literal["missing", "complete", "unexplained"]
+    sentence: str
+    best: Refitted | None
+    tied: list[Tie]
+    rivals: list[Refitted]
+    explained: float | None
+
+
+def decide(trials: Trials, singles: Mapping[str, Refitted], together: Sequence[Refitted]) -> Verdict:
+    """Name only what explains the misfit, alone or together with others; a part of a large misfit earns no name.
+
+    A stand-in for an effect that is not on offer also lowers the error; what gives it away is what it leaves behind.
+    """
+    winners = sorted((r for r in singles.values() if r.wins), key=lambda r: r.merit)
+    found = [r for r in winners if r.reaches] or list(together)
+    left = structure(trials.errors, trials.floor)
+    if found:
+        best = found[0]
+        rivals = [r for r in found if is_tied(best, r, trials.floor)][:MOST_TIED]
+        tied, rivals = _ties(trials, rivals)
+        return Verdict("missing", _missing(trials, best, tied), best, tied, rivals, best.explained)
+    part = winners[0] if winners else None
+    if left < STRUCTURE_FLOORS or (part is None and left < 1.0):
+        return Verdict("complete", _complete(trials, left), None, [], [], None)
+    return Verdict("unexplained", _unexplained(trials, part), None, [], [], part.explained if part else 0.0)
+
+
+def is_tied(best: Refitted, other: Refitted, floor: float) -> bool:
+    """Whether the data cannot tell two refits apart."""
+    gap = other.merit - best.merit
+    cost = other.fitted.solution.evaluation.cost / best.fitted.solution.evaluation.cost - 1
+    return gap <= max(TIE_FLOORS * floor, TIE_SHARE * best.merit) and cost <= TIE_COST
+
+
+def _ties(trials: Trials, rivals: Sequence[Refitted]) -> tuple[list[Tie], list[Refitted]]:
+    """One group of effects that may stand for one another, and the trials they come from."""
+    best = rivals[0]
+    for own in best.added:
+        group, members = [own], [best]
+        for other in rivals[1:]:
+            different = set(other.added) - set(best.added)
+            if set(best.added) - set(other.added) == {own} and len(different) == 1:
+                group.append(different.pop())
+                members.append(other)
+        if len(group) > 1:
+            return [Tie(effects=group, split_by=trials.effect(own).split_by)], members
+    return [], []
+
+
+def _missing(trials: Trials, best: Refitted, tied: Sequence[Tie]) -> str:
+    runs = "runs that were not used" if trials.problem.validate else "the training runs (there are no validation runs)"
+    titles = " and ".join(trials.effect(name).title for name in best.added)
+    verb, it = ("is", "it") if len(best.added) == 1 else ("are", "them")
+    text = (
+        f"{titles} {verb} missing: adding {it} takes the error on {runs} from {trials.errors.held:.3f} to "
+        f"{best.errors.held:.3f} {_unit(trials)}."
+    )
+    for tie in tied:
+        text += f" These data cannot tell {tie.effects[0]} from {' or '.join(tie.effects[1:])}: {tie.split_by} would."
+    return text
+
+
+def _complete(trials: Trials, left: float) -> str:
+    held, unit = trials.errors.held, _unit(trials)
+    if left < STRUCTURE_FLOORS:
+        return f"Nothing is missing that matters: the held-out error is {held:.3f} {unit}, the noise floor {trials.floor:.3f} {unit}."
+    return f"The held-out error ({held:.3f} {unit}, noise floor {trials.floor:.3f} {unit}) is not lowered by 10 % by any effect on offer."
+
+
+def _unexplained(trials: Trials, part: Refitted | None) -> str:
+    left = float(np.sqrt(max(trials.errors.held**2 - trials.floor**2, 0.0)))
+    text = (
+        f"Structure of {left:.3f} {_unit(trials)} is left above the noise floor, and no effect of the catalogue explains it, "
+        "nor do the best of them together: see the residual torque and what it depends on."
+    )
+    if part is not None:
+        share = f"{100 * part.explained:.0f} % of the squared error"
+        text += f" The nearest, {part.added[0]}, would account for {share}: too little for a name."
+    return text
+
+
+def _unit(trials: Trials) -> str:
+    return "mm" if trials.problem.train[0].has_tip else "deg"
