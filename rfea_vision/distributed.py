@@ -10,10 +10,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.errors import InputError, RfeaError
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class BatchResult:
     errors : experiment (or ``campaign``) -> one sentence
     rungs : model, validation error in mm and verdict of each rung of the ladder
     report : path of the report, if there is one
+    out : where its results are
     """
 
     folder: str
@@ -40,6 +42,7 @@ class BatchResult:
     errors: dict[str, str] = field(default_factory=dict)
     rungs: list[dict[str, Any]] = field(default_factory=list)
     report: str | None = None
+    out: str = ""
 
 
 @contextmanager
@@ -109,7 +112,7 @@ def run_batch(
 
     finals = {}
     for index, folder in enumerate(folders):
-        target = None if out is None else out.resolve() / folder.resolve().name
+        target = None if out is None else _results_of(folder, out)
         campaign = read_campaign(folder, target).campaign
         names = [item.name for item in campaign.experiments if item.role != "ignore"] if campaign is not None else []
         # One task calibrates first, so that the experiments' tasks find it done instead of each doing it.
@@ -122,10 +125,15 @@ def run_batch(
         index = finals[future]
         error = future.exception()
         failed = BatchResult(str(folders[index]), "failed", {"campaign": _sentence(error)}) if error else None
-        results[index] = failed or future.result()
+        target = _results_of(folders[index], out)
+        results[index] = replace(failed or future.result(), out=str(target))
         if on_result is not None:
             on_result(results[index])
     return [results[index] for index in range(len(folders))]
+
+
+def _results_of(folder: Path, out: Path | None) -> Path:
+    return folder.resolve() / OUTPUT_FOLDER if out is None else out.resolve() / folder.resolve().name
 
 
 def _text(path: Path | None) -> str | None:

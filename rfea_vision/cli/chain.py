@@ -15,18 +15,34 @@ from rfea_vision.errors import DataError
 
 @click.command("report")
 @campaign_options
-def report_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool) -> None:
+@click.option("--compare", "other", metavar="OTHER", type=click.Path(path_type=Path), help="Side by side with OTHER.")
+@click.option("--notebook", is_flag=True, help="Also write a notebook that opens the artefacts.")
+def report_command(
+    campaign: Path, other: Path | None, notebook: bool, out: Path | None, force: bool, as_json: bool, debug: bool
+) -> None:
     """One page, offline: where, why, and the cure.
 
     Where the model fails, which effect is missing, and what adding it does. What is out of date is redone first.
+    '--compare A B' puts campaign A beside campaign B: two tubes, two materials, before and after.
     """
-    with opened(campaign, out, force=("report",) if force else ()) as work:
-        path = work.report()
+    from rfea_vision.stages import publishing
+
+    forced = ("report",) if force else ()
+    with opened(campaign, out, force=forced) as work:
+        files = {"file": work.report()}
         status = work.outcome("report", "page")
+        if notebook:
+            files["notebook"] = publishing.notebook(work)
+        if other is not None:
+            with opened(other, None, force=forced) as second:
+                second.report()
+            files["compare"] = publishing.side_by_side(work, second)
     if as_json:
-        print_json({"file": str(path), "status": status, "bytes": path.stat().st_size})
+        shown = {key: str(path) for key, path in files.items()}
+        print_json({**shown, "status": status, "bytes": files["file"].stat().st_size})
     else:
-        click.echo(str(path))
+        for path in files.values():
+            click.echo(str(path))
 
 
 @click.command("run")
@@ -61,6 +77,13 @@ def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_j
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes on this machine.")
 @click.option("--recipe", default="default", show_default=True, help="Recipe to run, by name or as a .yaml file.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for one folder of results per campaign.")
+@click.option(
+    "--index",
+    type=click.Path(path_type=Path),
+    default="rfea-batch.html",
+    show_default=True,
+    help="Page that lists all campaigns: experiments down, rungs across.",
+)
 @click.option("--force", is_flag=True, help="Redo the recipe's steps even if nothing has changed.")
 @output_options
 def batch_command(
@@ -69,6 +92,7 @@ def batch_command(
     workers: int,
     recipe: str,
     out: Path | None,
+    index: Path,
     force: bool,
     as_json: bool,
     debug: bool,
@@ -78,6 +102,8 @@ def batch_command(
     One that is broken does not stop the rest. The folders may be campaigns or lone experiments.
     """
     from rfea_vision.distributed import BatchResult, dask_client, run_batch
+    from rfea_vision.files import write_text
+    from rfea_vision.report import render_index
     from rfea_vision.stages.recipes import load_recipe
 
     load_recipe(recipe)  # a broken recipe is said before any worker starts
@@ -92,10 +118,12 @@ def batch_command(
 
         results = run_batch(folders, client=client, recipe=recipe, out=out, force=force, on_result=heard)
     failed = [result for result in results if result.status != "done"]
+    write_text(index, render_index([Path(result.out) for result in results], beside=index.resolve().parent))
     if as_json:
-        print_json({"ok": not failed, "campaigns": [vars(result) for result in results]})
+        print_json({"ok": not failed, "campaigns": [vars(result) for result in results], "index": str(index)})
     else:
         _print_batch(results)
+        click.echo(f"index: {index}")
     return DataError.exit_code if failed else 0
 
 

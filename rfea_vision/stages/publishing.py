@@ -43,6 +43,27 @@ def report(work: Workspace) -> Stored[Path]:
     )
 
 
+def notebook(work: Workspace) -> Path:
+    """Write a notebook that opens the artefacts, for those who go on by hand."""
+    from rfea_vision.report import render_notebook
+
+    path = work.out / "report" / "explore.ipynb"
+    write_text(path, render_notebook(work.out, title=work.campaign.name))
+    return path
+
+
+def side_by_side(first: Workspace, second: Workspace) -> Path:
+    """Write the page that puts two campaigns side by side; it goes to the first one's report."""
+    from rfea_vision.report import render_comparison
+
+    names = (first.campaign.name, second.campaign.name)
+    if names[0] == names[1]:
+        names = (first.campaign.root.name, second.campaign.root.name)
+    path = first.out / "report" / f"beside-{names[1]}.html"
+    write_text(path, render_comparison(first.out, second.out, names=names))
+    return path
+
+
 def bring_up_to_date(work: Workspace) -> None:
     """Redo what stands on changed data: the ladder with its options, single models with theirs."""
     ladder = work.cache.record("improve/ladder")

@@ -128,6 +128,15 @@ def test_commands_print_for_people_and_for_programs(improved):
     assert "maxwell" in rfea("diagnose", folder, "base").out
 
 
+def test_two_campaigns_are_put_side_by_side_and_a_notebook_is_written(improved, tmp_path):
+    folder, _ = improved
+    shutil.copytree(folder, tmp_path / "tube-B")
+    answer = rfea("report", folder, "--compare", tmp_path / "tube-B", "--notebook", "--json")
+    assert answer.code == 0, answer.err
+    assert "tube-B" in Path(answer.json["compare"]).read_text(encoding="utf-8")
+    assert json.loads(Path(answer.json["notebook"]).read_text(encoding="utf-8"))["nbformat"] == 4
+
+
 def test_python_does_what_the_command_line_does(improved):
     folder, ladder = improved
     work = rfea_vision.open_campaign(folder)
@@ -245,7 +254,8 @@ def test_a_recipe_of_ones_own(campaign, tmp_path):
     assert (campaign / "rfea" / "models" / "two" / "comparison.json").is_file()
 
 
-def test_batch_goes_on_past_what_is_broken(campaign, tmp_path):
+def test_batch_goes_on_past_what_is_broken(campaign, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     recipe = tmp_path / "measure.yaml"
     recipe.write_text("steps: [sync]\n")
     broken = write_campaign(tmp_path / "broken")
@@ -262,11 +272,14 @@ def test_batch_goes_on_past_what_is_broken(campaign, tmp_path):
     }
     assert "not valid YAML" in results["broken"]["errors"]["campaign"]
     assert "repeats the row before" in results["partly"]["errors"]["bad"]
+    index = (tmp_path / answer.json["index"]).read_text(encoding="utf-8")
+    assert all(name in index for name in results)
     assert (partly / "rfea" / "good" / "recording.nc").is_file()
     assert (campaign / "rfea" / "steps-1" / "recording.nc").is_file()
 
 
-def test_results_do_not_depend_on_the_number_of_workers(raw, tmp_path):
+def test_results_do_not_depend_on_the_number_of_workers(raw, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     recipe = tmp_path / "fit.yaml"
     recipe.write_text("steps:\n  - fit: {segments: 2}\n")
     found = []
