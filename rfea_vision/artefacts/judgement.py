@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
@@ -16,7 +15,8 @@ class _Json(BaseModel):
     model_config = ConfigDict(frozen=True, extra="allow", ser_json_inf_nan="null", populate_by_name=True)
 
     def save(self, path: Path) -> None:
-        write_text(path, json.dumps(self.model_dump(mode="json", by_alias=True), indent=1) + "\n")
+        # An infinite or undefined number has no place in JSON: it is written as null.
+        write_text(path, self.model_dump_json(by_alias=True, indent=1) + "\n")
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -81,7 +81,9 @@ class ModelFit(_Json):
     noise_floor_source: str = ""
     experiments: dict[str, ExperimentScore]
     warnings: list[str] = Field(default_factory=list)
-    steady_state: dict[str, Any] = Field(default_factory=dict)  # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
+    steady_state: dict[str, Any] = Field(
+        default_factory=dict
+    )  # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
     starts: list[dict[str, Any]] = Field(default_factory=list)  # the waterfall: {"start", "cost", "status"}
     residual_tests: dict[str, Any] = Field(default_factory=dict)
     laws: dict[str, dict[str, str]] = Field(default_factory=dict)  # effect -> {"title", "latex", "reference", "text"}
@@ -107,11 +109,15 @@ class Comparison(_Json):
     format: Literal["rfea-comparison/1"] = "rfea-comparison/1"
     model: str
     noise_floor_mm: float | None = None
-    by_phase: list[dict[str, Any]] = Field(default_factory=list)  # {"experiment","role","phase","rmse_mm","share","frames"}
+    by_phase: list[dict[str, Any]] = Field(
+        default_factory=list
+    )  # {"experiment","role","phase","rmse_mm","share","frames"}
     by_pressure: list[dict[str, Any]] = Field(default_factory=list)  # {"from_kPa","to_kPa","rmse_mm","frames"}
     by_segment: list[dict[str, Any]] = Field(default_factory=list)  # {"from_sigma","to_sigma","rmse_mm","bias_mm"}
     where: list[WorstPlace] = Field(default_factory=list)
-    residual_torque: dict[str, Any] = Field(default_factory=dict)  # {"rms_mNm", "depends_on": [{"on","score","sentence"}], "note"}
+    residual_torque: dict[str, Any] = Field(
+        default_factory=dict
+    )  # {"rms_mNm", "depends_on": [{"on","score","sentence"}], "note"}
     elongation: dict[str, Any] = Field(default_factory=dict)  # {"sentence","assumption","profiles":[...]}
     sentences: list[str] = Field(default_factory=list)
 

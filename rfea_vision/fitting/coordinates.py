@@ -80,7 +80,8 @@ def build(
     """Coordinates for a model; `fixed` pins parameters, `only` frees no others, `held` gives the values of the rest."""
     names = model.names
     reference = base_reference(actuator, segments)
-    theta = 1.25 * bend / segments
+    # The tube does not bend evenly, and a run may overshoot: keep k and b positive to twice the mean angle reached.
+    theta = 2.0 * bend / segments
     reach = max(float(inner_radius(actuator, theta, actuator.length / segments)) - actuator.inner_radius, 1e-6)
     pinned = dict(fixed or {})
     columns, lower, upper, free = [], [], [], []

@@ -9,7 +9,6 @@ import xarray as xr
 
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
-from rfea_vision.errors import DataError
 from rfea_vision.fitting.observation import MM, Observed, observe_recording
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.scoring import rebuild
@@ -21,10 +20,7 @@ NODES = 33
 def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, xr.Dataset]:
     """Prediction of a fitted model for every recording that is not ignored, at every frame within the pressure log.
 
-    Raises
-    ------
-    DataError
-        A recording on which the model cannot be simulated.
+    A recording on which the model cannot be simulated gets NaN, with the reason in the attribute ``note``.
     """
     simulator, par = rebuild(model)
     out = {}
@@ -45,18 +41,21 @@ def _predict_one(simulator, par: np.ndarray, item: Observed, recording: Recordin
     nodes = data.sizes.get("node", NODES)
     fractions = np.linspace(0, 1, nodes)
     predicted = predict_observed(simulator, par, item, (), clock, fractions)
-    if predicted is None:
-        raise DataError(
-            f"experiment {item.name}: the model could not be simulated on this run; its pressure may exceed the limit point"
-        )
+    note = (
+        ""
+        if predicted is not None
+        else "the model could not be simulated on this run: it winds up or rings without end"
+    )
     frames = data.sizes["time"]
     flip = np.array([item.mirror, 1.0])
     line = np.full((frames, nodes, 2), np.nan)
-    line[item.frame] = predicted.points / MM * flip
+    if predicted is not None:
+        line[item.frame] = predicted.points / MM * flip
     angle = np.full(frames, np.nan)
-    angle[item.frame] = np.rad2deg(predicted.angle)
     theta = np.full((frames, simulator.chain.bodies), np.nan)
-    theta[item.frame] = np.rad2deg(predicted.motion.theta)
+    if predicted is not None:
+        angle[item.frame] = np.rad2deg(predicted.angle)
+        theta[item.frame] = np.rad2deg(predicted.motion.theta)
     variables: dict[str, tuple] = {
         "tip": (("time", "xy"), line[:, -1].astype(np.float32), {"units": "mm"}),
         "midline": (("time", "node", "xy"), line.astype(np.float32), {"units": "mm"}),
@@ -82,5 +81,11 @@ def _predict_one(simulator, par: np.ndarray, item: Observed, recording: Recordin
     return xr.Dataset(
         variables,
         coords={"time": ("time", data["time"].values, {"units": "s"}), "xy": ["x", "y"]},
-        attrs={"experiment": item.name, "role": item.role, "clock_offset_s": clock, "line": "centre line"},
+        attrs={
+            "experiment": item.name,
+            "role": item.role,
+            "clock_offset_s": clock,
+            "line": "centre line",
+            "note": note,
+        },
     )

@@ -15,6 +15,7 @@ from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matr
 from rfea_vision.effects.base import BASE_UNITS
 from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, make_model
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
+from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.fitting.uncertainty import Uncertainty, sandwich
@@ -201,6 +202,14 @@ def _sentences(parameters: dict[str, Parameter], correlation: FloatArray, names:
     return out
 
 
+def _message(fitted: Fitted) -> str:
+    solution = fitted.solution
+    runs = f"{solution.evaluations} evaluations"
+    if solution.converged:
+        return f"Converged after {runs}."
+    return f"Stopped after {runs} without converging; more data, fewer effects or other bounds may help."
+
+
 def _laws(fitted: Fitted) -> dict[str, dict[str, str]]:
     from rfea_vision.effects.typeset import typeset
 
@@ -233,7 +242,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         effects=list(options.effects),
         observe=observe,
         status="converged" if solution.converged else "not_converged",
-        message=solution.message if solution.converged else f"{solution.message} More data or fewer effects may help.",
+        message=_message(fitted),
         actuator=problem.actuator.as_dict(),
         parameters=parameters,
         paper_parameters=_paper(fitted, problem.actuator, covariance, uncertainty.quantile),
@@ -245,6 +254,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         warnings=_sentences(parameters, correlation, fitted.coordinates.names),
         steady_state=fitted.steady,
         starts=list(fitted.starts),
+        residual_tests=examine_residuals(problem.train, solution.evaluation.predicted),
         laws=_laws(fitted),
         effect_files=[str(p) for p in options.effect_files],  # type: ignore[call-arg]
     )

@@ -15,7 +15,7 @@ def complete_campaign(tmp_path_factory) -> tuple[dict[str, Recording], Actuator,
     from rfea_vision.twin import TwinOptions, simulate
 
     folder: Path = tmp_path_factory.mktemp("twin") / "complete"
-    truth = simulate(folder, TwinOptions(roles=("train", "train", "validate"), duration_s=4.0, seed=5))
+    truth = simulate(folder, TwinOptions(roles=("train", "train", "validate"), duration_s=3.0, rate_Hz=120, seed=5))
     work = open_campaign(folder)
     recordings = work.recordings("train", "validate", "test")
     return {name: stored.value for name, stored in recordings.items()}, work.campaign.actuator, truth

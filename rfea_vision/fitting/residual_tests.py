@@ -1,0 +1,84 @@
+"""Are the residuals noise? Whiteness in time, and independence of pressure, angle and rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.fitting.observation import MM, Observed
+from rfea_vision.fitting.residuals import Predicted
+
+FloatArray = NDArray[np.float64]
+
+
+def correlation_ratio(explained: FloatArray, by: FloatArray, bins: int = 16) -> float:
+    """Share of the variance of one series that a smooth function of another explains, 0 to 1.
+
+    The correlation ratio over quantile bins, less what chance would give.
+    """
+    good = np.isfinite(explained) & np.isfinite(by)
+    y, x = explained[good], by[good]
+    if y.size < 8 * bins or np.ptp(x) == 0 or np.var(y) == 0:
+        return 0.0
+    edges = np.quantile(x, np.linspace(0, 1, bins + 1))
+    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
+    counts = np.bincount(index, minlength=bins)
+    means = np.bincount(index, y, minlength=bins) / np.maximum(counts, 1)
+    between = float(np.sum(counts * (means - y.mean()) ** 2))
+    chance = (bins - 1) / y.size
+    return max(0.0, (between / float(np.sum((y - y.mean()) ** 2)) - chance) / (1 - chance))
+
+
+def correlation_time(series: FloatArray, period_s: float) -> float:
+    """Integrated autocorrelation time (s) up to the first fall below 0.05; half a period for white noise."""
+    centred = series - series.mean()
+    spectrum = np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2
+    correlation = np.fft.irfft(spectrum)[: centred.size]
+    if correlation[0] <= 0:
+        return 0.0
+    correlation = correlation / correlation[0]
+    below = np.flatnonzero(correlation < 0.05)
+    stop = int(below[0]) if below.size else centred.size
+    return period_s * (0.5 + float(correlation[1:stop].sum()))
+
+
+def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted]) -> dict[str, Any]:
+    """Tests of the tip's residual (or the angle's) over several runs, worst axis; each with a sentence."""
+    times, periods = [], []
+    columns: dict[str, list[FloatArray]] = {"pressure": [], "angle": [], "rate": []}
+    residuals = []
+    for item, one in zip(items, predicted, strict=True):
+        gap = (
+            (item.points[:, -1] - one.points[:, -1]) / MM
+            if item.has_tip
+            else np.rad2deg(item.angle - one.angle)[:, None]
+        )
+        axis = int(np.argmax(gap.std(axis=0)))
+        series = gap[:, axis]
+        period = float(np.median(np.diff(item.time)))
+        times.append(correlation_time(series, period))
+        periods.append(period)
+        grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
+        residuals.append(series)
+        columns["pressure"].append(np.interp(item.time, grid, item.excitation.pressure))
+        columns["angle"].append(one.angle)
+        columns["rate"].append(one.motion.rate[:, -1])
+    time, period = float(np.mean(times)), float(np.mean(periods))
+    white = time < 2 * period
+    out: dict[str, Any] = {
+        "whiteness": {
+            "correlation_time_s": time,
+            "sentence": "the residual is white"
+            if white
+            else f"the residual remembers itself for {time * 1e3:.0f} ms: it is not noise alone",
+        }
+    }
+    stacked = np.concatenate(residuals)
+    for name, values in columns.items():
+        share = correlation_ratio(stacked, np.concatenate(values))
+        words = f"{100 * share:.0f} % of its variance goes with the {name}"
+        out[f"independence_of_{name}"] = {"share": share, "sentence": words}
+    return out
