@@ -37,6 +37,6 @@ def label_phases(time: FloatArray, pressure: FloatArray, bend: FloatArray) -> ND
         if sign[k] != 0:
             if last != 0 and sign[k] != last and time[k] - last_time < 0.3:
                 near = np.abs(time - time[k]) < REVERSAL_S / 2
-                labels[near & moving] = "reversal"
+                labels[near] = "reversal"  # its turning point included, though nothing moves there
             last, last_time = sign[k], time[k]
     return labels

@@ -27,10 +27,12 @@ from rfea_vision.fitting.fit import Fitted, Problem, fit_added
 EXPLAINED = 0.95
 REFITS = 6
 MORE_REFITS = 9
-FIRSTS = 3
+FIRSTS = 2
 SECONDS = 3
 PAIRS = 4
 MOST_TOGETHER = 3
+#: A combination that explains less than this is not taken further.
+PROMISING = 0.8
 
 
 @dataclass(frozen=True)
@@ -195,7 +197,7 @@ def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitt
         found = [r for r in tried if r.reaches]
         if found:
             break
-        firsts = tried[:1]
+        firsts = [r for r in tried[:1] if r.explained >= PROMISING]
     return found
 
 

@@ -1,0 +1,101 @@
+"""A fixed small part of the benchmark: campaigns of the twin whose hidden effect is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Ladder, Recording
+from rfea_vision.critique import improve
+from rfea_vision.critique.diagnosis import Judgement, judge
+from rfea_vision.fitting import FitOptions
+from rfea_vision.fitting.fit import fit, make_problem
+
+OPTIONS = FitOptions(segments=6, starts=0)
+RIVALS = ("payload", "gravity_tilt", "maxwell", "stiffness_profile")
+
+
+def judged(campaign: Any, candidates: tuple[str, ...] = RIVALS) -> Judgement:
+    recordings, actuator = campaign
+    problem = make_problem(recordings, actuator)
+    return judge(problem, fit(problem, OPTIONS), candidates=candidates)
+
+
+def climbed(campaign: Any, candidates: tuple[str, ...] = RIVALS, **options: Any) -> tuple[Ladder, list[Any]]:
+    rungs: list[Any] = []
+    recordings, actuator = campaign
+    ladder = improve(
+        recordings,
+        actuator,
+        OPTIONS,
+        candidates=candidates,
+        on_rung=lambda m, p, c, d: rungs.append((m, p, c, d)),
+        **options,
+    )
+    return ladder, rungs
+
+
+def test_nothing_hidden_is_complete(campaign):
+    ladder, rungs = climbed(campaign())
+    assert [rung.verdict for rung in ladder.rungs] == ["complete"]
+    diagnosis = rungs[0][3]
+    assert diagnosis.named == [] and diagnosis.tied == []
+
+
+@pytest.mark.parametrize("bends", ["left", "right"])
+def test_a_tilt_is_named_with_its_sign_and_added(campaign, bends):
+    found = campaign((("gravity_tilt.angle", -0.08),), bends=bends)
+    ladder, rungs = climbed(found)
+    assert rungs[0][3].named == ["gravity_tilt"]
+    assert [rung.added for rung in ladder.rungs] == [None, "gravity_tilt"]
+    assert ladder.rungs[-1].verdict == "complete"
+    assert rungs[-1][0].parameters["gravity_tilt.angle"].value == pytest.approx(-0.08, rel=0.1)
+    floor = ladder.noise_floor_mm
+    assert ladder.rungs[0].validate_tip_rmse_mm > 2 * floor > 1.6 * ladder.rungs[1].validate_tip_rmse_mm
+
+
+def test_what_looks_alike_is_tied_and_an_experiment_proposed(campaign):
+    judgement = judged(
+        campaign((("rest_curvature.angle", 0.06),)), ("rest_curvature", "pressure_offset", "payload", "maxwell")
+    )
+    diagnosis = judgement.diagnosis
+    assert diagnosis.verdict == "missing"
+    assert set(diagnosis.tied[0].effects) == {"rest_curvature", "pressure_offset"}
+    assert diagnosis.named[0] in diagnosis.tied[0].effects
+    assert diagnosis.next_experiment is not None and judgement.next_pressure is not None
+    assert set(diagnosis.next_experiment.separates) == {"rest_curvature", "pressure_offset"}
+
+
+def test_what_no_effect_explains_is_called_unexplained(campaign):
+    diagnosis = judged(campaign((("fan.F", 0.1),))).diagnosis
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.named == []
+
+
+def test_two_effects_are_found_together(campaign):
+    found = campaign((("gravity_tilt.angle", -0.06), ("stiffness_profile.a1", 0.06)))
+    ladder, _ = climbed(found)
+    assert {rung.added for rung in ladder.rungs[1:]} == {"gravity_tilt", "stiffness_profile"}
+
+
+def test_choosing_does_not_look_at_test_runs(campaign):
+    """A test run full of nonsense changes nothing but its own score."""
+    recordings, actuator = campaign((("gravity_tilt.angle", -0.08),), roles="train validate test")
+    name = next(n for n, r in recordings.items() if r.role == "test")
+    spoilt = recordings[name].dataset.copy(deep=True)
+    for key in ("midline", "tip"):
+        spoilt[key] = spoilt[key] + np.linspace(0, 40, spoilt.sizes["time"]).reshape(-1, *[1] * (spoilt[key].ndim - 1))
+    clean, rungs = climbed((recordings, actuator), ("gravity_tilt", "payload"))
+    dirty, others = climbed(({**recordings, name: Recording(spoilt)}, actuator), ("gravity_tilt", "payload"))
+    assert clean.rungs == dirty.rungs
+    assert [r[3].candidates for r in rungs] == [r[3].candidates for r in others]
+    assert name not in rungs[0][1] and "test" not in rungs[-1][0].metrics
+    assert dirty.test["tip_rmse_mm"] > 5 * clean.test["tip_rmse_mm"]
+
+
+def test_the_ladder_keeps_to_its_budget(campaign):
+    ladder, _ = climbed(campaign((("gravity_tilt.angle", -0.08),)), ("gravity_tilt",), budget_s=0.0)
+    assert len(ladder.rungs) == 1
+    assert "budget" in ladder.stopped_because and "gravity_tilt" in ladder.stopped_because

@@ -1,0 +1,105 @@
+"""The parts of the critique on their own: phases, dependence, what matters, the noise floor, the next experiment."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rfea_vision.critique.ladder import _look_back
+from rfea_vision.critique.measures import Errors, errors_of, floor_of, matters, structure
+from rfea_vision.critique.next_experiment import STEP_S, limits, profiles
+from rfea_vision.critique.phases import label_phases
+from rfea_vision.critique.torque import dependence
+from rfea_vision.fitting import FitOptions
+from rfea_vision.fitting.fit import fit, make_problem
+
+
+def test_phases_of_a_trapezium():
+    time = np.arange(0, 6, 1 / 240)
+    pressure = np.interp(time, [0, 1, 2, 4, 5, 6], [0, 0, 200, 200, 0, 0])
+    labels = label_phases(time, pressure, pressure / 100)
+    middle = {second: labels[np.argmin(np.abs(time - second))] for second in (0.5, 1.5, 3.0, 4.5, 5.5)}
+    assert middle == {0.5: "rest", 1.5: "rise", 3.0: "hold", 4.5: "fall", 5.5: "rest"}
+
+
+def test_phases_of_a_triangle_and_of_ringing():
+    time = np.arange(0, 4, 1 / 240)
+    triangle = np.interp(time, [0, 1, 2, 3, 4], [0, 100, 0, 100, 0])
+    assert label_phases(time, triangle, triangle)[np.argmin(np.abs(time - 1.0))] == "reversal"
+    step = np.where(time > 1, 100.0, 0.0)
+    bend = np.where(time > 1, 1 + 0.3 * np.exp(-(time - 1) / 0.5) * np.cos(2 * np.pi * 6 * (time - 1)), 0.0)
+    assert np.mean(label_phases(time, step, bend)[(time > 1.1) & (time < 1.5)] == "ringing") > 0.6
+
+
+def test_dependence_sees_curves_and_no_chance():
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, 4000)
+    noise = rng.standard_normal(4000)
+    assert dependence(x**2, x) > 0.95  # no linear correlation at all
+    assert dependence(x**2 + np.std(x**2) * noise, x) == pytest.approx(0.5, abs=0.06)
+    assert dependence(noise, x) < 0.02
+
+
+def test_an_effect_matters_by_ten_per_cent_and_a_fifth_of_the_floor():
+    def at(held: float, line: float | None = None) -> Errors:
+        return Errors(held, held, line, line)
+
+    assert matters(at(1.0), at(0.85), 0.1)
+    assert not matters(at(1.0), at(0.92), 0.1)  # less than a tenth
+    assert not matters(at(0.12), at(0.105), 0.1)  # less than a fifth of the floor
+    assert matters(at(1.0, 1.0), at(0.99, 0.8), 0.1)  # seen along the tube only
+    assert not matters(at(1.0, 1.0), at(1.2, 0.8), 0.1)  # at the expense of the tip
+    assert structure(at(0.1), 0.1) == 0.0
+    assert structure(at(np.hypot(0.1, 0.3)), 0.1) == pytest.approx(3.0)
+
+
+def _fake(noise: np.ndarray, sigma_mm: float) -> tuple[SimpleNamespace, SimpleNamespace]:
+    """A problem and a fit of which only the tip's residual is looked at."""
+    time = np.arange(noise.shape[0]) / 240.0
+    item = SimpleNamespace(
+        name="run", role="train", repeat_of=None, has_tip=True, time=time, frame=np.arange(time.size),
+        points=noise[:, None, :] * 1e-3, tip_noise_mm=0.0,
+    )  # fmt: skip
+    predicted = SimpleNamespace(points=np.zeros((time.size, 1, 2)))
+    tip_sigma = SimpleNamespace(values=np.full((time.size, 2), sigma_mm))
+    recordings = {"run": SimpleNamespace(dataset={"tip_sigma": tip_sigma})}
+    problem = SimpleNamespace(train=(item,), with_roles=lambda *_: (item,), recordings=recordings)
+    return problem, SimpleNamespace(solution=SimpleNamespace(evaluation=SimpleNamespace(predicted=(predicted,))))
+
+
+def test_the_floor_sees_noise_that_lasts_over_frames_but_no_motion():
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal((3000, 2))
+    for k in range(1, 3000):
+        noise[k] = 0.6 * noise[k - 1] + 0.8 * noise[k]
+    true = 0.06 * np.sqrt(2)
+    understated = floor_of(*_fake(0.06 * noise, 0.03))
+    assert understated == pytest.approx(true, rel=0.15)
+    slow = 0.5 * np.sin(2 * np.pi * 2.0 * np.arange(3000) / 240.0)[:, None]
+    assert floor_of(*_fake(0.06 * noise + slow, 0.03)) == pytest.approx(understated, rel=0.05)
+
+
+def test_the_next_experiment_stays_within_what_the_rig_has_shown(campaign):
+    problem = make_problem(*campaign())
+    low, high, rate = limits(problem)
+    seen = np.concatenate([o.excitation.pressure for o in problem.train])
+    assert low >= 0 and high == seen.max()
+    for pressure in profiles(low, high, rate, seed=3).values():
+        assert pressure.min() >= low - 1e-6 and pressure.max() <= high + 1e-6
+        assert np.abs(np.diff(pressure)).max() <= rate * STEP_S * (1 + 1e-9)
+        assert np.ptp(pressure) > 0.2 * (high - low)
+
+
+def test_looking_back_drops_what_earns_nothing(campaign):
+    problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
+    options = FitOptions(segments=6, starts=0, effects=("damping_profile", "gravity_tilt"), name="both")
+    fitted = fit(problem, options)
+    errors, floor = errors_of(problem, fitted), floor_of(problem, fitted)
+    without, _, gone = _look_back(problem, fitted, errors, floor, keep="gravity_tilt")
+    assert gone == "damping_profile" and without.options.effects == ("gravity_tilt",)
+    turned = replace(fitted, options=replace(options, effects=("gravity_tilt", "damping_profile")))
+    kept, _, gone = _look_back(problem, turned, errors, floor, keep="damping_profile")
+    assert gone is None and "gravity_tilt" in kept.options.effects
