@@ -188,6 +188,9 @@ def solve_bundle(
     DataError
         If the photos do not determine the lens.
     """
+    if start is None and model == "brown8":  # the rational model has valleys of its own: start on the plain one
+        plain = solve_bundle(views, size, "brown5").lens
+        start = Lens(model, plain.matrix, np.concatenate([plain.distortion, np.zeros(3)]))
     lens = start or first_lens(views, size, model)
     poses = [first_pose(lens, view) for view in views]
     damping, cost = 1e-4, np.inf

@@ -34,9 +34,7 @@ def board_pdf(board: Board, title: str) -> bytes:
     place = [side * _POINTS_PER_MM for side in (width_mm, height_mm)]
     left, bottom = (page[0] - place[0]) / 2, (page[1] - place[1]) / 2
     columns, rows = board.inner_corners
-    text = (
-        f"{title}: {columns} x {rows} inner corners, squares of {board.square_mm:g} mm; print at 100 %, then measure"
-    )
+    text = f"{title}: {columns} x {rows} inner corners, squares of {board.square_mm:g} mm; print at 100 %, then measure"
     drawing = (
         f"q {place[0]:.4f} 0 0 {place[1]:.4f} {left:.4f} {bottom:.4f} cm /Board Do Q "
         f"BT /F1 7 Tf {left:.4f} {bottom - 12:.4f} Td ({text}) Tj ET"

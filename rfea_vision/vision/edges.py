@@ -141,7 +141,9 @@ def measure_polyline(
         ox1, oy1 = ox0, oy0
         if following % 4 == 0 or following == count - 1:  # how far a mm reaches changes slowly
             tip_x, tip_y = project_point(
-                camera, points[following, 0] + 0.5 * outward[following, 0], points[following, 1] + 0.5 * outward[following, 1]
+                camera,
+                points[following, 0] + 0.5 * outward[following, 0],
+                points[following, 1] + 0.5 * outward[following, 1],
             )
             ox1, oy1 = 2.0 * (tip_x - px1), 2.0 * (tip_y - py1)
         dx, dy = px1 - px0, py1 - py0

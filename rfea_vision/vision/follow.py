@@ -252,7 +252,20 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     sums[:] = 0.0
     levels, blurs = state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
     filled = measure_polyline(
-        picture, camera, points, outward, 0.0, across, levels, blurs, 1, 1, 3.0 * px_per_mm * half, work.stations, 0, sums
+        picture,
+        camera,
+        points,
+        outward,
+        0.0,
+        across,
+        levels,
+        blurs,
+        1,
+        1,
+        3.0 * px_per_mm * half,
+        work.stations,
+        0,
+        sums,
     )
     expected = 2.0 * CAP_REACH * half * px_per_mm * max(abs(tx), abs(ty))
     if filled < 4:
@@ -438,6 +451,13 @@ def move_state(state, solution, beyond_mm):
 
 
 @njit(cache=True, nogil=True)
+def _cap_levels(state, work, blur_limit):
+    """One pair of levels and one blur for the whole cap."""
+    sums, levels, blurs = work.sums[2, :CAP_VERTICES], state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
+    smooth_levels(sums, levels, blurs, CAP_VERTICES, CAP_VERTICES, blur_limit, 1.0)
+
+
+@njit(cache=True, nogil=True)
 def _margin_px(camera, state, u, px_per_mm):
     """How near to an end the edges can be used: blur of the end, and its corner where rows cross the edge at a slant."""
     x, y, tx, ty, _ = point_and_tangent(state.coefficients, u)
@@ -488,18 +508,11 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
             if abs(beyond) * px_per_mm > 1.5:
                 solution[:] = 0.0
                 move_state(state, solution, beyond)
-        tip_shift, tip_variance, cap_used = measure_cap(
-            picture, camera, state, work, px_per_mm, noise, shape_gain if last else 0.0
-        )
-        smooth_levels(
-            work.sums[2, :CAP_VERTICES],
-            state.levels[2, :CAP_VERTICES],
-            state.blurs[2, :CAP_VERTICES],
-            CAP_VERTICES,
-            CAP_VERTICES,
-            blur_limit,
-            0.7,
-        )
+        for again in range(2):  # the first look reads the light of this frame, the second the place
+            tip_shift, tip_variance, cap_used = measure_cap(
+                picture, camera, state, work, px_per_mm, noise, shape_gain if last and again else 0.0
+            )
+            _cap_levels(state, work, blur_limit)
         if cap_used > 0.3:
             tip_shift = min(max(tip_shift, -4.0 / px_per_mm), 4.0 / px_per_mm)
             solution[:] = 0.0

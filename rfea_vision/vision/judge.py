@@ -15,6 +15,7 @@ LONGEST_GAP = 0.2  # of the length, unseen on both sides
 WIDTH_OFF = 0.2
 LENGTH_OFF = 0.06
 
+
 class Judge:
     """Compares each fit with what a tube can do; learns the length of this one from its first frames."""
 
@@ -31,7 +32,9 @@ class Judge:
         x, y = numbers[follow.TIP_X], numbers[follow.TIP_Y]
         half_px = self.scene.half_mm * self.scene.px_per_mm
         margin = 0.6 * half_px
-        if numbers[follow.LENGTH] > 0 and not (margin <= x <= width - 1 - margin and margin <= y <= height - 1 - margin):
+        if numbers[follow.LENGTH] > 0 and not (
+            margin <= x <= width - 1 - margin and margin <= y <= height - 1 - margin
+        ):
             return "touches_border"
         used = numbers[follow.USED]
         if numbers[follow.BLUR] > 0.27 * half_px:

@@ -38,7 +38,7 @@ class Rows:
         at_nodes = np.linspace(0, 1, nodes)
         joints = np.linspace(0, 1, segments + 1)
         slopes = basis_matrix(joints, COEFFICIENTS, 1)
-        self._shift_rows = np.ascontiguousarray(
+        self.shift_rows = np.ascontiguousarray(
             np.vstack(
                 [
                     basis_matrix(at_nodes, COEFFICIENTS),
@@ -51,6 +51,8 @@ class Rows:
         self._width_rows = np.ascontiguousarray(basis_matrix(at_nodes, WIDTH_COEFFICIENTS))
         self._arrays: dict[str, NDArray[Any]] = {}
         self._count = 0
+        self.covariance_sum = np.zeros((COEFFICIENTS, COEFFICIENTS))  # at unit pixel noise, to be averaged
+        self.good = 0
         self.reasons: list[str] = []
         self._allocate(256)
 
@@ -59,7 +61,7 @@ class Rows:
             "time": (),
             "coefficients": (COEFFICIENTS, 2),
             "width": (WIDTH_COEFFICIENTS,),
-            "shift_variance": (len(self._shift_rows),),
+            "shift_variance": (len(self.shift_rows),),
             "width_variance": (len(self._width_rows),),
             "numbers": (follow.NUMBERS,),
         }
@@ -88,17 +90,15 @@ class Rows:
     def commonest_reason(self) -> str:
         return Counter(self.reasons).most_common(1)[0][0]
 
-    def variances(self, name: str) -> FloatArray:
-        """Variances at unit inflation: `node` mm^2, `bend2` of d2/du2, `tip_slope` of d/du, `joint` of its differences."""
+    def part(self, name: str) -> slice:
+        """Rows of `shift_rows`: ``node`` positions, ``bend2`` d2/du2, ``tip_slope`` d/du, ``joint`` its differences."""
         n = self.nodes
-        table = self["shift_variance"]
-        part = {
+        return {
             "node": slice(0, n),
             "bend2": slice(n, 2 * n),
             "tip_slope": slice(2 * n, 2 * n + 1),
             "joint": slice(2 * n + 1, None),
-        }
-        return table[:, part[name]].astype(float)
+        }[name]
 
     def append(self, time_s: float, reason: str, follower: Any) -> None:
         """Add a frame."""
@@ -113,5 +113,8 @@ class Rows:
         self._arrays["coefficients"][n] = follower.state.coefficients
         self._arrays["width"][n] = follower.state.width
         self._arrays["numbers"][n] = follower.work.numbers
-        _quadratic_forms(self._shift_rows, follower.work.covariance, 0, self._arrays["shift_variance"][n])
+        noise = max(float(follower.work.numbers[follow.NOISE]), 1e-3)
+        self.covariance_sum += follower.work.covariance[:COEFFICIENTS, :COEFFICIENTS] / noise**2
+        self.good += 1
+        _quadratic_forms(self.shift_rows, follower.work.covariance, 0, self._arrays["shift_variance"][n])
         _quadratic_forms(self._width_rows, follower.work.covariance, COEFFICIENTS, self._arrays["width_variance"][n])

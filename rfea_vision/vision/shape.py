@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import perturbed_cameras, project, unproject
 from rfea_vision.vision import follow
-from rfea_vision.vision.begin import Begin, Scene
+from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.rows import Rows
+from rfea_vision.vision.smooth import Smoothed, smooth
 
 FloatArray = NDArray[np.float64]
 
 FINE = 257
+ORIGIN_LATERAL_PX = 0.02  # what an edge of unknown blur leaves, the same in all frames
 STRAIGHTEST_SHARE = 0.1
 
 
@@ -26,20 +28,21 @@ def build_dataset(
     rows: Rows,
     calibration: Calibration,
     scene: Scene,
-    start: Begin,
+    origin_sigma: float,
     vertical: str | dict[str, Any],
     attributes: dict[str, Any],
 ) -> xr.Dataset:
     """Assemble the track's dataset."""
     valid = rows.valid
-    coefficients = rows["coefficients"][valid]
+    inflation = float(np.clip(np.nanmedian(rows["numbers"][valid, follow.INFLATION]), 1.0, 50.0))
+    smoothed = smooth(rows, valid, inflation)
+    coefficients = smoothed.coefficients
     sign = 1.0 if scene.actuator.bends == "left" else -1.0
-    origin, origin_sigma = _origin(rows, valid, coefficients, start)
+    origin = _origin(coefficients)
     down = _rest_direction(coefficients) if vertical == "rest" else scene.down
     to_rig = np.array([[-down[1], down[0]], [-down[0], -down[1]]])  # rows: camera-right, up
-    inflation = float(np.clip(np.nanmedian(rows["numbers"][valid, follow.INFLATION]), 1.0, 50.0))
     calibrated = CalibrationError(calibration, scene.camera, coefficients, origin)
-    data = _derive(rows, valid, coefficients, origin, to_rig, sign, inflation, scene, calibrated, origin_sigma)
+    data = _derive(rows, valid, smoothed, origin, to_rig, sign, inflation, scene, calibrated, origin_sigma)
     variables = {name: (dims, _spread(values, valid)) for name, (dims, values) in data.items()}
     time = rows["time"]
     reason = np.array([text.split(":")[0] for text in rows.reasons], dtype=object).astype(str)
@@ -75,6 +78,7 @@ def build_dataset(
         "down_plane_y": float(down[1]),
         "vertical": str(vertical),
         "edge_correlation_inflation": inflation,
+        "smoothing_tau_mm": smoothed.tau_mm,
         "px_per_mm": scene.px_per_mm,
         **_length_check(data, scene),
         **attributes,
@@ -82,12 +86,11 @@ def build_dataset(
     return dataset
 
 
-def _origin(rows: Rows, valid: NDArray[np.bool_], coefficients: FloatArray, start: Begin) -> tuple[FloatArray, float]:
+def _origin(coefficients: FloatArray) -> FloatArray:
     """Middle of the first visible cross-section: the clamp does not move, so all frames are averaged."""
     first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
     starts = np.einsum("k,tkc->tc", first, coefficients)
-    origin = np.median(starts, axis=0)
-    return origin, float(start.base.stderr_mm)
+    return np.median(starts[min(len(starts) // 2, 30) :], axis=0)
 
 
 def _rest_direction(coefficients: FloatArray) -> FloatArray:
@@ -143,10 +146,11 @@ class CalibrationError:
 
 
 def _derive(
-    rows, valid, coefficients, origin, to_rig, sign, inflation, scene, calibrated: CalibrationError, origin_sigma
+    rows, valid, smoothed: Smoothed, origin, to_rig, sign, inflation, scene, calibrated: CalibrationError, origin_sigma
 ):
     """Everything in the rig frame, valid frames only: name -> (dims, values)."""
-    numbers = rows["numbers"][valid]
+    numbers, coefficients = rows["numbers"][valid], smoothed.coefficients
+    variance = {name: smoothed.variance[:, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
     nodes = np.linspace(0, 1, rows.nodes)
     points = np.matmul(basis_matrix(nodes, COEFFICIENTS), coefficients)
     slope = np.matmul(basis_matrix(nodes, COEFFICIENTS, 1), coefficients)
@@ -157,18 +161,33 @@ def _derive(
     half = rows["width"][valid] @ basis_matrix(nodes, WIDTH_COEFFICIENTS).T
     # Walking down, the left-hand side is the camera's right: the outside of a bend to the left.
     curvature = -sign * (tangent[..., 0] * second[..., 1] - tangent[..., 1] * second[..., 0]) / speed**2
-    node_noise = np.sqrt(inflation * rows.variances("node")[valid])
+    node_noise = np.sqrt(variance["node"])
     by_calibration = np.einsum("ktuc,tuc->ktu", calibrated.displacement(points), left)
-    node_sigma = np.sqrt(node_noise**2 + np.sum(by_calibration**2, axis=0) + origin_sigma**2 * left[..., 1] ** 2)
+    lateral = ORIGIN_LATERAL_PX / scene.px_per_mm
+    node_sigma = np.sqrt(
+        node_noise**2
+        + np.sum(by_calibration**2, axis=0)
+        + origin_sigma**2 * left[..., 1] ** 2
+        + lateral**2 * left[..., 0] ** 2
+    )
     length = numbers[:, follow.LENGTH]
-    curvature_sigma = np.sqrt(inflation * rows.variances("bend2")[valid]) / length[:, None] ** 2
+    curvature_sigma = np.sqrt(variance["bend2"]) / length[:, None] ** 2
     width_noise = np.sqrt(inflation * rows["width_variance"][valid].astype(float))
-    bend, bend_noise, bend_sigma = _bend(rows, valid, coefficients, to_rig, sign, inflation, length, calibrated)
+    bend, bend_noise, bend_sigma = _bend(coefficients, to_rig, sign, variance["tip_slope"], length, calibrated)
     elongation, elongation_noise, elongation_sigma, hinge = _elongation(
-        rows, valid, coefficients, sign, inflation, length, half, calibrated
+        rows.segments, coefficients, sign, variance["joint"], length, half, calibrated
     )
     tip, tip_noise, tip_sigma = _tip(
-        points[:, -1], tangent[:, -1], origin, to_rig, inflation, numbers, node_noise[:, -1], calibrated, origin_sigma
+        points[:, -1],
+        tangent[:, -1],
+        origin,
+        to_rig,
+        inflation,
+        numbers,
+        node_noise[:, -1],
+        calibrated,
+        origin_sigma,
+        ORIGIN_LATERAL_PX / scene.px_per_mm,
     )
     inner, outer = points - sign * half[..., None] * left, points + sign * half[..., None] * left
     rig = lambda p: (p - origin) @ to_rig.T  # noqa: E731
@@ -205,13 +224,13 @@ def _angles(coefficients: FloatArray, sign: float, u: FloatArray) -> FloatArray:
     return np.unwrap(np.arctan2(-sign * slope[..., 0], -slope[..., 1]), axis=1)
 
 
-def _bend(rows, valid, coefficients, to_rig, sign, inflation, length, calibrated):
+def _bend(coefficients, to_rig, sign, variance, length, calibrated):
     u = np.linspace(0, 1, 65)
     down_plane = -to_rig[1]
     turned = np.arctan2(-sign * down_plane[0], -down_plane[1])
     angle = _angles(coefficients, sign, u) - turned
     angle -= 2 * np.pi * np.round(angle[:, :1] / (2 * np.pi))
-    noise = np.sqrt(inflation * rows.variances("tip_slope")[valid][:, 0]) / length
+    noise = np.sqrt(variance[:, 0]) / length
     ends = np.matmul(basis_matrix(np.array([1.0]), COEFFICIENTS), coefficients)[:, 0]
     slope = np.matmul(basis_matrix(np.array([1.0]), COEFFICIENTS, 1), coefficients)[:, 0]
     tangent = slope / np.linalg.norm(slope, axis=1, keepdims=True)
@@ -239,7 +258,7 @@ def _centre_over_hinge(hinge, centre, segments):
     return out
 
 
-def _elongation(rows, valid, coefficients, sign, inflation, length, half, calibrated):
+def _elongation(segments, coefficients, sign, variance, length, half, calibrated):
     """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
     u = np.linspace(0, 1, FINE)
     speed = np.linalg.norm(np.matmul(basis_matrix(u, COEFFICIENTS, 1), coefficients), axis=-1)
@@ -249,10 +268,9 @@ def _elongation(rows, valid, coefficients, sign, inflation, length, half, calibr
     angle = _angles(coefficients, sign, u)
     radius = float(np.median(half))
     hinge = centre - radius * (angle - angle[:, :1])
-    segments = rows.segments
     out = _centre_over_hinge(hinge, centre, segments)
     step = hinge[:, -1:] / segments
-    noise = radius * np.sqrt(inflation * rows.variances("joint")[valid]) / length[:, None] / step
+    noise = radius * np.sqrt(variance) / length[:, None] / step
     at = np.matmul(basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS), coefficients)
     slope = np.matmul(basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS, 1), coefficients)
     tangent = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
@@ -261,7 +279,7 @@ def _elongation(rows, valid, coefficients, sign, inflation, length, half, calibr
     return out, noise, np.sqrt(noise**2 + systematic), hinge[:, -1]
 
 
-def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, calibrated, origin_sigma):
+def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, calibrated, origin_sigma, lateral_sigma):
     axial = np.sqrt(inflation * numbers[:, follow.TIP_VARIANCE])
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
     covariance = (
@@ -272,6 +290,7 @@ def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, c
     moved = calibrated.displacement(tip_plane) @ to_rig.T
     total = noise + np.sum(moved**2, axis=0)
     total[:, 1] += origin_sigma**2
+    total[:, 0] += lateral_sigma**2
     return (tip_plane - origin) @ to_rig.T, np.sqrt(noise), np.sqrt(total)
 
 

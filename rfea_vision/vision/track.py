@@ -15,6 +15,8 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision import follow
 from rfea_vision.vision.begin import Begin, Scene, begin, scale_at
+from rfea_vision.vision.curve import point_and_tangent
+from rfea_vision.vision.ends import find_end
 from rfea_vision.vision.judge import Judge
 from rfea_vision.vision.rows import Rows
 from rfea_vision.vision.shape import build_dataset
@@ -87,7 +89,7 @@ def track_frames(
         "clamp_found_by": follower.start.base.kind,
         "polarity": follower.start.polarity,
     }
-    return Track(build_dataset(rows, calibration, scene, follower.start, vertical, attributes))
+    return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
 
 
 def matched_to(calibration: Calibration, source: FrameSource) -> Calibration:
@@ -181,6 +183,7 @@ class Follower:
         self.last_time = 0.0
         self.missed = 0
         self.good = 0
+        self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame; returns an empty string, or the reason why it is rejected."""
@@ -204,7 +207,37 @@ class Follower:
             self.state.coefficients[:] = self.last
             return reason
         self._accept(time_s)
+        if self.good <= FIRST_FRAMES:
+            self._look_at_clamp(luma)
         return ""
+
+    def _look_at_clamp(self, luma: NDArray[np.uint8]) -> None:
+        """The clamp does not move: average where it is seen in the first frames."""
+        assert self.state is not None and self.start is not None
+        if self.start.base.kind != "step":
+            return
+        half = float(self.work.numbers[follow.WIDTH]) / 2
+        contrast = float(np.median(self.state.reference[:2]))
+        end = find_end(
+            luma, self.scene.camera, self.state.coefficients, half, contrast, at_tip=False, beyond_mm=4.0, within_mm=5.0
+        )
+        if end.kind != "step" or abs(end.along_mm) > 1.0:
+            return
+        clamp = self.state.clamp
+        start = point_and_tangent(self.state.coefficients, 0.0)
+        self.clamps.append(np.array(start[:2]) - end.along_mm * np.array(start[2:4]))
+        middle = np.median(self.clamps, axis=0)
+        clamp[:2] += float((middle - clamp[:2]) @ clamp[2:]) * clamp[2:]
+
+    def clamp_stderr_mm(self) -> float:
+        """Standard error of the clamp along the tube, from how its places scatter and how its strips disagree."""
+        assert self.start is not None and self.state is not None
+        first = self.start.base.stderr_mm
+        if len(self.clamps) < 4:
+            return first
+        along = np.array(self.clamps) @ self.state.clamp[2:]
+        # What all frames share (a shadow, a rough edge) does not average out: a thirtieth of a pixel is kept.
+        return float(np.hypot(1.25 * along.std() / np.sqrt(len(along)), 0.03 / self.scene.px_per_mm))
 
     def _speed_px(self, time_s: float) -> float:
         if self.velocity is None:

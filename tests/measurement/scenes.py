@@ -76,6 +76,12 @@ class Lens:
     rotation: np.ndarray = field(default_factory=lambda: cv2.Rodrigues(np.array([0.05, -0.04, 0.02]))[0])
     translation: np.ndarray = field(default_factory=lambda: np.array([60.0, -88.0, 370.0]))
 
+    def scaled(self, factor: float) -> Lens:
+        """The same view with fewer pixels."""
+        matrix = np.diag([factor, factor, 1.0]) @ self.matrix
+        matrix[:2, 2] += 0.5 * factor - 0.5
+        return replace(self, size=(round(factor * self.size[0]), round(factor * self.size[1])), matrix=matrix)
+
     def project(self, plane_mm: np.ndarray, depth_mm: float = 0.0) -> np.ndarray:
         """Rig mm (x right, y up) to pixels; `depth_mm` towards the camera."""
         points = np.asarray(plane_mm, dtype=float).reshape(-1, 2)
@@ -234,7 +240,7 @@ def board_pictures(lens: Lens, count: int, seed: int = 0) -> list[np.ndarray]:
     return out
 
 
-def plane_picture(lens: Lens, seed: int = 0, at_mm: tuple[float, float] = (-48.0, -40.0)) -> np.ndarray:
+def plane_picture(lens: Lens, seed: int = 0, at_mm: tuple[float, float] = (-100.0, -45.0)) -> np.ndarray:
     """The board in the plane of motion, its first corner at `at_mm` of the rig frame."""
     offset = lens.rotation @ np.array([at_mm[0], -at_mm[1], 0.0])
     return board_picture(lens, lens.rotation, lens.translation + offset, np.random.default_rng(seed))

@@ -1,0 +1,109 @@
+"""Pictures made by others: board photos, a tube, a strip, worms."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from rfea_vision.calibration import Board, calibrate
+from rfea_vision.vision.midline import Midline, Refusal, midline_from_mask
+from rfea_vision.vision.segment import clamped_midline, mask_by_colour, mask_by_light, tip_angle_deg
+
+
+def test_board_photos_of_1280_x_720(shared_data: Path):
+    photos = sorted((shared_data / "boards-1280x720" / "camera_cal").glob("*.jpg"))
+    calibration = calibrate(photos, None, Board("checkerboard", (9, 6), 0.025))
+    used = [p for p in calibration.photos if p["used"]]
+    refused = {p["file"]: p["reason"] for p in calibration.photos if not p["used"]}
+    assert len(photos) == 20 and len(used) == 17
+    assert set(refused) == {"calibration1.jpg", "calibration4.jpg", "calibration5.jpg"}
+    assert all("incomplete" in reason for reason in refused.values())
+    fx, fy = calibration.camera_matrix[0, 0], calibration.camera_matrix[1, 1]
+    cx, cy = calibration.camera_matrix[0, 2], calibration.camera_matrix[1, 2]
+    assert abs(fx - 1157) < 6 and abs(fy - 1151) < 6
+    assert abs(cx - 670) < 8 and abs(cy - 388) < 8
+
+
+def test_board_photos_of_640_x_480(shared_data: Path):
+    photos = [p for p in sorted((shared_data / "boards-640x480").glob("left*.jpg")) if "left10" not in p.name]
+    calibration = calibrate(photos, None, Board("checkerboard", (9, 6), 0.025))
+    matrix = calibration.camera_matrix
+    found = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]]
+    sigma = np.sqrt(np.diag(calibration.intrinsics_covariance))[:4]
+    assert sum(p["used"] for p in calibration.photos) == 13
+    np.testing.assert_allclose(found, [532.8, 532.9, 342.5, 233.9], atol=1.0)
+    assert np.all(np.abs(np.array(found) - [532.8, 532.9, 342.5, 233.9]) < 3 * sigma)
+    assert 0.15 < calibration.rms_px < 0.2
+
+
+def test_photos_of_two_cameras_are_told_apart_by_size(shared_data: Path):
+    photos = [*sorted((shared_data / "boards-640x480").glob("left0*.jpg"))[:5]]
+    photos += [shared_data / "boards-1280x720" / "camera_cal" / "calibration2.jpg"]
+    calibration = calibrate(photos, None, Board("checkerboard", (9, 6), 0.025))
+    refused = [p for p in calibration.photos if not p["used"]]
+    assert len(refused) == 1
+    assert "another size: 1280 x 720 px" in refused[0]["reason"]
+
+
+def test_tip_angle_of_the_bending_tube(shared_data: Path):
+    picture = cv2.imread(str(shared_data / "bending-tube-photo" / "img" / "source" / "P070.JPG"))
+    picture = cv2.resize(picture, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    midline = clamped_midline(mask_by_colour(picture, smooth_px=2.0), [(525, 503), (575, 503)], (233, 500))
+    assert isinstance(midline, Midline)
+    assert abs(tip_angle_deg(midline, reference=(0, -1)) - 136) < 3
+
+
+def test_midline_of_the_bent_strip(shared_data: Path):
+    folder = shared_data / "bent-strip-photo" / "test"
+    picture = cv2.imread(str(folder / "test_image.jpg"), cv2.IMREAD_GRAYSCALE)
+    reference = np.load(folder / "test_results_decoded.npz")
+    x, y = 1000 * reference["x_m"], 1000 * reference["y_m"]
+    mm_per_px = 0.1101
+    midline = midline_from_mask(mask_by_light(picture, smooth_px=4.0, share=0.7), nodes=200)
+    assert isinstance(midline, Midline)
+    points = midline.points if midline.points[0, 0] < midline.points[-1, 0] else midline.points[::-1]
+    place = (points - points[0]) * [mm_per_px, -mm_per_px]
+    both = x <= place[:, 0].max()  # the frayed end of the strip is cut a little differently
+    off = np.interp(x, place[:, 0], place[:, 1]) - y
+    assert both.sum() >= len(x) - 1
+    assert np.abs(off[both]).max() < 1.0
+    assert abs(midline.length * mm_per_px - 251.0) < 3.0
+
+
+@pytest.mark.parametrize("every", [25])
+def test_worm_midlines(shared_data: Path, every: int):
+    h5py = pytest.importorskip("h5py")
+    folder = shared_data / "worm-midlines" / "datasets" / "sample_data"
+    with h5py.File(folder / "features.h5") as file:
+        skeletons = file["skeletons"][:]
+    distances, refused, answered = [], 0, 0
+    for number in range(0, 1000, every):
+        grey = cv2.imread(str(folder / f"{number:05d}.png"), cv2.IMREAD_GRAYSCALE)
+        found = midline_from_mask(mask_by_light(grey, lighter=False))
+        published = skeletons[number]
+        if np.isnan(published).any():
+            refused += isinstance(found, Refusal)
+            continue
+        answered += 1
+        assert isinstance(found, Midline), number
+        gaps = np.linalg.norm(found.points[:, None] - published[None], axis=-1).min(axis=1)
+        distances.append(np.median(gaps))
+    assert answered > 20 and refused > 3
+    assert np.median(distances) <= 1.0
+    assert np.max(distances) <= 1.5
+
+
+def test_a_coiled_worm_is_refused(shared_data: Path):
+    folder = shared_data / "worm-midlines" / "datasets" / "sample_data"
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(folder / "features.h5") as file:
+        missing = np.isnan(file["skeletons"][:]).any(axis=(1, 2))
+    reasons = []
+    for number in np.flatnonzero(missing)[::10]:
+        found = midline_from_mask(mask_by_light(cv2.imread(str(folder / f"{number:05d}.png"), 0), lighter=False))
+        if isinstance(found, Refusal):
+            reasons.append(found.reason.split(":")[0])
+        else:  # where it answers, the body lies open: its length is that of the other frames
+            assert 80 < found.length < 105
+    assert reasons.count("closed") > 5

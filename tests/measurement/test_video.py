@@ -1,0 +1,123 @@
+"""Time stamps, not frame numbers."""
+
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.errors import InputError
+from rfea_vision.readers.video import open_frames, open_video
+from rfea_vision.vision import make_clip, preview_video, track_frames
+
+from .scenes import Look, bending, film
+from .sources import memory_source, true_calibration
+
+
+def write(path, pictures, stamps_ms, rate=1000):
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=rate)
+        stream.height, stream.width = pictures[0].shape
+        stream.pix_fmt = "yuv420p"
+        stream.time_base = Fraction(1, 1000)
+        stream.codec_context.time_base = Fraction(1, 1000)
+        stream.options = {"crf": "18", "preset": "veryfast"}
+        for picture, stamp in zip(pictures, stamps_ms, strict=True):
+            frame = av.VideoFrame.from_ndarray(picture, format="gray").reformat(format="yuv420p")
+            frame.pts, frame.time_base = int(stamp), Fraction(1, 1000)
+            for packet in stream.encode(frame):
+                container.mux(packet)
+        for packet in stream.encode():
+            container.mux(packet)
+
+
+def numbered(count, size=(64, 48)):
+    return [np.full(size, 20 + 2 * k, np.uint8) for k in range(count)]
+
+
+def test_a_variable_rate_keeps_its_times(tmp_path):
+    stamps = np.cumsum([0, 4, 4, 9, 4, 4, 30, 4, 4, 5])
+    path = tmp_path / "v.mp4"
+    write(path, numbered(10), stamps)
+    source = open_video(path)
+    frames = [(t, luma.mean()) for t, luma in source]
+    assert source.size == (48, 64)
+    np.testing.assert_allclose([t for t, _ in frames], stamps / 1000, atol=1e-3)
+    np.testing.assert_allclose(source.times_s(), stamps / 1000, atol=1e-3)
+    assert np.all(np.diff([level for _, level in frames]) > 0)
+
+
+def test_the_rate_of_a_slow_motion_file_can_be_given(tmp_path):
+    path = tmp_path / "v.mp4"
+    write(path, numbered(8), np.arange(8) * 33)
+    times = [t for t, _ in open_video(path, 240.0)]
+    np.testing.assert_allclose(times, np.arange(8) / 240)
+
+
+def test_reading_can_start_inside(tmp_path):
+    path = tmp_path / "v.mp4"
+    write(path, numbered(100, (32, 32)), np.arange(100) * 4)
+    source = open_video(path)
+    every = [(t, float(luma.mean())) for t, luma in source]
+    later = [(t, float(luma.mean())) for t, luma in source.frames(70)]
+    assert later == every[70:]
+
+
+def test_a_folder_of_pictures(tmp_path):
+    for k, picture in enumerate(numbered(4)):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), picture)
+    table = tmp_path / "frames.csv"
+    table.write_text("file,time_s\n" + "".join(f"{k}.png,{0.01 * k}\n" for k in range(4)))
+    frames = list(open_frames(tmp_path, table))
+    assert [t for t, _ in frames] == [0.0, 0.01, 0.02, 0.03]
+    assert frames[3][1][0, 0] == 26
+    table.write_text("file,time_s\n0.png,0.5\n1.png,0.1\n")
+    with pytest.raises(InputError, match="backwards"):
+        open_frames(tmp_path, table)
+    table.write_text("file,time_s\nnone.png,0.5\n")
+    with pytest.raises(InputError, match=r"none\.png"):
+        open_frames(tmp_path, table)
+
+
+def test_broken_files_are_named(tmp_path):
+    with pytest.raises(InputError, match="not found"):
+        open_video(tmp_path / "none.mp4")
+    junk = tmp_path / "junk.mp4"
+    junk.write_bytes(b"no video" * 100)
+    with pytest.raises(InputError, match="not a readable video"):
+        open_video(junk)
+
+
+def test_clip_and_preview_of_a_compressed_film(tmp_path, small_lens):
+    pictures, times, shapes = film(small_lens, Look(), bending(np.arange(48) / 240))
+    path = tmp_path / "v.mp4"
+    write(path, pictures, np.round(1000 * times))
+    calibration = true_calibration(small_lens)
+    source = open_video(path)
+    track = track_frames(source, calibration, Actuator())
+    assert track.valid.all()
+    tip = track.dataset["tip"].values - np.array([s.tip for s in shapes])
+    assert np.sqrt(np.mean(np.sum(tip**2, axis=1))) < 0.06
+    facts = make_clip(source, track, calibration, tmp_path / "clip.mp4")
+    with av.open(str(tmp_path / "clip.mp4")) as container:
+        shown = [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
+    assert len(shown) == len(facts["times_s"]) == 6
+    assert shown[0].shape == (facts["height"], facts["width"])
+    # Rig mm land where the facts say: on the centre line it is light, 8 mm beside it dark.
+    number = int(np.argmin(np.abs(track.time_s - facts["times_s"][-1])))
+    for node in (8, 16, 24):
+        x, y = track.dataset["midline"].values[number, node]
+        column, row = (x - facts["x_min_mm"]) * facts["px_per_mm"], (facts["y_max_mm"] - y) * facts["px_per_mm"]
+        assert shown[-1][int(row), int(column)] > 150
+        assert shown[-1][int(row), int(column + 8 * facts["px_per_mm"])] < 100
+    preview_video(source, track, calibration, tmp_path / "preview.mp4", every=12)
+    with av.open(str(tmp_path / "preview.mp4")) as container:
+        assert sum(1 for _ in container.decode(video=0)) == 4
+
+
+def test_memory_source_times_are_kept(small_lens):
+    pictures, _, _ = film(small_lens, Look(), [0.0, 0.0])
+    track = track_frames(memory_source(pictures, [0.5, 0.75]), true_calibration(small_lens), Actuator())
+    np.testing.assert_array_equal(track.time_s, [0.5, 0.75])
