@@ -147,10 +147,11 @@ def _sentence(error: BaseException) -> str:
 
 def _quiet_threads() -> None:
     """Keep one process to one thread, where processes are the unit of work."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
+    os.environ.setdefault("NUMBA_NUM_THREADS", "1")
     import cv2
+    from threadpoolctl import threadpool_limits
 
+    threadpool_limits(limits=1)
     cv2.setNumThreads(1)
 
 
