@@ -29,7 +29,7 @@ from rfea_vision.effects.base import Effect
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 
-GENERATOR_VERSION = "6"
+GENERATOR_VERSION = "7"
 
 _HEADER = '''"""Generated: do not edit."""
 from math import *
@@ -63,13 +63,12 @@ class _Printer(PythonCodePrinter):
 
 
 def _assignments(targets: Sequence[tuple[str, sp.Expr]], indent: str) -> str:
+    """Assignments with shared subexpressions; what is identically zero stays as the caller's zeroed array has it."""
     printer = _Printer({"fully_qualified_modules": False})
     nonzero = [(name, expression) for name, expression in targets if expression != 0]
-    zero = [name for name, expression in targets if expression == 0]
     shared, reduced = sp.cse([expression for _, expression in nonzero], symbols=sp.numbered_symbols("_s"), list=True)
     lines = [f"{indent}{symbol} = {printer.doprint(expression)}" for symbol, expression in shared]
     lines += [f"{indent}{name} = {printer.doprint(value)}" for (name, _), value in zip(nonzero, reduced, strict=True)]
-    lines += [f"{indent}{name} = 0.0" for name in zero]
     return "\n".join(lines)
 
 

@@ -6,32 +6,53 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rfea_vision.dynamics.engine import _OPTIONS, _kinematics
+from rfea_vision.dynamics.engine import (
+    ACROSS,
+    ACX,
+    ACY,
+    AL,
+    ALONG,
+    BODY_COLUMNS,
+    FORCE_ACROSS,
+    FORCE_ALONG,
+    INERTIA,
+    LENGTH,
+    MASS,
+    OM,
+    OPTIONS,
+    PHI,
+    UX,
+    UY,
+    kinematics,
+)
 from rfea_vision.dynamics.simulation import Model
 
 FloatArray = NDArray[np.float64]
 
 
-@njit(**_OPTIONS)
-def _bias(chain, base_length, gravity, added, force, phi, om, al, out, motion, u, ac, with_force):
+@njit(**OPTIONS)
+def _move(chain, base_length, gravity, body, motion, with_force):
+    kinematics(chain, base_length, gravity, body, motion, with_force)
+
+
+@njit(**OPTIONS)
+def _needed(chain, added, force, body, out, with_force):
     n = chain.shape[0]
-    _kinematics(chain, base_length, phi, om, al, u, ac, motion, gravity, with_force)
     fx, fy, needed = 0.0, 0.0, 0.0
     for i in range(n, 0, -1):
-        ux, uy = u[i, 0], u[i, 1]
+        ux, uy = body[i, UX], body[i, UY]
         nx, ny = uy, -ux
-        mass = chain[i - 1, 1] + added[i - 1]
-        along, across = chain[i - 1, 2], chain[i - 1, 3]
+        mass = chain[i - 1, MASS] + added[i - 1]
+        along, across = chain[i - 1, ALONG], chain[i - 1, ACROSS]
         qx, qy = along * nx + across * ux, along * ny + across * uy
-        needed += (
-            chain[i - 1, 4] * al[i] + mass * (ac[i, 0] * qx + ac[i, 1] * qy) + chain[i - 1, 0] * (nx * fx + ny * fy)
-        )
-        fx += mass * ac[i, 0]
-        fy += mass * ac[i, 1]
+        needed += chain[i - 1, INERTIA] * body[i, AL] + mass * (body[i, ACX] * qx + body[i, ACY] * qy)
+        needed += chain[i - 1, LENGTH] * (nx * fx + ny * fy)
+        fx += mass * body[i, ACX]
+        fy += mass * body[i, ACY]
         if with_force:
-            along, across = chain[i - 1, 5], chain[i - 1, 6]
-            sx, sy = along * nx + across * ux, along * ny + across * uy
-            needed -= force[i - 1, 0, 0] * sx + force[i - 1, 1, 0] * sy
+            along, across = chain[i - 1, FORCE_ALONG], chain[i - 1, FORCE_ACROSS]
+            qx, qy = along * nx + across * ux, along * ny + across * uy
+            needed -= force[i - 1, 0, 0] * qx + force[i - 1, 1, 0] * qy
             fx -= force[i - 1, 0, 0]
             fy -= force[i - 1, 1, 0]
         out[i - 1] = needed
@@ -59,7 +80,7 @@ def joint_torques(
     )
     columns, length = np.zeros((n, law.columns)), chain[:, 0].copy()
     force = np.zeros((n, 2, 5 + par.size))
-    u, ac, motion = np.zeros((n + 1, 2)), np.zeros((n + 1, 2)), np.zeros((n, 4))
+    body, motion = np.zeros((n + 2, BODY_COLUMNS)), np.zeros((n, 4))
     out, needed = np.empty((frames, n)), np.zeros(n)
     for f in range(frames):
         theta, theta_rate = np.diff(phi[f]), np.diff(rate[f])
@@ -75,22 +96,10 @@ def joint_torques(
             model._constants,
             columns,
         )
-        args = (np.ascontiguousarray(phi[f]), np.ascontiguousarray(rate[f]), np.ascontiguousarray(acceleration[f]))
+        body[:-1, PHI], body[:-1, OM], body[:-1, AL] = phi[f], rate[f], acceleration[f]
+        _move(chain, model.chain.base_length, gravity, body, motion, law.has_body_force)
         if law.has_body_force:
-            _kinematics(chain, model.chain.base_length, *args, u, ac, motion, gravity, True)
             law.module.body_force(motion, length, par, model._constants, force)
-        _bias(
-            chain,
-            model.chain.base_length,
-            gravity,
-            columns[:, 4].copy(),
-            force,
-            *args,
-            needed,
-            motion,
-            u,
-            ac,
-            law.has_body_force,
-        )
+        _needed(chain, columns[:, 4].copy(), force, body, needed, law.has_body_force)
         out[f] = needed - columns[:, 0]
     return out

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.compilation import CompiledLaw, compile_law, constants
 from rfea_vision.dynamics.engine import OK
-from rfea_vision.dynamics.integration import equilibrium, integrate
+from rfea_vision.dynamics.equilibrium import equilibrium
+from rfea_vision.dynamics.integration import integrate
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.effects.base import Effect
 from rfea_vision.errors import InputError
@@ -369,9 +370,19 @@ class Model:
         return Steady(status == OK and stability > 0, phi, states, S_phi, S_z, target, stability)
 
     def simulate(
-        self, par: FloatArray, excitation: Excitation, frames_s: FloatArray, free: Sequence[int] = ()
+        self,
+        par: FloatArray,
+        excitation: Excitation,
+        frames_s: FloatArray,
+        free: Sequence[int] = (),
+        *,
+        start: tuple[FloatArray, FloatArray] | None = None,
     ) -> Motion:
-        """Run from the steady state at the first pressure; read the motion off at `frames_s` (sorted, inside the excitation)."""
+        """Run along the excitation; read the motion off at `frames_s` (sorted, inside the excitation).
+
+        From the steady state at the first pressure, or from joint angles (rad) and rates (rad/s), each (n,), in `start`;
+        hidden states are then zero and the start does not depend on the parameters.
+        """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, self.law.state_count
         index = np.asarray(free, dtype=np.int64)
@@ -379,11 +390,18 @@ class Model:
         out_phi, out_om = np.zeros((frames_s.size, n + 1)), np.zeros((frames_s.size, n + 1))
         out_z = np.zeros((frames_s.size, n, max(m, 1)))
         out_S = np.zeros((frames_s.size, n + 1, index.size))
-        first_drive = None if excitation.drive is None else excitation.drive[0]
-        rest = self.steady(par, float(excitation.pressure[0]), list(free), drive=first_drive)
-        if not rest.found:
-            message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
-            return Motion(1, message, out_phi, out_om, out_z, out_S, index)
+        if start is None:
+            first_drive = None if excitation.drive is None else excitation.drive[0]
+            rest = self.steady(par, float(excitation.pressure[0]), list(free), drive=first_drive)
+            if not rest.found:
+                message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
+                return Motion(1, message, out_phi, out_om, out_z, out_S, index)
+            phi, om, z = rest.phi.copy(), np.zeros(n + 1), rest.states.copy()
+            S_phi, S_z = rest.sensitivity, rest.state_sensitivity
+        else:
+            phi, om = (np.concatenate([[0.0], np.cumsum(values)]) for values in start)
+            z = np.zeros((n, max(m, 1)))
+            S_phi, S_z = np.zeros((n + 1, index.size)), np.zeros((n, max(m, 1), index.size))
         tableau = TABLEAUX[self.order]
         nodes = tableau.sum(axis=1)
         chain, dchain = self._bodies(par)
@@ -396,8 +414,6 @@ class Model:
             drive = np.ascontiguousarray(a + (b - a) * nodes[None, :, None])
         place = (frames_s - excitation.start_s) / excitation.step_s
         step = np.clip(np.floor(place), 0, steps - 1).astype(np.int64)
-        phi, om, z = rest.phi.copy(), np.zeros(n + 1), rest.states.copy()
-        S_phi, S_om, S_z = rest.sensitivity.copy(), np.zeros_like(rest.sensitivity), rest.state_sensitivity.copy()
         status, done, iterations = integrate(
             self.law.module.joint_law,
             self.law.module.joint_law_parameters,
@@ -430,7 +446,6 @@ class Model:
             om,
             z,
             S_phi,
-            S_om,
             S_z,
             step,
             place - step,
