@@ -46,7 +46,7 @@ def show_command(effect_id: str, effect_files: tuple[Path, ...], as_json: bool, 
         close = difflib.get_close_matches(effect_id, effects, n=1)
         hint = f"did you mean '{close[0]}'?" if close else "'rfea effects' lists them"
         raise InputError(f"effects: '{effect_id}' is unknown; {hint}")
-    facts = _facts(effects[effect_id])
+    facts = {**_facts(effects[effect_id]), "latex": _typeset(effects[effect_id])}
     if as_json:
         print_json(facts)
         return
@@ -83,6 +83,12 @@ def new_command(file: Path, as_json: bool, debug: bool) -> None:
         print_json({"file": str(file)})
     else:
         click.echo(f"{file}: edit the law, then: rfea diagnose CAMPAIGN --effect-file {file}")
+
+
+def _typeset(effect: Any) -> str:
+    from rfea_vision.effects.typeset import typeset
+
+    return typeset(effect())["latex"]
 
 
 def _known(effect_files: tuple[Path, ...]) -> dict[str, Any]:

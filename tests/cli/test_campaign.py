@@ -163,6 +163,20 @@ def test_the_ten_lines_of_the_readme_run(improved, root, capsys):
     assert Path(printed[3]).is_file()
 
 
+def test_the_effect_of_the_readme_can_be_added(improved, root, tmp_path):
+    folder, _ = improved
+    code = re.search(r"```py\n(.*?)```", (root / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert code is not None and len([line for line in code[1].splitlines() if line.strip()]) <= 15
+    own = tmp_path / "my_effect.py"
+    own.write_text(code[1])
+    arguments = ("--segments", "4", "--add", "steepening_spring", "--effect-file", own, "--out", tmp_path / "out")
+    answer = rfea("fit", folder, *arguments, "--json")
+    assert answer.code == 0, answer.err
+    assert answer.json["name"] == "base+steepening_spring"
+    assert "steepening_spring.c" in answer.json["parameters"]
+    assert rfea("fit", folder, *arguments).err.endswith("fit base+steepening_spring: unchanged\n")
+
+
 def test_raw_files_are_never_written_to(campaign):
     before = raw_files(campaign)
     assert rfea("sync", campaign).code == 0
