@@ -85,6 +85,8 @@ def resolve_camera(
         finder.complain(
             "camera.file", "stands beside camera.photos; keep the earlier calibration or the photos, not both"
         )
+    if part.file is not None and part.plane is not None and part.board is None:
+        finder.complain("camera.board", "is missing; the plane photo cannot be read without it")
     board = None
     if part.board is not None:
         if part.board.kind == "charuco" and (part.board.marker is None or part.board.dictionary is None):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -54,10 +55,12 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
             [photo["file"], "yes" if photo["used"] else "no", photo.get("rms_px"), photo.get("reason") or ""]
             for photo in calibration.photos
         ]
-        print_table("", ["photo", "used", "RMS px", "reason"], rows, left=2)
+        if rows:
+            print_table("", ["photo", "used", "RMS px", "reason"], rows, left=2)
         lens = ", ".join(f"{key} {summary[key]:.1f}" for key in ("fx", "fy", "cx", "cy"))
+        fit = f", RMS {calibration.rms_px:.3f} px" if isfinite(calibration.rms_px) else ""
         tilt = f"plane tilted by {calibration.plane_tilt_deg:.2f} deg"
-        click.echo(f"{calibration.model}: {lens} px, RMS {calibration.rms_px:.3f} px, {tilt}")
+        click.echo(f"{calibration.model}: {lens} px{fit}, {tilt}")
 
 
 @click.command("track")

@@ -46,16 +46,23 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
     def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
         from rfea_vision.calibration import calibrate as calibrate_camera
         from rfea_vision.calibration import save_calibration
+        from rfea_vision.calibration.placing import place_in_plane
 
+        vertical = camera.vertical if isinstance(camera.vertical, str) else "plumb"
         if camera.file is not None:
             calibration = load(camera.file)
+            if camera.plane is not None and camera.board is not None:
+                offset_mm = camera.board_offset_mm
+                calibration = place_in_plane(
+                    calibration, camera.plane, camera.board, board_offset_mm=offset_mm, vertical=vertical
+                )
         else:
             assert camera.board is not None
             calibration = calibrate_camera(
                 camera.photos,
                 camera.plane,
                 camera.board,
-                vertical=camera.vertical if isinstance(camera.vertical, str) else "plumb",
+                vertical=vertical,
                 board_offset_mm=camera.board_offset_mm,
                 lens=camera.lens,
                 progress=progress,
@@ -63,6 +70,8 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
         save_calibration(path, calibration)
         used = sum(bool(photo.get("used")) for photo in calibration.photos)
         sentence = f"{calibration.model}, RMS {calibration.rms_px:.3f} px, {used} of {len(calibration.photos)} photos"
+        if camera.file is not None:
+            sentence = f"{calibration.model}, taken from {camera.file.name}"
         return calibration, [path], sentence
 
     return work.run(
