@@ -27,7 +27,7 @@ from rfea_vision.stages.stored import Stored, values
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
-CODE = ("artefacts", "tube", "dynamics", "effects", "fitting", "critique")
+CODE = ("artefacts", "tube", "steady", "dynamics", "effects", "fitting", "critique")
 PREDICTED_ROLES = ("train", "validate")
 
 Recordings = Mapping[str, Stored[Recording]]
