@@ -1,14 +1,14 @@
 """The offset between two clocks from the motion itself.
 
 Inverse dynamics as a regression: whatever its parameters are, the tube's equation of motion gives the pressure from
-its bending, bending rate and bending acceleration at the same instant,
+shape, velocity and acceleration at the same instant (`rfea_vision.sync.sections`). The offset is where this explains
+most of the logged pressure. Stiffness, damping and inertia are free coefficients, so the tube's own delay is left to
+the model that is fitted later. Both sides pass the same zero-phase filter. What the regression cannot tell from an
+offset is a line that delays the pressure itself.
 
-    p(t + offset) = sum of c_i f_i(q, q', q''),
-
-with q the tangent angle at a few places along the tube. The offset is where this explains most. Nothing about the tube
-is assumed known: stiffness, damping (two directions), inertia, friction and slow relaxation are all free coefficients,
-so the tube's own delay is left to the model that is fitted later. Both sides pass the same zero-phase filter. What the
-regression cannot tell from an offset is a line that delays the pressure itself.
+Noise in the track makes its derivatives, and so the coefficients, a little wrong, which leans on the offset. The lean
+is measured by adding the track's own noise a second time, and taken off (Cook and Stefanski, J. Am. Stat. Assoc. 89,
+1994, 1314).
 """
 
 from __future__ import annotations
@@ -20,15 +20,17 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
+from rfea_vision.sync.sections import Motion, motion_of, terms
 
 FloatArray = NDArray[np.float64]
 
-LOW_HZ, HIGH_HZ = 0.4, 16.0
-PLACES = (0.35, 0.7, 1.0)
-COARSE_S = 0.008
+LOW_HZ, HIGH_HZ = 0.8, 8.0
+COARSE_S = 0.006
 LEAST_OVERLAP_S = 1.0
 LEAST_SWING_DEG = 1.0
 LEAST_EXPLAINED = 0.5
+PARTS = 6
+REPLICATES = 6
 
 
 @dataclass(frozen=True)
@@ -54,254 +56,201 @@ def align_by_motion(
     DataError
         If the motion or the pressure is too small, or the two do not belong together.
     """
-    time, angles = bending(track, bends)
-    if len(time) < 30 or time[-1] - time[0] < LEAST_OVERLAP_S:
+    motion = motion_of(track, bends)
+    time = motion.time_s
+    if len(time) < 60 or time[-1] - time[0] < LEAST_OVERLAP_S:
         raise DataError(
             f"{experiment}: sync: {len(time)} tracked frames are too few to align by motion; use sync.method offset"
         )
-    if np.ptp(angles[:, -1]) < np.radians(LEAST_SWING_DEG):
+    if motion.swing_rad < np.radians(LEAST_SWING_DEG):
         raise DataError(
-            f"{experiment}: sync: the tube hardly moves ({np.degrees(np.ptp(angles[:, -1])):.2f} deg); use sync.method offset, led or trigger"
+            f"{experiment}: sync: the tube bends by only {np.degrees(motion.swing_rad):.2f} deg; "
+            "use sync.method offset, led or trigger"
         )
-    rate = 1.0 / float(np.median(np.diff(time)))
-    grid = np.arange(time[0], time[-1], 1.0 / rate)
-    q = np.column_stack([np.interp(grid, time, column) for column in angles.T])
-    solid = _near(grid, time, 2.5 / rate)
-    high = min(HIGH_HZ, 0.2 * rate)
-    q, velocity, acceleration = _smooth_derivatives(q, rate, high)
-    terms = _band(_regressors(q, velocity, acceleration, rate), rate, high)
-    edge = round(min(0.08 * len(grid), 0.12 * rate))
-    solid[:edge] = solid[len(grid) - edge :] = False
-    target = _Target(log_time_s, pressure_kPa, rate, high)
-    coarse = _search(grid, terms, solid, target)
-    if coarse.explained < LEAST_EXPLAINED:
+    seen = Seen.of(motion)
+    target = Target(log_time_s, pressure_kPa, seen.rate, seen.high)
+    offsets, shares = search(seen, target)
+    best = int(np.argmax(shares))
+    if shares[best] < LEAST_EXPLAINED:
         raise DataError(
-            f"{experiment}: sync: the motion explains only {100 * coarse.explained:.0f} % of the pressure at any offset; check that video and log belong together, or use sync.method offset"
+            f"{experiment}: sync: the motion explains only {100 * shares[best]:.0f} % of the pressure at any offset; "
+            "check that video and log belong together, or use sync.method offset"
         )
-    return _refine(grid, terms, solid, target, coarse)
+    return refine(seen, target, float(offsets[best]), (offsets, shares))
 
 
-def bending(track: Track, bends: str) -> tuple[FloatArray, FloatArray]:
-    """Times (n,) and tangent angles (n, places) in rad of the valid frames, from what the track has."""
-    dataset, valid = track.dataset, track.valid
-    time = track.time_s[valid]
-    if "midline" in dataset:
-        midline = dataset["midline"].values[valid]
-        step = np.diff(midline, axis=1)
-        sign = 1.0 if bends == "left" else -1.0
-        angle = np.unwrap(np.arctan2(-sign * step[..., 0], -step[..., 1]), axis=1)
-        smooth = np.cumsum(angle, axis=1)
-        n = angle.shape[1]
-        w = max(n // 6, 1)
-        columns = []
-        for place in PLACES:
-            last = min(round(place * n), n)
-            first = max(last - w, 0)
-            before = smooth[:, first - 1] if first > 0 else 0.0
-            columns.append((smooth[:, last - 1] - before) / (last - first))
-        found = np.column_stack(columns)
-    elif "bend_angle" in dataset:
-        found = np.radians(dataset["bend_angle"].values[valid])[:, None]
-    else:
-        tip = dataset["tip"].values[valid]
-        found = tip / max(float(np.abs(tip).max()), 1e-9)
-    good = np.all(np.isfinite(found), axis=1)
-    time, found = time[good], found[good]
-    first = np.concatenate([[True], np.diff(time) > 1e-9])
-    return time[first], np.unwrap(found[first], axis=0)
+@dataclass(frozen=True)
+class Seen:
+    """The motion on an even grid: times (n,), amplitudes (n, m) raw, `solid` where frames are near, band-passed terms."""
+
+    motion: Motion
+    grid: FloatArray
+    raw: FloatArray
+    solid: NDArray[np.bool_]
+    rate: float
+    high: float
+    terms: FloatArray
+
+    @staticmethod
+    def of(motion: Motion) -> Seen:
+        """Resample, smooth, and form the terms."""
+        time = motion.time_s
+        rate = 1.0 / float(np.median(np.diff(time)))
+        grid = np.arange(time[0], time[-1], 1.0 / rate)
+        raw = np.column_stack([np.interp(grid, time, column) for column in motion.amplitudes.T])
+        after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+        solid = (time[after] - time[after - 1]) < 2.5 / rate
+        edge = round(min(0.08 * len(grid), 0.12 * rate))
+        solid[:edge] = solid[len(grid) - edge :] = False
+        high = min(HIGH_HZ, 0.15 * rate)
+        return Seen(motion, grid, raw, solid, rate, high, _terms(motion, raw, rate, high))
+
+    def with_more_noise(self, seed: int) -> FloatArray:
+        """Terms after the track's own noise (from fourth differences in time) has been added once more."""
+        differences = np.diff(self.raw, n=4, axis=0)
+        covariance = differences.T @ differences / len(differences) / 70.0
+        values, vectors = np.linalg.eigh(covariance)
+        noise = np.random.default_rng(seed).normal(size=self.raw.shape) * np.sqrt(np.maximum(values, 0)) @ vectors.T
+        return _terms(self.motion, self.raw + noise, self.rate, self.high)
 
 
-def _near(grid: FloatArray, time: FloatArray, reach: float) -> NDArray[np.bool_]:
-    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-    return (time[after] - time[after - 1]) < reach
+def _terms(motion: Motion, raw: FloatArray, rate: float, high: float) -> FloatArray:
+    formed = terms(motion, gauss(raw, rate, 2 * high), rate)
+    return np.stack([band(section, rate, high) for section in formed])
 
 
-def _gauss(values: FloatArray, rate: float, cut_Hz: float, order: int = 0) -> FloatArray:
-    """Gaussian low-pass (half power at `cut_Hz`) and its time derivatives, zero phase, along axis 0."""
-    sigma = np.sqrt(np.log(2) / 2) / np.pi / 2 / cut_Hz * np.sqrt(2) * rate
+def gauss(values: FloatArray, rate: float, cut_Hz: float) -> FloatArray:
+    """Gaussian low-pass along axis 0, zero phase, half power at `cut_Hz`."""
+    sigma = np.sqrt(np.log(2)) / (2 * np.pi * cut_Hz) * rate
     reach = int(np.ceil(4.5 * sigma)) + 1
-    x = np.arange(-reach, reach + 1)
-    kernel = np.exp(-0.5 * (x / sigma) ** 2)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     kernel /= kernel.sum()
-    if order == 1:
-        kernel = -x * kernel / np.sum(x * x * kernel) * rate
-    elif order == 2:
-        kernel = (x * x / sigma**2 - 1) * kernel
-        kernel -= kernel.mean()
-        kernel /= np.sum(x * x * kernel) / 2 / rate**2
     padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), mode="edge")
     flat = padded.reshape(len(padded), -1)
-    out = np.column_stack([np.convolve(column, kernel[::-1] if order == 0 else kernel, "valid") for column in flat.T])
-    return out.reshape(values.shape)
+    return np.column_stack([np.convolve(column, kernel, "valid") for column in flat.T]).reshape(values.shape)
 
 
-def _smooth_derivatives(q: FloatArray, rate: float, high: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return _gauss(q, rate, 2 * high), _gauss(q, rate, 2 * high, 1), _gauss(q, rate, 2 * high, 2)
+def band(values: FloatArray, rate: float, high: float) -> FloatArray:
+    """Band-pass from LOW_HZ to `high`, zero phase."""
+    return gauss(values, rate, high) - gauss(values, rate, LOW_HZ)
 
 
-def _band(values: FloatArray, rate: float, high: float) -> FloatArray:
-    return _gauss(values, rate, high) - _gauss(values, rate, LOW_HZ)
-
-
-def _regressors(q: FloatArray, velocity: FloatArray, acceleration: FloatArray, rate: float) -> FloatArray:
-    """Terms of an unknown equation of motion, (n, terms)."""
-    main, speed, push = q[:, -1], velocity[:, -1], acceleration[:, -1]
-    scale = max(float(np.sqrt(np.mean(speed**2))), 1e-9)
-    terms = [*q.T, *velocity.T, *acceleration.T]
-    terms += [main**2, main**3, main * speed, main * push, np.abs(speed), main * np.abs(speed), speed**2]
-    terms += [np.tanh(speed / (0.1 * scale)), np.tanh(speed / (0.5 * scale))]
-    for constant_s in (0.15, 0.6, 2.5):
-        terms.append(_relaxed(main, constant_s * rate))
-    return np.column_stack(terms)
-
-
-def _relaxed(values: FloatArray, samples: float) -> FloatArray:
-    from scipy.signal import lfilter
-
-    a = np.exp(-1.0 / samples)
-    return values[0] + lfilter([1 - a], [1, -a], values - values[0])
-
-
-class _Target:
-    """The log's pressure, filtered like the regressors, at any offset."""
+class Target:
+    """The log's pressure, filtered like the terms, at any offset."""
 
     def __init__(self, time: FloatArray, pressure: FloatArray, rate: float, high: float) -> None:
-        step = float(np.median(np.diff(time)))
-        fine = min(step, 1.0 / rate)
-        self.time = np.arange(time[0], time[-1], fine)
-        self.rate = 1.0 / fine
+        step = min(float(np.median(np.diff(time))), 1.0 / rate)
+        self.time = np.arange(time[0], time[-1], step)
         raw = np.interp(self.time, time, pressure)
-        self.values = _band(raw[:, None], self.rate, high)[:, 0]
-        # the regressors were low-passed once more when they were differentiated
-        self.values = _gauss(self.values[:, None], self.rate, 2 * high)[:, 0]
+        # The amplitudes were smoothed once before the terms were formed, and so is the pressure.
+        self.values = band(gauss(raw, 1 / step, 2 * high), 1 / step, high)
         self.slope = np.gradient(self.values, self.time)
-        margin = 0.1
-        self.first, self.last = self.time[0] + margin, self.time[-1] - margin
+        self.first, self.last = self.time[0] + 0.1, self.time[-1] - 0.1
 
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Pressure, its slope, and where the log covers `times`."""
         inside = (times >= self.first) & (times <= self.last)
         return np.interp(times, self.time, self.values), np.interp(times, self.time, self.slope), inside
 
 
-@dataclass(frozen=True)
-class _Coarse:
-    offset_s: float
-    explained: float
-    offsets_s: FloatArray
-    shares: FloatArray
-
-
-def _explained(terms: FloatArray, values: FloatArray, use: NDArray[np.bool_]) -> float:
-    x = terms[use] - terms[use].mean(axis=0)
-    y = values[use] - values[use].mean()
-    total = float(y @ y)
-    if total <= 0:
-        return 0.0
-    left = np.linalg.qr(x / (np.linalg.norm(x, axis=0) + 1e-12))[0]
-    projected = left.T @ y
-    freedom = max(len(y) - terms.shape[1], 1)
-    return 1.0 - (total - float(projected @ projected)) / total * len(y) / freedom
-
-
-def _search(grid: FloatArray, terms: FloatArray, solid: NDArray[np.bool_], target: _Target) -> _Coarse:
-    """Try every offset at which enough of the motion lies within the log."""
-    thin = slice(None, None, max(len(grid) // 1500, 1))
-    grid, terms, solid = grid[thin], terms[thin], solid[thin]
+def search(seen: Seen, target: Target) -> tuple[FloatArray, FloatArray]:
+    """Explained share of the pressure at every offset at which enough of the motion lies within the log."""
+    thin = slice(None, None, max(len(seen.grid) // 1200, 1))
+    grid, solid, x = seen.grid[thin], seen.solid[thin], seen.terms[:, thin]
     span = grid[-1] - grid[0]
-    least = max(LEAST_OVERLAP_S, 0.5 * min(span, target.last - target.first))
+    least = min(max(LEAST_OVERLAP_S, 0.5 * min(span, target.last - target.first)), span)
     low, high = target.first - grid[-1] + least, target.last - grid[0] - least
-    count = int(min(max((high - low) / COARSE_S, 1), 4000))
-    offsets = np.linspace(low, high, count + 1)
-    x = terms / (np.linalg.norm(terms, axis=0) + 1e-12)
-    whole = np.linalg.qr(x[solid] - x[solid].mean(axis=0))[0]
-    shares = np.zeros(len(offsets))
+    offsets = np.linspace(low, high, int(min(max((high - low) / COARSE_S, 1), 5000)) + 1)
+    whole = _projector(x[:, solid])
     overall = float(np.mean(target.values**2))
+    shares = np.zeros(len(offsets))
     for k, offset in enumerate(offsets):
         values, _, inside = target.at(grid + offset)
         use = solid & inside
-        if use.sum() < 3 * terms.shape[1] or np.mean(values[use] ** 2) < 0.05 * overall:
+        if use.sum() < 4 * x.shape[2] or np.mean(values[use] ** 2) < 0.05 * overall:
             continue
         if use.sum() == solid.sum():
-            y = values[solid] - values[solid].mean()
-            p = whole.T @ y
-            shares[k] = float(p @ p) / max(float(y @ y), 1e-12)
+            projector = whole
         else:
-            # a short overlap is easily explained by many terms: what counts is the share of the whole motion
-            shares[k] = _explained(terms, values, use) * use.sum() / solid.sum()
-    best = int(np.argmax(shares))
-    return _Coarse(float(offsets[best]), float(shares[best]), offsets, shares)
+            if k % 4:  # partial overlaps cost more; every fourth is enough to find the place
+                continue
+            projector = _projector(x[:, use])
+        y = values[use]
+        # A short overlap is easily explained: what counts is the share of the whole motion.
+        shares[k] = np.sum((projector.T @ y) ** 2) / (len(x) * float(y @ y)) * use.sum() / solid.sum()
+    return offsets, shares
 
 
-def _refine(
-    grid: FloatArray, terms: FloatArray, solid: NDArray[np.bool_], target: _Target, coarse: _Coarse
-) -> Alignment:
-    offset, drift = coarse.offset_s, 0.0
-    middle = float(grid[solid].mean())
-    step_limit = 2 * max(COARSE_S, float(np.diff(coarse.offsets_s[:2])[0]) if len(coarse.offsets_s) > 1 else COARSE_S)
+def _projector(x: FloatArray) -> FloatArray:
+    """Sum over sections of an orthonormal basis of the stacked terms, (n, terms)."""
+    sections, n, count = x.shape
+    flat = x.reshape(sections * n, count)
+    q = np.linalg.qr(flat / (np.linalg.norm(flat, axis=0) + 1e-12))[0]
+    return q.reshape(sections, n, count).sum(axis=0)
+
+
+def refine(seen: Seen, target: Target, offset: float, curve: tuple[FloatArray, FloatArray]) -> Alignment:
+    """Newton steps to the best offset, the lean from noise, standard errors, and the drift."""
+    offset = _newton(seen, seen.terms, target, offset)
+    values, slope, inside = target.at(seen.grid + offset)
+    use = seen.solid & inside
+    lean = [_newton(seen, seen.with_more_noise(seed), target, offset) - offset for seed in range(REPLICATES)]
+    bias = float(np.mean(lean))
+    _, covariance, explained = _step(seen.terms, values, slope, use, None)
+    error = max(float(np.sqrt(covariance[0, 0])), _leaving_out(seen.terms, values, slope, use))
+    # Taking the lean off is itself uncertain: by its scatter, and by half of its size for being only first order.
+    error = float(np.sqrt(error**2 + np.var(lean) / REPLICATES + (0.5 * bias) ** 2))
+    middle = float(seen.grid[use].mean())
+    both, both_covariance, _ = _step(seen.terms, values, slope, use, seen.grid - middle)
+    drift_error = float(np.sqrt(both_covariance[1, 1]))
+    drift, note = 0.0, ""
+    if abs(both[1]) > 4 * drift_error and abs(both[1]) > 20e-6 and drift_error < 50e-6:
+        drift, note = float(both[1]), "drift taken into account"
+    return Alignment(offset - bias - drift * middle, error, 1e6 * drift, 1e6 * drift_error, explained, curve, note)
+
+
+def _newton(seen: Seen, x: FloatArray, target: Target, offset: float) -> float:
     for _ in range(15):
-        values, slope, inside = target.at(grid + offset)
-        change, _, _ = _newton(terms, values, slope, solid & inside, None)
-        change = float(np.clip(change[0], -step_limit, step_limit))
+        values, slope, inside = target.at(seen.grid + offset)
+        change = float(np.clip(_step(x, values, slope, seen.solid & inside, None)[0][0], -0.015, 0.015))
         offset += change
         if abs(change) < 1e-7:
             break
-    values, slope, inside = target.at(grid + offset)
-    use = solid & inside
-    _, covariance, residual = _newton(terms, values, slope, use, None)
-    both, both_covariance, _ = _newton(terms, values, slope, use, grid - middle)
-    error = max(float(np.sqrt(covariance[0, 0])), _jackknife(terms, values, slope, use))
-    drift_error = float(np.sqrt(both_covariance[1, 1]))
-    note = ""
-    if abs(both[1]) > 4 * drift_error and abs(both[1]) > 20e-6 and drift_error < 50e-6:
-        drift = float(both[1])
-        note = "drift taken into account"
-    explained = 1.0 - float(residual @ residual) / float(np.sum((values[use] - values[use].mean()) ** 2))
-    return Alignment(
-        offset - drift * middle,
-        error,
-        1e6 * drift,
-        1e6 * drift_error,
-        explained,
-        (coarse.offsets_s, coarse.shares),
-        note,
-    )
+    return offset
 
 
-def _newton(terms, values, slope, use, centred_time):
-    """One step for the offset (and the drift, if times are given) beside all coefficients; HAC covariance, residual."""
-    columns = [-slope[use]]
-    if centred_time is not None:
-        columns.append(-slope[use] * centred_time[use])
-    x = np.column_stack([*columns, terms[use], np.ones(int(use.sum()))])
-    scale = np.linalg.norm(x, axis=0) + 1e-12
-    x = x / scale
+def _step(x: FloatArray, values: FloatArray, slope: FloatArray, use: NDArray[np.bool_], centred: FloatArray | None):
+    """Change of offset (and drift) beside all coefficients; its covariance for residuals alike in time; explained share."""
+    own = [-slope[use]] if centred is None else [-slope[use], -slope[use] * centred[use]]
     y = values[use]
-    inverse = np.linalg.pinv(x.T @ x, rcond=1e-12, hermitian=True)
-    solution = inverse @ (x.T @ y)
-    residual = y - x @ solution
-    # Newey and West: neighbouring residuals are alike.
-    lags = min(int(1.5 * np.sqrt(len(y))), len(y) // 4)
-    scores = x * residual[:, None]
+    blocks = [np.column_stack([*own, section[use]]) for section in x]
+    scale = np.sqrt(sum((block**2).sum(axis=0) for block in blocks)) + 1e-12
+    blocks = [block / scale for block in blocks]
+    inverse = np.linalg.pinv(sum(block.T @ block for block in blocks), rcond=1e-11, hermitian=True)
+    solution = inverse @ sum(block.T @ y for block in blocks)
+    residuals = [y - block @ solution for block in blocks]
+    # Sections at one time share their error, and so do neighbouring times (Newey and West).
+    scores = sum(block * residual[:, None] for block, residual in zip(blocks, residuals, strict=True))
+    lags = min(int(3 * np.sqrt(len(y))), len(y) // 4)
     middle = scores.T @ scores
     for lag in range(1, lags + 1):
-        weight = 1 - lag / (lags + 1)
         cross = scores[lag:].T @ scores[:-lag]
-        middle += weight * (cross + cross.T)
-    covariance = inverse @ middle @ inverse
-    n = len(columns)
-    return solution[:n] / scale[:n], covariance[:n, :n] / scale[:n, None] / scale[None, :n], residual
+        middle += (1 - lag / (lags + 1)) * (cross + cross.T)
+    n = len(own)
+    covariance = (inverse @ middle @ inverse)[:n, :n] / scale[:n, None] / scale[None, :n]
+    explained = 1.0 - float(sum(r @ r for r in residuals)) / len(x) / max(float(y @ y), 1e-12)
+    return solution[:n] / scale[:n], covariance, explained
 
 
-def _jackknife(terms, values, slope, use, parts: int = 6) -> float:
-    """Standard error from leaving out one stretch at a time."""
-    places = np.array_split(np.flatnonzero(use), parts)
+def _leaving_out(x: FloatArray, values: FloatArray, slope: FloatArray, use: NDArray[np.bool_]) -> float:
+    """Standard error from leaving out one stretch at a time (jackknife)."""
     found = []
-    for part in places:
+    for part in np.array_split(np.flatnonzero(use), PARTS):
         rest = use.copy()
         rest[part] = False
-        if rest.sum() > 3 * terms.shape[1]:
-            found.append(_newton(terms, values, slope, rest, None)[0][0])
+        if rest.sum() > 4 * x.shape[2]:
+            found.append(float(_step(x, values, slope, rest, None)[0][0]))
     if len(found) < 3:
         return 0.0
-    found = np.array(found)
-    return float(np.sqrt((len(found) - 1) / len(found) * np.sum((found - found.mean()) ** 2)))
+    spread = np.array(found) - np.mean(found)
+    return float(np.sqrt((len(found) - 1) / len(found) * np.sum(spread**2)))

@@ -1,0 +1,121 @@
+"""The tube's equation of motion at a few cross-sections, as terms of a regression whose left side is the pressure.
+
+At every cross-section the pressure's moment is balanced by stiffness, damping, and the moment of everything beyond it:
+its weight and its inertia. The last is known from the picture up to one factor, since the mass is spread evenly:
+
+    p(t) = c1 q + c2 q^2 + c3 q^3 + c4 q'+ + c5 q'- + c6 q q' + c7 M + c8 M_tip + c9 M q + c10 q sigma,
+
+with q the bend of a short section, M the moment of an even tube about it and M_tip that of a point mass at the tip.
+All sections share the ten coefficients.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Track
+
+FloatArray = NDArray[np.float64]
+
+MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry little but noise
+SECTIONS = 4
+PIECES = 4  # pieces per section, for the integrals
+GRAVITY = 9.81
+ONLY_ANGLE_TERMS = 9
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Amplitudes (n, m) of the motion at times (n,) s: of modes of the tangent angle, or one angle alone.
+
+    `length_m` is the length of the centre line; `modal` tells whether the whole shape is known.
+    """
+
+    time_s: FloatArray
+    amplitudes: FloatArray
+    length_m: float
+    modal: bool
+
+    @property
+    def swing_rad(self) -> float:
+        """Range of the tip's bend (or of what stands for it)."""
+        if not self.modal:
+            return float(np.ptp(self.amplitudes[:, 0]))
+        return float(np.ptp(self.amplitudes.sum(axis=1)))
+
+
+def motion_of(track: Track, bends: str) -> Motion:
+    """Valid frames of a track as a `Motion`; midline, bend angle or tip, whichever is the first there."""
+    dataset, valid = track.dataset, track.valid
+    time = track.time_s[valid]
+    sign = 1.0 if bends == "left" else -1.0
+    length, modal = 1.0, False
+    if "midline" in dataset:
+        step = np.diff(dataset["midline"].values[valid], axis=1)
+        angle = np.unwrap(np.arctan2(-sign * step[..., 0], -step[..., 1]), axis=1)
+        length = float(np.nanmean(np.linalg.norm(step, axis=-1).sum(axis=1))) * 1e-3
+        places = (np.arange(angle.shape[1]) + 0.5) / angle.shape[1]
+        found = angle @ np.linalg.pinv(_legendre(places)).T
+        modal = True
+    elif "bend_angle" in dataset:
+        found = np.radians(dataset["bend_angle"].values[valid])[:, None]
+    else:
+        tip = dataset["tip"].values[valid]
+        # A chord's direction is half of the bend.
+        found = 2 * np.arctan2(-sign * tip[:, 0], -tip[:, 1])[:, None]
+    good = np.all(np.isfinite(found), axis=1)
+    time, found = time[good], found[good]
+    first = np.concatenate([[True], np.diff(time) > 1e-9])
+    found = found[first] if modal else np.unwrap(found[first], axis=0)
+    return Motion(time[first], found, length, modal)
+
+
+def _legendre(places: FloatArray) -> FloatArray:
+    return np.polynomial.legendre.legvander(2 * places - 1, MODES)
+
+
+def derivative(values: FloatArray, rate: float) -> FloatArray:
+    """Fourth-order central time derivative along axis 0."""
+    padded = np.pad(values, [(2, 2)] + [(0, 0)] * (values.ndim - 1), mode="edge")
+    return (padded[:-4] - 8 * padded[1:-3] + 8 * padded[3:-1] - padded[4:]) * (rate / 12)
+
+
+def terms(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+    """Terms (sections, n, terms) from smooth, evenly sampled amplitudes (n, m)."""
+    return _section_terms(motion, amplitudes, rate) if motion.modal else _angle_terms(amplitudes[:, 0], rate)[None]
+
+
+def _angle_terms(angle: FloatArray, rate: float) -> FloatArray:
+    """One angle: its own inertia and weight stand for those of the tube."""
+    speed = derivative(angle, rate)
+    push = derivative(speed, rate)
+    up, down = np.maximum(speed, 0), np.minimum(speed, 0)
+    return np.column_stack([angle, angle**2, angle**3, up, down, angle * speed, push, angle * push, speed**2])
+
+
+def _section_terms(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+    count = SECTIONS * PIECES
+    angle = amplitudes @ _legendre(np.linspace(0, 1, count + 1)).T
+    piece = motion.length_m / count
+    middle = 0.5 * (angle[:, 1:] + angle[:, :-1])
+    steps = np.stack([-np.sin(middle), -np.cos(middle)], axis=-1) * piece
+    place = np.concatenate([np.zeros((len(angle), 1, 2)), np.cumsum(steps, axis=1)], axis=1)
+    pull = derivative(derivative(place, rate), rate)
+    pull[..., 1] += GRAVITY
+    centres, pulls = 0.5 * (place[:, 1:] + place[:, :-1]), 0.5 * (pull[:, 1:] + pull[:, :-1])
+    out = []
+    for section in range(SECTIONS):
+        k = PIECES * section + PIECES // 2
+        q = angle[:, PIECES * (section + 1)] - angle[:, PIECES * section]
+        arm = centres[:, k:] - place[:, k : k + 1]
+        moment = -np.sum(arm[..., 0] * pulls[:, k:, 1] - arm[..., 1] * pulls[:, k:, 0], axis=1) * piece
+        arm_tip = place[:, -1] - place[:, k]
+        of_tip = -(arm_tip[:, 0] * pull[:, -1, 1] - arm_tip[:, 1] * pull[:, -1, 0])
+        speed = derivative(q, rate)
+        sigma = 2 * (section + 0.5) / SECTIONS - 1
+        up, down = np.maximum(speed, 0), np.minimum(speed, 0)
+        out.append(np.column_stack([q, q**2, q**3, up, down, q * speed, moment, of_tip, moment * q, q * sigma]))
+    return np.stack(out)
