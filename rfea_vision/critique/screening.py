@@ -8,7 +8,7 @@ doi:10.1093/biomet/74.1.33). Significance allows for correlated residuals: gradi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, find_effects, load_effect_file
 from rfea_vision.fitting.fit import Fitted, Problem
+from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.uncertainty import BLOCK_S, _frame_of_row
 
@@ -102,23 +103,38 @@ def _step(effect: Effect, gradient: FloatArray, hessian: FloatArray, names: list
     return step, float(2 * gradient @ step - step @ hessian @ step)
 
 
-def screen(
+@dataclass(frozen=True)
+class Sensitivity:
+    """Slopes of the residual over the amplitudes of one effect, less what base parameters and clocks can swallow.
+
+    jacobian (rows, amplitudes) and residual (rows,) are in standard errors of the measurement; `slices` are the rows of
+    each of `items`.
+    """
+
+    effect: Effect
+    grid: dict[str, float]
+    names: list[str]
+    jacobian: FloatArray
+    residual: FloatArray
+    items: tuple[Observed, ...]
+    slices: tuple[slice, ...]
+
+
+def sensitivities(
     problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None
-) -> list[Screened]:
-    """Score every effect at every point of its grid, best first; empty if the model cannot be simulated."""
-    thin = [o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train]
+) -> Iterator[Sensitivity]:
+    """Sensitivity of every effect at every point of its grid; one simulation per point serves all effects."""
+    thin = tuple(o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train)
     everything = tuple(sorted([*fitted.model.effects, *effects], key=lambda e: e.id))
     model = replace(fitted.model, effects=everything)
     base_free = [model.names.index(name) for name in fitted.coordinates.names]
-    found: list[Screened] = []
     points = grids(effects)
     for round_, point in enumerate(points):
         active = (
             effects if round_ == 0 else [e for e in effects if any(len(s.grid) > round_ for s in e.parameters.values())]
         )
         par = _vector(model, fitted, point)
-        amplitude = {e.id: list(e.amplitudes()) for e in active}
-        extra = [model.names.index(f"{e.id}.{n}") for e in active for n in amplitude[e.id]]
+        extra = [model.names.index(f"{e.id}.{n}") for e in active for n in e.amplitudes()]
         free = [*base_free, *extra]
         result = evaluate(model, par, thin, free, fitted.solution.clocks)
         if result is None:
@@ -128,11 +144,9 @@ def screen(
         base = result.jacobian[:, [*range(nb), *clock_columns]]
         q, _ = np.linalg.qr(base / np.maximum(np.linalg.norm(base, axis=0), 1e-300))
         residual = result.residual - q @ (q.T @ result.residual)
-        total = float(residual @ residual)
-        clusters = _clusters(thin, result.slices)
         column = nb
         for effect in active:
-            names = amplitude[effect.id]
+            names = list(effect.amplitudes())
             jacobian = result.jacobian[:, column : column + len(names)]
             column += len(names)
             raw = np.linalg.norm(jacobian, axis=0)
@@ -140,21 +154,31 @@ def screen(
             left = np.linalg.norm(jacobian, axis=0)
             if np.all(left <= 1e-6 * np.maximum(raw, 1e-300)):
                 continue  # the base parameters swallow it whole
-            # The residual is measured minus modelled; its Jacobian has the sign of minus the model's.
-            gradient, hessian = -jacobian.T @ residual, jacobian.T @ jacobian
-            step, fall = _step(effect, gradient, hessian, names)
             own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
-            found.append(
-                Screened(
-                    effect.id,
-                    own_grid,
-                    dict(zip(names, step.tolist(), strict=True)),
-                    max(fall, 0.0) / max(total, 1e-300),
-                    _score_p(jacobian, residual, clusters, len(points)),
-                )
-            )
+            yield Sensitivity(effect, own_grid, names, jacobian, residual, thin, result.slices)
         if progress is not None:
             progress(round_ + 1, len(points))
+
+
+def screen(
+    problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None
+) -> list[Screened]:
+    """Score every effect at every point of its grid, best first; empty if the model cannot be simulated."""
+    found: list[Screened] = []
+    tests = len(grids(effects))
+    for row in sensitivities(problem, fitted, effects, progress):
+        # The residual is measured minus modelled; its Jacobian has the sign of minus the model's.
+        gradient, hessian = -row.jacobian.T @ row.residual, row.jacobian.T @ row.jacobian
+        step, fall = _step(row.effect, gradient, hessian, row.names)
+        found.append(
+            Screened(
+                row.effect.id,
+                row.grid,
+                dict(zip(row.names, step.tolist(), strict=True)),
+                max(fall, 0.0) / max(float(row.residual @ row.residual), 1e-300),
+                _score_p(row.jacobian, row.residual, _clusters(row.items, row.slices), tests),
+            )
+        )
     return sorted(found, key=lambda s: -s.explained)
 
 

@@ -87,10 +87,11 @@ def _missing(trials: Trials, best: Refitted, tied: Sequence[Tie]) -> str:
 
 
 def _complete(trials: Trials, left: float) -> str:
-    held, unit = trials.errors.held, _unit(trials)
+    unit = _unit(trials)
+    held, floor = f"{trials.errors.held:.3f} {unit}", f"{trials.floor:.3f} {unit}"
     if left < STRUCTURE_FLOORS:
-        return f"Nothing is missing that matters: the held-out error is {held:.3f} {unit}, the noise floor {trials.floor:.3f} {unit}."
-    return f"The held-out error ({held:.3f} {unit}, noise floor {trials.floor:.3f} {unit}) is not lowered by 10 % by any effect on offer."
+        return f"Nothing is missing that matters: the held-out error is {held}, the noise floor {floor}."
+    return f"The held-out error ({held}, noise floor {floor}) is not lowered by 10 % by any effect on offer."
 
 
 def _unexplained(trials: Trials, part: Refitted | None) -> str:

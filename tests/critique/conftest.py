@@ -20,7 +20,9 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Campaign
     """Recordings of a short campaign with the given effect hidden in it."""
 
     @cache
-    def make(hidden: tuple[tuple[str, float], ...] = (), bends: str = "left", roles: str = "train validate") -> Campaign:
+    def make(
+        hidden: tuple[tuple[str, float], ...] = (), bends: str = "left", roles: str = "train validate"
+    ) -> Campaign:
         folder: Path = tmp_path_factory.mktemp("campaign") / "tube"
         options = TwinOptions(
             hidden=dict(hidden),

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Ladder, Recording
-from rfea_vision.critique import improve
+from rfea_vision.critique import improve, power_study
 from rfea_vision.critique.diagnosis import Judgement, judge
-from rfea_vision.fitting import FitOptions
+from rfea_vision.fitting import FitOptions, fit_model
 from rfea_vision.fitting.fit import fit, make_problem
 
 OPTIONS = FitOptions(segments=6, starts=0)
@@ -52,8 +52,8 @@ def test_a_tilt_is_named_with_its_sign_and_added(campaign, bends):
     assert [rung.added for rung in ladder.rungs] == [None, "gravity_tilt"]
     assert ladder.rungs[-1].verdict == "complete"
     assert rungs[-1][0].parameters["gravity_tilt.angle"].value == pytest.approx(-0.08, rel=0.1)
-    floor = ladder.noise_floor_mm
-    assert ladder.rungs[0].validate_tip_rmse_mm > 2 * floor > 1.6 * ladder.rungs[1].validate_tip_rmse_mm
+    before, after = (rung.validate_tip_rmse_mm / ladder.noise_floor_mm for rung in ladder.rungs)
+    assert before > 2 and after < 1.2
 
 
 def test_what_looks_alike_is_tied_and_an_experiment_proposed(campaign):
@@ -99,3 +99,13 @@ def test_the_ladder_keeps_to_its_budget(campaign):
     ladder, _ = climbed(campaign((("gravity_tilt.angle", -0.08),)), ("gravity_tilt",), budget_s=0.0)
     assert len(ladder.rungs) == 1
     assert "budget" in ladder.stopped_because and "gravity_tilt" in ladder.stopped_because
+
+
+def test_power_study_foretells_what_is_found(campaign):
+    """Twice the least strength is named; a quarter of it is not called missing."""
+    recordings, actuator = campaign()
+    (row,) = power_study(fit_model(recordings, actuator, OPTIONS), recordings, candidates=("gravity_tilt",))
+    assert row.amplitude is not None and 0.001 < row.amplitude < 0.1 and "gravity_tilt" in row.sentence
+    strong = judged(campaign((("gravity_tilt.angle", 2 * row.amplitude),)), ("gravity_tilt",)).diagnosis
+    weak = judged(campaign((("gravity_tilt.angle", 0.25 * row.amplitude),)), ("gravity_tilt",)).diagnosis
+    assert (strong.verdict, weak.verdict) == ("missing", "complete")
