@@ -122,11 +122,12 @@ def _parameters(problem: Problem, fitted: Fitted, uncertainty: Uncertainty) -> t
         if uncertainty.undetermined[column]:
             doubtful |= matrix[:, column] != 0
     y = fitted.solution.y
-    span = coordinates.upper - coordinates.lower
+    # Coordinates are of order one; a generous upper bound must not make a small amplitude look like none.
+    near = 1e-3 * np.minimum(coordinates.upper - coordinates.lower, 1.0)
     at_bound = {
-        coordinates.free[i]: "lower" if y[i] - coordinates.lower[i] < 1e-3 * span[i] else "upper"
+        coordinates.free[i]: "lower" if y[i] - coordinates.lower[i] < near[i] else "upper"
         for i in range(ny)
-        if min(y[i] - coordinates.lower[i], coordinates.upper[i] - y[i]) < 1e-3 * span[i]
+        if min(y[i] - coordinates.lower[i], coordinates.upper[i] - y[i]) < near[i]
     }
     out = {}
     for k, name in enumerate(model.names):
