@@ -121,7 +121,7 @@ def find_end(
             places.append(_crossing(s, means[:, channel], centre, m))
             weights.append(float(size[near, channel].max()))
     place = float(np.average(places, weights=weights))
-    spread = float(np.ptp(places)) / 2 if len(places) > 1 else 0.02
+    spread = float(np.ptp(places)) / 2 if len(places) > 1 else 0.01
     return End(place, max(spread / np.sqrt(len(places)), 0.01), "step")
 
 

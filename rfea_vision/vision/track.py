@@ -183,6 +183,7 @@ class Follower:
         self.last_time = 0.0
         self.missed = 0
         self.good = 0
+        self.clamp_errors: list[float] = []
         self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
@@ -225,6 +226,7 @@ class Follower:
             return
         clamp = self.state.clamp
         start = point_and_tangent(self.state.coefficients, 0.0)
+        self.clamp_errors.append(end.stderr_mm)
         self.clamps.append(np.array(start[:2]) - end.along_mm * np.array(start[2:4]))
         middle = np.median(self.clamps, axis=0)
         clamp[:2] += float((middle - clamp[:2]) @ clamp[2:]) * clamp[2:]
@@ -236,8 +238,10 @@ class Follower:
         if len(self.clamps) < 4:
             return first
         along = np.array(self.clamps) @ self.state.clamp[2:]
-        # What all frames share (a shadow, a rough edge) does not average out: a thirtieth of a pixel is kept.
-        return float(np.hypot(1.25 * along.std() / np.sqrt(len(along)), 0.03 / self.scene.px_per_mm))
+        scatter = 1.25 * along.std() / np.sqrt(len(along))
+        # What all frames share (a shadow, a rough edge) does not average out.
+        shared = max(float(np.median(self.clamp_errors)), 0.03 / self.scene.px_per_mm)
+        return float(np.hypot(scatter, shared))
 
     def _speed_px(self, time_s: float) -> float:
         if self.velocity is None:
