@@ -118,9 +118,11 @@ def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
     """Normalised image coordinates (n, 2) of pixels (n, 2)."""
     points = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 1, 2)
     if lens.model == "fisheye":
-        return cv2.fisheye.undistortPoints(points, lens.matrix, lens.distortion.reshape(-1, 1)).reshape(-1, 2)
+        flat = cv2.fisheye.undistortPoints(points, lens.matrix, lens.distortion.reshape(-1, 1))
+        return np.asarray(flat, dtype=float).reshape(-1, 2)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-12)
-    return cv2.undistortPoints(points, lens.matrix, lens.distortion, criteria=criteria).reshape(-1, 2)
+    flat = cv2.undistortPoints(points, lens.matrix, lens.distortion, criteria=criteria)
+    return np.asarray(flat, dtype=float).reshape(-1, 2)
 
 
 def first_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray]:
@@ -131,7 +133,7 @@ def first_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray]:
     )
     if not found:
         raise DataError(f"{view.file}: the pose of the board could not be found; leave this photo out")
-    return rotation_matrix(rotation.ravel()), translation.ravel()
+    return rotation_matrix(rotation.ravel()), np.asarray(translation, dtype=float).ravel()
 
 
 def solve_pose(lens: Lens, view: BoardView, iterations: int = 15) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -149,7 +149,8 @@ def find_plane(plane: Path, board: Board, size: tuple[int, int]) -> BoardView:
         raise InputError(f"{plane}: camera.plane is not a readable picture")
     if max(abs(grey.shape[1] - size[0]), abs(grey.shape[0] - size[1])) > SIZE_TOLERANCE_PX:
         raise InputError(
-            f"{plane}: camera.plane has {grey.shape[1]} x {grey.shape[0]} px, the photos have {size[0]} x {size[1]}; use pictures of the same camera mode"
+            f"{plane}: camera.plane has {grey.shape[1]} x {grey.shape[0]} px, the photos have {size[0]} x {size[1]}; "
+            "use pictures of the same camera mode"
         )
     view = find_corners(plane, grey, board)
     if isinstance(view, Refused):

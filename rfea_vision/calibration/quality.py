@@ -78,7 +78,8 @@ def _cross_validate(photos, plane_view, size, model, grid, quality) -> tuple[dic
         "ratio": ratio,
         "sentence": "the two halves of the photos differ by what their uncertainties say"
         if ratio < 1.5
-        else "the two halves differ by more than their uncertainties say: the lens model or the board is not perfect; uncertainties are scaled up",
+        else "the two halves differ by more than their uncertainties say: lens model or board are not perfect; "
+        "uncertainties are scaled up",
     }
     return quality, float(np.clip(ratio, 1.0, LARGEST_INFLATION))
 

@@ -14,6 +14,7 @@ from pathlib import Path
 import av
 import cv2
 import numpy as np
+from av.error import FFmpegError
 from numpy.typing import NDArray
 
 from rfea_vision.errors import DataError, InputError
@@ -101,7 +102,7 @@ class VideoSource(FrameSource):
                         last = time
                         yield time, self._luma(frame)
                     number += 1
-            except av.error.FFmpegError as error:
+            except FFmpegError as error:
                 if number == 0:
                     raise InputError(
                         f"{self.path}: the video cannot be decoded ({error}); convert it to H.264"
@@ -117,9 +118,11 @@ class VideoSource(FrameSource):
     def _luma(self, frame: av.VideoFrame) -> Luma:
         if frame.format.name in ("gray", "yuv420p", "yuvj420p", "yuv422p", "yuvj422p", "yuv444p", "yuvj444p", "nv12"):
             plane = frame.planes[0]
-            luma = np.frombuffer(plane, dtype=np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]
+            luma = np.frombuffer(memoryview(plane), dtype=np.uint8).reshape(plane.height, plane.line_size)[
+                :, : plane.width
+            ]
         else:
-            luma = frame.to_ndarray(format="gray")
+            luma = np.asarray(frame.to_ndarray(format="gray"), dtype=np.uint8)
         return np.rot90(luma, self.quarter_turns) if self.quarter_turns else luma
 
 
@@ -175,7 +178,7 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
             size = (first.width, first.height)
             turns = round(getattr(first, "rotation", 0) / 90) % 4
             start = float(first.pts * stream.time_base) if first.pts is not None and stream.time_base else 0.0
-    except av.error.FFmpegError as error:
+    except FFmpegError as error:
         raise InputError(f"{path}: video.file is not a readable video ({error}); convert it to H.264 in MP4") from error
     if turns % 2:
         size = (size[1], size[0])

@@ -127,7 +127,8 @@ def gauss(values: FloatArray, rate: float, cut_Hz: float) -> FloatArray:
     kernel /= kernel.sum()
     padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), mode="edge")
     flat = padded.reshape(len(padded), -1)
-    return np.column_stack([np.convolve(column, kernel, "valid") for column in flat.T]).reshape(values.shape)
+    smooth = np.column_stack([np.convolve(column, kernel, "valid") for column in flat.T])
+    return np.asarray(smooth, dtype=float).reshape(values.shape)
 
 
 def band(values: FloatArray, rate: float, high: float) -> FloatArray:
@@ -223,14 +224,14 @@ def _step(x: FloatArray, values: FloatArray, slope: FloatArray, use: NDArray[np.
     """Change of offset (and drift) beside all coefficients; its covariance for residuals alike in time; explained share."""
     own = [-slope[use]] if centred is None else [-slope[use], -slope[use] * centred[use]]
     y = values[use]
-    blocks = [np.column_stack([*own, section[use]]) for section in x]
-    scale = np.sqrt(sum((block**2).sum(axis=0) for block in blocks)) + 1e-12
-    blocks = [block / scale for block in blocks]
-    inverse = np.linalg.pinv(sum(block.T @ block for block in blocks), rcond=1e-11, hermitian=True)
-    solution = inverse @ sum(block.T @ y for block in blocks)
-    residuals = [y - block @ solution for block in blocks]
+    blocks = np.stack([np.column_stack([*own, section[use]]) for section in x])  # (sections, n, columns)
+    scale = np.sqrt(np.sum(blocks**2, axis=(0, 1))) + 1e-12
+    blocks /= scale
+    inverse = np.linalg.pinv(np.einsum("sni,snj->ij", blocks, blocks, optimize=True), rcond=1e-11, hermitian=True)
+    solution = inverse @ (blocks.sum(axis=0).T @ y)
+    residuals = y - blocks @ solution  # (sections, n)
     # Sections at one time share their error, and so do neighbouring times (Newey and West).
-    scores = sum(block * residual[:, None] for block, residual in zip(blocks, residuals, strict=True))
+    scores = np.sum(blocks * residuals[..., None], axis=0)
     lags = min(int(3 * np.sqrt(len(y))), len(y) // 4)
     middle = scores.T @ scores
     for lag in range(1, lags + 1):
@@ -238,7 +239,7 @@ def _step(x: FloatArray, values: FloatArray, slope: FloatArray, use: NDArray[np.
         middle += (1 - lag / (lags + 1)) * (cross + cross.T)
     n = len(own)
     covariance = (inverse @ middle @ inverse)[:n, :n] / scale[:n, None] / scale[None, :n]
-    explained = 1.0 - float(sum(r @ r for r in residuals)) / len(x) / max(float(y @ y), 1e-12)
+    explained = 1.0 - float(np.sum(residuals**2)) / len(x) / max(float(y @ y), 1e-12)
     return solution[:n] / scale[:n], covariance, explained
 
 

@@ -70,11 +70,11 @@ def motion_of(track: Track, bends: str) -> Motion:
     time, found = time[good], found[good]
     first = np.concatenate([[True], np.diff(time) > 1e-9])
     found = found[first] if modal else np.unwrap(found[first], axis=0)
-    return Motion(time[first], found, length, modal)
+    return Motion(time[first], np.asarray(found, dtype=float), length, modal)
 
 
 def _legendre(places: FloatArray) -> FloatArray:
-    return np.polynomial.legendre.legvander(2 * places - 1, MODES)
+    return np.asarray(np.polynomial.legendre.legvander(2 * places - 1, MODES), dtype=float)
 
 
 def derivative(values: FloatArray, rate: float) -> FloatArray:

@@ -118,7 +118,8 @@ def check_log(time_s: FloatArray, pressure_kPa: FloatArray, experiment: str, *, 
     swing = float(np.ptp(pressure_kPa))
     if moving and time_s[-1] - time_s[0] < 1.0:
         raise DataError(
-            f"{experiment}: pressure: the log lasts {time_s[-1] - time_s[0]:.2f} s, too short to align by motion; use sync.method offset"
+            f"{experiment}: pressure: the log lasts {time_s[-1] - time_s[0]:.2f} s, too short to align by motion; "
+            "use sync.method offset"
         )
     if moving and swing < LEAST_SWING_KPA:
         raise DataError(

@@ -96,8 +96,8 @@ def fit_curve(points: FloatArray, count: int = COEFFICIENTS) -> FloatArray:
     u = np.linspace(0, 1, max(4 * count, len(points)))
     even = np.column_stack([np.interp(u * lengths[-1], lengths, points[:, i]) for i in (0, 1)])
     matrix = basis_matrix(u, count)
-    penalty = 1e-6 * np.eye(count)
-    return np.linalg.solve(matrix.T @ matrix + 1e-9 * penalty, matrix.T @ even)
+    penalty = np.eye(count)
+    return np.asarray(np.linalg.solve(matrix.T @ matrix + 1e-9 * penalty, matrix.T @ even), dtype=float)
 
 
 VERTEX_U = np.linspace(0.0, 1.0, VERTICES)

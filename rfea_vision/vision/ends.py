@@ -61,7 +61,7 @@ def extended(
 
 def strips(
     picture: NDArray[np.uint8], camera: FloatArray, points: FloatArray, tangents: FloatArray, half_mm: float
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Mean light (n, 3) in the tube, beside its left and its right edge, along the axis; and which rows are in the picture."""
     normal = np.column_stack([-tangents[:, 1], tangents[:, 0]])
     bands = ((-0.6, 0.6), (1.18, 1.75), (-1.75, -1.18))
@@ -134,7 +134,7 @@ def _choose(peaks: NDArray[np.int64], strongest: FloatArray, at_tip: bool) -> in
 
 def _sliding_max(values: FloatArray, half: int) -> FloatArray:
     kernel = np.ones((2 * half + 1, 1), dtype=np.uint8)
-    return cv2.dilate(values.reshape(-1, 1), kernel).ravel()
+    return np.asarray(cv2.dilate(values.reshape(-1, 1), kernel), dtype=float).ravel()
 
 
 def _crossing(s: FloatArray, values: FloatArray, centre: int, m: int) -> float:

@@ -124,7 +124,7 @@ def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
     work.sums[:] = 0.0
     filled = 0
     count = work.centre.shape[0]
-    low, high = int(math.ceil(from_u * (count - 1))), int(math.floor(to_u * (count - 1))) + 1
+    low, high = math.ceil(from_u * (count - 1)), math.floor(to_u * (count - 1)) + 1
     for s in range(2):
         side = 1.0 if s == 0 else -1.0
         for v in range(count):
@@ -343,7 +343,7 @@ def coarse_cap(picture, camera, state, reach_px, px_per_mm):
             q = 0.15 * m * half
             bend = along + state.cap[0] * q + state.cap[1] * q * q
             u, v = project_point(camera, x + bend * tx - q * ty, y + bend * ty + q * tx)
-            i, j = int(round(v)), int(round(u))
+            i, j = round(v), round(u)
             if 0 <= i < height and 0 <= j < width:
                 total += float(picture[i, j])
                 number += 1
@@ -378,12 +378,12 @@ def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
         ex, ey = project_point(camera, work.centre[v, 0] + work.normal[v, 0], work.centre[v, 1] + work.normal[v, 1])
         per_mm = math.sqrt((ex - cx) ** 2 + (ey - cy) ** 2)
         dx, dy = (ex - cx) / per_mm, (ey - cy) / per_mm
-        half = int(round(work.half_width[v] * per_mm))
+        half = round(work.half_width[v] * per_mm)
         arm = min(half + reach + 4, 400)
         asked += 1
         inside_picture = True
         for k in range(-arm, arm + 1):
-            px, py = int(round(cx + k * dx)), int(round(cy + k * dy))
+            px, py = round(cx + k * dx), round(cy + k * dy)
             if px < 0 or py < 0 or px >= width or py >= height:
                 inside_picture = False
                 break

@@ -154,10 +154,10 @@ def _follow(
         for turn in turns if not gap else turns[1:-1]:
             heading = direction + turn
             cx, cy = x + step * np.cos(heading), y + step * np.sin(heading)
-            k = int(round(heading / np.pi * count)) % count
+            k = round(heading / np.pi * count) % count
             for shift in lateral:
                 px, py = cx - shift * np.sin(heading), cy + shift * np.cos(heading)
-                i, j = int(round(py)), int(round(px))
+                i, j = round(py), round(px)
                 if 0 <= i < height and 0 <= j < width:
                     value = float(stack[k, i, j]) * (1 - 0.05 * abs(shift) - 0.1 * abs(turn))
                     if value > best[0]:

@@ -45,7 +45,7 @@ def preview_video(
         for number, (_, luma) in enumerate(source):
             if number % step or number >= len(valid):
                 continue
-            canvas = cv2.cvtColor(np.ascontiguousarray(luma), cv2.COLOR_GRAY2RGB)
+            canvas = np.asarray(cv2.cvtColor(np.ascontiguousarray(luma), cv2.COLOR_GRAY2RGB), dtype=np.uint8)
             if valid[number]:
                 for line, colour in (
                     (edges[number, 0], (255, 176, 0)),

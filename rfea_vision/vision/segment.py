@@ -65,7 +65,7 @@ def clamped_midline(
     ends = (clamp[0] - 0.6 * across, clamp[1] + 0.6 * across)
     cv2.line(cut, *(tuple(int(v) for v in np.round(end)) for end in ends), 0, max(round(0.08 * width), 3), cv2.LINE_4)  # pyright: ignore[reportCallIssue, reportArgumentType]
     _, labels = cv2.connectedComponents(cut, connectivity=4)
-    x, y = int(round(tip[0])), int(round(tip[1]))
+    x, y = round(tip[0]), round(tip[1])
     near = labels[max(y - 3, 0) : y + 4, max(x - 3, 0) : x + 4]
     named = near[near > 0]
     if named.size == 0:

@@ -43,7 +43,7 @@ def build_dataset(
     to_rig = np.array([[-down[1], down[0]], [-down[0], -down[1]]])  # rows: camera-right, up
     calibrated = CalibrationError(calibration, scene.camera, coefficients, origin)
     data = _derive(rows, valid, smoothed, origin, to_rig, sign, inflation, scene, calibrated, origin_sigma)
-    variables = {name: (dims, _spread(values, valid)) for name, (dims, values) in data.items()}
+    variables: dict[str, Any] = {name: (dims, _spread(values, valid)) for name, (dims, values) in data.items()}
     time = rows["time"]
     reason = np.array([text.split(":")[0] for text in rows.reasons], dtype=object).astype(str)
     variables["valid"] = (("time",), valid.astype(np.int8))
@@ -68,7 +68,10 @@ def build_dataset(
         "frame": "rig: origin at the middle of the first visible cross-section, x to the camera's right, y up",
         "bends": scene.actuator.bends,
         "units": "mm",
-        "elongation_assumption": "inextensible inner side as ruler, constant half width: centre-line over hinge-side length minus one is half width times curvature",
+        "elongation_assumption": (
+            "inextensible inner side as ruler, constant half width: "
+            "centre-line over hinge-side length minus one is half width times curvature"
+        ),
         "sigma_contains": "edge noise, its correlation along the tube, origin and calibration; *_noise_sigma: edge noise alone",
         "clamp_px_x": float(clamp_px[0]),
         "clamp_px_y": float(clamp_px[1]),

@@ -82,7 +82,8 @@ def track_frames(
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or not rows.any_valid:
         raise DataError(
-            f"{source.path}: no tube found ({rows.commonest_reason}); give camera.clamp and camera.tip in pixels, or check actuator.outer_radius and actuator.length"
+            f"{source.path}: no tube found ({rows.commonest_reason}); give camera.clamp and camera.tip in pixels, "
+            "or check actuator.outer_radius and actuator.length"
         )
     attributes = {
         "source": source.path.name,
@@ -102,7 +103,8 @@ def matched_to(calibration: Calibration, source: FrameSource) -> Calibration:
     fx, fy = w / calibration.image_width, h / calibration.image_height
     if abs(fx / fy - 1) > 0.003:
         raise InputError(
-            f"{source.path}: the video has {w} x {h} px, camera.photos have {calibration.image_width} x {calibration.image_height}; calibrate in the video's camera mode"
+            f"{source.path}: the video has {w} x {h} px, camera.photos have "
+            f"{calibration.image_width} x {calibration.image_height}; calibrate in the video's camera mode"
         )
     matrix = calibration.camera_matrix.copy()
     matrix[0, 0] *= fx

@@ -142,7 +142,7 @@ def shape(
     phi = np.concatenate([[0.0], np.cumsum(curvature) / pieces])
     step = length_mm / pieces
     hinge = np.vstack([[0, 0], np.cumsum(np.column_stack([-np.sin(phi_mid), -np.cos(phi_mid)]) * step, axis=0)])
-    return Shape(hinge + [-radius_mm, 0.0], phi, radius_mm, bends)
+    return Shape(hinge + np.array([-radius_mm, 0.0]), phi, radius_mm, bends)
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,9 @@ class Look:
     hose_mm: float | None = None
 
 
-def picture(shape_: Shape, lens: Lens, look: Look, rng: np.random.Generator, gain: float = 1.0) -> np.ndarray:
+def picture(
+    shape_: Shape, lens: Lens, look: Look, rng: np.random.Generator, gain: float = 1.0, *, rounded: bool = True
+) -> np.ndarray:
     """One grey picture (height, width) uint8 of the tube."""
     w, h = lens.size
     image = np.full((h, w), float(look.background))
@@ -188,6 +190,8 @@ def picture(shape_: Shape, lens: Lens, look: Look, rng: np.random.Generator, gai
     image *= gain
     if look.blur_px:
         image = cv2.GaussianBlur(image, (0, 0), look.blur_px)
+    if not rounded:
+        return image
     return np.clip(np.round(image + rng.normal(0, look.noise, image.shape)), 0, 255).astype(np.uint8)
 
 

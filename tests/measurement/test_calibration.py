@@ -171,10 +171,12 @@ def test_every_lens_model_fits_points_made_with_it(model):
     lens = Lens(model, np.array([[520.0, 0, 640], [0, 522, 360], [0, 0, 1]]), np.array(coefficients))
     board = Board("checkerboard", (9, 6), 0.02)
     views = []
-    for _ in range(16):
+    while len(views) < 16:
         rotation = rotation_matrix(rng.uniform(-0.5, 0.5, 3))
         translation = np.array([rng.uniform(-150, 30), rng.uniform(-110, 10), rng.uniform(130, 260)])
         pixels = project_board(lens, rotation, translation, board.corners_mm)
+        if pixels.min() < 0 or np.any(pixels.max(axis=0) > [1280, 720]):
+            continue
         views.append(BoardView(None, board.corners_mm, pixels + rng.normal(0, 0.02, pixels.shape)))
     bundle = solve_bundle(views, (1280, 720), model, joint_view=0)
     assert bundle.sigma_px < 0.03

