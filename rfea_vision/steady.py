@@ -91,7 +91,7 @@ def bending_angle(
         def unbalanced(angle: float, target: float = float(pressure)) -> float:
             return float(holding_pressure(parameters, segments, angle, actuator)) - target
 
-        out[place] = ends[1] if unbalanced(ends[1]) == 0 else brentq(unbalanced, *ends, xtol=1e-13, rtol=1e-13)
+        out[place] = ends[1] if unbalanced(ends[1]) == 0 else brentq(unbalanced, *ends, xtol=1e-13)
     return out
 
 

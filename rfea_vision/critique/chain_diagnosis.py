@@ -97,7 +97,7 @@ class ChainDiagnosis:
 def low_pass(values: FloatArray, step_s: float, cutoff_Hz: float) -> FloatArray:
     """Fourth-order Butterworth, run both ways (no delay)."""
     sections = butter(4, cutoff_Hz, fs=1 / step_s, output="sos")
-    return sosfiltfilt(sections, values, axis=0)
+    return np.asarray(sosfiltfilt(sections, values, axis=0), dtype=np.float64)
 
 
 def residual_torque(
@@ -250,7 +250,7 @@ def _fit(
     if not regressors:
         return np.zeros(0), np.zeros(0), target
     design = _design(regressors, weights)
-    amplitude = np.linalg.lstsq(design, (target * weights).ravel(), rcond=None)[0]
+    amplitude = np.asarray(np.linalg.lstsq(design, (target * weights).ravel(), rcond=None)[0], dtype=np.float64)
     left = target - np.einsum("rmn,r->mn", _stacked(regressors), amplitude)
     independent = sum(motion.independent for motion in motions)
     thinning = len(target) / independent

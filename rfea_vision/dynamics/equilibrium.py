@@ -203,10 +203,11 @@ def equilibrium(
         else:
             factor(setting, body, out, force, 3, 0.0, 0.0, 1.0)
             solve(setting, body, 3, RESIDUAL, STEP, d)
-        largest = abs(body[0, STEP])
+        largest, total = abs(body[0, STEP]), body[0, STEP]
         for i in range(1, n + 1):
             largest = max(largest, abs(body[i, STEP] - body[i - 1, STEP]))
-        if not np.isfinite(largest):
+            total += body[i, STEP]
+        if not np.isfinite(total):  # max() passes over what is not a number
             return BLOWN_UP, 0.0
         part = min(1.0, LARGEST_STEP / largest) if largest > 0 else 1.0
         for i in range(n + 1):

@@ -227,18 +227,20 @@ def _newton_step(setting, work, s):
 
 @njit(**INLINE)
 def _move(setting, work, s, part):
-    """Take `part` of the step; returns the largest change of an angle."""
-    body, largest = work.body, 0.0
+    """Take `part` of the step; returns the largest change of an angle, not a number if any is not."""
+    body, largest, total = work.body, 0.0, 0.0
     for i in range(body.shape[0] - 1):
         x = part * body[i, STEP]
         body[i, AL] += x
         body[i, OM] += s * x
         body[i, PHI] += s * s * x
         largest = max(largest, abs(x))
+        total += x
     for j in range(work.z.shape[0]):
         for a in range(setting.states):
             work.z[j, a] += part * work.dz[j, a]
-    return largest * s * s
+            total += work.dz[j, a]
+    return largest * s * s if np.isfinite(total) else np.nan  # max() passes over what is not a number
 
 
 @njit(**INLINE)
