@@ -95,8 +95,13 @@ def fit_pressure_tip(
         held[1] = 0.0  # a constant spring has a steady state at every pressure
         coordinates = build(model, actuator, segments, bend, only=tuple(free), held=held)
         found = fit_steady(model, plateaus, coordinates, held, TIP, sigma_m=1e-3)
-        if found is not None and (best is None or np.sum(found[1] ** 2) < 0.999 * np.sum(best[1] ** 2)):
+        if found is None:
+            continue
+        again = best is not None and abs(np.sum(found[1] ** 2) / np.sum(best[1] ** 2) - 1) < 1e-4
+        if best is None or np.sum(found[1] ** 2) < np.sum(best[1] ** 2):
             best = found
+        if again:  # two starts agree
+            break
     if best is None:
         raise DataError(
             "tip_mm: no steady state comes near these points; check the units of pressure and the tube's radii"
