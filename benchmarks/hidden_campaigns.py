@@ -194,7 +194,7 @@ def recordings_of(options: TwinOptions) -> tuple[dict[str, Recording], Actuator]
 def _postures(plant: Plant, run: Run, step_s: float, time_s: FloatArray, hidden: dict[str, float]) -> FloatArray:
     """Nodes of the centre line (frames, nodes, 2) in mm, as the camera would see them without noise."""
     points, _ = posture_at(plant, move(plant, run, step_s), time_s).line(np.linspace(0, 1, 9)[1:])
-    return misread_plane(points, hidden)
+    return np.asarray(misread_plane(points, hidden), dtype=np.float64)
 
 
 def misfit_floors(case: Case, hidden: dict[str, float]) -> float:
@@ -207,7 +207,7 @@ def misfit_floors(case: Case, hidden: dict[str, float]) -> float:
     plant, base = build_plant(options)
     bare = Plant(options.actuator, base, {}, joints=options.joints)
     runs = draw_runs(options, highest_pressure(plant, options))
-    camera_s = camera_times(options)[::4]
+    camera_s = np.asarray(camera_times(options)[::4], dtype=np.float64)
     model = make_model(options.actuator, FitOptions(segments=options.joints))
     par = carried(model, options.actuator, options.joints, asdict(base), 8)
     rows, columns, tips = [], [], []
@@ -217,7 +217,9 @@ def misfit_floors(case: Case, hidden: dict[str, float]) -> float:
         seen = _postures(plant, run, options.step_s, true_s, hidden)
         without = _postures(bare, run, options.step_s, said_s, {})
         line = run.programme
-        excitation = Excitation.from_log(line.time_s, line.pressure_Pa, said_s[0] - 0.25, said_s[-1] + 0.25)
+        excitation = Excitation.from_log(
+            np.asarray(line.time_s, float), np.asarray(line.pressure_Pa, float), said_s[0] - 0.25, said_s[-1] + 0.25
+        )
         motion = model.simulate(par, excitation, said_s, range(7))
         if not motion.ok:
             raise DataError(f"{case.key}: the base model cannot be simulated at the true parameters")

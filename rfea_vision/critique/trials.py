@@ -24,7 +24,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added
 
 #: Share of the squared error above the noise from which on a misfit counts as explained.
-EXPLAINED = 0.95
+EXPLAINED = 0.98
 REFITS = 6
 MORE_REFITS = 9
 FIRSTS = 2
