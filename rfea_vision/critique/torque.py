@@ -22,6 +22,7 @@ from rfea_vision.critique.phases import label_phases
 from rfea_vision.dynamics.inverse import joint_torques
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observation import MM, Observed, observe_recording
+from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import rebuild
 
@@ -99,20 +100,6 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     )
 
 
-def dependence(explained: FloatArray, by: FloatArray, bins: int = 16) -> float:
-    """Share of the variance of one series that a smooth function of another explains (correlation ratio), 0 to 1."""
-    good = np.isfinite(explained) & np.isfinite(by)
-    y, x = explained[good], by[good]
-    if y.size < 8 * bins or np.ptp(x) == 0 or np.var(y) == 0:
-        return 0.0
-    edges = np.quantile(x, np.linspace(0, 1, bins + 1))
-    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
-    counts = np.bincount(index, minlength=bins)
-    means = np.bincount(index, y, minlength=bins) / np.maximum(counts, 1)
-    between = float(np.sum(counts * (means - y.mean()) ** 2))
-    return max(0.0, (between / float(np.sum((y - y.mean()) ** 2)) - (bins - 1) / y.size) / (1 - (bins - 1) / y.size))
-
-
 _WORDS = {
     "angle": "the joint's angle",
     "rate": "the joint's rate",
@@ -155,7 +142,7 @@ def summarise_torque(results: list[tuple[ResidualTorque, Observed, float]]) -> d
     columns = [_regressors(*each) for each in results]
     ranked = []
     for name in columns[0]:
-        score = dependence(torque, np.concatenate([c[name] for c in columns]))
+        score = correlation_ratio(torque, np.concatenate([c[name] for c in columns]))
         ranked.append(
             {"on": name, "score": score, "sentence": f"{100 * score:.0f} % of its variance goes with {_WORDS[name]}."}
         )

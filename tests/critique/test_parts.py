@@ -12,9 +12,9 @@ from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, errors_of, floor_of, matters, structure
 from rfea_vision.critique.next_experiment import STEP_S, limits, profiles
 from rfea_vision.critique.phases import label_phases
-from rfea_vision.critique.torque import dependence
 from rfea_vision.fitting import FitOptions
 from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.residual_tests import correlation_ratio
 
 
 def test_phases_of_a_trapezium():
@@ -38,9 +38,9 @@ def test_dependence_sees_curves_and_no_chance():
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, 4000)
     noise = rng.standard_normal(4000)
-    assert dependence(x**2, x) > 0.95  # no linear correlation at all
-    assert dependence(x**2 + np.std(x**2) * noise, x) == pytest.approx(0.5, abs=0.06)
-    assert dependence(noise, x) < 0.02
+    assert correlation_ratio(x**2, x) > 0.95  # no linear correlation at all
+    assert correlation_ratio(x**2 + np.std(x**2) * noise, x) == pytest.approx(0.5, abs=0.06)
+    assert correlation_ratio(noise, x) < 0.02
 
 
 def test_an_effect_matters_by_ten_per_cent_and_a_fifth_of_the_floor():
