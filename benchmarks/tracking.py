@@ -226,11 +226,13 @@ def memory(folder: Path, path: Path) -> list[dict[str, Any]]:
     camera = folder / "camera.yaml"
     save_calibration(camera, true_calibration(Lens()))
     code = (
-        "import resource, sys; from pathlib import Path; from rfea_vision.artefacts import Actuator;"
+        "import sys; from pathlib import Path; from rfea_vision.artefacts import Actuator;"
         "from rfea_vision.calibration import load_calibration; from rfea_vision.readers.video import open_video;"
         "from rfea_vision.vision import track_frames;"
         "track_frames(open_video(Path(sys.argv[1])), load_calibration(Path(sys.argv[2])), Actuator());"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+        # VmHWM, not ru_maxrss: the latter keeps the peak of the process that started this one
+        "lines = Path('/proc/self/status').read_text().splitlines();"
+        "print(next(int(line.split()[1]) for line in lines if line.startswith('VmHWM')) / 1024)"
     )
     used = []
     for file in (folder / "crf18.mp4", path):

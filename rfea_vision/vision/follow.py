@@ -197,7 +197,7 @@ def robust_scale(work, filled):
 
 
 @njit(cache=True, nogil=True)
-def fit_sides(state, work, filled, wide_mm, least_contrast):
+def fit_sides(state, work, filled, wide_mm, least_contrast, assumed):
     """Robust fit of shift and widening: all, then without outliers. Returns solution, covariance, noise, kept."""
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
     for n in range(filled):
@@ -205,7 +205,7 @@ def fit_sides(state, work, filled, wide_mm, least_contrast):
     kept = select(state, work, filled, wide_mm, least_contrast)
     solution = np.zeros(count + width_count)
     covariance = np.zeros((count + width_count, count + width_count))
-    noise = 3.0
+    noise = assumed
     if kept < 20:
         return solution, covariance, noise, kept
     for repeat in range(2):
@@ -222,11 +222,14 @@ def fit_sides(state, work, filled, wide_mm, least_contrast):
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         noise = max(robust_scale(work, filled), 0.3)
         if repeat == 0:
-            kept = 0
+            before, kept = kept, 0
             for n in range(filled):
                 if work.keep[n]:
                     work.keep[n] = abs(work.residual[n]) * math.sqrt(work.stations[n, INFO]) < 4.5 * noise
                     kept += work.keep[n]
+            if kept == before:
+                covariance *= noise * noise / max(assumed * assumed, 0.25)
+                break
     return solution, covariance, noise, kept
 
 
@@ -482,8 +485,6 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
         numbers[INNOVATION] = apply_coarse(state, work, filled, px_per_mm)
     from_u = _margin_px(camera, state, 0.0, px_per_mm) / px_per_mm / max(length, 1.0)
     to_u = 1.0 - _margin_px(camera, state, 1.0, px_per_mm) / px_per_mm / max(length, 1.0)
-    filled, length = measure_sides(picture, camera, state, work, 4, from_u, to_u, px_per_mm)
-    update_levels(state, work, 1.0, blur_limit, px_per_vertex)
     noise = 3.0
     tip_shift = tip_variance = cap_used = 0.0
     for turn in range(5):
@@ -491,7 +492,7 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
         stride = 1 if last else 3
         filled, length = measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
         wide = (6.0 if turn == 0 else 2.5) / px_per_mm
-        solution, covariance, noise, kept = fit_sides(state, work, filled, wide, least_contrast)
+        solution, covariance, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise)
         numbers[USED] = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
         if kept < 20:
             return
@@ -520,7 +521,7 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
             largest = max(largest, abs(tip_shift))
         work.covariance[:] = covariance
         numbers[LAST_STEP] = largest * px_per_mm
-        if last and largest * px_per_mm < 0.1:
+        if last and largest * px_per_mm < 0.2:
             break
     numbers[LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     numbers[BEND] = _turning(work.normal)
