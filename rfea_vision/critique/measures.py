@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
+from rfea_vision.fitting.residual_tests import correlation_time
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import gaps
 from rfea_vision.fitting.solver import fit_clocks
@@ -110,15 +111,8 @@ def effective_count(problem: Problem, fitted: Fitted) -> float:
     total = 0.0
     for gap in _tip_gaps(problem, fitted):
         for axis in range(gap.shape[1]):
-            series = gap[:, axis] - gap[:, axis].mean()
-            spectrum = np.abs(np.fft.rfft(series, 2 * series.size)) ** 2
-            correlation = np.fft.irfft(spectrum)[: series.size]
-            if correlation[0] <= 0:
-                continue
-            correlation = correlation / correlation[0]
-            negative = np.flatnonzero(correlation < 0.05)
-            stop = int(negative[0]) if negative.size else series.size
-            total += series.size / (1 + 2 * float(correlation[1:stop].sum()))
+            frames = 2 * correlation_time(gap[:, axis], 1.0)  # one frame after the other where the residual is white
+            total += gap.shape[0] / frames if frames > 0 else 0.0
     return max(total, 10.0)
 
 
