@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from dense import DenseTube
 
+from benchmarks.dense import DenseTube
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 
 # A tube with one constant damper: smooth, so that orders show.
