@@ -22,9 +22,13 @@ from rfea_vision.critique.screening import Screened, offered, screen
 from rfea_vision.effects.base import Effect
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added
+from rfea_vision.fitting.observation import MM
 
 #: Share of the squared error above the noise from which on a misfit counts as explained.
-EXPLAINED = 0.98
+EXPLAINED = 0.97
+#: Structure below this share of the tube's length (0.03 mm of 155) is within the systematic errors of calibration, clamp
+#: and the chain's own segments, however fine the noise: it earns no effect a name, and denies none.
+NEGLIGIBLE_SHARE = 2e-4
 REFITS = 6
 MORE_REFITS = 9
 FIRSTS = 2
@@ -70,6 +74,13 @@ class Trials:
     effect_files: tuple[Path, ...] = ()
     progress: Callable[[], None] = field(default=lambda: None)
 
+    @property
+    def small(self) -> float:
+        """Structure, in noise floors, that no effect is blamed for: half a floor, or what no reading of a tube can prove."""
+        if not self.problem.train[0].has_tip or self.floor <= 0:
+            return STRUCTURE_FLOORS
+        return max(STRUCTURE_FLOORS, NEGLIGIBLE_SHARE * self.problem.actuator.length / MM / self.floor)
+
     def effect(self, name: str) -> Effect:
         return next(e for e in self.effects if e.id == name)
 
@@ -101,7 +112,7 @@ class Trials:
             delta_bic(self.problem, base, trial),
             all(_physical(trial, one) for one in added),
             explained,
-            structure(errors, self.floor) < STRUCTURE_FLOORS or explained >= EXPLAINED,
+            structure(errors, self.floor) < self.small or explained >= EXPLAINED,
             matters(earlier, errors, self.floor) and (since is None or since.matters),
         )
 

@@ -46,7 +46,7 @@ def decide(trials: Trials, singles: Mapping[str, Refitted], together: Sequence[R
         tied, rivals = _ties(trials, rivals)
         return Verdict("missing", _missing(trials, best, tied), best, tied, rivals, best.explained)
     part = winners[0] if winners else None
-    if left < STRUCTURE_FLOORS or (part is None and left < 1.0):
+    if left < STRUCTURE_FLOORS or (part is None and left < max(1.0, trials.small)):
         return Verdict("complete", _complete(trials, left), None, [], [], None)
     return Verdict("unexplained", _unexplained(trials, part), None, [], [], part.explained if part else 0.0)
 
