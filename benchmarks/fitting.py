@@ -1,6 +1,7 @@
 """The fit: time from 30 % off, how many random starts end in the right place, and SciPy with finite differences beside it.
 
-Times are processor seconds. Data: a noisy track of 20 s at 240 frames/s made by the independent plant (MuJoCo, 128 joints in the middle of their arcs).
+Times are processor seconds. Data: a noisy track of 20 s at 240 frames/s made by the independent plant (MuJoCo, 128 joints
+in the middle of their arcs).
 """
 
 from __future__ import annotations

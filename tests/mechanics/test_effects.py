@@ -119,3 +119,73 @@ def test_effect_at_one_joint_only(actuator, published, excitation, frames):
     rest = model.steady(par, 0.0)
     theta = np.diff(rest.phi)
     assert theta.argmax() == 2 and theta[2] > 0.05 and np.abs(np.delete(theta, 2)).max() < 0.02
+
+
+def _law(model, par, theta, rate, states, pressure):
+    """Columns of the joint law for arrays of joints' theta and rate."""
+    out = np.zeros((theta.size, model.law.columns))
+    position, arc = np.linspace(0, 1, theta.size), np.full(theta.size, model.chain.arc[0])
+    weights = np.ones((theta.size, max(len(model.effects), 1)))
+    arguments = (theta, rate, states, pressure, position, arc, weights, par, model._constants)
+    model.law.module.joint_law(*arguments, out)
+    derivatives = np.zeros((theta.size, 2 + model.law.state_count, par.size))
+    model.law.module.joint_law_parameters(*arguments, derivatives)
+    return out, derivatives
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_law_is_finite_over_its_bounds(name, actuator, published, excitation, frames):
+    """At every corner of the bounds: law and derivatives are numbers, and a run ends well or says that it did not."""
+    model = _model(actuator, name)
+    theta = np.linspace(-0.1, 0.6, 15)
+    for which in range(len(model.names) - 7):
+        for end in ("lower", "upper"):
+            par = _parameters(model, published, _present)
+            parameter = model.names[7 + which].split(".")[1]
+            par[7 + which] = getattr(catalogue()[name].parameters[parameter], end)
+            for speed in (-20.0, 0.0, 20.0):
+                for pressure in (0.0, 270e3):
+                    states = np.full((theta.size, max(model.law.state_count, 1)), 0.3)
+                    out, derivatives = _law(model, par, theta, np.full(theta.size, speed), states, pressure)
+                    assert np.isfinite(out).all() and np.isfinite(derivatives).all(), (parameter, end)
+            motion = model.simulate(par, excitation, frames[:30], range(par.size))
+            assert motion.message or (np.isfinite(motion.phi).all() and np.isfinite(motion.sensitivity).all())
+
+
+@pytest.mark.parametrize("name", [name for name in EFFECTS if catalogue()[name].dissipates])
+def test_effect_that_claims_to_dissipate_takes_energy(name, actuator, published):
+    """Work done on the joint over closed cycles of its motion, at two speeds; pointwise where it acts on the bodies."""
+    model = _model(actuator, name)
+    par = _parameters(model, published, _present)
+    if model.law.has_body_force:
+        rng = np.random.default_rng(0)
+        motion, out = rng.normal(0, 0.1, (50, 4)), np.zeros((50, 2, 5 + par.size))
+        model.law.module.body_force(motion, np.full(50, 0.01), par, model._constants, out)
+        assert np.all((out[:, :, 0] * motion[:, 2:]).sum(axis=1) < 0)
+        return
+    if model.law.has_line:  # the pressure lost is R times the flow: its power, R times the flow squared, is never gained
+        line, _, _, _ = model._environment(par)
+        assert line[0] > 0 and all(spec.lower >= 0 for spec in catalogue()[name].parameters.values())
+        return
+    bare = _model(actuator)
+    for frequency in (0.5, 4.0):
+        time = np.linspace(0, 3 / frequency, 30001)
+        angle = 0.1 - 0.08 * np.cos(2 * np.pi * frequency * time)
+        speed = 0.16 * np.pi * frequency * np.sin(2 * np.pi * frequency * time)
+        z, m, work = np.zeros((1, max(model.law.state_count, 1))), model.law.state_count, np.zeros(time.size)
+        if m:
+            free = np.zeros((1, m, 3 + par.size))
+            position, arc = np.zeros(1), model.chain.arc[:1]
+            model.law.module.relaxed_states(
+                angle[:1].copy(), np.zeros(1), z, 0.0, position, arc, np.ones((1, 1)), par, model._constants, free
+            )
+            z[0, :m] = free[0, :, 0]
+        for k in range(time.size):
+            here, now = angle[k : k + 1].copy(), speed[k : k + 1].copy()
+            out, _ = _law(model, par, here, now, z, 0.0)
+            base, _ = _law(bare, published, here, now, np.zeros((1, 1)), 0.0)
+            work[k] = (out[0, 0] - base[0, 0]) * now[0] * time[1]
+            for a in range(m):
+                z[0, a] += time[1] * out[0, 6 + m + 4 * a]
+        last_cycle = work[20000:-1].sum()
+        assert last_cycle < -1e-3 * np.abs(work[20000:-1]).sum(), frequency
