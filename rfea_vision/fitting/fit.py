@@ -22,6 +22,7 @@ from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
 
 FloatArray = NDArray[np.float64]
 AGREEING_STARTS = 3
+STIFFER_STARTS = (1.0, 1.5, 3.0, 6.0)
 Progress = Callable[[int, int], None] | None
 
 
@@ -165,7 +166,15 @@ def _steady_start(
         }
     coordinates = build(model, problem.actuator, options.segments, problem.bend, only=("k_ref", "k_slope"), held=par)
     fractions = problem.train[0].fractions
-    out = fit_steady(model, plateaus, coordinates, par, fractions)
+    out = None
+    for stiffer in STIFFER_STARTS:
+        # A tube that is too soft has no steady state under pressure; without the slope and stiffer it has one.
+        guess = par.copy()
+        if stiffer > 1:
+            guess[0], guess[1] = par[0] * stiffer, 0.0
+        out = fit_steady(model, plateaus, coordinates, guess, fractions)
+        if out is not None:
+            break
     if out is None:
         return par, {"note": "the start has no steady state at the plateaus; dynamic fit from the paper's table"}
     fitted, residual = out
@@ -207,7 +216,14 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
         guess[2:6] *= damping
         guess, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
-        solution = solve(model, thin, coordinates, guess, most_evaluations=40, tolerance=1e-5)
+        solution = None
+        for stiffer in STIFFER_STARTS:
+            trial = guess.copy()
+            if stiffer > 1:
+                trial[0], trial[1] = guess[0] * stiffer, 0.0
+            solution = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
+            if solution is not None:
+                break
         label = f"r_hyd x {arm:.2f}, damping x {damping:.2f}"
         if solution is None:
             waterfall.append({"start": label, "cost": None, "status": "could not be simulated"})

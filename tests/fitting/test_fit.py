@@ -165,3 +165,23 @@ def test_positivity_over_the_reached_radii(complete_campaign):
         par = coordinates.parameters(rng.uniform(coordinates.lower, coordinates.upper))
         for k in (0, 2, 4):
             assert par[k] > 0 and par[k] + par[k + 1] * reach > 0
+
+
+def test_a_start_too_soft_to_have_a_steady_state_is_stiffened(complete_campaign, monkeypatch):
+    from rfea_vision.fitting import fit as module
+
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    options = replace(OPTIONS, segments=4)
+    right = fit_base(problem, options)
+    usual = module.start_vector
+
+    def soft(*arguments):
+        par = usual(*arguments)
+        par[0] *= 0.3
+        return par
+
+    monkeypatch.setattr(module, "start_vector", soft)
+    monkeypatch.setattr(module, "find_plateaus", lambda items: [])
+    found = fit_base(problem, options)
+    np.testing.assert_allclose(found.par, right.par, rtol=1e-3)
