@@ -7,6 +7,7 @@ decoder's memory: converting each frame to grey or BGR would halve the rate.
 from __future__ import annotations
 
 import csv
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,7 +24,7 @@ Luma = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class FrameSource:
+class FrameSource(ABC):
     """A sequence of pictures; iterate for ``(time_s, luma)``, luma (height, width) uint8, valid until the next one.
 
     Attributes
@@ -39,13 +40,13 @@ class FrameSource:
     frame_count: int | None
     rate_Hz: float | None
 
+    @abstractmethod
     def times_s(self) -> NDArray[np.float64]:
         """Time of every frame in s, in display order."""
-        raise NotImplementedError
 
+    @abstractmethod
     def frames(self, start_frame: int = 0) -> Iterator[tuple[float, Luma]]:
         """Frames from number `start_frame` on."""
-        raise NotImplementedError
 
     def __iter__(self) -> Iterator[tuple[float, Luma]]:
         return self.frames()
