@@ -45,6 +45,9 @@ _DEMO = "hidden-effect"
 @click.option(
     "--pressure", "pressure_max_kPa", type=Quantity("kPa", "270kPa"), help="Highest pressure; default 270kPa."
 )
+@click.option(
+    "--paper", is_flag=True, help="The paper's 8-DoF tube, stepped to 270 kPa (train) and 220 kPa (validate)."
+)
 @click.option("--bends", type=click.Choice(["left", "right"]), default="left", show_default=True)
 @click.option(
     "--sync", type=click.Choice(["motion", "offset", "common_clock"]), help="What the files say of the clocks."
@@ -61,14 +64,15 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
     Writes a campaign with pressure logs, board photos and video (or tracks), and beside it what it hides.
     """
     try:
-        from rfea_vision.twin import TwinOptions, parse_hidden, simulate
+        from rfea_vision.twin import TwinOptions, paper_campaign, parse_hidden, simulate
     except ImportError as error:
         raise InputError(f"simulate: needs the module '{error.name}'; pip install 'rfea-vision[twin]'") from error
     from dataclasses import replace
 
     from rfea_vision.artefacts import Actuator
 
-    options = TwinOptions(hidden=parse_hidden(choices.pop("hidden")), actuator=Actuator(bends=choices.pop("bends")))
+    fixed = {"hidden": parse_hidden(choices.pop("hidden")), "actuator": Actuator(bends=choices.pop("bends"))}
+    options = paper_campaign(**fixed) if choices.pop("paper") else TwinOptions(**fixed)
     choices["roles"] = _roles(choices.pop("experiments"), choices.pop("roles"))
     known = {item.name for item in fields(TwinOptions)}
     given = {name: value for name, value in choices.items() if value is not None and name in known}

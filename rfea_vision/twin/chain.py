@@ -19,7 +19,7 @@ FloatArray = NDArray[np.floating]
 
 mujoco: Any = import_module("mujoco")  # its type stubs do not list what the compiled module offers
 
-GRAVITY = 9.81
+GRAVITY = 9.80665  # m/s^2, standard gravity
 
 
 class Chain:

@@ -91,18 +91,19 @@ def draw_runs(options: TwinOptions, highest_Pa: float) -> list[Run]:
     end_s = options.duration_s * 1.002 + AFTER_S
     for index, role in enumerate(options.roles):
         generator = np.random.default_rng([options.seed, 2, index])
-        kind = KINDS[index % len(KINDS)]
+        kind = options.kinds[index] if options.kinds else KINDS[index % len(KINDS)]
         rest_s = generator.uniform(0.25, 0.45) * min(1.0, options.duration_s)
         drawn = generator.uniform(0.015, 0.085) * generator.choice([-1.0, 1.0])
         offset = 0.0 if options.sync == "common_clock" else drawn
         offset = offset if options.offset_s is None else options.offset_s
         drift = options.hidden.get("clock_drift.d", 0.0)
         share = 1.0 if role == "train" else generator.uniform(0.8, 0.95)
+        peak_Pa = options.peaks_kPa[index] * 1e3 if options.peaks_kPa else share * highest_Pa
         runs.append(
             Run(
                 name=f"{kind}-{index + 1}",
                 role=role,
-                programme=programme(kind, generator, -BEFORE_S, end_s, rest_s, share * highest_Pa),
+                programme=programme(kind, generator, -BEFORE_S, end_s, rest_s, peak_Pa),
                 offset_s=offset,
                 drift=drift,
                 claimed_offset_s=offset + 0.5 * drift * options.duration_s - options.hidden.get("time_offset.dt", 0.0),

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import pint
 
@@ -118,6 +118,8 @@ class TwinOptions:
     noise_correlation : lag-one correlation of that noise from frame to frame (AR(1)); 0 is white
     pressure_noise_kPa : standard deviation of the logged pressure about the true one
     pressure_max_kPa : highest pressure of the excitations; lowered where the tube would bend beyond `angle_max`
+    kinds : programme of every experiment (see `excitation.KINDS`); empty gives each another one
+    peaks_kPa : highest pressure of every experiment, instead of what `pressure_max_kPa` and chance make it
     angle_max : bend, in rad, at which the highest pressure is capped
     actuator : dimensions as they are written to the campaign
     base : parameters of the tube; None draws them within sensible ranges of the published ones
@@ -149,6 +151,8 @@ class TwinOptions:
     noise_correlation: float = 0.0
     pressure_noise_kPa: float = 0.05
     pressure_max_kPa: float = 270.0
+    kinds: tuple[str, ...] = ()
+    peaks_kPa: tuple[float, ...] = ()
     angle_max: float = 2.3
     actuator: Actuator = field(default_factory=Actuator)
     base: BaseParameters | None = None
@@ -173,12 +177,34 @@ class TwinOptions:
         for key in ("duration_s", "rate_Hz", "pressure_max_kPa", "angle_max", "step_s"):
             if not getattr(self, key) > 0:
                 raise InputError(f"simulate: {key} must be positive")
+        for key, given in (("kinds", self.kinds), ("peaks_kPa", self.peaks_kPa)):
+            if given and len(given) != len(self.roles):
+                raise InputError(f"simulate: {key} must have one entry for each of the {len(self.roles)} experiments")
         if not self.roles:
             raise InputError("simulate: experiments must be at least 1")
         if not -1 < self.noise_correlation < 1:
             raise InputError("simulate: noise_correlation must lie between -1 and 1")
         if self.video and self.layout != "middle":
             raise InputError("simulate: a video needs layout 'middle'; rigid bodies have no smooth outline")
+
+
+def paper_campaign(**changes: Any) -> TwinOptions:
+    """Return the twin of the paper's tube: its 8-DoF table as truth, joints at the start, steps to 270 and 220 kPa.
+
+    Parameters
+    ----------
+    changes : other options, as of `TwinOptions`
+    """
+    options = TwinOptions(
+        base=BaseParameters(),
+        joints=8,
+        layout="start",
+        roles=("train", "validate"),
+        kinds=("steps", "steps"),
+        peaks_kPa=(270.0, 220.0),
+        sync="common_clock",
+    )
+    return replace(options, **changes)
 
 
 def unknown_parameter(key: str) -> str:

@@ -24,7 +24,8 @@ from rfea_vision.twin.options import BaseParameters
 
 FloatArray = NDArray[np.floating]
 
-_solve: Any = get_lapack_funcs("gesv", dtype=np.float64)  # np.linalg.solve without its checks, called at every Newton step
+# np.linalg.solve without its checks, called at every Newton step
+_solve: Any = get_lapack_funcs("gesv", dtype=np.float64)
 
 GAMMA = 1 - math.sqrt(0.5)
 TOLERANCE = 1e-6  # rad/s: the last Newton change that is not followed by another look; it is still applied

@@ -80,7 +80,7 @@ def test_static_equilibrium_balances_moments() -> None:
     fraction = (np.arange(4000) + 0.5) / 4000
     arcs = hinge_arcs(theta[None], actuator.length)
     hinge = line_at(*arcs, fraction, np.array([actuator.outer_radius]), offset=-1.0)[0][0]
-    weight = plant.chain.line_density * actuator.length / 4000 * 9.81
+    weight = plant.chain.line_density * actuator.length / 4000 * 9.80665
     for joint in (0, 13, 30):
         start = (joint + 0.5) / 40
         below = fraction > start
