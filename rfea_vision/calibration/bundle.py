@@ -15,11 +15,16 @@ from numpy.typing import NDArray
 
 from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.projection import rotation_matrix
+from rfea_vision.calibration.reprojection import board_pixels, jacobians
 from rfea_vision.errors import DataError
 
 FloatArray = NDArray[np.float64]
+Pose = tuple[FloatArray, FloatArray]
 
 COEFFICIENTS = {"brown5": 5, "brown8": 8, "fisheye": 4}
+REWEIGHTINGS = 2
+PRIOR_FREEDOM = 20  # a photo's own noise is pulled towards that of all photos as if by so many residuals
+SCALE_LIMIT = 4.0  # between the noise of a photo and that of all photos
 
 
 @dataclass(frozen=True)
@@ -72,46 +77,14 @@ class Bundle:
 
 def project_board(lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray) -> FloatArray:
     """Pixels (n, 2) of board points (n, 2) mm."""
-    points = board_mm @ rotation[:, :2].T + translation
-    a, b = points[:, 0] / points[:, 2], points[:, 1] / points[:, 2]
-    d = lens.distortion
-    q = a * a + b * b
-    if lens.model == "fisheye":
-        radius = np.sqrt(q)
-        angle = np.arctan(radius)
-        t = angle * angle
-        scale = angle * (1 + t * (d[0] + t * (d[1] + t * (d[2] + t * d[3])))) / np.maximum(radius, 1e-12)
-        u, v = a * scale, b * scale
-    else:
-        k4, k5, k6 = d[5:8] if len(d) >= 8 else (0.0, 0.0, 0.0)
-        radial = (1 + q * (d[0] + q * (d[1] + q * d[4]))) / (1 + q * (k4 + q * (k5 + q * k6)))
-        u = a * radial + 2 * d[2] * a * b + d[3] * (q + 2 * a * a)
-        v = b * radial + d[2] * (q + 2 * b * b) + 2 * d[3] * a * b
-    k = lens.matrix
-    return np.column_stack([k[0, 0] * u + k[0, 2], k[1, 1] * v + k[1, 2]])
+    return board_pixels(lens.model == "fisheye", lens.vector, rotation, translation, board_mm)
 
 
-def _jacobians(lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray):
-    """Residual derivatives by central differences: (2n, lens parameters) and (2n, 6)."""
-    vector = lens.vector
-    steps = np.concatenate([[1e-2] * 4, np.full(len(vector) - 4, 1e-6)])
-    by_lens = np.empty((2 * len(board_mm), len(vector)))
-    for i, step in enumerate(steps):
-        up, down = vector.copy(), vector.copy()
-        up[i] += step
-        down[i] -= step
-        difference = project_board(Lens.from_vector(lens.model, up), rotation, translation, board_mm) - project_board(
-            Lens.from_vector(lens.model, down), rotation, translation, board_mm
-        )
-        by_lens[:, i] = difference.ravel() / (2 * step)
-    by_pose = np.empty((2 * len(board_mm), 6))
-    for i in range(6):
-        change = np.zeros(6)
-        change[i] = 1e-5 if i < 3 else 1e-3
-        up = project_board(lens, rotation_matrix(change[:3]) @ rotation, translation + change[3:], board_mm)
-        down = project_board(lens, rotation_matrix(-change[:3]) @ rotation, translation - change[3:], board_mm)
-        by_pose[:, i] = (up - down).ravel() / (2 * change[i])
-    return by_lens, by_pose
+def pose_and_lens_jacobians(
+    lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of the pixels by lens (2n, lens parameters) and pose (2n, 6)."""
+    return jacobians(lens.model == "fisheye", lens.vector, rotation, translation, board_mm)
 
 
 def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
@@ -141,7 +114,7 @@ def solve_pose(lens: Lens, view: BoardView, iterations: int = 15) -> tuple[Float
     rotation, translation = first_pose(lens, view)
     for _ in range(iterations):
         residual = (view.pixels - project_board(lens, rotation, translation, view.board_mm)).ravel()
-        _, by_pose = _jacobians(lens, rotation, translation, view.board_mm)
+        _, by_pose = pose_and_lens_jacobians(lens, rotation, translation, view.board_mm)
         change = np.linalg.lstsq(by_pose, residual, rcond=None)[0]
         rotation = rotation_matrix(change[:3]) @ rotation
         translation = translation + change[3:]
@@ -157,10 +130,19 @@ def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) ->
     flags = cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
     if model == "fisheye":
         flags |= cv2.CALIB_FIX_K1
-    start = cv2.initCameraMatrix2D(objects, images, size)
-    _, matrix, distortion, _, _ = cv2.calibrateCamera(
-        objects, images, size, start, np.zeros(5), flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS
-    )
+    start = np.asarray(cv2.initCameraMatrix2D(objects, images, size), dtype=float)
+    if not np.all(np.isfinite(start)) or not 0.2 < start[0, 0] / max(size) < 20:
+        # Boards seen squarely say nothing of the focal length: begin with that of an ordinary camera.
+        focal = 1.1 * max(size)
+        start = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
+    try:
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(
+            objects, images, size, start, np.zeros(5), flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS
+        )
+    except cv2.error as error:
+        raise DataError(
+            "camera.photos: the photos do not determine the lens; add some with the board turned by 20 to 40 deg"
+        ) from error
     coefficients = np.zeros(COEFFICIENTS[model])
     if model != "fisheye":
         coefficients[0] = float(np.ravel(distortion)[0])
@@ -174,8 +156,11 @@ def solve_bundle(
     *,
     joint_view: int | None = None,
     start: Lens | None = None,
+    reweight: bool = True,
 ) -> Bundle:
-    """Levenberg-Marquardt over lens and poses.
+    """Levenberg-Marquardt over lens and poses; each photo counts by its own noise, found in a first round.
+
+    A board seen level or small is located less well than one seen large and turned, and the covariance must know it.
 
     Parameters
     ----------
@@ -184,6 +169,7 @@ def solve_bundle(
     model : ``brown5``, ``brown8`` or ``fisheye``
     joint_view : view whose pose shares the joint covariance with the lens
     start : lens to start from
+    reweight : estimate the noise of every photo by itself
 
     Raises
     ------
@@ -195,18 +181,47 @@ def solve_bundle(
         start = Lens(model, plain.matrix, np.concatenate([plain.distortion, np.zeros(3)]))
     lens = start or first_lens(views, size, model)
     poses = [first_pose(lens, view) for view in views]
-    damping, cost = 1e-4, np.inf
+    scales = np.ones(len(views))
+    for _ in range(REWEIGHTINGS if reweight else 0):
+        lens, poses = _descend(views, lens, poses, scales)
+        scales = _scales(views, lens, poses)
+    lens, poses = _descend(views, lens, poses, scales)
+    return _finish(views, lens, poses, scales, joint_view)
+
+
+def _residuals(views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose]) -> list[FloatArray]:
+    return [v.pixels - project_board(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+
+
+def _blocks(
+    views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose], scales: FloatArray
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Derivatives by lens and pose, view by view, divided by the noise."""
+    found = [pose_and_lens_jacobians(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+    return [(a / scale, b / scale) for (a, b), scale in zip(found, scales, strict=True)]
+
+
+def _scales(views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose]) -> FloatArray:
+    """Noise of every photo relative to that of all, from its residuals."""
+    residuals = _residuals(views, lens, poses)
+    squares = np.array([float(np.sum(e**2)) for e in residuals])
+    freedom = np.array([e.size - 6 - len(lens.vector) / len(views) for e in residuals])
+    pooled = squares.sum() / max(freedom.sum(), 1.0)
+    own = (squares + PRIOR_FREEDOM * pooled) / np.maximum(freedom + PRIOR_FREEDOM, 1.0)
+    return np.clip(np.sqrt(own / max(pooled, 1e-30)), 1 / SCALE_LIMIT, SCALE_LIMIT)
+
+
+def _descend(views: Sequence[BoardView], lens: Lens, poses: list[Pose], scales: FloatArray) -> tuple[Lens, list[Pose]]:
+    damping = 1e-4
     for _ in range(60):
-        residuals = [v.pixels - project_board(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+        residuals = [e / scale for e, scale in zip(_residuals(views, lens, poses), scales, strict=True)]
         cost = sum(float(np.sum(e**2)) for e in residuals)
-        blocks = [_jacobians(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+        blocks = _blocks(views, lens, poses, scales)
         improved, change = False, np.inf
         for _ in range(8):
             new_lens, new_poses = _step(lens, poses, residuals, blocks, damping)
-            new_cost = sum(
-                float(np.sum((v.pixels - project_board(new_lens, r, t, v.board_mm)) ** 2))
-                for v, (r, t) in zip(views, new_poses, strict=True)
-            )
+            new_residuals = _residuals(views, new_lens, new_poses)
+            new_cost = sum(float(np.sum((e / s) ** 2)) for e, s in zip(new_residuals, scales, strict=True))
             if np.isfinite(new_cost) and new_cost <= cost:
                 change = (cost - new_cost) / max(cost, 1e-30)
                 lens, poses, damping, improved = new_lens, new_poses, damping / 5, True
@@ -214,7 +229,7 @@ def solve_bundle(
             damping *= 8
         if not improved or change < 1e-10:
             break
-    return _finish(views, lens, poses, joint_view)
+    return lens, poses
 
 
 def _step(lens, poses, residuals, blocks, damping):
@@ -240,18 +255,21 @@ def _step(lens, poses, residuals, blocks, damping):
     return Lens.from_vector(lens.model, lens.vector + change), new_poses
 
 
-def _finish(views, lens: Lens, poses, joint_view: int | None) -> Bundle:
-    residuals = tuple(v.pixels - project_board(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True))
-    blocks = [_jacobians(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+def _finish(
+    views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose], scales: FloatArray, joint_view: int | None
+) -> Bundle:
+    residuals = _residuals(views, lens, poses)
+    blocks = _blocks(views, lens, poses, scales)
     size = len(lens.vector)
     schur = np.zeros((size, size))
     for a, b in blocks:
         ab = a.T @ b
         schur += a.T @ a - ab @ np.linalg.solve(b.T @ b, ab.T)
-    freedom = sum(2 * len(e) for e in residuals) - size - 6 * len(views)
+    freedom = sum(e.size for e in residuals) - size - 6 * len(views)
     if freedom < 1 or not np.all(np.isfinite(schur)):
         raise DataError("calibration: too few corners to determine the lens; add photos of the board")
-    variance = sum(float(np.sum(e**2)) for e in residuals) / freedom
+    variance = sum(float(np.sum((e / s) ** 2)) for e, s in zip(residuals, scales, strict=True)) / freedom
+    plain = sum(float(np.sum(e**2)) for e in residuals) / freedom
     scale = np.sqrt(np.maximum(np.diag(schur), 1e-30))
     inverse = (
         np.linalg.pinv(schur / scale[:, None] / scale[None, :], rcond=1e-13, hermitian=True)
@@ -273,8 +291,8 @@ def _finish(views, lens: Lens, poses, joint_view: int | None) -> Bundle:
         lens,
         tuple(r for r, _ in poses),
         tuple(t for _, t in poses),
-        residuals,
-        float(np.sqrt(variance)),
+        tuple(residuals),
+        float(np.sqrt(plain)),
         lens_covariance,
         joint,
     )

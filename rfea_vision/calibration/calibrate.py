@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,11 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import COEFFICIENTS, Bundle, Lens, first_lens, solve_bundle, solve_pose
-from rfea_vision.calibration.corners import BoardView, Refused, find_corners, read_grey
+from rfea_vision.calibration.corners import BoardView, Refused, find_corners
+from rfea_vision.calibration.photos import Photo, read_photo, reference_photo
+from rfea_vision.calibration.projection import has_plane
 from rfea_vision.calibration.quality import assess
+from rfea_vision.calibration.region import middle_of, over_region, reach_of
 from rfea_vision.errors import DataError, InputError
 
 FloatArray = NDArray[np.float64]
@@ -25,6 +29,7 @@ SURE_BY = 2.5  # and the gain must stand out of its scatter over the photos by s
 SIZE_TOLERANCE_PX = 2  # some programs write one row or column more
 OUTLIER_SIGMA = 6.0
 SPLITS = 3
+LEAST_FOR_HALVES = 6
 WIDE_DEG = 40.0
 
 
@@ -37,6 +42,7 @@ def calibrate(
     board_offset_mm: float = 0.0,
     lens: str = "auto",
     clamp_px: Sequence[Sequence[float]] | None = None,
+    tube_length_mm: float | None = None,
     progress: Progress = None,
 ) -> Calibration:
     """Calibrate a camera and the plane of motion.
@@ -49,7 +55,8 @@ def calibrate(
     vertical : carried along for the track stage (``board``, ``rest``, ``image`` or ``plumb``)
     board_offset_mm : how far the board's printed face lies in front (towards the camera) of the tube's axis
     lens : ``auto`` (cross-validation), ``brown5``, ``brown8`` or ``fisheye``
-    clamp_px : pixels of the clamp, to say the quality where the tube is
+    clamp_px : pixels of the clamp, to say the quality where the tube is; else around the middle of the picture
+    tube_length_mm : to say the quality over the reach of the tube, and as a share of its length
     progress : called with (done, total) photos
 
     Raises
@@ -57,16 +64,14 @@ def calibrate(
     InputError
         If a photo is unreadable, or `lens` unknown.
     DataError
-        If fewer than three photos show the board.
+        If fewer than three photos show the board, or they do not determine the lens.
     """
     if lens != "auto" and lens not in COEFFICIENTS:
         raise InputError(f"camera.lens: '{lens}' is unknown; use auto, brown5, brown8 or fisheye")
-    views, refused, size = find_views(photos, board, progress)
+    like = reference_photo(photos, plane)
+    views, refused, size = find_views(photos, board, progress, like)
     if len(views) < MINIMUM_PHOTOS:
-        why = "; ".join(f"{r.file.name}: {r.reason}" for r in refused[:4])
-        raise DataError(
-            f"camera.photos: {len(views)} of {len(photos)} photos show the board, {MINIMUM_PHOTOS} are needed ({why}); take more photos"
-        )
+        raise DataError(_why_too_few(views, refused, board))
     plane_view = find_plane(plane, board, size) if plane is not None else None
     views, dropped = without_outliers(views, size)
     model, scores, reason = choose_lens(views, size, lens)
@@ -79,25 +84,62 @@ def calibrate(
         "board_offset_mm": board_offset_mm,
     }
     quality["corners_left_out"] = dropped
-    extra, inflate = assess(every, bundle, size, model, has_plane=plane_view is not None, around_px=clamp_px)
+    extra, inflate = assess(every, bundle, size, model, has_plane=plane_view is not None, scores=scores)
     quality.update(extra)
     records = tuple(
         [{"file": v.file.name, "used": True, "reason": "", "rms_px": bundle.rms_of(i)} for i, v in enumerate(views)]
         + [{"file": r.file.name, "used": False, "reason": r.reason, "rms_px": None} for r in refused]
     )
-    return _assemble(bundle, size, plane_view, records, quality, vertical, board_offset_mm, inflate)
+    found = _assemble(bundle, size, plane_view, records, quality, vertical, board_offset_mm, inflate)
+    return found if tube_length_mm is None else with_region(found, clamp_px, tube_length_mm)
+
+
+def with_region(
+    calibration: Calibration, clamp_px: Sequence[Sequence[float]] | None, tube_length_mm: float
+) -> Calibration:
+    """Add what the uncertainties mean where the tube can be."""
+    if not has_plane(calibration) or not np.any(calibration.intrinsics_covariance):
+        return calibration
+    if clamp_px is None:
+        places, origin = middle_of(calibration, tube_length_mm)
+        where = "around the middle of the picture"
+    else:
+        places, origin = reach_of(calibration, np.asarray(clamp_px, dtype=float), tube_length_mm)
+        where = "within reach of a tube clamped at camera.clamp"
+    region = over_region(calibration, places, origin, tube_length_mm)
+    region["sentence"] = region["sentence"].replace("where the tube is", where)
+    return replace(calibration, quality={**calibration.quality, "region": region})
+
+
+def _why_too_few(views: Sequence[BoardView], refused: Sequence[Refused], board: Board) -> str:
+    """Say what is wrong with the photos; if many show one other grid of corners, that inner_corners should name it."""
+    total = len(views) + len(refused)
+    shown = Counter(item.shown for item in refused if item.shown is not None).most_common(1)
+    columns, rows = board.inner_corners
+    if shown and shown[0][1] >= max(2, 0.4 * total):
+        (across, down), count = shown[0]
+        return (
+            f"camera.board.inner_corners: [{columns}, {rows}] fits {len(views)} of {total} photos, but {count} of them "
+            f"show {across} x {down} inner corners; write [{across}, {down}] if that is the board"
+        )
+    why = "; ".join(f"{item.file.name}: {item.reason}" for item in refused[:4])
+    return (
+        f"camera.photos: {len(views)} of {total} photos show the board, {MINIMUM_PHOTOS} are needed ({why}); "
+        "take more photos"
+    )
 
 
 def find_views(
-    photos: Sequence[Path], board: Board, progress: Progress
+    photos: Sequence[Path], board: Board, progress: Progress, like: Photo | None = None
 ) -> tuple[list[BoardView], list[Refused], tuple[int, int]]:
     """Corners of every usable photo, the refused ones, and the picture size that most photos share."""
     sizes: dict[Path, tuple[int, int]] = {}
     found: list[BoardView | Refused] = []
     for done, path in enumerate(photos):
-        grey = read_grey(path)
-        if grey is None:
+        photo = read_photo(path)
+        if photo is None:
             raise InputError(f"{path}: not a readable picture; remove it from camera.photos")
+        grey = photo.shown(like)
         sizes[path] = (grey.shape[1], grey.shape[0])
         found.append(find_corners(path, grey, board))
         if progress is not None:
@@ -144,9 +186,10 @@ def _leave_out_blurred(views: list[BoardView], refused: list[Refused]) -> list[B
 
 def find_plane(plane: Path, board: Board, size: tuple[int, int]) -> BoardView:
     """Corners of the photo that shows the board in the plane of motion."""
-    grey = read_grey(plane)
-    if grey is None:
+    photo = read_photo(plane)
+    if photo is None:
         raise InputError(f"{plane}: camera.plane is not a readable picture")
+    grey = photo.shown()
     if max(abs(grey.shape[1] - size[0]), abs(grey.shape[0] - size[1])) > SIZE_TOLERANCE_PX:
         raise InputError(
             f"{plane}: camera.plane has {grey.shape[1]} x {grey.shape[0]} px, the photos have {size[0]} x {size[1]}; "
@@ -165,9 +208,9 @@ def choose_lens(views: Sequence[BoardView], size: tuple[int, int], lens: str) ->
     """
     if lens != "auto":
         return lens, {}, f"{lens} was asked for"
-    if len(views) < 6:
-        return "brown5", {}, f"brown5: {len(views)} photos are too few to compare lens models"
     candidates = [model for model in COEFFICIENTS if model != "fisheye" or _is_wide(views, size)]
+    if len(views) < LEAST_FOR_HALVES:
+        return _choose_from_few(views, size, candidates)
     held_out = {model: held_out_squares(views, size, model) for model in candidates}
     scores = {
         model: float(np.sqrt(np.mean(squares))) for model, squares in held_out.items() if np.all(np.isfinite(squares))
@@ -183,6 +226,21 @@ def choose_lens(views: Sequence[BoardView], size: tuple[int, int], lens: str) ->
             break
     listed = ", ".join(f"{name} {value:.3f} px" for name, value in scores.items())
     return best, scores, f"{best}: predicts unseen photos best, the simpler lens where the gain is in doubt ({listed})"
+
+
+def _choose_from_few(
+    views: Sequence[BoardView], size: tuple[int, int], candidates: Sequence[str]
+) -> tuple[str, dict[str, float], str]:
+    """Too few photos to predict some from others: the plain lens, unless a wide one fits them far better."""
+    said = f"{len(views)} photos are too few to compare lens models by prediction"
+    if "fisheye" in candidates:
+        try:
+            sigma = {name: solve_bundle(views, size, name, reweight=False).sigma_px for name in ("brown5", "fisheye")}
+            if sigma["fisheye"] < 0.8 * sigma["brown5"]:
+                return "fisheye", {}, f"fisheye: {said}, but it fits them better than brown5 with fewer coefficients"
+        except (DataError, np.linalg.LinAlgError):
+            pass
+    return "brown5", {}, f"brown5: {said}"
 
 
 def _is_wide(views: Sequence[BoardView], size: tuple[int, int]) -> bool:
@@ -201,7 +259,7 @@ def held_out_squares(views: Sequence[BoardView], size: tuple[int, int], model: s
         order = np.random.default_rng(split).permutation(len(views))
         for start in (0, 1):
             try:
-                lens = solve_bundle([views[i] for i in order[start::2]], size, model).lens
+                lens = solve_bundle([views[i] for i in order[start::2]], size, model, reweight=False).lens
                 for i in order[1 - start :: 2]:
                     residual = solve_pose(lens, views[i])[2]
                     squares[i] += float(np.mean(np.sum(residual**2, axis=1))) / SPLITS

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.saddle import fit_corners
 
 MINIMUM_CORNERS = 8
+NEIGHBOURS = 6
+SMOOTHING = 0.17  # of the window's reach
 BLURRED_RISE_OF_SQUARE = 0.33
 
 
@@ -27,21 +30,11 @@ class BoardView:
 
 @dataclass(frozen=True)
 class Refused:
-    """A photo that was left out, and why."""
+    """A photo that was left out, and why; `shown` is the grid of corners that it does show, if any."""
 
     file: Path
     reason: str
-
-
-def read_grey(path: Path) -> NDArray[np.uint8] | None:
-    """Read a picture as grey levels; None if it cannot be read."""
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-    except OSError:
-        return None
-    if data.size == 0:
-        return None
-    return cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)  # pyright: ignore[reportReturnType]
+    shown: tuple[int, int] | None = None
 
 
 def find_corners(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardView | Refused:
@@ -53,7 +46,7 @@ def find_corners(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardView
         return _find_charuco(path, grey, board)
     found = _find_checkerboard(grey, board.inner_corners)
     if found is None:
-        return Refused(path, _why_no_checkerboard(grey, board.inner_corners))
+        return _why_no_checkerboard(path, grey, board.inner_corners)
     square_px = _smallest_spacing(found, board.inner_corners)
     height, width = grey.shape
     to_border = float(min(found.min(), width - 1 - found[:, 0].max(), height - 1 - found[:, 1].max()))
@@ -74,17 +67,41 @@ def _find_checkerboard(grey: NDArray[np.uint8], grid: tuple[int, int]) -> NDArra
         found, corners = cv2.findChessboardCornersSB(grey, grid, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
     if not found:
         return None
-    corners = np.asarray(corners, dtype=np.float32).reshape(-1, 1, 2)
-    half = int(np.clip(0.35 * _smallest_spacing(corners[:, 0], grid), 3, 11))
-    return refine_corners(grey, corners[:, 0], half)
+    corners = np.asarray(corners, dtype=float).reshape(-1, 2)
+    columns, rows = grid
+    y, x = np.mgrid[0:rows, 0:columns]
+    half = int(np.clip(0.35 * _smallest_spacing(corners, grid), 3, 11))
+    return refine_corners(grey, corners, np.column_stack([x.ravel(), y.ravel()]).astype(float), half)
 
 
-def refine_corners(grey: NDArray[np.uint8], corners: NDArray[np.floating], half_px: int) -> NDArray[np.float64]:
-    """Sub-pixel corners from the gradients within `half_px`."""
+def refine_corners(
+    grey: NDArray[np.uint8], corners: NDArray[np.float64], board: NDArray[np.float64], half_px: int
+) -> NDArray[np.float64]:
+    """Sub-pixel corners from the grey levels within `half_px`; `board` are their places on the board, in any unit."""
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
-    refined = cv2.cornerSubPix(grey, start, (half_px, half_px), (-1, -1), criteria)
-    return np.asarray(refined, dtype=float).reshape(-1, 2)
+    near = cv2.cornerSubPix(grey, start, (half_px, half_px), (-1, -1), criteria)
+    near = np.asarray(near, dtype=float).reshape(-1, 2)
+    # Pixels sample an edge; what lies beyond their reach folds back and moves an edge that is level in the picture by
+    # up to 0.02 px, period one pixel. Smoothing first takes that off at next to no cost in noise.
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), float(np.clip(SMOOTHING * half_px, 0.5, 1.5)))
+    fitted, _ = fit_corners(
+        np.asarray(smooth, dtype=np.float32), near, _edge_normals(near, board), half_px, limit_px=0.25 * half_px
+    )
+    lost = ~np.isfinite(fitted[:, 0])
+    # A corner beside the border of the picture, or under a reflection, keeps the place that its gradients give.
+    return np.where(lost[:, None], near, fitted)
+
+
+def _edge_normals(corners: NDArray[np.float64], board: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Directions, in the picture, of the normals of the two edges at each corner, from its neighbours, (n, 2) rad."""
+    count = min(NEIGHBOURS, len(board) - 1)
+    apart = np.linalg.norm(board[:, None] - board[None], axis=-1)
+    nearest = np.argsort(apart, axis=1, kind="stable")[:, 1 : count + 1]
+    by = board[nearest] - board[:, None]
+    to = corners[nearest] - corners[:, None]
+    along = np.linalg.pinv(by) @ to  # (n, 2 board axes, 2)
+    return np.arctan2(along[..., 1], along[..., 0]) + np.pi / 2
 
 
 def _smallest_spacing(corners: NDArray[np.floating], grid: tuple[int, int]) -> float:
@@ -114,20 +131,31 @@ def _edge_rise(grey: NDArray[np.uint8], corners: NDArray[np.float64], grid: tupl
     return float(np.median(1.02 * swing[good] / slope[good])) if good.any() else float("inf")
 
 
-def _why_no_checkerboard(grey: NDArray[np.uint8], grid: tuple[int, int]) -> str:
+def _why_no_checkerboard(path: Path, grey: NDArray[np.uint8], grid: tuple[int, int]) -> Refused:
     columns, rows = grid
-    for fewer in ((columns, rows - 1), (columns - 1, rows), (columns - 1, rows - 1), (columns - 2, rows)):
-        if min(fewer) < 3:
-            continue
-        found, _ = cv2.findChessboardCornersSB(grey, fewer)
-        if found:
-            return f"incomplete: only {fewer[0]} x {fewer[1]} of its {columns} x {rows} corners are in the picture"
+    shown = shown_grid(grey)
+    if shown is not None and sorted(shown) != sorted(grid):
+        if all(a <= b for a, b in zip(sorted(shown), sorted(grid), strict=True)):
+            reason = f"incomplete: only {shown[0]} x {shown[1]} of its {columns} x {rows} corners are in the picture"
+            return Refused(path, reason, shown)
+        reason = f"another board: {shown[0]} x {shown[1]} inner corners are seen, {columns} x {rows} were looked for"
+        return Refused(path, reason, shown)
     small = cv2.GaussianBlur(grey, (0, 0), 1.0)
     contrast = float(np.percentile(small, 95) - np.percentile(small, 5))
     detail = float(np.percentile(np.abs(cv2.Laplacian(small, cv2.CV_64F)), 99))
     if contrast > 20 and detail < 0.06 * contrast:
-        return "blurred: no sharp corners in it"
-    return f"no board of {columns} x {rows} corners found: cut off, hidden, or another board"
+        return Refused(path, "blurred: no sharp corners in it")
+    return Refused(path, f"no board of {columns} x {rows} corners found: cut off, hidden, or another board")
+
+
+def shown_grid(grey: NDArray[np.uint8]) -> tuple[int, int] | None:
+    """Corners per row and column of whatever checkerboard is in the picture, the larger number first."""
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
+    found, _, meta = cv2.findChessboardCornersSBWithMeta(grey, (3, 3), flags)
+    if not found or meta is None:
+        return None
+    large, small = sorted(np.asarray(meta).shape[:2], reverse=True)
+    return large, small
 
 
 def _find_charuco(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardView | Refused:
@@ -148,5 +176,8 @@ def _find_charuco(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardVie
         return Refused(path, "incomplete: its corners lie on one line")
     spacing = np.linalg.norm(pixels[:, None] - pixels[None], axis=-1)
     np.fill_diagonal(spacing, np.inf)
-    half = int(np.clip(0.25 * np.median(spacing.min(axis=1)), 3, 9))
-    return BoardView(path, board_mm, refine_corners(grey, pixels, half))
+    # Markers must stay out of the window: their corners come as near as their margin's diagonal.
+    margin = (board.square_m - (board.marker_m or 0.0)) / (2 * board.square_m)
+    reach = min(0.35, 1.1 * margin * np.sqrt(2))
+    half = int(np.clip(reach * np.median(spacing.min(axis=1)), 3, 9))
+    return BoardView(path, board_mm, refine_corners(grey, pixels, board_mm, half))

@@ -1,8 +1,9 @@
 """How far a calibration can be trusted, in mm on the plane of motion.
 
 The test of model error is mrcal's: solve each half of the photos alone; the two solutions should differ by what their
-uncertainties predict. Where they differ by more, the lens model or the board is wrong, and every uncertainty is scaled
-up by that ratio.
+uncertainties predict. Where they differ by more than chance allows, the lens model or the board is wrong, and every
+uncertainty is scaled up by that ratio. A field of differences has few free modes (tilt, scale, bend), so its size
+scatters widely by chance: it is compared mode by mode with the covariance that the two solutions claim.
 """
 
 from __future__ import annotations
@@ -12,14 +13,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
-from rfea_vision.calibration.bundle import Bundle, solve_bundle
+from rfea_vision.calibration import advice
+from rfea_vision.calibration.bundle import Bundle, Lens, solve_bundle
 from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.projection import pack_camera, rotation_matrix, unproject
 from rfea_vision.errors import DataError
 
 FloatArray = NDArray[np.float64]
-LARGEST_INFLATION = 5.0
+LARGEST_INFLATION = 10.0
+SPLITS = 3
+CHANCE = 0.99
+MODE_SHARE = 0.02  # of the largest mode's variance: smaller ones are below what matters and above rounding
 
 
 def assess(
@@ -29,120 +35,138 @@ def assess(
     model: str,
     *,
     has_plane: bool,
-    around_px: Sequence[Sequence[float]] | None = None,
+    scores: dict[str, float] | None = None,
 ) -> tuple[dict[str, Any], float]:
     """Coverage, residual fields, uncertainty map and cross-validated difference; and the factor on the uncertainties.
 
-    `views` are the photos, the plane photo last if `has_plane`. `around_px` narrows the region to its surroundings.
+    `views` are the photos, the plane photo last if `has_plane`.
     """
     photos = views[:-1] if has_plane else views
-    quality: dict[str, Any] = {"coverage": _coverage(photos, size), "residual_fields": _residual_fields(views, bundle)}
-    quality["advice"] = _advice(quality["coverage"])
+    quality: dict[str, Any] = {
+        "coverage": advice.coverage(photos, size),
+        "residual_fields": _residual_fields(views, bundle),
+        "warnings": advice.warnings_of(bundle, photos, scores or {}),
+        "largest_turn_deg": advice.largest_turn_deg(bundle, len(photos)),
+    }
+    quality["advice"] = advice.where_to_add(quality["coverage"]["counts"])
     if not has_plane or bundle.joint_covariance is None:
         return quality, 1.0
-    grid = _grid(size, around_px)
-    camera = _camera_of(bundle, len(views) - 1)
-    spread = _spread_mm(bundle, len(views) - 1, camera, grid)
+    grid = _grid(size)
+    inflation = 1.0
+    if len(photos) < 6:
+        quality["cross_validation"] = {"note": "too few photos to compare halves"}
+    else:
+        quality["cross_validation"], inflation = _cross_validate(photos, views[-1], size, model, grid)
+    fields = _fields(bundle, len(views) - 1, grid, bundle.joint_covariance)
     quality["uncertainty_map"] = {
         "x_px": grid[0, :, 0].tolist(),
         "y_px": grid[:, 0, 1].tolist(),
-        "sigma_mm": np.round(spread, 6).tolist(),
+        "sigma_mm": np.round(inflation * np.sqrt(np.sum(fields**2, axis=(0, -1))), 6).tolist(),
         "caption": "standard error of a point on the plane of motion relative to the middle of the picture",
     }
-    if len(photos) < 6:
-        quality["cross_validation"] = {"note": "too few photos to compare halves"}
-        return quality, 1.0
-    return _cross_validate(photos, views[-1], size, model, grid, quality)
+    return quality, inflation
 
 
-def _cross_validate(photos, plane_view, size, model, grid, quality) -> tuple[dict[str, Any], float]:
-    order = np.random.default_rng(0).permutation(len(photos))
-    cameras, predicted = [], []
-    try:
-        for start in (0, 1):
-            half = [photos[i] for i in order[start::2]] + [plane_view]
-            bundle = solve_bundle(half, size, model, joint_view=len(half) - 1)
-            camera = _camera_of(bundle, len(half) - 1)
-            cameras.append(camera)
-            predicted.append(_spread_mm(bundle, len(half) - 1, camera, grid, lens_only_plane=True))
-    except (DataError, np.linalg.LinAlgError):
-        quality["cross_validation"] = {"note": "half of the photos do not determine the lens"}
-        return quality, 1.0
-    a, b = (_relative(unproject(camera, grid)) for camera in cameras)
-    difference = float(np.sqrt(np.nanmean(np.sum((a - b) ** 2, axis=-1))))
-    expected = float(np.sqrt(np.nanmean(predicted[0] ** 2 + predicted[1] ** 2)))
-    ratio = difference / max(expected, 1e-12)
-    quality["cross_validation"] = {
+def _cross_validate(
+    photos: Sequence[BoardView], plane_view: BoardView, size: tuple[int, int], model: str, grid: FloatArray
+) -> tuple[dict[str, Any], float]:
+    """Compare halves over several splits; the factor on the uncertainties comes from the split in the middle."""
+    found = []
+    for seed in range(SPLITS):
+        try:
+            found.append(_compare_halves(photos, plane_view, size, model, grid, seed))
+        except (DataError, np.linalg.LinAlgError):
+            return {"note": "half of the photos do not determine the lens"}, 1.0
+    difference, expected = (float(np.sqrt(np.mean([row[key] ** 2 for row in found]))) for key in ("apart", "expected"))
+    excess = float(np.median([row["chi2"] / row["modes"] for row in found]))
+    allowed = float(np.median([chi2.ppf(CHANCE, row["modes"]) / row["modes"] for row in found]))
+    inflation = float(np.clip(np.sqrt(excess), 1.0, LARGEST_INFLATION)) if excess > allowed else 1.0
+    said = "two halves of the photos differ by what their uncertainties say"
+    if inflation > 1.0:
+        said = (
+            "two halves of the photos differ by more than their uncertainties say: lens model or board are not "
+            f"perfect; uncertainties are scaled up by {inflation:.1f}"
+        )
+    return {
         "difference_mm": difference,
         "predicted_mm": expected,
-        "ratio": ratio,
-        "sentence": "the two halves of the photos differ by what their uncertainties say"
-        if ratio < 1.5
-        else "the two halves differ by more than their uncertainties say: lens model or board are not perfect; "
-        "uncertainties are scaled up",
+        "ratio": difference / max(expected, 1e-12),
+        "inflation": inflation,
+        "halves": [camera.tolist() for camera in found[0]["cameras"]],
+        "sentence": f"{said} ({difference:.3g} mm over the picture, {expected:.3g} mm expected)",
+    }, inflation
+
+
+def _compare_halves(
+    photos: Sequence[BoardView],
+    plane_view: BoardView,
+    size: tuple[int, int],
+    model: str,
+    grid: FloatArray,
+    seed: int,
+) -> dict[str, Any]:
+    order = np.random.default_rng(seed).permutation(len(photos))
+    cameras, fields = [], []
+    for start in (0, 1):
+        half = [photos[i] for i in order[start::2]] + [plane_view]
+        bundle = solve_bundle(half, size, model, joint_view=len(half) - 1)
+        cameras.append(_camera_of(bundle, len(half) - 1))
+        fields.append(_fields(bundle, len(half) - 1, grid, _lens_part(bundle)))
+    apart = (_relative(unproject(cameras[0], grid)) - _relative(unproject(cameras[1], grid))).ravel()
+    spread = np.concatenate(fields).reshape(-1, apart.size)  # (axes, places): covariance is spread' spread
+    good = np.isfinite(apart) & np.all(np.isfinite(spread), axis=0)
+    apart, spread = apart[good], spread[:, good]
+    _, sizes, modes = np.linalg.svd(spread, full_matrices=False)
+    keep = sizes**2 > MODE_SHARE * sizes[0] ** 2
+    scores = (modes[keep] @ apart) / sizes[keep]
+    places = apart.size / 2
+    return {
+        "cameras": cameras,
+        "apart": float(np.sqrt(np.sum(apart**2) / places)),
+        "expected": float(np.sqrt(np.sum(spread**2) / places)),
+        "chi2": float(scores @ scores),
+        "modes": int(keep.sum()),
     }
-    return quality, float(np.clip(ratio, 1.0, LARGEST_INFLATION))
 
 
 def _camera_of(bundle: Bundle, view: int) -> FloatArray:
-    return pack_camera(
-        bundle.lens.model,
-        bundle.lens.matrix,
-        bundle.lens.distortion,
-        bundle.rotations[view],
-        bundle.translations_mm[view],
-    )
+    lens = bundle.lens
+    return pack_camera(lens.model, lens.matrix, lens.distortion, bundle.rotations[view], bundle.translations_mm[view])
 
 
 def _relative(points: FloatArray) -> FloatArray:
     """Differences to the middle of the grid: the rig's origin is itself measured in the picture."""
-    middle = points[points.shape[0] // 2, points.shape[1] // 2]
-    return points - middle
+    return points - points[points.shape[0] // 2, points.shape[1] // 2]
 
 
-def _spread_mm(
-    bundle: Bundle, view: int, camera: FloatArray, grid: FloatArray, *, lens_only_plane: bool = False
-) -> FloatArray:
-    """Standard error of plane points relative to the middle of the grid.
-
-    With `lens_only_plane` the noise of the shared plane photo is left out: it is common to both halves.
-    """
+def _lens_part(bundle: Bundle) -> FloatArray:
+    """Joint covariance without the noise of the plane photo, which is common to both halves."""
     assert bundle.joint_covariance is not None
     count = len(bundle.lens.vector)
     joint = bundle.joint_covariance
-    if lens_only_plane:
-        gain = joint[count:, :count] @ np.linalg.pinv(joint[:count, :count])
-        transfer = np.vstack([np.eye(count), gain])
-        joint = transfer @ joint[:count, :count] @ transfer.T
+    gain = joint[count:, :count] @ np.linalg.pinv(joint[:count, :count])
+    transfer = np.vstack([np.eye(count), gain])
+    return transfer @ joint[:count, :count] @ transfer.T
+
+
+def _fields(bundle: Bundle, view: int, grid: FloatArray, joint: FloatArray) -> FloatArray:
+    """How plane points move, relative to the middle, by one standard error along each axis of `joint`, (axes, ..., 2)."""
+    count = len(bundle.lens.vector)
     values, vectors = np.linalg.eigh(joint)
-    here = _relative(unproject(camera, grid))
-    total = np.zeros(grid.shape[:2])
-    for value, vector in zip(values, vectors.T, strict=True):
-        if value <= 0:
-            continue
-        change = np.sqrt(value) * vector
-        lens = type(bundle.lens).from_vector(bundle.lens.model, bundle.lens.vector + change[:count])
+    here = _relative(unproject(_camera_of(bundle, view), grid))
+    moved = []
+    for change in (vectors * np.sqrt(np.clip(values, 0.0, None))).T[values > 0]:
+        lens = Lens.from_vector(bundle.lens.model, bundle.lens.vector + change[:count])
         rotation = rotation_matrix(change[count : count + 3]) @ bundle.rotations[view]
-        moved = pack_camera(
-            lens.model, lens.matrix, lens.distortion, rotation, bundle.translations_mm[view] + change[count + 3 :]
-        )
-        total += np.sum((_relative(unproject(moved, grid)) - here) ** 2, axis=-1)
-    return np.sqrt(total)
+        translation = bundle.translations_mm[view] + change[count + 3 :]
+        camera = pack_camera(lens.model, lens.matrix, lens.distortion, rotation, translation)
+        moved.append(_relative(unproject(camera, grid)) - here)
+    return np.array(moved)
 
 
-def _grid(size: tuple[int, int], around_px: Sequence[Sequence[float]] | None) -> FloatArray:
+def _grid(size: tuple[int, int]) -> FloatArray:
     w, h = size
-    left, right, top, bottom = 0.08 * w, 0.92 * w, 0.08 * h, 0.92 * h
-    if around_px is not None:
-        x, y = np.mean(np.asarray(around_px, dtype=float), axis=0)
-        left, right, top, bottom = max(left, x - 0.4 * w), min(right, x + 0.4 * w), max(top, y - 0.1 * h), bottom
-    return np.stack(np.meshgrid(np.linspace(left, right, 9), np.linspace(top, bottom, 9)), axis=-1)
-
-
-def _coverage(photos: Sequence[BoardView], size: tuple[int, int]) -> dict[str, Any]:
-    every = np.concatenate([v.pixels for v in photos])
-    counts, y_edges, x_edges = np.histogram2d(every[:, 1], every[:, 0], bins=(6, 8), range=((0, size[1]), (0, size[0])))
-    return {"counts": counts.astype(int).tolist(), "x_edges_px": x_edges.tolist(), "y_edges_px": y_edges.tolist()}
+    return np.stack(np.meshgrid(np.linspace(0.08 * w, 0.92 * w, 9), np.linspace(0.08 * h, 0.92 * h, 9)), axis=-1)
 
 
 def _residual_fields(views: Sequence[BoardView], bundle: Bundle) -> list[dict[str, Any]]:
@@ -158,14 +182,3 @@ def _residual_fields(views: Sequence[BoardView], bundle: Bundle) -> list[dict[st
         for i, view in enumerate(views)
     ]
     return sorted(fields, key=lambda field: -field["rms_px"])
-
-
-def _advice(coverage: dict[str, Any]) -> str:
-    counts = np.array(coverage["counts"])
-    rows = ("top", "upper middle", "middle", "middle", "lower middle", "bottom")
-    columns = ("left", "left", "left of the middle", "middle", "middle", "right of the middle", "right", "right")
-    empty = np.argwhere(counts == 0)
-    if len(empty) == 0:
-        return "the board has been everywhere in the picture"
-    named = list(dict.fromkeys(f"{rows[i]} {columns[j]}" for i, j in empty))
-    return f"add photos with the board at: {', '.join(named[:6])} ({len(empty)} of {counts.size} fields are empty)"

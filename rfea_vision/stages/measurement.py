@@ -65,6 +65,8 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
                 vertical=vertical,
                 board_offset_mm=camera.board_offset_mm,
                 lens=camera.lens,
+                clamp_px=camera.clamp,
+                tube_length_mm=1e3 * work.campaign.actuator.length,
                 progress=progress,
             )
         save_calibration(path, calibration)

@@ -1,0 +1,75 @@
+"""Photos as grey levels, all turned the same way: as the plane photo is, or as most of them are.
+
+A lens belongs to the sensor. A camera held upright writes the same pixels and a remark (EXIF) on how to turn them;
+photos that were taken with the camera held differently are therefore turned back to the sensor and then all alike.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Photo:
+    """Grey levels as the sensor saw them, and how the file says to show them: quarter turns, then a mirror."""
+
+    file: Path
+    sensor: Picture
+    turns: int = 0
+    mirrored: bool = False
+
+    def shown(self, like: Photo | None = None) -> Picture:
+        """The picture turned as its file says, or as that of another photo says."""
+        how = like or self
+        picture = np.rot90(self.sensor, how.turns)
+        return np.ascontiguousarray(picture[:, ::-1] if how.mirrored else picture)
+
+
+def read_photo(path: Path) -> Photo | None:
+    """Read a picture; None if it cannot be read."""
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+    except OSError:
+        return None
+    if data.size == 0:
+        return None
+    raw = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    shown = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    if raw is None or shown is None:
+        return None
+    sensor = np.asarray(raw, dtype=np.uint8)
+    for turns in range(4):
+        for mirrored in (False, True):
+            photo = Photo(path, sensor, turns, mirrored)
+            if np.array_equal(photo.shown(), shown):
+                return photo
+    return Photo(path, np.asarray(shown, dtype=np.uint8))
+
+
+def read_grey(path: Path) -> Picture | None:
+    """Read a picture as grey levels, turned as its file says; None if it cannot be read."""
+    photo = read_photo(path)
+    return None if photo is None else photo.shown()
+
+
+def reference_photo(photos: Sequence[Path], plane: Path | None) -> Photo | None:
+    """The photo that the others are turned like: that of the plane; without one, the first of the commonest kind."""
+    if plane is not None:
+        return read_photo(plane)
+    first: dict[tuple[int, bool], Photo] = {}
+    kinds: Counter[tuple[int, bool]] = Counter()
+    for path in photos:
+        photo = read_photo(path)
+        if photo is not None:
+            kinds[photo.turns, photo.mirrored] += 1
+            first.setdefault((photo.turns, photo.mirrored), photo)
+    return first[kinds.most_common(1)[0][0]] if kinds else None
