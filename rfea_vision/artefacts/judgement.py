@@ -47,6 +47,7 @@ class Metrics(_Json):
     """Root mean square errors on the centre line; null where the data cannot give them, with the reason in ``notes``."""
 
     tip_rmse_mm: float | None = None
+    tip_x_rmse_mm: float | None = None
     tip_y_rmse_mm: float | None = None
     midline_rmse_mm: float | None = None
     angle_rmse_deg: float | None = None
@@ -86,6 +87,14 @@ class ModelFit(_Json):
     )  # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
     starts: list[dict[str, Any]] = Field(default_factory=list)  # the waterfall: {"start", "cost", "status"}
     residual_tests: dict[str, Any] = Field(default_factory=dict)
+    given: dict[str, Any] = Field(default_factory=dict)  # SI: {"fixed": {}, "bounds": {}, "priors": {}, ...}
+    profiles: dict[str, dict[str, Any]] = Field(
+        default_factory=dict
+    )  # parameter -> {"value", "delta", "interval_95", ...}
+    leave_one_out: dict[str, Any] = Field(
+        default_factory=dict
+    )  # {"experiments": {...}, "parameters": {...}, "sentence"}
+    segments_study: list[dict[str, Any]] = Field(default_factory=list)  # {"segments", "train_tip_rmse_mm", ...}
     laws: dict[str, dict[str, str]] = Field(default_factory=dict)  # effect -> {"title", "latex", "reference", "text"}
     inputs: dict[str, str] = Field(default_factory=dict)
 
@@ -129,6 +138,9 @@ class Candidate(_Json):
     predicted_rmse_mm: float | None = None
     train_rmse_mm: float | None = None
     validate_rmse_mm: float | None = None
+    predicted_rmse_deg: float | None = None  # of the bend angle, where only an angle was measured
+    train_rmse_deg: float | None = None
+    validate_rmse_deg: float | None = None
     delta_bic: float | None = None
     parameters: dict[str, Parameter] = Field(default_factory=dict)
     refitted: bool = False
@@ -159,6 +171,7 @@ class Diagnosis(_Json):
     candidates: list[Candidate] = Field(default_factory=list)
     where: list[WorstPlace] = Field(default_factory=list)
     noise_floor_mm: float | None = None
+    noise_floor_deg: float | None = None  # where only an angle was measured
     explained_fraction: float | None = None
     next_experiment: NextExperiment | None = None
     warnings: list[str] = Field(default_factory=list)
@@ -169,6 +182,8 @@ class Rung(_Json):
     added: str | None
     train_tip_rmse_mm: float | None
     validate_tip_rmse_mm: float | None
+    train_angle_rmse_deg: float | None = None
+    validate_angle_rmse_deg: float | None = None
     delta_bic: float | None
     verdict: str
 
@@ -180,6 +195,7 @@ class Ladder(_Json):
     rungs: list[Rung]
     test: dict[str, Any] | None = None  # {"model", "tip_rmse_mm", "first_model_tip_rmse_mm", "experiments": {...}}
     noise_floor_mm: float | None = None
+    noise_floor_deg: float | None = None  # where only an angle was measured
     stopped_because: str = ""
     findings: list[str] = Field(default_factory=list)
 

@@ -7,7 +7,7 @@ values at rest and at the largest radius that the recordings reach; both must be
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,10 @@ R_HYD_BOUNDS = (0.003, 0.005)  # m, the paper's: a free r_hyd runs away along k 
 
 @dataclass(frozen=True)
 class Coordinates:
-    """Affine map par = matrix @ y, with bounds on y. `free` are indices of the parameters that `y` moves."""
+    """Affine map par = matrix @ y, with bounds on y. `free` are indices of the parameters that `y` moves.
+
+    What is known beforehand says prior_rows @ y = prior_targets, each with a standard error of one.
+    """
 
     matrix: FloatArray
     offset: FloatArray
@@ -32,6 +35,8 @@ class Coordinates:
     upper: FloatArray
     free: tuple[int, ...]
     names: tuple[str, ...]
+    prior_rows: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    prior_targets: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def parameters(self, y: FloatArray) -> FloatArray:
         return self.offset + self.matrix @ y
@@ -68,6 +73,54 @@ def base_reference(actuator: Actuator, segments: int) -> FloatArray:
     return out
 
 
+def stiffness_per_modulus(actuator: Actuator, segments: int) -> float:
+    """k_ref per joint (N m/rad) of a wall with a Young's modulus of 1 Pa that bends about its inextensible side.
+
+    Area moment of the ring about its own middle, moved to the hinge line by the parallel axis theorem, over the arc of
+    one joint. What the inextensible side is made of, and the pressure in the wall, are left out: a rough value.
+    """
+    outer, inner = actuator.outer_radius, actuator.inner_radius
+    about_hinge = np.pi / 4 * (outer**4 - inner**4) + np.pi * (outer**2 - inner**2) * outer**2
+    return float(about_hinge * segments / actuator.length)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """One coordinate: the direction in parameter space that it moves along, and its bounds."""
+
+    column: FloatArray
+    lower: float
+    upper: float
+
+
+def _base_axis(
+    k: int, size: float, reach: float, held: float, count: int, paired: bool, given: tuple[float, float] | None
+) -> _Axis:
+    """Coordinate of a value at rest or of a slope; `held` is the value at rest where only the slope is free."""
+    column = np.zeros(count)
+    if k % 2 == 0:  # value at rest; where the slope is free too, it follows so that the value at full reach stays
+        column[k] = size
+        if paired:
+            column[k + 1] = -size / reach
+        low, high = given or (0.02 * size, 50.0 * size)
+        return _Axis(column, low / size, high / size)
+    column[k] = size / reach
+    if given is not None:
+        return _Axis(column, given[0] * reach / size, given[1] * reach / size)
+    return _Axis(column, 0.005 if paired else -0.98 * held / size, 50.0)
+
+
+def _effect_axis(model: Model, k: int, given: tuple[float, float] | None) -> _Axis:
+    effect, parameter = model.names[k].split(".")
+    spec = next(e for e in model.effects if e.id == effect).parameters[parameter]
+    absent = 0.0 if spec.absent is None else spec.absent
+    size = abs(spec.start - absent) or 0.05 * (spec.upper - spec.lower)
+    column = np.zeros(len(model.names))
+    column[k] = size
+    low, high = given or (spec.lower, spec.upper)
+    return _Axis(column, low / size, high / size)
+
+
 def build(
     model: Model,
     actuator: Actuator,
@@ -76,59 +129,73 @@ def build(
     fixed: Mapping[str, float] | None = None,
     only: Sequence[str] | None = None,
     held: FloatArray | None = None,
+    *,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, tuple[float, float]] | None = None,
 ) -> Coordinates:
-    """Coordinates for a model; `fixed` pins parameters, `only` frees no others, `held` gives the values of the rest."""
+    """Coordinates for a model.
+
+    Parameters
+    ----------
+    fixed : pins parameters; names that the model does not have are passed over, here and in `bounds` and `priors`
+    only : frees no others
+    held : gives the values of the rest
+    bounds, priors : as in `FitOptions`; a slope that has bounds of its own is a coordinate itself
+    """
     names = model.names
     reference = base_reference(actuator, segments)
     # The tube does not bend evenly, and a run may overshoot: keep k and b positive to twice the mean angle reached.
     theta = 2.0 * bend / segments
     reach = max(float(inner_radius(actuator, theta, actuator.length / segments)) - actuator.inner_radius, 1e-6)
-    pinned = dict(fixed or {})
-    columns, lower, upper, free = [], [], [], []
+    pinned, given = dict(fixed or {}), dict(bounds or {})
     offset = np.zeros(len(names)) if held is None else held.copy()
+    free = [k for k, name in enumerate(names) if name not in pinned and (only is None or name in only)]
     for k, name in enumerate(names):
-        if name in pinned:
-            offset[k] = pinned[name]
-        elif only is None or name in only:
-            free.append(k)
+        offset[k] = pinned.get(name, offset[k])
+    offset[free] = 0.0
+    axes = []
     for k in free:
-        offset[k] = 0.0
-    for k in free:
-        column = np.zeros(len(names))
+        own = given.get(names[k])
         if k < 6:
             rest = k - k % 2
-            size = reference[rest]
-            paired = rest in free and rest + 1 in free
-            if k % 2 == 0:  # value at rest; the slope follows so that the value at full reach stays
-                column[k] = size
-                if paired:
-                    column[k + 1] = -size / reach
-                low, high = 0.02, 50.0
-            elif paired:  # value at full reach
-                column[k] = size / reach
-                low, high = 0.005, 50.0
-            else:  # a slope alone
-                column[k] = size / reach
-                low, high = -0.98 * offset[rest] / size, 50.0
+            paired = rest in free and rest + 1 in free and names[rest + 1] not in given
+            axes.append(_base_axis(k, reference[rest], reach, offset[rest], len(names), paired, own))
         elif k == 6:
-            column[k] = reference[6]
+            column = np.zeros(len(names))
+            column[6] = reference[6]
             standard = actuator.outer_radius / 0.004
-            low, high = R_HYD_BOUNDS[0] * standard / reference[6], R_HYD_BOUNDS[1] * standard / reference[6]
+            low, high = own or (R_HYD_BOUNDS[0] * standard, R_HYD_BOUNDS[1] * standard)
+            axes.append(_Axis(column, low / reference[6], high / reference[6]))
         else:
-            effect, parameter = names[k].split(".")
-            spec = next(e for e in model.effects if e.id == effect).parameters[parameter]
-            absent = 0.0 if spec.absent is None else spec.absent
-            size = abs(spec.start - absent) or 0.05 * (spec.upper - spec.lower)
-            column[k] = size
-            low, high = spec.lower / size, spec.upper / size
-        columns.append(column)
-        lower.append(low)
-        upper.append(high)
+            axes.append(_effect_axis(model, k, own))
+    matrix = np.column_stack([axis.column for axis in axes]) if axes else np.zeros((len(names), 0))
+    rows, targets = _priors(names, matrix, offset, priors or {}, stiffness_per_modulus(actuator, segments))
     return Coordinates(
-        np.column_stack(columns) if columns else np.zeros((len(names), 0)),
+        matrix,
         offset,
-        np.array(lower),
-        np.array(upper),
+        np.array([axis.lower for axis in axes]),
+        np.array([axis.upper for axis in axes]),
         tuple(free),
         tuple(names[k] for k in free),
+        rows,
+        targets,
     )
+
+
+def _priors(
+    names: Sequence[str],
+    matrix: FloatArray,
+    offset: FloatArray,
+    priors: Mapping[str, tuple[float, float]],
+    per_modulus: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Rows and right-hand sides of what is known beforehand, each in units of its standard error."""
+    rows, targets = [], []
+    for name, (mean, sd) in priors.items():
+        if name == "modulus":
+            name, mean, sd = "k_ref", mean * per_modulus, sd * per_modulus
+        if name in names:
+            k = list(names).index(name)
+            rows.append(matrix[k] / sd)
+            targets.append((mean - offset[k]) / sd)
+    return np.array(rows).reshape(len(rows), matrix.shape[1]), np.array(targets, dtype=float)

@@ -4,68 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
-from rfea_vision.dynamics.simulation import Chain, Model
-from rfea_vision.effects.catalogue import find_effects
-from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting.coordinates import Coordinates, base_reference, build, largest_bend
-from rfea_vision.fitting.observation import Observe, Observed, default_observe, observe_recording
-from rfea_vision.fitting.solver import Solution, fit_clocks, solve
+from rfea_vision.dynamics.simulation import Model
+from rfea_vision.errors import DataError
+from rfea_vision.fitting.coordinates import Coordinates, build
+from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.problem import FitOptions, Problem, make_model, make_problem, parse_effects, start_vector
+from rfea_vision.fitting.solver import Solution, solve
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
+
+__all__ = [
+    "FitOptions",
+    "Fitted",
+    "Problem",
+    "carried",
+    "effect_starts",
+    "fit",
+    "fit_added",
+    "fit_base",
+    "fit_model",
+    "make_model",
+    "make_problem",
+    "parse_effects",
+    "refit",
+    "start_vector",
+]
 
 FloatArray = NDArray[np.float64]
 AGREEING_STARTS = 3
 STIFFER_STARTS = (1.0, 1.5, 3.0, 6.0)
 Progress = Callable[[int, int], None] | None
-
-
-@dataclass(frozen=True)
-class FitOptions:
-    """What to fit and how.
-
-    Attributes
-    ----------
-    effects : ids, each optionally with a place: ``coulomb@2`` acts at joint 2 alone
-    observe : what of the recordings is compared; None takes the richest that all of them offer
-    fixed : parameters held at a value (SI)
-    starts : number of random starts beside the regular ones
-    """
-
-    name: str = "base"
-    segments: int = 16
-    joints: Literal["middle", "start"] = "middle"
-    effects: tuple[str, ...] = ()
-    observe: Observe | None = None
-    effect_files: tuple[Path, ...] = ()
-    seed: int = 0
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    starts: int = 2
-
-
-@dataclass(frozen=True)
-class Problem:
-    """Recordings made ready, by role, with the tube they show."""
-
-    actuator: Actuator
-    train: tuple[Observed, ...]
-    validate: tuple[Observed, ...]
-    test: tuple[Observed, ...]
-    recordings: dict[str, Recording]
-    bend: float
-
-    @property
-    def mirror(self) -> float:
-        return self.train[0].mirror
-
-    def with_roles(self, *roles: str) -> tuple[Observed, ...]:
-        return tuple(o for o in (*self.train, *self.validate, *self.test) if o.role in roles)
 
 
 @dataclass(frozen=True)
@@ -88,60 +62,17 @@ class Fitted:
         return float(self.par[self.model.names.index(name)])
 
 
-def make_problem(recordings: Mapping[str, Recording], actuator: Actuator, observe: Observe | None = None) -> Problem:
-    """Prepare all recordings but the ignored ones.
-
-    Raises
-    ------
-    DataError
-        No recording has the role `train`.
-    """
-    used = {name: r for name, r in recordings.items() if r.role in ("train", "validate", "test")}
-    training = [r for r in used.values() if r.role == "train"]
-    if not training:
-        raise DataError("no experiment has `role: train`; set it in the experiment.yaml of at least one run")
-    wanted = observe or default_observe(training)
-    items = []
-    for recording in used.values():
-        own = wanted if _offers(recording, wanted) else default_observe([recording])
-        items.append(observe_recording(recording, wanted if recording.role == "train" else own))
-    groups = {role: tuple(o for o in items if o.role == role) for role in ("train", "validate", "test")}
-    return Problem(actuator, groups["train"], groups["validate"], groups["test"], dict(used), largest_bend(items))
-
-
-def _offers(recording: Recording, observe: Observe) -> bool:
-    return {"midline": "midline", "tip": "tip", "tip_y": "tip", "angle": "bend_angle"}[observe] in recording.dataset
-
-
-def parse_effects(effects: Sequence[str], segments: int) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Split ``coulomb@2`` into id and joint."""
-    ids, places = [], {}
-    for text in effects:
-        name, _, joint = text.partition("@")
-        ids.append(name)
-        if joint:
-            if not joint.isdigit() or not 1 <= int(joint) <= segments:
-                raise InputError(f"effect '{text}': the joint after @ must be a whole number from 1 to {segments}")
-            places[name] = int(joint)
-    return tuple(ids), places
-
-
-def make_model(actuator: Actuator, options: FitOptions, mirror: float = 1.0) -> Model:
-    """Model that the options describe."""
-    ids, places = parse_effects(options.effects, options.segments)
-    effects = find_effects(ids, options.effect_files)
-    return Model(Chain.tube(actuator, options.segments, options.joints), effects, mirror=mirror, at=places)
-
-
-def start_vector(model: Model, actuator: Actuator, segments: int) -> FloatArray:
-    """The paper's table for the base parameters, the declared start for those of effects."""
-    par = np.zeros(len(model.names))
-    par[:7] = base_reference(actuator, segments)
-    for effect in model.effects:
-        for name, spec in effect.parameters.items():
-            first = spec.grid[0] if spec.grid else spec.start
-            par[model.names.index(f"{effect.id}.{name}")] = spec.start if spec.absent is not None else first
-    return par
+def coordinates_for(problem: Problem, options: FitOptions, model: Model) -> Coordinates:
+    """What the optimiser turns under these options."""
+    return build(
+        model,
+        problem.actuator,
+        options.segments,
+        problem.bend,
+        options.fixed,
+        bounds=options.bounds,
+        priors=options.priors,
+    )
 
 
 def carried(
@@ -160,11 +91,16 @@ def _steady_start(
 ) -> tuple[FloatArray, dict[str, Any]]:
     """Stiffness from the plateaus, at the present r_hyd; a sentence where they do not allow it."""
     loaded = [p for p in plateaus if p.pressure > 0.15 * max((q.pressure for q in plateaus), default=0.0)]
+    if all(name in options.fixed for name in ("k_ref", "k_slope")):
+        return par, {"note": "the stiffness is given: nothing to fit at rest"}
     if len(loaded) < 2:
         return par, {
             "note": f"{len(loaded)} plateau(s) under pressure: too few for a steady-state fit; dynamic fit from the paper's table"
         }
-    coordinates = build(model, problem.actuator, options.segments, problem.bend, only=("k_ref", "k_slope"), held=par)
+    wanted = tuple(name for name in ("k_ref", "k_slope") if name not in options.fixed)
+    coordinates = build(
+        model, problem.actuator, options.segments, problem.bend, only=wanted, held=par, bounds=options.bounds
+    )
     fractions = problem.train[0].fractions
     out = None
     for stiffer in STIFFER_STARTS:
@@ -197,12 +133,12 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     The starts differ in r_hyd (which sets the ringing frequency once the statics are matched) and in damping, so that a
     minimum with the ringing out of phase is found out.
     """
-    coarse = replace(options, segments=min(options.segments, 6 if options.joints == "middle" else options.segments))
+    coarse = options.with_segments(min(options.segments, 6 if options.joints == "middle" else options.segments))
     model = make_model(problem.actuator, coarse, problem.mirror)
     thin = [o.thinned(max(1, o.time.size // 500)) for o in problem.train]
     plateaus = find_plateaus(problem.train)
     reference = start_vector(model, problem.actuator, coarse.segments)
-    coordinates = build(model, problem.actuator, coarse.segments, problem.bend, options.fixed)
+    coordinates = coordinates_for(problem, coarse, model)
     rng = np.random.default_rng(options.seed)
     shapes = [(1.0, 1.0), (0.9, 2.0), (1.2, 0.5)]
     shapes += [(float(rng.uniform(0.85, 1.35)), float(np.exp(rng.uniform(-1.2, 1.2)))) for _ in range(options.starts)]
@@ -214,6 +150,9 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
         guess[6] *= arm
         guess[:2] *= arm
         guess[2:6] *= damping
+        for name, value in coarse.fixed.items():
+            if name in model.names:
+                guess[model.names.index(name)] = value
         guess, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
         solution = None
@@ -273,10 +212,19 @@ def refit(
         The start cannot be simulated.
     """
     model = make_model(problem.actuator, options, problem.mirror)
-    coordinates = build(model, problem.actuator, options.segments, problem.bend, options.fixed)
+    coordinates = coordinates_for(problem, options, model)
     start = carried(model, problem.actuator, options.segments, previous, previous_segments)
     used = list(items) if items is not None else list(problem.train)
-    solution = solve(model, used, coordinates, start, clocks, most_evaluations=most_evaluations, tolerance=tolerance)
+    solution = solve(
+        model,
+        used,
+        coordinates,
+        start,
+        clocks,
+        most_evaluations=most_evaluations,
+        tolerance=tolerance,
+        loss=options.loss,
+    )
     if solution is None:
         raise DataError(f"model {options.name}: the start could not be simulated; try fewer segments or other effects")
     return Fitted(model, options, coordinates, solution)
@@ -356,14 +304,6 @@ def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fit
     return fit_added(problem, options, base, progress=progress)
 
 
-def held_out_clocks(fitted: Fitted, items: Sequence[Observed]) -> dict[str, float]:
-    """Clock of every experiment: fitted for training runs, alone for the others."""
-    train = {}
-    for item, clock in zip(items, fit_clocks(fitted.model, items, fitted.par), strict=True):
-        train[item.name] = float(clock)
-    return train
-
-
 def fit_model(
     recordings: Mapping[str, Recording],
     actuator: Actuator,
@@ -382,5 +322,5 @@ def fit_model(
     from rfea_vision.fitting.scoring import as_artefact
 
     chosen = options or FitOptions()
-    problem = make_problem(recordings, actuator, chosen.observe)
+    problem = make_problem(recordings, actuator, chosen.observe, pressure_zero_sd=chosen.pressure_zero_sd)
     return as_artefact(problem, fit(problem, chosen, progress))

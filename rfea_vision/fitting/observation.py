@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.errors import DataError
+from rfea_vision.fitting.nuisance import BEFORE_S, Unknowns, unknowns_of
 
 FloatArray = NDArray[np.float64]
 Observe = Literal["midline", "tip", "tip_y", "angle"]
@@ -23,6 +24,9 @@ ORIGIN_SIGMA_MM = 0.1
 #: Nobody reads a tube better than this; keeps a file that claims zero error from ruling the fit.
 SMALLEST_SIGMA_MM = 0.005
 SMALLEST_SIGMA_DEG = 0.005
+#: Log before the first frame that is simulated too, at most; what came before has died away by the first frame after half.
+LONGEST_BEFORE_S, SETTLED_S = 3.0, 1.5
+STILL_PA = 1e3
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,13 @@ class Observed:
     repeat_of: str | None = None
     tip_noise_mm: float = field(default=0.0)
     origin_sigma: float = field(default=0.0)  # m; 0 where the track is in the rig frame by somebody else's word
+    pressure_zero_sd: float = 0.0  # Pa; 0 where the sensor's zero is taken as given
+    unknown_before_s: float | None = None  # before that nobody knows what drove the tube; None where it begins at rest
+
+    @cached_property
+    def unknowns(self) -> Unknowns | None:
+        """Nuisance amplitudes of this run."""
+        return unknowns_of(self)
 
     @cached_property
     def middle_s(self) -> float:
@@ -195,7 +206,10 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
     angle_sigma = np.maximum(np.where(np.isfinite(angle_sigma), angle_sigma, 0), np.deg2rad(SMALLEST_SIGMA_DEG))
     keep = _without_jumps(points, angle, sigma)
     method = str(data.attrs.get("sync_method", "common_clock"))
-    excitation = Excitation.from_log(log_time, pressure, float(time[valid][0]) - 0.25, float(time[valid][-1]) + 0.25)
+    from_s, unknown_before_s = _beginning(
+        log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
+    )
+    excitation = Excitation.from_log(log_time, pressure, from_s, float(time[valid][-1]) + 0.25)
     tip_mm = points[keep, -1] / MM if fractions.size else np.zeros((0, 2))
     return Observed(
         name=name,
@@ -216,7 +230,36 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         repeat_of=data.attrs.get("repeat_of") or None,
         tip_noise_mm=white_noise_mm(tip_mm),
         origin_sigma=_origin_sigma(data) if fractions.size > 1 else 0.0,
+        unknown_before_s=unknown_before_s,
     )
+
+
+def _beginning(
+    log_time: FloatArray, pressure: FloatArray, time: FloatArray, signal: FloatArray
+) -> tuple[float, float | None]:
+    """Where a simulation starts from rest, and before which time its pressure is unknown (None: it did begin at rest).
+
+    The longest stretch of log that is at hand counts, up to three seconds, unless the pressure stands still in it.
+    """
+    before = (log_time >= time[0] - LONGEST_BEFORE_S) & (log_time <= time[0])
+    still = (np.ptp(pressure[before]) if before.any() else 0.0) <= 0.005 * float(np.ptp(pressure)) + STILL_PA
+    from_s = float(time[0]) - 0.25
+    if not still:
+        from_s = min(from_s, max(float(log_time[0]), float(time[0]) - LONGEST_BEFORE_S))
+    if time[0] - log_time[0] > SETTLED_S or not _moves_at_first(time, signal):
+        return from_s, None
+    return float(log_time[0]) - BEFORE_S, float(log_time[0])
+
+
+def _moves_at_first(time: FloatArray, signal: FloatArray) -> bool:
+    """Whether the tube moves in the first tenth of a second by far more than its track scatters."""
+    first = time <= time[0] + 0.1
+    if first.sum() < 6:
+        return False
+    line = np.polyfit(time[first] - time[0], signal[first], 1)
+    travelled = np.abs(line[0]) * (time[first][-1] - time[0])
+    scatter = np.std(np.diff(signal[first], axis=0), axis=0) / np.sqrt(2)
+    return bool(np.any((travelled > 0.01 * np.ptp(signal, axis=0).max()) & (travelled > 6 * scatter)))
 
 
 def _origin_sigma(data: xr.Dataset) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -27,7 +28,7 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     for name, recording in recordings.items():
         if recording.role == "ignore":
             continue
-        item = observe_recording(recording)
+        item = replace(observe_recording(recording), pressure_zero_sd=model.given.get("pressure_zero_sd", 0.0))
         score = model.experiments.get(name)
         clock = score.nuisance.get("clock_offset_s") if score is not None else None
         if clock is None:

@@ -33,15 +33,20 @@ def correlation_ratio(explained: FloatArray, by: FloatArray, bins: int = 16) -> 
 
 
 def correlation_time(series: FloatArray, period_s: float) -> float:
-    """Integrated autocorrelation time (s) up to the first fall below 0.05; half a period for white noise."""
-    centred = series - series.mean()
-    spectrum = np.abs(np.fft.rfft(centred, 2 * centred.size)) ** 2
-    correlation = np.fft.irfft(spectrum)[: centred.size]
+    """Integrated autocorrelation time (s) up to the first fall below 0.05; half a period for white noise.
+
+    series : (frames,), or (frames, columns) of the same unit, which are pooled
+    """
+    columns = series.reshape(series.shape[0], -1)
+    frames = columns.shape[0]
+    centred = columns - columns.mean(axis=0)
+    spectrum = np.sum(np.abs(np.fft.rfft(centred, 2 * frames, axis=0)) ** 2, axis=1)
+    correlation = np.fft.irfft(spectrum)[:frames]
     if correlation[0] <= 0:
         return 0.0
     correlation = correlation / correlation[0]
     below = np.flatnonzero(correlation < 0.05)
-    stop = int(below[0]) if below.size else centred.size
+    stop = int(below[0]) if below.size else frames
     return period_s * (0.5 + float(correlation[1:stop].sum()))
 
 

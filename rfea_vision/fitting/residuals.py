@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.dynamics.simulation import Model, Motion
+from rfea_vision.fitting.nuisance import settle
 from rfea_vision.fitting.observation import Observed
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +30,7 @@ class Predicted:
     dpoints: FloatArray
     angle: FloatArray
     dangle: FloatArray
+    nuisance: dict[str, float] = field(default_factory=dict)
 
 
 def predict_observed(
@@ -39,7 +41,69 @@ def predict_observed(
     clock_s: float = 0.0,
     fractions: FloatArray | None = None,
 ) -> Predicted | None:
-    """Simulate one experiment and look at it as the camera did; None if the simulation fails."""
+    """Simulate one experiment and look at it as the camera did; None if the simulation fails.
+
+    What a run does not tell (`nuisance`) is found and eliminated here.
+    """
+    unknowns = item.unknowns
+    if unknowns is None:
+        return _predict(model, par, item, free, clock_s, fractions)
+    plain = _predict(model, par, item, (), clock_s)
+    if plain is None:
+        return None
+
+    def look(amplitude: FloatArray) -> FloatArray | None:
+        driven = replace(item, excitation=unknowns.driven(item.excitation, amplitude))
+        one = _predict(model, par, driven, (), clock_s)
+        return None if one is None else _flat(one.points, one.angle)
+
+    def weigh(seen: FloatArray) -> FloatArray:
+        return rows(item, _unflat(plain, seen[..., None]), jacobian=False)[0]
+
+    found = settle(unknowns.sizes.size, look, weigh)
+    if found is None:
+        return None
+    amplitude, slopes = found
+    driven = replace(item, excitation=unknowns.driven(item.excitation, amplitude))
+    predicted = _predict(model, par, driven, free, clock_s, fractions)
+    if predicted is None:
+        return None
+    predicted = replace(predicted, nuisance=unknowns.values_kPa(amplitude))
+    if fractions is not None:
+        return predicted
+    by_amplitude = _unflat(predicted, np.moveaxis(slopes, 0, -1), derivative=True)
+    columns, wide = rows(item, by_amplitude)[1], rows(item, predicted)[1]
+    change = -np.linalg.solve(columns.T @ columns + np.eye(columns.shape[1]), columns.T @ wide)
+    return replace(
+        predicted,
+        dpoints=predicted.dpoints + by_amplitude.dpoints @ change,
+        dangle=predicted.dangle + by_amplitude.dangle @ change,
+    )
+
+
+def _flat(points: FloatArray, angle: FloatArray) -> FloatArray:
+    """Points (frames, m, 2) and angle (frames,) side by side: (frames, 2 m + 1)."""
+    return np.concatenate([points.reshape(angle.size, 2 * points.shape[1]), angle[:, None]], axis=1)
+
+
+def _unflat(like: Predicted, seen: FloatArray, *, derivative: bool = False) -> Predicted:
+    """Undo `_flat` for an array with one more axis: a prediction, or with `derivative` its derivatives along that axis."""
+    frames, columns = seen.shape[0], seen.shape[2]
+    points = seen[:, :-1].reshape(frames, seen.shape[1] // 2, 2, columns)
+    if derivative:
+        return replace(like, dpoints=points, dangle=seen[:, -1])
+    return replace(like, points=points[..., 0], angle=seen[:, -1, 0])
+
+
+def _predict(
+    model: Model,
+    par: FloatArray,
+    item: Observed,
+    free: Sequence[int],
+    clock_s: float = 0.0,
+    fractions: FloatArray | None = None,
+) -> Predicted | None:
+    """Simulate an experiment whose excitation is all known."""
     row = model.law.time_shift(par, model._constants, item.time - item.middle_s)[0]
     shift = np.broadcast_to(np.asarray(row[0], dtype=float), item.time.shape)
     frames = np.clip(item.time + shift + clock_s, item.excitation.start_s, item.excitation.end_s)

@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit, Parameter
+from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit
 from rfea_vision.artefacts.measurement import Actuator
-from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matrix
-from rfea_vision.effects.base import BASE_UNITS
+from rfea_vision.dynamics.simulation import Model
+from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, make_model
+from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
+from rfea_vision.fitting.refine import EXACT_ORDER, refine
 from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.solver import fit_clocks
-from rfea_vision.fitting.uncertainty import Uncertainty, sandwich
 
 FloatArray = NDArray[np.float64]
+#: A run whose pressure stays within this is no excitation.
+CONSTANT_PA = 5e3
 
 
 @dataclass(frozen=True)
 class Gaps:
-    """Squared errors of one experiment, per frame: tip, tip y, mean over the midline (mm^2) and angle (deg^2); None if not measured."""
+    """Squared errors of one experiment, per frame: tip, its x and y, mean over the midline (mm^2), angle (deg^2).
+
+    None where something was not measured.
+    """
 
     tip: FloatArray | None
+    tip_x: FloatArray | None
     tip_y: FloatArray | None
     midline: FloatArray | None
     angle: FloatArray | None
@@ -41,7 +49,8 @@ def gaps(item: Observed, predicted: Predicted) -> Gaps:
     midline = None if gap is None or not item.has_midline else np.mean(np.sum(gap**2, axis=2), axis=1)
     angle = np.rad2deg(item.angle - predicted.angle) ** 2 if np.any(np.isfinite(item.angle)) else None
     variance = 0.0 if gap is None else float(np.sum(np.var(item.points[:, -1] / MM, axis=0)))
-    return Gaps(tip, None if gap is None else gap[:, -1, 1] ** 2, midline, angle, variance)
+    x, y = (None, None) if gap is None else (gap[:, -1, 0] ** 2, gap[:, -1, 1] ** 2)
+    return Gaps(tip, x, y, midline, angle, variance)
 
 
 def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
@@ -64,6 +73,7 @@ def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
         fit_percent = 100 * (1 - float(np.sqrt(error / spread))) if spread > 0 else None
     return Metrics(
         tip_rmse_mm=tip,
+        tip_x_rmse_mm=root("tip_x", "the track has no tip", "tip_x_rmse_mm"),
         tip_y_rmse_mm=root("tip_y", "the track has no tip", "tip_y_rmse_mm"),
         midline_rmse_mm=root("midline", "the track has no midline", "midline_rmse_mm"),
         angle_rmse_deg=root("angle", "the track has no bend angle", "angle_rmse_deg"),
@@ -91,6 +101,7 @@ def score(
         used[item.name] = float(clock)
         metrics = pooled([parts[item.name]], length_mm)
         nuisance = {"clock_offset_s": float(clock)} if item.clock_free else {}
+        nuisance |= predicted.nuisance
         scores[item.name] = ExperimentScore(
             role=item.role, frames_used=int(item.time.size), nuisance=nuisance, **metrics.model_dump()
         )
@@ -111,98 +122,6 @@ def metrics_by_role(problem: Problem, scores: dict[str, ExperimentScore], parts:
     return out
 
 
-def _parameters(problem: Problem, fitted: Fitted, uncertainty: Uncertainty) -> tuple[dict[str, Parameter], FloatArray]:
-    """Parameters with intervals, and the covariance of the full vector."""
-    coordinates, model = fitted.coordinates, fitted.model
-    ny = len(coordinates.free)
-    matrix = coordinates.matrix
-    covariance = matrix @ uncertainty.covariance[:ny, :ny] @ matrix.T
-    doubtful = np.zeros(len(model.names), dtype=bool)
-    for column in range(ny):
-        if uncertainty.undetermined[column]:
-            doubtful |= matrix[:, column] != 0
-    y = fitted.solution.y
-    # Coordinates are of order one; a generous upper bound must not make a small amplitude look like none.
-    near = 1e-3 * np.minimum(coordinates.upper - coordinates.lower, 1.0)
-    at_bound = {
-        coordinates.free[i]: "lower" if y[i] - coordinates.lower[i] < near[i] else "upper"
-        for i in range(ny)
-        if min(y[i] - coordinates.lower[i], coordinates.upper[i] - y[i]) < near[i]
-    }
-    out = {}
-    for k, name in enumerate(model.names):
-        unit, lower, upper = _unit_and_bounds(fitted, k)
-        value, error = float(fitted.par[k]), float(np.sqrt(max(covariance[k, k], 0.0)))
-        note, known = "", k in coordinates.free
-        if not known:
-            note = "held fixed"
-        elif doubtful[k]:
-            note, known = "these data do not determine it: no interval", False
-        elif k in at_bound:
-            note, known = f"at its {at_bound[k]} bound: no interval", False
-        half = uncertainty.quantile * error
-        out[name] = Parameter(
-            value=value,
-            unit=unit,
-            stderr=error if known else None,
-            interval_95=(value - half, value + half) if known else None,
-            lower=lower,
-            upper=upper,
-            fixed=k not in coordinates.free,
-            note=note,
-        )
-    return out, covariance
-
-
-def _unit_and_bounds(fitted: Fitted, k: int) -> tuple[str, float | None, float | None]:
-    name = fitted.model.names[k]
-    if k < 7:
-        if k == 6 and k in fitted.coordinates.free:
-            column = fitted.coordinates.free.index(k)
-            size = fitted.coordinates.matrix[k, column]
-            return (
-                BASE_UNITS[name],
-                float(fitted.coordinates.lower[column] * size),
-                float(fitted.coordinates.upper[column] * size),
-            )
-        return BASE_UNITS[name], 0.0 if k % 2 == 0 else None, None
-    effect, parameter = name.split(".")
-    spec = next(e for e in fitted.model.effects if e.id == effect).parameters[parameter]
-    return spec.unit, spec.lower, spec.upper
-
-
-def _paper(fitted: Fitted, actuator: Actuator, covariance: FloatArray, quantile: float) -> dict[str, Parameter]:
-    """k_0, m_k, ... per joint and per degree, so that both tables can be compared."""
-    inner = actuator.inner_radius
-    values = as_paper(fitted.par[:7], inner)
-    matrix = as_paper_matrix(inner)
-    spread = np.sqrt(np.maximum(np.diag(matrix @ covariance[:7, :7] @ matrix.T), 0.0))
-    return {
-        name: Parameter(
-            value=values[name],
-            unit=unit,
-            stderr=float(s),
-            interval_95=(values[name] - quantile * s, values[name] + quantile * s),
-        )
-        for (name, unit), s in zip(PAPER_UNITS.items(), spread, strict=True)
-    }
-
-
-def _sentences(parameters: dict[str, Parameter], correlation: FloatArray, names: Sequence[str]) -> list[str]:
-    out = []
-    for i in range(len(names)):
-        for j in range(i):
-            if abs(correlation[i, j]) > 0.995:
-                out.append(
-                    f"{names[j]} and {names[i]} cannot be told apart by these data (correlation {correlation[i, j]:+.4f}): "
-                    "only their combination is determined."
-                )
-    for name, parameter in parameters.items():
-        if "bound" in parameter.note:
-            out.append(f"{name} ended {parameter.note.split(':')[0]}: the data pull it out of what physics allows.")
-    return out
-
-
 def _message(fitted: Fitted) -> str:
     solution = fitted.solution
     runs = f"{solution.evaluations} evaluations"
@@ -219,60 +138,100 @@ def _laws(fitted: Fitted) -> dict[str, dict[str, str]]:
 
 def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) -> ModelFit:
     """Score a fit on the training and validation runs (and the test runs only if asked to) and write it down."""
-    solution = fitted.solution
     items = list(problem.with_roles("train", "validate", *(("test",) if with_test else ())))
-    train_clocks = {item.name: clock for item, clock in zip(problem.train, solution.clocks, strict=True)}
     others = [o for o in items if o.role != "train"]
-    other_clocks = fit_clocks(fitted.model, others, fitted.par)
-    clocks = np.array([train_clocks[o.name] for o in problem.train] + [float(c) for c in other_clocks])
-    scores, parts, _ = score(problem, fitted.model, fitted.par, [*problem.train, *others], clocks)
-    uncertainty = sandwich(
-        list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
-    )
-    parameters, covariance = _parameters(problem, fitted, uncertainty)
-    free = list(fitted.coordinates.free)
-    spread = np.sqrt(np.maximum(np.diag(covariance)[free], 1e-300))
-    correlation = covariance[np.ix_(free, free)] / np.outer(spread, spread)
+    best = refine(fitted, problem.train)
+    clocks = np.concatenate([best.clocks, fit_clocks(best.model, others, best.par)])
+    scores, parts, _ = score(problem, best.model, best.par, [*problem.train, *others], clocks)
+    found = intervals(fitted, problem.train, problem.actuator, best.par)
     floor, source = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
-    options: FitOptions = fitted.options
-    observe = problem.train[0].observe
+    options = fitted.options
+    refused = runaway(fitted, problem.actuator)
+    parameters, paper = found.parameters, found.paper
+    if refused:
+        parameters, paper = without_intervals(parameters), without_intervals(paper)
     return ModelFit(
         name=options.name,
         segments=options.segments,
         joints=options.joints,
         effects=list(options.effects),
-        observe=observe,
-        status="converged" if solution.converged else "not_converged",
-        message=_message(fitted),
+        observe=problem.train[0].observe,
+        status="refused" if refused else "converged" if fitted.solution.converged else "not_converged",
+        message=refused or _message(fitted),
         actuator=problem.actuator.as_dict(),
         parameters=parameters,
-        paper_parameters=_paper(fitted, problem.actuator, covariance, uncertainty.quantile),
-        correlation={"names": list(fitted.coordinates.names), "matrix": correlation.round(6).tolist()},
+        paper_parameters=paper,
+        correlation={"names": list(fitted.coordinates.names), "matrix": found.correlation.round(6).tolist()},
         metrics=metrics_by_role(problem, scores, parts),
         noise_floor_mm=floor,
         noise_floor_source=source,
         experiments=scores,
-        warnings=_sentences(parameters, correlation, fitted.coordinates.names),
+        warnings=[*found.sentences, *alarms(fitted, problem.actuator), *_about_runs(problem)],
         steady_state=fitted.steady,
         starts=list(fitted.starts),
-        residual_tests=examine_residuals(problem.train, solution.evaluation.predicted),
+        residual_tests=examine_residuals(problem.train, best.predicted),
+        given=_given(options),
         laws=_laws(fitted),
         effect_files=[str(p) for p in options.effect_files],  # type: ignore[call-arg]
     )
 
 
-def rebuild(artefact: ModelFit) -> tuple[Any, FloatArray]:
-    """The model and its parameter vector from `model.json`."""
-    from pathlib import Path
+def _about_runs(problem: Problem) -> list[str]:
+    """What a reader must know of the runs to trust the fit."""
+    out = []
+    moving = [o.name for o in (*problem.train, *problem.validate) if o.unknown_before_s is not None]
+    if moving:
+        out.append(
+            f"{', '.join(moving)}: the tube moves when the log begins; what drove it before was fitted along, "
+            "record the log from rest to know it."
+        )
+    if not problem.validate:
+        out.append(
+            "No experiment has the role 'validate': nothing says how the model does on runs it was not fitted to."
+        )
+    for item in problem.train:
+        spread = float(np.ptp(item.excitation.pressure))
+        if spread < CONSTANT_PA:
+            out.append(
+                f"{item.name}: the pressure stays within {spread / 1e3:.2g} kPa; such a run tells little of the tube."
+            )
+    return out
 
-    actuator = Actuator(**artefact.actuator)
-    files = tuple(Path(p) for p in (artefact.model_extra or {}).get("effect_files", ()))
-    options = FitOptions(
+
+def _given(options: FitOptions) -> dict[str, Any]:
+    """What was given beforehand, in SI, so that the fit can be taken up again from the artefact."""
+    out: dict[str, Any] = {}
+    for key in ("fixed", "bounds", "priors"):
+        values = getattr(options, key)
+        if values:
+            out[key] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
+    if options.pressure_zero_sd:
+        out["pressure_zero_sd"] = options.pressure_zero_sd
+    if options.loss != "linear":
+        out["loss"] = options.loss
+    return out
+
+
+def options_of(artefact: ModelFit) -> FitOptions:
+    """The options with which a `model.json` was fitted."""
+    given = artefact.given
+    return FitOptions(
         name=artefact.name,
         segments=artefact.segments,
         joints=artefact.joints,
         effects=tuple(artefact.effects),
-        effect_files=files,
+        observe=artefact.observe,  # type: ignore[arg-type]
+        effect_files=tuple(Path(p) for p in (artefact.model_extra or {}).get("effect_files", ())),
+        fixed={name: p.value for name, p in artefact.parameters.items() if p.fixed},
+        bounds={name: (float(v[0]), float(v[1])) for name, v in given.get("bounds", {}).items()},
+        priors={name: (float(v[0]), float(v[1])) for name, v in given.get("priors", {}).items()},
+        loss=given.get("loss", "linear"),
+        pressure_zero_sd=float(given.get("pressure_zero_sd", 0.0)),
     )
-    model = make_model(actuator, options, -1.0 if actuator.bends == "right" else 1.0)
-    return model, np.array([artefact.parameters[name].value for name in model.names])
+
+
+def rebuild(artefact: ModelFit) -> tuple[Model, FloatArray]:
+    """The model, with the integrator that its values were refined for, and its parameter vector from `model.json`."""
+    actuator = Actuator(**artefact.actuator)
+    model = make_model(actuator, options_of(artefact), -1.0 if actuator.bends == "right" else 1.0)
+    return replace(model, order=EXACT_ORDER), np.array([artefact.parameters[name].value for name in model.names])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,17 @@ FloatArray = NDArray[np.float64]
 CLOCK_SCALE_S = 0.005
 CLOCK_PRIOR_S = 0.05
 LARGEST_CLOCK_S = 0.2
+#: Robust standard deviations beyond which the Huber loss is linear.
+HUBER = 5.0
 
 
 @dataclass(frozen=True)
 class Solution:
     """Where the optimiser ended: full parameter vector, clocks per experiment, cost and the evaluation there.
 
-    `scaled_jacobian` is with respect to [coordinates, free clocks] in the optimiser's units.
+    `scaled_jacobian` is with respect to [coordinates, free clocks] in the optimiser's units; `prior_jacobian` and
+    `prior_residual` are the rows of what was known beforehand, of the clocks too; `row_weight` is what the robust loss
+    leaves of each row (1 with the linear loss).
     """
 
     par: FloatArray
@@ -37,6 +42,91 @@ class Solution:
     scaled_jacobian: FloatArray
     clock_index: tuple[int, ...]
     evaluations: int
+    prior_jacobian: FloatArray
+    prior_residual: FloatArray
+    row_weight: FloatArray
+
+    @property
+    def x(self) -> FloatArray:
+        """What the optimiser turned: coordinates, then the free clocks."""
+        return np.concatenate([self.y, self.clocks[list(self.clock_index)] / CLOCK_SCALE_S])
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One evaluation as the optimiser sees it: data rows first, then priors."""
+
+    residual: FloatArray
+    jacobian: FloatArray
+    evaluation: Evaluation
+
+
+@dataclass
+class _Target:
+    """Residual and Jacobian over x = [coordinates, free clocks]; remembers the last point, as both are asked for in turn."""
+
+    model: Model
+    items: Sequence[Observed]
+    coordinates: Coordinates
+    clocks: FloatArray
+    clock_index: tuple[int, ...]
+    count: int = 0
+    last: tuple[bytes, _Point | None] | None = None
+
+    def unpack(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        ny = len(self.coordinates.free)
+        values = self.clocks.copy()
+        values[list(self.clock_index)] = x[ny:] * CLOCK_SCALE_S
+        return self.coordinates.parameters(x[:ny]), values
+
+    def priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rows of what is known beforehand: of the parameters, and that clocks are nearly right."""
+        ny, nc = len(self.coordinates.free), len(self.clock_index)
+        known, scale = self.coordinates.prior_targets.size, CLOCK_SCALE_S / CLOCK_PRIOR_S
+        rows = np.zeros((known + nc, ny + nc))
+        if known:
+            rows[:known, :ny] = self.coordinates.prior_rows
+        rows[known + np.arange(nc), ny + np.arange(nc)] = scale
+        return rows @ x - np.concatenate([self.coordinates.prior_targets, np.zeros(nc)]), rows
+
+    def at(self, x: FloatArray) -> _Point | None:
+        key = x.tobytes()
+        if self.last is None or self.last[0] != key:
+            self.count += 1
+            self.last = (key, self._evaluate(x))
+        return self.last[1]
+
+    def _evaluate(self, x: FloatArray) -> _Point | None:
+        par, values = self.unpack(x)
+        free = self.coordinates.free
+        result = evaluate(self.model, par, self.items, free, values)
+        if result is None:
+            return None
+        ny = len(free)
+        data = np.empty((result.residual.size, x.size))
+        data[:, :ny] = result.jacobian[:, :ny] @ self.coordinates.matrix[list(free)]
+        data[:, ny:] = result.jacobian[:, [ny + i for i in self.clock_index]] * CLOCK_SCALE_S
+        residual, rows = self.priors(x)
+        return _Point(np.concatenate([result.residual, residual]), np.concatenate([data, rows]), result)
+
+    def solution(self, x: FloatArray, point: _Point, converged: bool, message: str, softness: float) -> Solution:
+        par, values = self.unpack(x)
+        size = point.evaluation.residual.size
+        return Solution(
+            par=par,
+            y=x[: len(self.coordinates.free)],
+            clocks=values,
+            cost=point.evaluation.cost,
+            converged=converged,
+            message=message,
+            evaluation=point.evaluation,
+            scaled_jacobian=point.jacobian[:size],
+            clock_index=self.clock_index,
+            evaluations=self.count,
+            prior_jacobian=point.jacobian[size:],
+            prior_residual=point.residual[size:],
+            row_weight=np.minimum(1.0, softness / np.maximum(np.abs(point.evaluation.residual), 1e-300)),
+        )
 
 
 def solve(
@@ -48,94 +138,52 @@ def solve(
     *,
     most_evaluations: int = 60,
     tolerance: float = 1e-7,
-    weights: Sequence[FloatArray] | None = None,
+    loss: Literal["linear", "huber"] = "linear",
 ) -> Solution | None:
     """Minimise from `start` (full parameter vector); None where not even the start can be simulated.
 
-    Experiments whose clock was found from their motion get it as a nuisance parameter.
+    Experiments whose clock was found from their motion get it as a nuisance parameter. The robust loss is that of Huber
+    (doi:10.1214/aoms/1177703732), linear beyond five robust standard deviations of the residual at the start.
     """
     clock_index = tuple(i for i, item in enumerate(items) if item.clock_free)
-    offsets = np.zeros(len(items)) if clocks is None else clocks.copy()
-    ny, nc = len(coordinates.free), len(clock_index)
-    pick = [*range(ny), *(ny + i for i in clock_index)]
-    sub = coordinates.matrix[list(coordinates.free)]
-    cache: dict[bytes, tuple[FloatArray, FloatArray, Evaluation] | None] = {}
-    count = 0
-
-    def unpack(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        values = offsets.copy()
-        for position, index in enumerate(clock_index):
-            values[index] = x[ny + position] * CLOCK_SCALE_S
-        return coordinates.parameters(x[:ny]), values
-
-    def at(x: FloatArray) -> tuple[FloatArray, FloatArray, Evaluation] | None:
-        nonlocal count
-        key = x.tobytes()
-        if key not in cache:
-            count += 1
-            par, values = unpack(x)
-            result = evaluate(model, par, items, coordinates.free, values)
-            if result is None:
-                cache[key] = None
-            else:
-                jacobian = result.jacobian[:, pick].copy()
-                jacobian[:, :ny] = jacobian[:, :ny] @ sub
-                jacobian[:, ny:] *= CLOCK_SCALE_S
-                prior = np.zeros((nc, ny + nc))
-                prior[np.arange(nc), ny + np.arange(nc)] = CLOCK_SCALE_S / CLOCK_PRIOR_S
-                residual = np.concatenate([result.residual, x[ny:] * CLOCK_SCALE_S / CLOCK_PRIOR_S])
-                cache.clear()
-                cache[key] = (residual, np.concatenate([jacobian, prior]), result)
-        return cache[key]
-
-    y0 = coordinates.coordinates(start)
-    x0 = np.concatenate([y0, [offsets[i] / CLOCK_SCALE_S for i in clock_index]])
-    first = at(x0)
+    target = _Target(model, items, coordinates, np.zeros(len(items)) if clocks is None else clocks.copy(), clock_index)
+    x0 = np.concatenate([coordinates.coordinates(start), target.clocks[list(clock_index)] / CLOCK_SCALE_S])
+    first = target.at(x0)
     if first is None:
         return None
-    bad = np.full(first[0].size, 1e3 * np.sqrt(first[0] @ first[0] / first[0].size) + 1e3)
+    if x0.size == 0:
+        return target.solution(x0, first, True, "nothing to fit", np.inf)
+    bad = np.full(first.residual.size, 1e3 * np.sqrt(first.residual @ first.residual / first.residual.size) + 1e3)
 
     def fun(x: FloatArray) -> FloatArray:
-        value = at(x)
-        return bad if value is None else value[0]
+        point = target.at(x)
+        return bad if point is None else point.residual
 
     def jac(x: FloatArray) -> FloatArray:
-        value = at(x)
-        return np.zeros((bad.size, x.size)) if value is None else value[1]
+        point = target.at(x)
+        return np.zeros((bad.size, x.size)) if point is None else point.jacobian
 
-    limit = LARGEST_CLOCK_S / CLOCK_SCALE_S
-    lower = np.concatenate([coordinates.lower, np.full(nc, -limit)])
-    upper = np.concatenate([coordinates.upper, np.full(nc, limit)])
-    if x0.size == 0:
-        par, values = unpack(x0)
-        return Solution(par, y0, values, first[2].cost, True, "nothing to fit", first[2], first[1], clock_index, count)
+    softness = HUBER * max(1.0, float(np.median(np.abs(first.evaluation.residual))) / 0.6745)
+    limit = np.full(len(clock_index), LARGEST_CLOCK_S / CLOCK_SCALE_S)
     result = least_squares(
         fun,
         x0,
         jac,  # type: ignore[arg-type]
-        bounds=(lower, upper),
+        bounds=(np.concatenate([coordinates.lower, -limit]), np.concatenate([coordinates.upper, limit])),
         method="trf",
         x_scale="jac",
         ftol=tolerance,
         xtol=1e-9,
         gtol=1e-12,
         max_nfev=most_evaluations,
+        loss=loss,
+        f_scale=softness,
     )
-    last = at(result.x)
-    if last is None:
+    point = target.at(result.x)
+    if point is None:
         return None
-    par, values = unpack(result.x)
-    return Solution(
-        par,
-        result.x[:ny],
-        values,
-        last[2].cost,
-        result.status > 0,
-        str(result.message),
-        last[2],
-        last[1][: last[2].residual.size],
-        clock_index,
-        count,
+    return target.solution(
+        result.x, point, result.status > 0, str(result.message), softness if loss == "huber" else np.inf
     )
 
 

@@ -9,20 +9,30 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.residual_tests import correlation_time
 
 FloatArray = NDArray[np.float64]
 BLOCK_S = 0.4
+#: A residual that forgets itself within this many frames counts as white.
+WHITE_FRAMES = 0.75
+#: Length of a block in correlation times; cutting a memory at the blocks' ends loses about one part in this many.
+BLOCK_IN_MEMORIES = 8.0
+FEWEST_BLOCKS = 10
 #: A direction of parameter space whose singular value is this much below the largest carries no information.
-UNIDENTIFIABLE = 1e-7
+UNIDENTIFIABLE = 1e-5
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Covariance of the optimiser's coordinates, the t quantile of its 95 % intervals, and which coordinates are undetermined."""
+    """Covariance of the optimiser's coordinates, the t quantile of its 95 % intervals, and which coordinates are undetermined.
+
+    `weak` are the directions, one per row, along which the data tell nothing.
+    """
 
     covariance: FloatArray
     quantile: float
     undetermined: NDArray[np.bool_]
+    weak: FloatArray
 
 
 def _frame_of_row(item: Observed, rows: int) -> NDArray[np.int64]:
@@ -35,38 +45,59 @@ def _frame_of_row(item: Observed, rows: int) -> NDArray[np.int64]:
     return np.concatenate([np.repeat(np.arange(frames), nodes), tip])
 
 
+def block_length_s(item: Observed, residual: FloatArray) -> float:
+    """Length of the blocks over which a run's residual may be correlated: one frame where it is white."""
+    frames = item.time.size
+    period = float(np.median(np.diff(item.time)))
+    tail = residual[-(frames * (2 if residual.size >= 2 * frames else 1)) :]  # the tip's rows come last
+    memory = correlation_time(tail.reshape(frames, -1), period)
+    if memory < WHITE_FRAMES * period:
+        return period
+    longest = max(BLOCK_S, (item.time[-1] - item.time[0]) / FEWEST_BLOCKS)
+    return float(np.clip(BLOCK_IN_MEMORIES * memory, period, longest))
+
+
 def sandwich(
-    items: list[Observed], residual: FloatArray, jacobian: FloatArray, slices: tuple[slice, ...]
+    items: list[Observed],
+    residual: FloatArray,
+    jacobian: FloatArray,
+    slices: tuple[slice, ...],
+    prior: FloatArray | None = None,
 ) -> Uncertainty:
     """Cluster-robust covariance over blocks of time: J^-1 (sum over blocks of g g') J^-1.
 
-    Nodes of one frame, and frames of one block, may be correlated in any way. The blocks' number gives the degrees of
-    freedom. The classical covariance, scaled by the residual variance, is a lower bound.
+    Nodes of one frame, and frames of one block, may be correlated in any way; a block is several times as long as the
+    residual remembers itself. The blocks' number gives the degrees of freedom. The classical covariance, scaled by the
+    residual variance, is a lower bound. `prior` holds the rows of what was known beforehand, each of unit variance.
+    Liang and Zeger 1986, doi:10.1093/biomet/73.1.13.
     """
     count = jacobian.shape[1]
-    scale = np.sqrt(np.sum(jacobian**2, axis=0))
-    scale = np.where(scale > 0, scale, 1.0)
-    normed = jacobian / scale
-    _, singular, rows_v = np.linalg.svd(normed, full_matrices=False)
+    known = np.zeros((0, count)) if prior is None else prior
+    scale = np.sqrt(np.sum(jacobian**2, axis=0) + np.sum(known**2, axis=0))
+    seen = scale > 0
+    scale = np.where(seen, scale, 1.0)
+    normed, known = jacobian / scale, known / scale
+    _, singular, rows_v = np.linalg.svd(np.concatenate([normed, known]), full_matrices=False)
     weak = singular < UNIDENTIFIABLE * max(singular[0], 1e-300)
     undetermined = np.any(np.abs(rows_v[weak]) > 0.1, axis=0) if np.any(weak) else np.zeros(count, dtype=bool)
-    undetermined |= np.sqrt(np.sum(jacobian**2, axis=0)) == 0
+    undetermined |= ~seen
     strong = ~weak
     inverse = (rows_v[strong].T / singular[strong] ** 2) @ rows_v[strong]
-    meat = np.zeros((count, count))
+    meat = known.T @ known
     blocks = 0
     for item, part in zip(items, slices, strict=True):
         gradient = normed[part] * residual[part, None]
         frame = _frame_of_row(item, gradient.shape[0])
-        block = ((item.time - item.time[0]) / BLOCK_S).astype(int)[frame]
-        for index in np.unique(block):
-            total = gradient[block == index].sum(axis=0)
-            meat += np.outer(total, total)
-            blocks += 1
+        block = ((item.time - item.time[0]) / block_length_s(item, residual[part]) + 1e-6).astype(int)[frame]
+        totals = np.zeros((int(block.max()) + 1, count))
+        np.add.at(totals, block, gradient)
+        meat += totals.T @ totals
+        blocks += np.unique(block).size
     freedom = max(blocks - count, 1)
     robust = inverse @ meat @ inverse * blocks / freedom
-    classical = inverse * float(residual @ residual) / max(residual.size - count, 1)
+    variance = float(residual @ residual) / max(residual.size - count, 1)
+    classical = inverse @ (variance * normed.T @ normed + known.T @ known) @ inverse
     # Take whichever is wider, parameter by parameter, keeping the robust correlations.
     widen = np.sqrt(np.maximum(1.0, np.diag(classical) / np.maximum(np.diag(robust), 1e-300)))
     covariance = robust * np.outer(widen, widen) / np.outer(scale, scale)
-    return Uncertainty(covariance, float(student.ppf(0.975, freedom)), undetermined)
+    return Uncertainty(covariance, float(student.ppf(0.975, freedom)), undetermined, rows_v[weak] / scale)

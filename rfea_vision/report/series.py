@@ -178,7 +178,7 @@ def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, s
         "steady": fit.steady_state,
         "starts": fit.starts,
         "next": step.next_pressure,
-        "study": (fit.model_extra or {}).get("segments_study", []),
+        "study": fit.segments_study,
         "why": dict(step.absent),
         "experiments": {e.name: pack_prediction(step, e, pack) for e in evidence.experiments},
     }

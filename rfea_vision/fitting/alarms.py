@@ -1,0 +1,66 @@
+"""Values that physics does not allow, said in plain sentences; and a fit that has run away, which is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rfea_vision.artefacts.measurement import Actuator
+from rfea_vision.fitting.coordinates import base_reference, stiffness_per_modulus
+from rfea_vision.fitting.fit import Fitted
+
+#: Young's modulus of PDMS, Pa, over the usual curing temperatures: Johnston et al. 2014, doi:10.1088/0960-1317/24/3/035017.
+PDMS_MODULUS = (1.3e6, 3.0e6)
+#: By what factor the modulus may lie beside it: the inextensible side and the pressure in the wall stiffen the tube.
+MODULUS_FACTOR = 5.0
+RUBBER_DENSITY = (700.0, 2500.0)
+#: Times the published value, scaled to the tube's size, at which k or b have run away; bounds end at 50.
+RUNAWAY = 45.0
+
+
+def alarms(fitted: Fitted, actuator: Actuator) -> list[str]:
+    """Sentences on densities, masses and moduli that a rubber tube cannot have."""
+    out = []
+    low, high = RUBBER_DENSITY
+    if not low <= actuator.density <= high:
+        out.append(
+            f"A density of {actuator.density:.0f} kg/m^3 is not that of a rubber ({low:.0f} to {high:.0f}): "
+            "check actuator.density."
+        )
+    values = dict(zip(fitted.model.names, fitted.par, strict=True))
+    wall = np.pi * (actuator.outer_radius**2 - actuator.inner_radius**2) * actuator.length
+    water = np.pi * actuator.inner_radius**2 * actuator.length * actuator.fluid_density
+    extra = values.get("payload.m", 0.0)
+    if extra > 0:
+        apparent = actuator.density + extra / wall
+        if extra > wall * actuator.density + water:
+            out.append(
+                f"A payload of {extra * 1e3:.2g} g is more than the filled tube weighs "
+                f"({(wall * actuator.density + water) * 1e3:.2g} g; as a density of the wall it would be "
+                f"{apparent:.0f} kg/m^3): weigh it, and give it as a prior."
+            )
+    modulus = values["k_ref"] / stiffness_per_modulus(actuator, fitted.options.segments)
+    low, high = PDMS_MODULUS[0] / MODULUS_FACTOR, PDMS_MODULUS[1] * MODULUS_FACTOR
+    if not low <= modulus <= high:
+        out.append(
+            f"The stiffness at rest is that of a wall with a Young's modulus of {modulus / 1e6:.2g} MPa, far from PDMS "
+            f"({PDMS_MODULUS[0] / 1e6:.1f} to {PDMS_MODULUS[1] / 1e6:.1f} MPa): check the radii and the unit of the pressure."
+        )
+    return out
+
+
+def runaway(fitted: Fitted, actuator: Actuator) -> str:
+    """Why a fit is refused; empty where it is not. k, slopes and r_hyd can grow together without end (docs/physics.md 3.10)."""
+    reference = base_reference(actuator, fitted.options.segments)
+    par = fitted.par
+    free = set(fitted.coordinates.names)
+    for k in (0, 2, 4):
+        name = fitted.model.names[k]
+        factor = par[k] / reference[k]
+        far = factor > RUNAWAY or (factor > 8 and par[6] > 2 * actuator.outer_radius)
+        if name in free and far:
+            return (
+                f"Refused: the fit ran away, {name} is {factor:.0f} times what a tube of this size has"
+                + (f" and r_hyd is {par[6] * 1e3:.3g} mm" if "r_hyd" in free else "")
+                + "; keep r_hyd within its usual bounds, or fix it (--fix r_hyd=3.6mm)."
+            )
+    return ""

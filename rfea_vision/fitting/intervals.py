@@ -1,0 +1,191 @@
+"""Fitted values with their intervals, in the engine's terms and in the paper's; where the data cannot give one, none is invented."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts.judgement import Parameter
+from rfea_vision.artefacts.measurement import Actuator
+from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matrix
+from rfea_vision.effects.base import BASE_UNITS
+from rfea_vision.fitting.fit import Fitted
+from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.uncertainty import Uncertainty, sandwich
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """Parameters as they go into `model.json`, and the covariance of the full vector behind them."""
+
+    parameters: dict[str, Parameter]
+    paper: dict[str, Parameter]
+    covariance: FloatArray
+    correlation: FloatArray
+    sentences: list[str]
+
+
+def intervals(fitted: Fitted, items: Sequence[Observed], actuator: Actuator, par: FloatArray) -> Intervals:
+    """Intervals of a solved fit about `par`.
+
+    Parameters
+    ----------
+    items : the training runs, in the order in which they were fitted
+    par : the values to report, if those of the fit were corrected afterwards
+    """
+    solution = fitted.solution
+    weight = np.sqrt(solution.row_weight)
+    uncertainty = sandwich(
+        list(items),
+        solution.evaluation.residual * weight,
+        solution.scaled_jacobian * weight[:, None],
+        solution.evaluation.slices,
+        solution.prior_jacobian,
+    )
+    parameters, covariance = _parameters(fitted, uncertainty, par)
+    free = list(fitted.coordinates.free)
+    spread = np.sqrt(np.maximum(np.diag(covariance)[free], 1e-300))
+    correlation = covariance[np.ix_(free, free)] / np.outer(spread, spread)
+    return Intervals(
+        parameters,
+        _paper(parameters, par, actuator, covariance, uncertainty.quantile),
+        covariance,
+        correlation,
+        _sentences(parameters, correlation, fitted.coordinates.names, _ties(fitted, uncertainty)),
+    )
+
+
+def _parameters(fitted: Fitted, uncertainty: Uncertainty, par: FloatArray) -> tuple[dict[str, Parameter], FloatArray]:
+    """Parameters with intervals, and the covariance of the full vector."""
+    coordinates, model = fitted.coordinates, fitted.model
+    ny = len(coordinates.free)
+    matrix = coordinates.matrix
+    covariance = matrix @ uncertainty.covariance[:ny, :ny] @ matrix.T
+    doubtful = np.zeros(len(model.names), dtype=bool)
+    for column in range(ny):
+        if uncertainty.undetermined[column]:
+            doubtful |= matrix[:, column] != 0
+    y = fitted.solution.y
+    # Coordinates are of order one; a generous upper bound must not make a small amplitude look like none.
+    near = 1e-3 * np.minimum(coordinates.upper - coordinates.lower, 1.0)
+    at_bound = {
+        coordinates.free[i]: "lower" if y[i] - coordinates.lower[i] < near[i] else "upper"
+        for i in range(ny)
+        if min(y[i] - coordinates.lower[i], coordinates.upper[i] - y[i]) < near[i]
+    }
+    out = {}
+    for k, name in enumerate(model.names):
+        unit, lower, upper = _unit_and_bounds(fitted, k)
+        value, error = float(par[k]), float(np.sqrt(max(covariance[k, k], 0.0)))
+        note, known = "", k in coordinates.free
+        if not known:
+            note = "held fixed"
+        elif doubtful[k]:
+            note, known = "these data do not determine it: no interval", False
+        elif k in at_bound:
+            note, known = f"at its {at_bound[k]} bound: no interval", False
+        half = uncertainty.quantile * error
+        out[name] = Parameter(
+            value=value,
+            unit=unit,
+            stderr=error if known else None,
+            interval_95=(value - half, value + half) if known else None,
+            lower=lower,
+            upper=upper,
+            fixed=k not in coordinates.free,
+            note=note,
+        )
+    return out, covariance
+
+
+def _unit_and_bounds(fitted: Fitted, k: int) -> tuple[str, float | None, float | None]:
+    name = fitted.model.names[k]
+    given = fitted.options.bounds.get(name)
+    if given is not None and k < 7:
+        return BASE_UNITS[name], *given
+    if k < 7:
+        if k == 6 and k in fitted.coordinates.free:
+            column = fitted.coordinates.free.index(k)
+            size = fitted.coordinates.matrix[k, column]
+            return (
+                BASE_UNITS[name],
+                float(fitted.coordinates.lower[column] * size),
+                float(fitted.coordinates.upper[column] * size),
+            )
+        return BASE_UNITS[name], 0.0 if k % 2 == 0 else None, None
+    effect, parameter = name.split(".")
+    spec = next(e for e in fitted.model.effects if e.id == effect).parameters[parameter]
+    return spec.unit, *(given or (spec.lower, spec.upper))
+
+
+def _paper(
+    parameters: dict[str, Parameter], par: FloatArray, actuator: Actuator, covariance: FloatArray, quantile: float
+) -> dict[str, Parameter]:
+    """k_0, m_k, ... per joint and per degree, so that both tables can be compared."""
+    inner = actuator.inner_radius
+    values, matrix = as_paper(par[:7], inner), as_paper_matrix(inner)
+    spread = np.sqrt(np.maximum(np.diag(matrix @ covariance[:7, :7] @ matrix.T), 0.0))
+    own = list(parameters.values())[:7]
+    out = {}
+    for row, (name, unit), s in zip(matrix, PAPER_UNITS.items(), spread, strict=True):
+        used = [p for p, share in zip(own, row, strict=True) if share != 0]
+        known = all(p.stderr is not None or p.fixed for p in used) and s > 0
+        out[name] = Parameter(
+            value=values[name],
+            unit=unit,
+            stderr=float(s) if known else None,
+            interval_95=(values[name] - quantile * s, values[name] + quantile * s) if known else None,
+            fixed=all(p.fixed for p in used),
+            note="" if known else next((p.note for p in used if p.note), ""),
+        )
+    return out
+
+
+def _ties(fitted: Fitted, uncertainty: Uncertainty) -> list[list[str]]:
+    """Groups of parameters of which the data tell a combination only, from the directions that leave no trace."""
+    ny = len(fitted.coordinates.free)
+    out = []
+    for direction in uncertainty.weak:
+        moved = np.abs(fitted.coordinates.matrix @ direction[:ny]) / np.maximum(np.abs(fitted.par), 1e-12)
+        group = [fitted.model.names[k] for k in np.flatnonzero(moved > 0.05 * max(moved.max(), 1e-300))]
+        if group and group not in out:
+            out.append(group)
+    return out
+
+
+def _sentences(
+    parameters: dict[str, Parameter], correlation: FloatArray, names: Sequence[str], ties: Sequence[Sequence[str]]
+) -> list[str]:
+    out = []
+    for group in ties:
+        listed = f"{', '.join(group[:-1])} and {group[-1]}" if len(group) > 1 else group[0]
+        if len(group) == 1:
+            out.append(f"{listed} leaves no trace in these data: no interval is given; hold it fixed or give a prior.")
+        else:
+            out.append(
+                f"{listed} cannot be told apart by these data: only their combination is determined, no intervals are "
+                "given; hold one of them fixed or give a prior."
+            )
+    for i in range(len(names)):
+        for j in range(i):
+            tied = any(names[i] in group and names[j] in group for group in ties)
+            if abs(correlation[i, j]) > 0.995 and not tied:
+                out.append(
+                    f"{names[j]} and {names[i]} can hardly be told apart by these data (correlation "
+                    f"{correlation[i, j]:+.4f}): read their intervals together, or give a prior for one of them."
+                )
+    for name, parameter in parameters.items():
+        if "bound" in parameter.note:
+            out.append(f"{name} ended {parameter.note.split(':')[0]}: the data pull it out of what physics allows.")
+    return out
+
+
+def without_intervals(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
+    """The same values with every interval refused."""
+    refused = {"stderr": None, "interval_95": None, "note": "the fit ran away: no interval"}
+    return {name: p if p.fixed else p.model_copy(update=refused) for name, p in parameters.items()}

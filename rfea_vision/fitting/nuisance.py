@@ -1,0 +1,106 @@
+"""What nobody asked for but every run has: a sensor's zero, and the motion that a run begins with.
+
+Both are told as pressure: a zero is a constant on top of the log, and a tube that moves when its log begins has been
+driven before it. Each unknown is an amplitude of order one times a wave on the excitation's grid. Amplitudes are found
+for every set of parameters by Gauss-Newton steps and eliminated from the derivatives (variable projection; Kaufman 1975,
+doi:10.1007/BF01932995), so that the optimiser, the score tests and the intervals need not know of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.dynamics.simulation import Excitation
+
+if TYPE_CHECKING:
+    from rfea_vision.fitting.observation import Observed
+
+FloatArray = NDArray[np.float64]
+
+#: The unknown pressure before the log: held from the start of the excitation, and once more shortly before the log begins.
+BEFORE_S, LAST_S = 0.5, 0.1
+#: A priori standard deviation of either, as a share of the largest pressure of the run.
+UNKNOWN_SHARE = 0.5
+GAUSS_NEWTON_STEPS = 4
+DIFFERENCE = 1e-2
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Waves of pressure, (k, grid) in Pa, whose amplitudes have an a priori standard deviation of one."""
+
+    names: tuple[str, ...]
+    waves: FloatArray
+    sizes: FloatArray  # Pa, what an amplitude of one means
+
+    def driven(self, excitation: Excitation, amplitude: FloatArray) -> Excitation:
+        return replace(excitation, pressure=excitation.pressure + amplitude @ self.waves)
+
+    def values_kPa(self, amplitude: FloatArray) -> dict[str, float]:
+        return {f"{name}_kPa": float(a * s / 1e3) for name, a, s in zip(self.names, amplitude, self.sizes, strict=True)}
+
+
+def unknowns_of(item: Observed) -> Unknowns | None:
+    """Unknowns of a run; None where it has none."""
+    grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
+    names, waves, sizes = [], [], []
+    if item.pressure_zero_sd > 0:
+        names.append("pressure_zero")
+        waves.append(np.ones(grid.size))
+        sizes.append(item.pressure_zero_sd)
+    if item.unknown_before_s is not None:
+        before = grid < item.unknown_before_s - 1e-9
+        size = UNKNOWN_SHARE * max(float(np.max(np.abs(item.excitation.pressure))), 1e3)
+        for name, since in (
+            ("pressure_held_before", -np.inf),
+            ("pressure_just_before", item.unknown_before_s - LAST_S),
+        ):
+            names.append(name)
+            waves.append(np.where(before & (grid >= since), 1.0, 0.0))
+            sizes.append(size)
+    if not names:
+        return None
+    return Unknowns(tuple(names), np.array(sizes)[:, None] * np.array(waves), np.array(sizes))
+
+
+def settle(
+    count: int, look: Callable[[FloatArray], FloatArray | None], weigh: Callable[[FloatArray], FloatArray]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Amplitudes (count,) that fit a run best, and the derivative of what is seen for each, stacked along the first axis.
+
+    Parameters
+    ----------
+    look : amplitudes to what is seen, any shape; None where the simulation fails
+    weigh : what is seen to the weighted residual
+    """
+    amplitude = np.zeros(count)
+    seen = look(amplitude)
+    if seen is None:
+        return None
+    slopes = np.zeros((count, *seen.shape))
+    for _ in range(GAUSS_NEWTON_STEPS):
+        residual = weigh(seen)
+        columns = np.empty((residual.size, count))
+        for k in range(count):
+            beside = look(amplitude + DIFFERENCE * np.eye(count)[k])
+            if beside is None:
+                return None
+            slopes[k] = (beside - seen) / DIFFERENCE
+            columns[:, k] = (weigh(beside) - residual) / DIFFERENCE
+        step = -np.linalg.solve(columns.T @ columns + np.eye(count), columns.T @ residual + amplitude)
+        ahead = None
+        for share in (1.0, 0.3, 0.1):
+            ahead = look(amplitude + share * step)
+            if ahead is not None:
+                amplitude, seen = amplitude + share * step, ahead
+                break
+        if ahead is None:
+            return None
+        if np.max(np.abs(step)) < 1e-5:
+            break
+    return amplitude, slopes

@@ -1,0 +1,153 @@
+"""What is fitted to what: the options of a fit, the recordings made ready, and the model that both describe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts.measurement import Actuator, Recording
+from rfea_vision.dynamics.simulation import Chain, Model
+from rfea_vision.effects.base import BASE_PARAMETERS
+from rfea_vision.effects.catalogue import find_effects
+from rfea_vision.errors import DataError, InputError
+from rfea_vision.fitting.coordinates import base_reference, largest_bend
+from rfea_vision.fitting.observation import Observe, Observed, default_observe, observe_recording
+
+FloatArray = NDArray[np.float64]
+PER_JOINT = BASE_PARAMETERS[:6]
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What to fit and how.
+
+    Attributes
+    ----------
+    effects : ids, each optionally with a place: ``coulomb@2`` acts at joint 2 alone
+    observe : what of the recordings is compared; None takes the richest that all of them offer
+    fixed : parameters held at a value (SI; per joint of a chain of `segments`, as are bounds and priors)
+    bounds : lowest and highest value of parameters (SI), instead of the usual ones
+    priors : value and standard error that is known of parameters beforehand (SI): a weighed payload; ``modulus`` (Pa) stands
+        for the Young's modulus of the wall, see `coordinates.stiffness_per_modulus`
+    starts : number of random starts beside the regular ones
+    loss : ``linear``, or ``huber`` where many frames are wrong
+    pressure_zero_sd : standard error (Pa) of the zero of the pressure sensor, which may then differ from run to run
+    auto_segments : whether `segments` is where the search for their number begins
+    """
+
+    name: str = "base"
+    segments: int = 16
+    joints: Literal["middle", "start"] = "middle"
+    effects: tuple[str, ...] = ()
+    observe: Observe | None = None
+    effect_files: tuple[Path, ...] = ()
+    seed: int = 0
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    starts: int = 2
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    loss: Literal["linear", "huber"] = "linear"
+    pressure_zero_sd: float = 0.0
+    auto_segments: bool = False
+
+    def with_segments(self, segments: int) -> FitOptions:
+        """Return the same options for another number of segments: what is given per joint goes with it."""
+        factor = segments / self.segments
+
+        def of(name: str) -> float:
+            return factor if name in PER_JOINT else 1.0
+
+        return replace(
+            self,
+            segments=segments,
+            fixed={name: of(name) * value for name, value in self.fixed.items()},
+            bounds={name: (of(name) * low, of(name) * high) for name, (low, high) in self.bounds.items()},
+            priors={name: (of(name) * mean, of(name) * sd) for name, (mean, sd) in self.priors.items()},
+        )
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Recordings made ready, by role, with the tube they show."""
+
+    actuator: Actuator
+    train: tuple[Observed, ...]
+    validate: tuple[Observed, ...]
+    test: tuple[Observed, ...]
+    recordings: dict[str, Recording]
+    bend: float
+
+    @property
+    def mirror(self) -> float:
+        return self.train[0].mirror
+
+    def with_roles(self, *roles: str) -> tuple[Observed, ...]:
+        return tuple(o for o in (*self.train, *self.validate, *self.test) if o.role in roles)
+
+
+def make_problem(
+    recordings: Mapping[str, Recording],
+    actuator: Actuator,
+    observe: Observe | None = None,
+    *,
+    pressure_zero_sd: float = 0.0,
+) -> Problem:
+    """Prepare all recordings but the ignored ones; `pressure_zero_sd` as in `FitOptions`.
+
+    Raises
+    ------
+    DataError
+        No recording has the role `train`.
+    """
+    used = {name: r for name, r in recordings.items() if r.role in ("train", "validate", "test")}
+    training = [r for r in used.values() if r.role == "train"]
+    if not training:
+        raise DataError("no experiment has `role: train`; set it in the experiment.yaml of at least one run")
+    wanted = observe or default_observe(training)
+    items = []
+    for recording in used.values():
+        own = wanted if _offers(recording, wanted) else default_observe([recording])
+        item = observe_recording(recording, wanted if recording.role == "train" else own)
+        items.append(replace(item, pressure_zero_sd=pressure_zero_sd))
+    groups = {role: tuple(o for o in items if o.role == role) for role in ("train", "validate", "test")}
+    return Problem(actuator, groups["train"], groups["validate"], groups["test"], dict(used), largest_bend(items))
+
+
+def _offers(recording: Recording, observe: Observe) -> bool:
+    return {"midline": "midline", "tip": "tip", "tip_y": "tip", "angle": "bend_angle"}[observe] in recording.dataset
+
+
+def parse_effects(effects: Sequence[str], segments: int) -> tuple[tuple[str, ...], dict[str, int]]:
+    """Split ``coulomb@2`` into id and joint."""
+    ids, places = [], {}
+    for text in effects:
+        name, _, joint = text.partition("@")
+        ids.append(name)
+        if joint:
+            if not joint.isdigit() or not 1 <= int(joint) <= segments:
+                raise InputError(f"effect '{text}': the joint after @ must be a whole number from 1 to {segments}")
+            places[name] = int(joint)
+    return tuple(ids), places
+
+
+def make_model(actuator: Actuator, options: FitOptions, mirror: float = 1.0) -> Model:
+    """Model that the options describe."""
+    ids, places = parse_effects(options.effects, options.segments)
+    effects = find_effects(ids, options.effect_files)
+    return Model(Chain.tube(actuator, options.segments, options.joints), effects, mirror=mirror, at=places)
+
+
+def start_vector(model: Model, actuator: Actuator, segments: int) -> FloatArray:
+    """The paper's table for the base parameters, the declared start for those of effects."""
+    par = np.zeros(len(model.names))
+    par[:7] = base_reference(actuator, segments)
+    for effect in model.effects:
+        for name, spec in effect.parameters.items():
+            first = spec.grid[0] if spec.grid else spec.start
+            par[model.names.index(f"{effect.id}.{name}")] = spec.start if spec.absent is not None else first
+    return par

@@ -1,0 +1,64 @@
+"""One last step with the more exact integrator, so that its step length does not show in the parameters.
+
+At 1 ms the second-order method rings slower by 3e-5, which a long and clean track would see as a bias of one standard
+error in r_hyd. One Gauss-Newton step on the residual of the third-order method removes it, at the cost of two runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.dynamics.simulation import Model
+from rfea_vision.fitting.fit import Fitted
+from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.residuals import Predicted, evaluate
+from rfea_vision.fitting.solver import CLOCK_SCALE_S
+
+FloatArray = NDArray[np.float64]
+EXACT_ORDER = 3
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Model with the more exact integrator, parameters, clocks of the training runs, and what it predicts for them."""
+
+    model: Model
+    par: FloatArray
+    clocks: FloatArray
+    predicted: tuple[Predicted, ...]
+
+
+def refine(fitted: Fitted, items: Sequence[Observed]) -> Refined:
+    """Correct a solved fit; as it was where the step does not lower the cost."""
+    solution, coordinates = fitted.solution, fitted.coordinates
+    as_it_was = Refined(fitted.model, fitted.par, solution.clocks, solution.evaluation.predicted)
+    model = replace(fitted.model, order=EXACT_ORDER)
+    before = evaluate(model, fitted.par, items, (), solution.clocks)
+    if before is None:
+        return as_it_was
+    as_it_was = Refined(model, fitted.par, solution.clocks, before.predicted)
+    ny = len(coordinates.free)
+    margin = 1e-3 * np.minimum(coordinates.upper - coordinates.lower, 1.0)
+    inside = (solution.y > coordinates.lower + margin) & (solution.y < coordinates.upper - margin)
+    moves = np.concatenate([inside, np.ones(len(solution.clock_index), dtype=bool)])
+    weight = np.sqrt(solution.row_weight)
+    jacobian = np.concatenate([solution.scaled_jacobian * weight[:, None], solution.prior_jacobian])[:, moves]
+    residual = np.concatenate([before.residual * weight, solution.prior_residual])
+    if not moves.any():
+        return as_it_was
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    step = np.zeros(moves.size)
+    step[moves] = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-4)[0] / size
+    y = np.clip(solution.y + step[:ny], coordinates.lower, coordinates.upper)
+    clocks = solution.clocks.copy()
+    clocks[list(solution.clock_index)] += step[ny:] * CLOCK_SCALE_S
+    par = coordinates.parameters(y)
+    after = evaluate(model, par, items, (), clocks)
+    if after is None:
+        return as_it_was
+    gained = np.sum((after.residual * weight) ** 2) < np.sum((before.residual * weight) ** 2)
+    return Refined(model, par, clocks, after.predicted) if gained else as_it_was
