@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.calibration.corners import BoardView
+from rfea_vision.calibration.noise import slow_variance
 from rfea_vision.calibration.projection import rotation_matrix
 from rfea_vision.calibration.reprojection import board_pixels, jacobians
 from rfea_vision.errors import DataError
@@ -24,6 +25,7 @@ Pose = tuple[FloatArray, FloatArray]
 COEFFICIENTS = {"brown5": 5, "brown8": 8, "fisheye": 4}
 REWEIGHTINGS = 2
 PRIOR_FREEDOM = 20  # a photo's own noise is pulled towards that of all photos as if by so many residuals
+WIDEST_RAD = 1.48  # between the optical axis and a ray: beyond, a board is seen edge on
 SCALE_LIMIT = 4.0  # between the noise of a photo and that of all photos
 
 
@@ -101,9 +103,10 @@ def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
 def first_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray]:
     """Board pose from the homography of the undistorted corners."""
     flat = np.column_stack([view.board_mm, np.zeros(len(view.board_mm))])
-    found, rotation, translation = cv2.solvePnP(
-        flat, undistort(lens, view.pixels), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
-    )
+    straight = undistort(lens, view.pixels)
+    if not np.all(np.abs(straight) < 1e3):
+        raise DataError(f"{view.file}: this lens cannot have seen the board; leave this photo out")
+    found, rotation, translation = cv2.solvePnP(flat, straight, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
     if not found:
         raise DataError(f"{view.file}: the pose of the board could not be found; leave this photo out")
     return rotation_matrix(rotation.ravel()), np.asarray(translation, dtype=float).ravel()
@@ -123,13 +126,34 @@ def solve_pose(lens: Lens, view: BoardView, iterations: int = 15) -> tuple[Float
     return rotation, translation, view.pixels - project_board(lens, rotation, translation, view.board_mm)
 
 
+def first_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> Lens:
+    """The ideal equidistant lens whose focal length fits the boards best; a fair first guess for any lens."""
+    centre = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
+    radius = max(float(np.linalg.norm(v.pixels - centre, axis=1).max()) for v in views)
+    found: list[tuple[float, Lens]] = []
+    for focal in np.geomspace(0.22, 2.5, 14) * max(size):
+        if radius / focal > WIDEST_RAD:
+            continue
+        lens = Lens("fisheye", np.array([[focal, 0, centre[0]], [0, focal, centre[1]], [0, 0, 1.0]]), np.zeros(4))
+        try:
+            poses = [first_pose(lens, view) for view in views]
+        except (DataError, cv2.error):
+            continue
+        cost = sum(float(np.sum(e**2)) for e in _residuals(views, lens, poses))
+        if np.isfinite(cost):
+            found.append((cost, lens))
+    if not found:
+        raise DataError("camera.photos: no lens fits the photos; check camera.board.inner_corners")
+    return min(found, key=lambda item: item[0])[1]
+
+
 def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) -> Lens:
     """OpenCV's closed-form start, polished with few coefficients."""
+    if model == "fisheye":
+        return first_fisheye(views, size)
     objects = [np.column_stack([v.board_mm, np.zeros(len(v.board_mm))]).astype(np.float32) for v in views]
     images = [v.pixels.astype(np.float32).reshape(-1, 1, 2) for v in views]
     flags = cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
-    if model == "fisheye":
-        flags |= cv2.CALIB_FIX_K1
     start = np.asarray(cv2.initCameraMatrix2D(objects, images, size), dtype=float)
     if not np.all(np.isfinite(start)) or not 0.2 < start[0, 0] / max(size) < 20:
         # Boards seen squarely say nothing of the focal length: begin with that of an ordinary camera.
@@ -144,8 +168,7 @@ def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) ->
             "camera.photos: the photos do not determine the lens; add some with the board turned by 20 to 40 deg"
         ) from error
     coefficients = np.zeros(COEFFICIENTS[model])
-    if model != "fisheye":
-        coefficients[0] = float(np.ravel(distortion)[0])
+    coefficients[0] = float(np.ravel(distortion)[0])
     return Lens(model, np.asarray(matrix, dtype=float), coefficients)
 
 
@@ -270,6 +293,13 @@ def _finish(
         raise DataError("calibration: too few corners to determine the lens; add photos of the board")
     variance = sum(float(np.sum((e / s) ** 2)) for e, s in zip(residuals, scales, strict=True)) / freedom
     plain = sum(float(np.sum(e**2)) for e in residuals) / freedom
+    variance = slow_variance(
+        [v.board_mm for v in views],
+        [e / scale for e, scale in zip(residuals, scales, strict=True)],
+        [b for _, b in blocks],
+        size,
+        variance,
+    )
     scale = np.sqrt(np.maximum(np.diag(schur), 1e-30))
     inverse = (
         np.linalg.pinv(schur / scale[:, None] / scale[None, :], rcond=1e-13, hermitian=True)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.board import Board
-from rfea_vision.calibration.bundle import COEFFICIENTS, Bundle, Lens, first_lens, solve_bundle, solve_pose
+from rfea_vision.calibration.bundle import COEFFICIENTS, Bundle, Lens, first_fisheye, solve_bundle, solve_pose
 from rfea_vision.calibration.corners import BoardView, Refused, find_corners
 from rfea_vision.calibration.photos import Photo, read_photo, reference_photo
 from rfea_vision.calibration.projection import has_plane
@@ -30,7 +30,7 @@ SIZE_TOLERANCE_PX = 2  # some programs write one row or column more
 OUTLIER_SIGMA = 6.0
 SPLITS = 3
 LEAST_FOR_HALVES = 6
-WIDE_DEG = 40.0
+WIDE_DEG = 35.0
 
 
 def calibrate(
@@ -219,7 +219,8 @@ def choose_lens(views: Sequence[BoardView], size: tuple[int, int], lens: str) ->
         raise DataError("calibration: no lens model fits the photos; check camera.board.inner_corners")
     best = "brown5" if "brown5" in scores else min(scores, key=lambda name: scores[name])
     for model, score in sorted(scores.items(), key=lambda item: item[1]):
-        gain = held_out[best] - held_out[model]
+        # As ratios: where a lens fails, it fails by far on a few photos, and a mean gain would drown in its scatter.
+        gain = np.log(np.maximum(held_out[best], 1e-12) / np.maximum(held_out[model], 1e-12))
         sure = gain.mean() > SURE_BY * gain.std(ddof=1) / np.sqrt(len(gain))
         if score < (1 - BETTER_BY) * scores[best] and sure:
             best = model
@@ -244,9 +245,9 @@ def _choose_from_few(
 
 
 def _is_wide(views: Sequence[BoardView], size: tuple[int, int]) -> bool:
-    """Whether the half diagonal spans more than 40 degrees, where the Brown polynomial begins to fail."""
-    focal = first_lens(views, size, "brown5").matrix[0, 0]
-    return float(np.hypot(*size)) / 2 > np.tan(np.radians(WIDE_DEG)) * focal
+    """Whether the half diagonal spans more than 35 degrees, where the Brown polynomial begins to fail."""
+    focal = first_fisheye(views, size).matrix[0, 0]
+    return float(np.degrees(np.hypot(*size) / 2 / focal)) > WIDE_DEG
 
 
 def held_out_squares(views: Sequence[BoardView], size: tuple[int, int], model: str) -> FloatArray:
