@@ -16,36 +16,48 @@ Legend. Index 0 is the clamp (it turns only if it is compliant), 1..n the bodies
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, njit, types, void
+from numba import njit
 from numba.misc.special import literally
 
-VECTOR = float64[::1]
-MATRIX = float64[:, ::1]
-CUBE = float64[:, :, ::1]
-JOINT_LAW = types.FunctionType(void(VECTOR, VECTOR, MATRIX, float64, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX))
-JOINT_CUBE = types.FunctionType(void(VECTOR, VECTOR, MATRIX, float64, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, CUBE))
-FORCE_LAW = types.FunctionType(void(MATRIX, VECTOR, VECTOR, VECTOR, CUBE))
-
-# Columns of `chain`
-LENGTH, MASS, ALONG, ACROSS, INERTIA, FORCE_ALONG, FORCE_ACROSS = range(7)
-# Columns of the joint law's output
-TAU, TAU_THETA, TAU_RATE, TAU_PRESSURE, ADDED, ADDED_THETA, FIXED = range(7)
-# Columns of `body`, the working array with one row per body (n + 2, BODY_COLUMNS). A joint's entry stands in the row of
-# the body behind it. K (3 x 7) maps d to what body and everything beyond it pass on; E is d(d of the next)/dx.
-PHI, OM, AL, UX, UY, ACX, ACY, FX, FY, TORQUE, RESIDUAL, BETA, XFX, XFY = range(14)
-STIFF, TAU_P, Z_TORQUE, STEP, LINE_RHS, LINE_STEP, KX, GAMMA, E, K = 14, 15, 16, 17, 18, 19, 20, 23, 30, 37
-BODY_COLUMNS = 58
-
-OK, NOT_CONVERGED, BLOWN_UP = 0, 1, 2
-OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
-# The parts of a step are compiled into `integrate` and `equilibrium`, and only these are kept in Numba's cache. The cache
-# looks at the age of their own files alone: after a change here, touch integration.py and equilibrium.py.
-INLINE = {**OPTIONS, "cache": False, "forceinline": True}
+from rfea_vision.dynamics.system import (
+    ACROSS,
+    ACX,
+    ACY,
+    ADDED,
+    ADDED_THETA,
+    AL,
+    ALONG,
+    BETA,
+    FORCE_ACROSS,
+    FORCE_ALONG,
+    FX,
+    FY,
+    GAMMA,
+    INERTIA,
+    INLINE,
+    KX,
+    LENGTH,
+    MASS,
+    OM,
+    PHI,
+    RESIDUAL,
+    STIFF,
+    TAU,
+    TORQUE,
+    UX,
+    UY,
+    XFX,
+    XFY,
+    Z_TORQUE,
+    E,
+    K,
+)
 
 
 @njit(**INLINE)
-def kinematics(chain, base_length, gravity, body, motion, with_force):
+def kinematics(system, body, motion):
     """Directions, and acceleration of each centre of mass less gravity; motion of the points where body forces act."""
+    chain, gravity, with_force = system.chain, system.gravity, system.with_force
     n = chain.shape[0]
     px, py, vx, vy, ax, ay = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n + 1):
@@ -54,7 +66,7 @@ def kinematics(chain, base_length, gravity, body, motion, with_force):
         body[i, UX], body[i, UY] = ux, uy
         om, al = body[i, OM], body[i, AL]
         w2 = om * om
-        length = base_length
+        length = system.base_length
         if i > 0:
             length = chain[i - 1, LENGTH]
             along, across = chain[i - 1, ALONG], chain[i - 1, ACROSS]
@@ -123,10 +135,10 @@ def _force_terms(chain, body, force, i, cO, cP):
 
 
 @njit(**INLINE)
-def factor(setting, body, out, force, D, cA, cO, cP):
+def factor(system, body, out, force, D, cA, cO, cP):
     """Residual of every body, and the factors of the linearised chain, by one sweep from tip to clamp."""
     literally(D)
-    chain, base_length, compliance = setting.chain, setting.base_length, setting.line[2]
+    chain, base_length, compliance = system.chain, system.base_length, system.line[2]
     n = chain.shape[0]
     for i in range(n, 0, -1):
         length = chain[i - 1, LENGTH]
@@ -195,7 +207,7 @@ def factor(setting, body, out, force, D, cA, cO, cP):
                 for b in range(2):
                     body[i, K + 7 * a + 5 + b] -= force[i - 1, a, 1 + b]
                     body[i, K + 7 * a + 3 + b] -= force[i - 1, a, 3 + b]
-    if setting.with_base:
+    if system.with_base:
         _next_hinge(body, 0, base_length, D, cA, cO, cP)
         ux, uy = body[0, UX], body[0, UY]
         fx, fy = body[1, FX], body[1, FY]
@@ -209,10 +221,10 @@ def factor(setting, body, out, force, D, cA, cO, cP):
 
 
 @njit(**INLINE)
-def solve(setting, body, D, rhs, x, d):
+def solve(system, body, D, rhs, x, d):
     """Column x of `body` = -J^-1 (column rhs of `body`), with the factors of `factor`; d (7,) is working space."""
     literally(D)
-    chain, base_length, compliance = setting.chain, setting.base_length, setting.line[2]
+    chain, base_length, compliance = system.chain, system.base_length, system.line[2]
     n = chain.shape[0]
     fx, fy, torque = 0.0, 0.0, 0.0
     for i in range(n, 0, -1):
@@ -224,7 +236,7 @@ def solve(setting, body, D, rhs, x, d):
         fy += body[i, XFY] * value
         torque = body[i, STIFF] * value
     value = 0.0
-    if setting.with_base:
+    if system.with_base:
         moment = base_length * (body[0, UY] * fx - body[0, UX] * fy) + torque
         value = -(body[0, rhs] + compliance * moment) / body[0, BETA]
     body[0, x] = value

@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
-from numba import boolean, float64, int64, njit, types
+from numba import float64, int64, njit, types
 
-from rfea_vision.dynamics.engine import (
+from rfea_vision.dynamics.engine import factor, kinematics, solve
+from rfea_vision.dynamics.newton import wound_up
+from rfea_vision.dynamics.sensitivity import (
+    C_PRESSURE,
+    CARRY_ROWS,
+    LANES,
+    ROWS,
+    S_AL,
+    S_TORQUE,
+    answer,
+    gather,
+    outward,
+    set_constants,
+)
+from rfea_vision.dynamics.states import relaxed_factors
+from rfea_vision.dynamics.system import (
     BETA,
     BLOWN_UP,
-    BODY_COLUMNS,
     CUBE,
     FIXED,
     FORCE_LAW,
+    INDEX,
     INLINE,
     JOINT_CUBE,
     JOINT_LAW,
@@ -24,144 +37,87 @@ from rfea_vision.dynamics.engine import (
     PHI,
     RESIDUAL,
     STEP,
+    SYSTEM,
     VECTOR,
-    factor,
-    kinematics,
-    solve,
+    allocate,
+    call_joint_law,
+    joint_angles,
 )
-from rfea_vision.dynamics.integration import BODIES, INDEX, LARGEST_JOINT_ANGLE, joint_angles
-from rfea_vision.dynamics.sensitivity import (
-    C_PRESSURE,
-    CARRY_ROWS,
-    LANES,
-    ROWS,
-    S_AL,
-    S_TORQUE,
-    gather,
-    set_constants,
-    sweep,
-)
-from rfea_vision.dynamics.states import relaxed_factors
 
 LARGEST_STEP = 0.3  # rad per Newton step
-_EQUILIBRIUM = types.Tuple((int64, float64))(
-    JOINT_LAW,
-    JOINT_CUBE,
-    JOINT_CUBE,
-    FORCE_LAW,
-    *BODIES,
-    float64,
-    VECTOR,
-    VECTOR,
-    int64,
-    int64,
-    boolean,
-    boolean,
-    INDEX,
-    VECTOR,
-    MATRIX,
-    MATRIX,
-    CUBE,
-)
-
-
-class Clamped(NamedTuple):
-    """What factor and solve need of the setting."""
-
-    chain: Any
-    base_length: Any
-    line: Any
-    with_base: Any
 
 
 @njit(**INLINE)
-def _derivatives(
-    chain,
-    dchain,
-    base_length,
-    line,
-    dline,
-    dgravity,
-    body,
-    out,
-    out_par,
-    relaxed,
-    force,
-    dpressure,
-    m,
-    D,
-    with_base,
-    Sx,
-    free,
-    S_phi,
-    S_z,
-):
+def _derivatives(system, work, out_par, relaxed, dpressure, free, S_phi, S_z):
     """Implicit function theorem at the steady state: writes S_phi (n + 1, p) and S_z (n, m, p)."""
-    n, p = chain.shape[0], free.size
+    n, m, p = system.chain.shape[0], system.states, free.size
     blocks = (p + LANES - 1) // LANES
     lanes, carry = np.zeros((blocks, n + 2, ROWS * LANES)), np.zeros((blocks, CARRY_ROWS * LANES))
-    set_constants(dchain, dgravity, dline[2], free, lanes, carry)
+    set_constants(system, free, lanes, carry)
     for block in range(blocks):
         rows, hand = lanes[block], carry[block]
         part = free[block * LANES : (block + 1) * LANES]
         width = lanes.shape[2] // ROWS
-        gather(out_par, part, rows, width)
+        gather(out_par, part, rows)
         for k in range(part.size):
             hand[C_PRESSURE + k] = dpressure[part[k]]
             for j in range(n):
                 for a in range(m):
                     zeta = relaxed[j, a, 3 + part[k]] + relaxed[j, a, 2] * dpressure[part[k]]
                     S_z[j, a, block * LANES + k] = zeta
-                    rows[j + 1, S_TORQUE + k] += out[j, FIXED + a] * zeta
-        sweep(
-            chain,
-            base_length,
-            line[2],
-            body,
-            out,
-            force,
-            rows,
-            hand,
-            part,
-            D,
-            True,
-            with_base,
-            width,
-        )
+                    rows[j + 1, S_TORQUE + k] += work.out[j, FIXED + a] * zeta
+        outward(system, work, rows, hand, part, True, width, 0.0, 0.0, 0.0)
+        answer(system, work, rows, hand, width)
         for k in range(part.size):
             column = block * LANES + k
             for i in range(n + 1):
                 S_phi[i, column] = rows[i, S_AL + k]
             for j in range(n):
                 for a in range(m):
-                    S_z[j, a, column] += Sx[j, a] * (rows[j + 1, S_AL + k] - rows[j, S_AL + k])
+                    S_z[j, a, column] += work.Sx[j, a] * (rows[j + 1, S_AL + k] - rows[j, S_AL + k])
 
 
-@njit(_EQUILIBRIUM, **OPTIONS)
+@njit(**INLINE)
+def _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive):
+    """Newton's change of every angle (column STEP), with the hidden states relaxed."""
+    body, z = work.body, work.z
+    joint_angles(body, work.theta, work.rate)
+    if system.states > 0:
+        call_joint_law(relaxed_law, system, work, pressure, relaxed)
+        for j in range(z.shape[0]):
+            for a in range(system.states):
+                z[j, a] = relaxed[j, a, 0]
+    call_joint_law(joint_law, system, work, pressure, work.out)
+    for j in range(drive.size):
+        work.out[j, 0] += drive[j]
+    kinematics(system, body, work.motion)
+    if system.with_force:
+        force_law(work.motion, system.length, system.par, system.con, work.force)
+    relaxed_factors(work, relaxed, system.states)
+    if system.with_force:
+        factor(system, body, work.out, work.force, 7, 0.0, 0.0, 1.0)
+        solve(system, body, 7, RESIDUAL, STEP, work.d)
+    else:
+        factor(system, body, work.out, work.force, 3, 0.0, 0.0, 1.0)
+        solve(system, body, 3, RESIDUAL, STEP, work.d)
+
+
+@njit(
+    types.Tuple((int64, float64))(
+        *(JOINT_LAW, JOINT_CUBE, JOINT_CUBE, FORCE_LAW, SYSTEM),
+        *(float64, VECTOR, VECTOR, INDEX, VECTOR, MATRIX, MATRIX, CUBE),
+    ),
+    **OPTIONS,
+)
 def equilibrium(
-    law,
-    law_par,
+    joint_law,
+    joint_parameters,
     relaxed_law,
     force_law,
-    chain,
-    dchain,
-    base_length,
-    line,
-    dline,
-    gravity,
-    dgravity,
-    position,
-    arc,
-    weights,
-    par,
-    con,
+    system,
     pressure,
     dpressure,
     drive,
-    columns,
-    m,
-    with_force,
-    with_base,
     free,
     phi,
     z,
@@ -172,37 +128,13 @@ def equilibrium(
 
     Returns (status, stability): the smallest pivot of the stiffness along the chain, positive where it is stable.
     """
-    n, count = chain.shape[0], par.size
-    D = 7 if with_force else 3
-    body = np.zeros((n + 2, BODY_COLUMNS))
-    motion, force, d = np.zeros((n, 4)), np.zeros((n, 2, 5 + count)), np.zeros(7)
-    out, relaxed = np.zeros((n, columns)), np.zeros((n, max(m, 1), 3 + count))
-    theta, rate, Sx = np.zeros(n), np.zeros(n), np.zeros((n, max(m, 1)))
-    length = chain[:, 0].copy()
-    setting = Clamped(chain, base_length, line, with_base)
-    status = NOT_CONVERGED
+    n, m, count = system.chain.shape[0], system.states, system.par.size
+    work, relaxed = allocate(system), np.zeros((n, max(m, 1), 3 + count))
+    body, status = work.body, NOT_CONVERGED
     for i in range(n + 1):
         body[i, PHI] = phi[i]
     for _ in range(60):
-        joint_angles(body, theta, rate)
-        if m > 0:
-            relaxed_law(theta, rate, z, pressure, position, arc, weights, par, con, relaxed)
-            for j in range(n):
-                for a in range(m):
-                    z[j, a] = relaxed[j, a, 0]
-        law(theta, rate, z, pressure, position, arc, weights, par, con, out)
-        for j in range(n):
-            out[j, 0] += drive[j]
-        kinematics(chain, base_length, gravity, body, motion, with_force)
-        if with_force:
-            force_law(motion, length, par, con, force)
-        relaxed_factors(out, relaxed, m, z, body, Sx)
-        if with_force:
-            factor(setting, body, out, force, 7, 0.0, 0.0, 1.0)
-            solve(setting, body, 7, RESIDUAL, STEP, d)
-        else:
-            factor(setting, body, out, force, 3, 0.0, 0.0, 1.0)
-            solve(setting, body, 3, RESIDUAL, STEP, d)
+        _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive)
         largest, total = abs(body[0, STEP]), body[0, STEP]
         for i in range(1, n + 1):
             largest = max(largest, abs(body[i, STEP] - body[i - 1, STEP]))
@@ -220,32 +152,12 @@ def equilibrium(
         stability = min(stability, body[i, BETA])
     for i in range(n + 1):
         phi[i] = body[i, PHI]
-    joint_angles(body, theta, rate)
-    for j in range(n):
-        if abs(theta[j]) > LARGEST_JOINT_ANGLE:
-            return BLOWN_UP, stability
+    z[:, :] = work.z
+    if wound_up(body):
+        return BLOWN_UP, stability
     if free.size > 0 and status == OK:
+        joint_angles(body, work.theta, work.rate)
         out_par = np.zeros((n, 2 + m, count))
-        law_par(theta, rate, z, pressure, position, arc, weights, par, con, out_par)
-        _derivatives(
-            chain,
-            dchain,
-            base_length,
-            line,
-            dline,
-            dgravity,
-            body,
-            out,
-            out_par,
-            relaxed,
-            force,
-            dpressure,
-            m,
-            D,
-            with_base,
-            Sx,
-            free,
-            S_phi,
-            S_z,
-        )
+        call_joint_law(joint_parameters, system, work, pressure, out_par)
+        _derivatives(system, work, out_par, relaxed, dpressure, free, S_phi, S_z)
     return status, stability

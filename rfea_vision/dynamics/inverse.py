@@ -3,59 +3,76 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+from numba import njit, void
 from numpy.typing import NDArray
 
-from rfea_vision.dynamics.engine import (
+from rfea_vision.dynamics.engine import kinematics
+from rfea_vision.dynamics.simulation import Model
+from rfea_vision.dynamics.system import (
     ACROSS,
     ACX,
     ACY,
+    ADDED,
     AL,
     ALONG,
-    BODY_COLUMNS,
+    CUBE,
     FORCE_ACROSS,
     FORCE_ALONG,
+    FORCE_LAW,
     INERTIA,
+    JOINT_LAW,
     LENGTH,
     MASS,
+    MATRIX,
     OM,
     OPTIONS,
     PHI,
+    SYSTEM,
+    TAU,
     UX,
     UY,
-    kinematics,
+    VECTOR,
+    allocate,
+    call_joint_law,
+    joint_angles,
 )
-from rfea_vision.dynamics.simulation import Model
 
 FloatArray = NDArray[np.float64]
 
 
-@njit(**OPTIONS)
-def _move(chain, base_length, gravity, body, motion, with_force):
-    kinematics(chain, base_length, gravity, body, motion, with_force)
-
-
-@njit(**OPTIONS)
-def _needed(chain, added, force, body, out, with_force):
-    n = chain.shape[0]
-    fx, fy, needed = 0.0, 0.0, 0.0
-    for i in range(n, 0, -1):
-        ux, uy = body[i, UX], body[i, UY]
-        nx, ny = uy, -ux
-        mass = chain[i - 1, MASS] + added[i - 1]
-        along, across = chain[i - 1, ALONG], chain[i - 1, ACROSS]
-        qx, qy = along * nx + across * ux, along * ny + across * uy
-        needed += chain[i - 1, INERTIA] * body[i, AL] + mass * (body[i, ACX] * qx + body[i, ACY] * qy)
-        needed += chain[i - 1, LENGTH] * (nx * fx + ny * fy)
-        fx += mass * body[i, ACX]
-        fy += mass * body[i, ACY]
-        if with_force:
-            along, across = chain[i - 1, FORCE_ALONG], chain[i - 1, FORCE_ACROSS]
+@njit(void(JOINT_LAW, FORCE_LAW, SYSTEM, MATRIX, MATRIX, MATRIX, CUBE, VECTOR, MATRIX), **OPTIONS)
+def _joint_torques(joint_law, force_law, system, phi, rate, acceleration, states, felt, needed):
+    """Write what every frame's motion needs beside the law's torque into `needed` (frames, n)."""
+    n, work, chain = system.chain.shape[0], allocate(system), system.chain
+    body, force = work.body, work.force
+    for frame in range(felt.size):
+        for i in range(n + 1):
+            body[i, PHI], body[i, OM], body[i, AL] = phi[frame, i], rate[frame, i], acceleration[frame, i]
+        if system.states > 0:
+            work.z[:, :] = states[frame]
+        joint_angles(body, work.theta, work.rate)
+        call_joint_law(joint_law, system, work, felt[frame], work.out)
+        kinematics(system, body, work.motion)
+        if system.with_force:
+            force_law(work.motion, system.length, system.par, system.con, force)
+        fx, fy, torque = 0.0, 0.0, 0.0
+        for i in range(n, 0, -1):
+            ux, uy = body[i, UX], body[i, UY]
+            nx, ny = uy, -ux
+            mass = chain[i - 1, MASS] + work.out[i - 1, ADDED]
+            along, across = chain[i - 1, ALONG], chain[i - 1, ACROSS]
             qx, qy = along * nx + across * ux, along * ny + across * uy
-            needed -= force[i - 1, 0, 0] * qx + force[i - 1, 1, 0] * qy
-            fx -= force[i - 1, 0, 0]
-            fy -= force[i - 1, 1, 0]
-        out[i - 1] = needed
+            torque += chain[i - 1, INERTIA] * body[i, AL] + mass * (body[i, ACX] * qx + body[i, ACY] * qy)
+            torque += chain[i - 1, LENGTH] * (nx * fx + ny * fy)
+            fx += mass * body[i, ACX]
+            fy += mass * body[i, ACY]
+            if system.with_force:
+                along, across = chain[i - 1, FORCE_ALONG], chain[i - 1, FORCE_ACROSS]
+                qx, qy = along * nx + across * ux, along * ny + across * uy
+                torque -= force[i - 1, 0, 0] * qx + force[i - 1, 1, 0] * qy
+                fx -= force[i - 1, 0, 0]
+                fy -= force[i - 1, 1, 0]
+            needed[frame, i - 1] = torque - work.out[i - 1, TAU]
 
 
 def joint_torques(
@@ -71,35 +88,14 @@ def joint_torques(
 
     phi, rate, acceleration : (frames, n + 1) absolute angles with the clamp first; states (frames, n, m); pressure (frames,) in Pa
     """
-    frames, n = phi.shape[0], model.chain.bodies
-    chain, _ = model._bodies(par)
-    _, _, gravity, _ = model._environment(par)
-    law = model.law
-    felt = np.broadcast_to(
-        np.asarray(law.felt_pressure(par, model._constants, pressure)[0][0], dtype=float), pressure.shape
+    par = np.asarray(par, dtype=float)
+    module = model.law.module
+    felt = np.empty(pressure.shape)
+    felt[:] = model.law.felt_pressure(par, model._constants, pressure)[0][0]
+    needed = np.empty((phi.shape[0], model.chain.bodies))
+    angles, rates, accelerations, hidden = (
+        np.ascontiguousarray(values, dtype=float) for values in (phi, rate, acceleration, states)
     )
-    columns, length = np.zeros((n, law.columns)), chain[:, 0].copy()
-    force = np.zeros((n, 2, 5 + par.size))
-    body, motion = np.zeros((n + 2, BODY_COLUMNS)), np.zeros((n, 4))
-    out, needed = np.empty((frames, n)), np.zeros(n)
-    for f in range(frames):
-        theta, theta_rate = np.diff(phi[f]), np.diff(rate[f])
-        law.module.joint_law(
-            theta,
-            theta_rate,
-            np.ascontiguousarray(states[f]),
-            float(felt[f]),
-            model.chain.position,
-            model.chain.arc,
-            model._weights,
-            par,
-            model._constants,
-            columns,
-        )
-        body[:-1, PHI], body[:-1, OM], body[:-1, AL] = phi[f], rate[f], acceleration[f]
-        _move(chain, model.chain.base_length, gravity, body, motion, law.has_body_force)
-        if law.has_body_force:
-            law.module.body_force(motion, length, par, model._constants, force)
-        _needed(chain, columns[:, 4].copy(), force, body, needed, law.has_body_force)
-        out[f] = needed - columns[:, 0]
-    return out
+    system = model.system(par)
+    _joint_torques(module.joint_law, module.body_force, system, angles, rates, accelerations, hidden, felt, needed)
+    return needed

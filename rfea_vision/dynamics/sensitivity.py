@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from rfea_vision.dynamics.engine import (
+from rfea_vision.dynamics.system import (
     ACROSS,
     ACX,
     ACY,
@@ -57,8 +57,9 @@ Z_ROWS = 5
 
 
 @njit(**INLINE)
-def set_constants(dchain, dgravity, dcompliance, free, lanes, carry):
+def set_constants(system, free, lanes, carry):
     """Put into their lanes the parameter derivatives that last for the whole run: one block per LANES parameters."""
+    dchain, dgravity, dcompliance = system.dchain, system.dgravity, system.dline[2]
     for column in range(free.size):
         block, k, p = column // LANES, column % LANES, free[column]
         for j in range(dchain.shape[0]):
@@ -72,42 +73,26 @@ def set_constants(dchain, dgravity, dcompliance, free, lanes, carry):
 
 
 @njit(**INLINE)
-def gather(out_par, free, lanes, width):
+def gather(out_par, free, lanes):
     """Explicit derivatives of torque and added mass by the parameters `free` of one block."""
     for j in range(out_par.shape[0]):
         for k in range(free.size):
             lanes[j + 1, S_TORQUE + k] = out_par[j, 0, free[k]]
-            lanes[j + 1, S_MASS + k] = out_par[j, 1, free[k]]
-        for k in range(width):
-            lanes[j + 1, S_MASS + k] += lanes[j + 1, S_BODY_MASS + k]
-
-
-@njit(**INLINE)
-def predict(lanes, width, w0, w1, s):
-    """Known part of S_phi and S_om in a stage: w0 and w1 weigh the earlier stages (times the step), s is its own weight."""
-    for i in range(lanes.shape[0] - 1):
-        for k in range(width):
-            rate = lanes[i, S_OM_OLD + k] + w0 * lanes[i, S_AL_0 + k] + w1 * lanes[i, S_AL_1 + k]
-            angle = lanes[i, S_PHI_OLD + k] + w0 * lanes[i, S_OM_0 + k] + w1 * lanes[i, S_OM_1 + k]
-            lanes[i, S_OM + k] = rate
-            lanes[i, S_PHI + k] = angle + s * rate
+            lanes[j + 1, S_MASS + k] = out_par[j, 1, free[k]] + lanes[j + 1, S_BODY_MASS + k]
 
 
 @njit(**INLINE)
 def finish(lanes, width, s, stage):
     """Add the stage's own acceleration; keep what later stages need."""
+    keep_om, keep_al = (S_OM_0, S_AL_0) if stage == 0 else (S_OM_1, S_AL_1)
     for i in range(lanes.shape[0] - 1):
         for k in range(width):
-            lanes[i, S_OM + k] += s * lanes[i, S_AL + k]
-            lanes[i, S_PHI + k] += s * s * lanes[i, S_AL + k]
-        if stage == 0:
-            for k in range(width):
-                lanes[i, S_OM_0 + k] = lanes[i, S_OM + k]
-                lanes[i, S_AL_0 + k] = lanes[i, S_AL + k]
-        else:
-            for k in range(width):
-                lanes[i, S_OM_1 + k] = lanes[i, S_OM + k]
-                lanes[i, S_AL_1 + k] = lanes[i, S_AL + k]
+            x = lanes[i, S_AL + k]
+            rate = lanes[i, S_OM + k] + s * x
+            lanes[i, S_OM + k] = rate
+            lanes[i, S_PHI + k] += s * s * x
+            lanes[i, keep_om + k] = rate
+            lanes[i, keep_al + k] = x
 
 
 @njit(**INLINE)
@@ -120,9 +105,9 @@ def close_step(lanes, width):
 
 
 @njit(**INLINE)
-def predict_states(lanes, z_lanes, carry, out, out_par, inverse, m, s, w0, w1, free, width):
+def predict_states(work, lanes, z_lanes, carry, out_par, m, s, w0, w1, free, width):
     """Known part of the hidden states' derivatives, states eliminated; adds what they do to the torque."""
-    base = FIXED + m
+    out, inverse, base = work.out, work.inverse, FIXED + m
     for j in range(out.shape[0]):
         for a in range(m):
             at = a * Z_ROWS * LANES
@@ -147,8 +132,9 @@ def predict_states(lanes, z_lanes, carry, out, out_par, inverse, m, s, w0, w1, f
 
 
 @njit(**INLINE)
-def finish_states(lanes, z_lanes, carry, Sx, zp, m, s, stage, last, with_line, width):
+def finish_states(work, lanes, z_lanes, carry, m, s, stage, last, with_line, width):
     """Derivatives of the hidden states and of their rates; with a line, carry holds what `line_answer` left there."""
+    Sx, zp = work.Sx, work.zp
     for j in range(Sx.shape[0]):
         for a in range(m):
             at = a * Z_ROWS * LANES
@@ -163,42 +149,46 @@ def finish_states(lanes, z_lanes, carry, Sx, zp, m, s, stage, last, with_line, w
 
 
 @njit(**INLINE)
-def _outward(chain, base_length, body, out, lanes, carry, force, free, D, varies, with_base, width):
-    """Change of every centre of mass's acceleration, and of the body forces, for the known part."""
+def outward(system, work, lanes, carry, free, varies, width, w0, w1, s):
+    """From clamp to tip: the known part of S_phi and S_om, and what it does to accelerations and body forces.
+
+    w0 and w1 weigh the earlier stages (times the step), s is the stage's own weight.
+    """
+    chain, body, with_force = system.chain, work.body, system.with_force
     for k in range(width):
         carry[C_AX + k], carry[C_AY + k] = 0.0, 0.0
-    if D > 3:
+    if with_force:
         for row in (C_VX, C_VY, C_PX, C_PY):
             for k in range(width):
                 carry[row + k] = 0.0
-    for i in range(0 if with_base else 1, chain.shape[0] + 1):
+    for i in range(0 if system.with_base else 1, chain.shape[0] + 1):
         ux, uy = body[i, UX], body[i, UY]
         nx, ny = uy, -ux
         om, al = body[i, OM], body[i, AL]
         w2 = om * om
-        length = base_length
+        length, along, across = system.base_length, 0.0, 0.0
         if i > 0:
-            length = chain[i - 1, LENGTH]
-            along, across = chain[i - 1, ALONG], chain[i - 1, ACROSS]
-            rx, ry = along * ux - across * nx, along * uy - across * ny
-            qx, qy = along * nx + across * ux, along * ny + across * uy
-            px, py = -(al * rx + w2 * qx), -(al * ry + w2 * qy)
-            ox, oy = -2 * om * rx, -2 * om * ry
-            for k in range(width):
-                angle, rate = lanes[i, S_PHI + k], lanes[i, S_OM + k]
-                lanes[i, S_ACX + k] = carry[C_AX + k] + px * angle + ox * rate
-                lanes[i, S_ACY + k] = carry[C_AY + k] + py * angle + oy * rate
-            if varies or D > 3:
-                _varying_body(chain, body, out, lanes, carry, i, width)
-            if D > 3:
-                _forces_outward(chain, body, lanes, carry, force, free, i, width)
-        px, py = -length * (al * ux + w2 * nx), -length * (al * uy + w2 * ny)
-        ox, oy = -2 * length * om * ux, -2 * length * om * uy
+            length, along, across = chain[i - 1, LENGTH], chain[i - 1, ALONG], chain[i - 1, ACROSS]
+        rx, ry = along * ux - across * nx, along * uy - across * ny
+        qx, qy = along * nx + across * ux, along * ny + across * uy
+        px, py, ox, oy = -(al * rx + w2 * qx), -(al * ry + w2 * qy), -2 * om * rx, -2 * om * ry
+        hx, hy = -length * (al * ux + w2 * nx), -length * (al * uy + w2 * ny)
+        vx, vy = -2 * length * om * ux, -2 * length * om * uy
+        # One pass over memory: every further loop costs more than the arithmetic in it.
         for k in range(width):
-            angle, rate = lanes[i, S_PHI + k], lanes[i, S_OM + k]
-            carry[C_AX + k] += px * angle + ox * rate
-            carry[C_AY + k] += py * angle + oy * rate
-        if D > 3:
+            rate = lanes[i, S_OM_OLD + k] + w0 * lanes[i, S_AL_0 + k] + w1 * lanes[i, S_AL_1 + k]
+            angle = lanes[i, S_PHI_OLD + k] + w0 * lanes[i, S_OM_0 + k] + w1 * lanes[i, S_OM_1 + k] + s * rate
+            lanes[i, S_OM + k], lanes[i, S_PHI + k] = rate, angle
+            ax, ay = carry[C_AX + k], carry[C_AY + k]
+            lanes[i, S_ACX + k] = ax + px * angle + ox * rate
+            lanes[i, S_ACY + k] = ay + py * angle + oy * rate
+            carry[C_AX + k] = ax + hx * angle + vx * rate
+            carry[C_AY + k] = ay + hy * angle + vy * rate
+        if i > 0 and (varies or with_force):
+            _varying_body(chain, body, work.out, lanes, carry, i, width)
+        if i > 0 and with_force:
+            _forces_outward(chain, body, lanes, carry, work.force, free, i, width)
+        if with_force:
             for k in range(width):
                 angle, rate = lanes[i, S_PHI + k], lanes[i, S_OM + k]
                 carry[C_PX + k] += length * nx * angle
@@ -304,7 +294,7 @@ def _clamp(base_length, compliance, body, lanes, carry, D, with_base, width):
 
 
 @njit(**INLINE)
-def _answer(body, lanes, carry, D, width):
+def _from_clamp(body, lanes, carry, D, width):
     """The motion that follows, from clamp to tip."""
     for i in range(1, lanes.shape[0] - 1):
         inverse = -1.0 / body[i, BETA]
@@ -330,12 +320,12 @@ def _answer(body, lanes, carry, D, width):
 
 
 @njit(**INLINE)
-def sweep(chain, base_length, compliance, body, out, force, lanes, carry, free, D, varies, with_base, width):
-    """Row S_AL of one block: derivative of Newton's unknown by each parameter."""
-    _outward(chain, base_length, body, out, lanes, carry, force, free, D, varies, with_base, width)
-    _inward(chain, body, out, lanes, carry, width)
-    _clamp(base_length, compliance, body, lanes, carry, D, with_base, width)
-    _answer(body, lanes, carry, D, width)
+def answer(system, work, lanes, carry, width):
+    """Row S_AL of one block: derivative of Newton's unknown by each parameter, after `outward`."""
+    body, D = work.body, 7 if system.with_force else 3
+    _inward(system.chain, body, work.out, lanes, carry, width)
+    _clamp(system.base_length, system.line[2], body, lanes, carry, D, system.with_base, width)
+    _from_clamp(body, lanes, carry, D, width)
 
 
 @njit(**INLINE)

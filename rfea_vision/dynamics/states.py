@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from rfea_vision.dynamics.engine import (
+from rfea_vision.dynamics.system import (
     FIXED,
     INLINE,
     STIFF,
@@ -81,8 +81,9 @@ def joint_factors(work, m, s, cO, cP):
 
 
 @njit(**INLINE)
-def relaxed_factors(out, relaxed, m, z, body, Sx):
+def relaxed_factors(work, relaxed, m):
     """The same in a steady state, where x is the change of phi and z the relaxed value for theta and p."""
+    out, body, z, Sx = work.out, work.body, work.z, work.Sx
     for j in range(out.shape[0]):
         stiff = out[j, TAU_THETA]
         for a in range(m):

@@ -1,0 +1,52 @@
+"""What comes out of the engine: the frames of a run, and a steady state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.dynamics.system import OK
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What came out of a run. A failed run says so in `status` and `message`; its arrays are not to be used.
+
+    phi : (frames, n + 1) absolute angles, index 0 the clamp (rad); rate : the same per second
+    sensitivity : (frames, n + 1, p) d phi / d free parameter; states : (frames, n, m) at the end of the step
+    """
+
+    status: int
+    message: str
+    phi: FloatArray
+    rate: FloatArray
+    states: FloatArray
+    sensitivity: FloatArray
+    free: NDArray[np.int64]
+    newton_iterations: int = 0
+
+    @property
+    def ok(self) -> bool:
+        return self.status == OK
+
+    @property
+    def theta(self) -> FloatArray:
+        """Joint angles (frames, n) in rad."""
+        return np.diff(self.phi, axis=1)
+
+
+@dataclass(frozen=True)
+class Steady:
+    """A steady state: `found` is False where there is none up to the asked pressure (`pressure` is then the last one reached)."""
+
+    found: bool
+    phi: FloatArray
+    states: FloatArray
+    sensitivity: FloatArray
+    state_sensitivity: FloatArray
+    pressure: float
+    stability: float
