@@ -71,11 +71,21 @@ def _find_checkerboard(grey: NDArray[np.uint8], grid: tuple[int, int]) -> NDArra
     columns, rows = grid
     y, x = np.mgrid[0:rows, 0:columns]
     half = int(np.clip(0.35 * _smallest_spacing(corners, grid), 3, 11))
-    return refine_corners(grey, corners, np.column_stack([x.ravel(), y.ravel()]).astype(float), half)
+    return refine_corners(
+        grey,
+        corners,
+        np.column_stack([x.ravel(), y.ravel()]).astype(float),
+        half,
+        float(np.clip(SMOOTHING * half, 0.5, 1.5)),
+    )
 
 
 def refine_corners(
-    grey: NDArray[np.uint8], corners: NDArray[np.float64], board: NDArray[np.float64], half_px: int
+    grey: NDArray[np.uint8],
+    corners: NDArray[np.float64],
+    board: NDArray[np.float64],
+    half_px: int,
+    smoothing_px: float,
 ) -> NDArray[np.float64]:
     """Sub-pixel corners from the grey levels within `half_px`; `board` are their places on the board, in any unit."""
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
@@ -84,9 +94,9 @@ def refine_corners(
     near = np.asarray(near, dtype=float).reshape(-1, 2)
     # Pixels sample an edge; what lies beyond their reach folds back and moves an edge that is level in the picture by
     # up to 0.02 px, period one pixel. Smoothing first takes that off at next to no cost in noise.
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), float(np.clip(SMOOTHING * half_px, 0.5, 1.5)))
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), smoothing_px)
     fitted, _ = fit_corners(
-        np.asarray(smooth, dtype=np.float32), near, _edge_normals(near, board), half_px, limit_px=0.25 * half_px
+        np.asarray(smooth, dtype=np.float32), near, _edge_normals(near, board), half_px, limit_px=0.3 * half_px
     )
     lost = ~np.isfinite(fitted[:, 0])
     # A corner beside the border of the picture, or under a reflection, keeps the place that its gradients give.
@@ -176,8 +186,8 @@ def _find_charuco(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardVie
         return Refused(path, "incomplete: its corners lie on one line")
     spacing = np.linalg.norm(pixels[:, None] - pixels[None], axis=-1)
     np.fill_diagonal(spacing, np.inf)
-    # Markers must stay out of the window: their corners come as near as their margin's diagonal.
-    margin = (board.square_m - (board.marker_m or 0.0)) / (2 * board.square_m)
-    reach = min(0.35, 1.1 * margin * np.sqrt(2))
-    half = int(np.clip(reach * np.median(spacing.min(axis=1)), 3, 9))
-    return BoardView(path, board_mm, refine_corners(grey, pixels, board_mm, half))
+    # Markers must stay out of the window, and must not be smeared into it: their corners come as near as the diagonal
+    # of their margin.
+    diagonal = (board.square_m - (board.marker_m or 0.0)) / (np.sqrt(2) * board.square_m)
+    half = int(np.clip(0.7 * diagonal * np.median(spacing.min(axis=1)), 3, 9))
+    return BoardView(path, board_mm, refine_corners(grey, pixels, board_mm, half, 0.3))

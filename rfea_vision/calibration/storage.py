@@ -1,4 +1,4 @@
-"""`camera.yaml`: an OpenCV FileStorage file, so that other tools can open it; ROS camera_info is read as well."""
+"""`camera.yaml`: an OpenCV FileStorage file, so that other tools can open it; ROS camera_info is read and written too."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import yaml
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.bundle import COEFFICIENTS
 from rfea_vision.errors import InputError
-from rfea_vision.files import whole_file
+from rfea_vision.files import whole_file, write_text
 
 _CHUNK = 1000  # OpenCV's parser limits the length of a string
 _ARRAYS = (
@@ -24,6 +24,14 @@ _ARRAYS = (
     "joint_covariance",
 )
 
+_ROS_MODELS = {"brown5": "plumb_bob", "brown8": "rational_polynomial", "fisheye": "equidistant"}
+_ALIASES = {  # as OpenCV's samples, ROS 2 messages and common scripts write them
+    "camera_matrix": ("cameramatrix", "intrinsic_matrix", "mtx", "k", "m1"),
+    "distortion_coefficients": ("distcoeffs", "dist_coeffs", "distortion", "dist", "d", "d1"),
+    "image_width": ("width",),
+    "image_height": ("height",),
+}
+
 
 def save_calibration(path: Path, calibration: Calibration) -> None:
     """Write `calibration` as OpenCV FileStorage YAML, whole or not at all."""
@@ -33,10 +41,7 @@ def save_calibration(path: Path, calibration: Calibration) -> None:
         storage.write("image_height", calibration.image_height)
         storage.write("camera_matrix", calibration.camera_matrix)
         storage.write("distortion_coefficients", np.asarray(calibration.distortion).reshape(-1, 1))
-        storage.write(
-            "distortion_model",
-            {"brown5": "plumb_bob", "brown8": "rational_polynomial"}.get(calibration.model, "equidistant"),
-        )
+        storage.write("distortion_model", _ROS_MODELS[calibration.model])
         storage.write("model", calibration.model)
         storage.write("rms", calibration.rms_px)
         storage.write("avg_reprojection_error", calibration.rms_px)
@@ -56,6 +61,29 @@ def save_calibration(path: Path, calibration: Calibration) -> None:
         storage.release()
 
 
+def save_ros(path: Path, calibration: Calibration, camera_name: str = "camera") -> None:
+    """Write a ROS camera_info file, as `camera_calibration_parsers` reads it; whole or not at all.
+
+    The plane of motion and the covariances have no place in such a file.
+    """
+
+    def matrix(values: np.ndarray) -> dict[str, Any]:
+        table = np.atleast_2d(np.asarray(values, dtype=float))
+        return {"rows": table.shape[0], "cols": table.shape[1], "data": [float(v) for v in table.ravel()]}
+
+    content = {
+        "image_width": int(calibration.image_width),
+        "image_height": int(calibration.image_height),
+        "camera_name": camera_name,
+        "camera_matrix": matrix(calibration.camera_matrix),
+        "distortion_model": _ROS_MODELS[calibration.model],
+        "distortion_coefficients": matrix(np.ravel(calibration.distortion)),
+        "rectification_matrix": matrix(np.eye(3)),
+        "projection_matrix": matrix(np.column_stack([calibration.camera_matrix, np.zeros(3)])),
+    }
+    write_text(path, yaml.safe_dump(content, sort_keys=False))
+
+
 def load_calibration(path: Path) -> Calibration:
     """Read a calibration of this package, of OpenCV, or a ROS camera_info file.
 
@@ -69,12 +97,25 @@ def load_calibration(path: Path) -> Calibration:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not readable as a camera file; give an OpenCV or ROS YAML file") from error
     try:
-        values = _read_opencv(path) if text.startswith("%YAML") else _read_ros(text)
+        storage = text.startswith("%YAML") or text.lstrip().startswith(("<?xml", "<opencv_storage"))
+        values = _with_usual_names(_read_opencv(path) if storage else _read_ros(text))
     except (cv2.error, yaml.YAMLError, TypeError, ValueError, KeyError, SystemError) as error:
         raise InputError(f"{path}: not an OpenCV or ROS camera file; calibrate from photos instead") from error
     if values.get("camera_matrix") is None:
         raise InputError(f"{path}: camera_matrix is missing; give an OpenCV or ROS camera file")
     return _from_values(path, values)
+
+
+def _with_usual_names(values: dict[str, Any]) -> dict[str, Any]:
+    """Bring names that other tools use to OpenCV's own; a flat list of nine is a matrix."""
+    for name, others in _ALIASES.items():
+        for other in others:
+            if values.get(name) is None and values.get(other) is not None:
+                values[name] = values[other]
+    matrix = values.get("camera_matrix")
+    if matrix is not None:
+        values["camera_matrix"] = np.asarray(matrix, dtype=float).reshape(3, 3)
+    return values
 
 
 def _read_opencv(path: Path) -> dict[str, Any]:
@@ -89,6 +130,8 @@ def _read_opencv(path: Path) -> dict[str, Any]:
             values[name.lower()] = node.string()
         elif node.isReal() or node.isInt():
             values[name.lower()] = node.real()
+        elif node.isSeq() and name.lower() in ("k", "d"):
+            values[name.lower()] = [node.at(i).real() for i in range(node.size())]
         elif node.isSeq() and name.endswith("_json"):
             pieces = (node.at(i).string()[1:] for i in range(node.size()))
             values[name.lower()] = json.loads("".join(pieces))

@@ -21,7 +21,10 @@ def experiment_option(command: Any) -> Any:
 
 @click.command("calibrate")
 @campaign_options
-def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool) -> None:
+@click.option("--ros", type=click.Path(path_type=Path), help="Also write the lens as a ROS camera_info file.")
+def calibrate_command(
+    campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, ros: Path | None
+) -> None:
     """Lens and plane of motion from the photos of the board."""
     with opened(campaign, out, force=("calibrate",) if force else ()) as work:
         calibration = work.calibrate()
@@ -46,21 +49,44 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
             "photos": list(calibration.photos),
             "quality": calibration.quality,
         }
+    if calibration is not None and ros is not None:
+        from rfea_vision.calibration import save_ros
+
+        save_ros(ros, calibration)
+        summary["ros"] = str(ros)
     if as_json:
         print_json(summary)
     elif calibration is None:
         click.echo(summary["sentence"])
     else:
+        photos = sorted(calibration.photos, key=lambda photo: (not photo["used"], -(photo.get("rms_px") or 0.0)))
         rows = [
             [photo["file"], "yes" if photo["used"] else "no", photo.get("rms_px"), photo.get("reason") or ""]
-            for photo in calibration.photos
+            for photo in photos
         ]
         if rows:
-            print_table("", ["photo", "used", "RMS px", "reason"], rows, left=2)
+            print_table("worst first", ["photo", "used", "RMS px", "reason"], rows, left=2)
         lens = ", ".join(f"{key} {summary[key]:.1f}" for key in ("fx", "fy", "cx", "cy"))
         fit = f", RMS {calibration.rms_px:.3f} px" if isfinite(calibration.rms_px) else ""
-        tilt = f"plane tilted by {calibration.plane_tilt_deg:.2f} deg"
+        tilt = "no photo of the plane of motion"
+        if isfinite(calibration.plane_tilt_deg):
+            error = calibration.quality.get("plane", {}).get("tilt_stderr_deg")
+            tilt = f"plane tilted by {calibration.plane_tilt_deg:.2f} deg"
+            tilt += f" (standard error {error:.2f} deg)" if error is not None else ""
         click.echo(f"{calibration.model}: {lens} px{fit}, {tilt}")
+        for sentence in _judgement(calibration.quality):
+            click.echo(sentence)
+
+
+def _judgement(quality: dict[str, Any]) -> list[str]:
+    """What the calibration says of itself, warnings last."""
+    said = [
+        quality.get("lens_reason"),
+        quality.get("region", {}).get("sentence"),
+        quality.get("cross_validation", {}).get("sentence") or quality.get("cross_validation", {}).get("note"),
+        quality.get("advice"),
+    ]
+    return [text for text in said if text] + [f"warning: {text}" for text in quality.get("warnings", [])]
 
 
 @click.command("track")

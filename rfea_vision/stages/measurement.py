@@ -112,6 +112,7 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
             tip_px=camera.tip,
             progress=progress,
         )
+        _say_calibration(found, calibration.value, experiment)
         found.save(path)
         return found, [path], describe_track(found)
 
@@ -127,6 +128,15 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
     )
     _clip(work, experiment, tracked, path, calibration)
     return tracked
+
+
+def _say_calibration(found: Track, calibration: Calibration, experiment: ExperimentSpec) -> None:
+    """Add, as attributes, what the calibration's uncertainty means where the tube has been."""
+    from rfea_vision.calibration.region import visited
+
+    region = visited(calibration, found, 1e3 * experiment.actuator.length)
+    for key, value in (region or {}).items():
+        found.dataset.attrs[f"calibration_{key}"] = value
 
 
 def _clip(

@@ -1,6 +1,6 @@
 """Photos of any board through any lens, by looking up every ray: an independent check of corners and lens models.
 
-The flat board is a picture of its own; each of 3 x 3 rays per pixel meets it somewhere. Blur acts on the fine grid, as a
+The flat board is a picture of its own; each of 5 x 5 rays per pixel meets it somewhere. Blur acts on the fine grid, as a
 lens does, before the pixels sample it.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.printing import board_picture
 
-FINE = 3
+FINE = 5
 TEXTURE_PX_PER_SQUARE = 84
 
 
