@@ -94,6 +94,9 @@ class ModelFit(_Json):
     leave_one_out: dict[str, Any] = Field(
         default_factory=dict
     )  # {"experiments": {...}, "parameters": {...}, "sentence"}
+    timings: dict[str, float] = Field(
+        default_factory=dict, exclude=True
+    )  # seconds; written apart, as no two runs agree
     segments_study: list[dict[str, Any]] = Field(default_factory=list)  # {"segments", "train_tip_rmse_mm", ...}
     laws: dict[str, dict[str, str]] = Field(default_factory=dict)  # effect -> {"title", "latex", "reference", "text"}
     inputs: dict[str, str] = Field(default_factory=dict)

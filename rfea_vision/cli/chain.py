@@ -8,7 +8,8 @@ from typing import Any
 import click
 
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table
-from rfea_vision.cli.model import print_ladder, print_metrics
+from rfea_vision.cli.fit import print_metrics
+from rfea_vision.cli.model import print_ladder
 from rfea_vision.cli.options import campaign_options, opened, output_options
 from rfea_vision.errors import DataError
 

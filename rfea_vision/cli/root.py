@@ -22,7 +22,8 @@ INTERRUPTED = 130
 _COMMANDS = {
     "setup": ("init", "check", "schema", "doctor", "board"),
     "measure": ("calibrate", "track", "sync"),
-    "model": ("fit", "compare", "diagnose", "improve"),
+    "fit": ("fit",),
+    "model": ("compare", "diagnose", "improve"),
     "effects": ("effects",),
     "chain": ("report", "run", "batch"),
     "twin": ("simulate", "demo"),

@@ -49,16 +49,18 @@ class Coordinates:
         return np.clip(y, self.lower + margin, self.upper - margin).astype(np.float64)
 
 
+def bend_of(item: Observed) -> FloatArray:
+    """Bending angle (frames,) in rad: as measured, or from the chord to the tip where no angle was."""
+    if np.any(np.isfinite(item.angle)) or not item.has_tip:
+        return item.angle
+    tip = item.points[:, -1]
+    return 2 * np.arctan2(-tip[:, 0], -tip[:, 1])
+
+
 def largest_bend(items: Sequence[Observed]) -> float:
-    """Largest bending angle (rad) that the recordings reach; from the chord where no angle was measured."""
-    largest = 0.1
-    for item in items:
-        if np.any(np.isfinite(item.angle)):
-            largest = max(largest, float(np.nanpercentile(item.angle, 99.5)))
-        elif item.has_tip:
-            tip = item.points[:, -1]
-            largest = max(largest, float(np.percentile(2 * np.arctan2(-tip[:, 0], -tip[:, 1]), 99.5)))
-    return largest
+    """Largest bending angle (rad) that the recordings reach."""
+    bends = [bend_of(item) for item in items]
+    return max([0.1, *(float(np.nanpercentile(b, 99.5)) for b in bends if np.any(np.isfinite(b)))])
 
 
 def base_reference(actuator: Actuator, segments: int) -> FloatArray:
@@ -163,8 +165,10 @@ def build(
         elif k == 6:
             column = np.zeros(len(names))
             column[6] = reference[6]
-            standard = actuator.outer_radius / 0.004
-            low, high = own or (R_HYD_BOUNDS[0] * standard, R_HYD_BOUNDS[1] * standard)
+            size = (
+                actuator.outer_radius / Actuator().outer_radius
+            )  # for another tube the bounds widen, they do not move
+            low, high = own or (R_HYD_BOUNDS[0] * min(size, 1.0), R_HYD_BOUNDS[1] * max(size, 1.0))
             axes.append(_Axis(column, low / reference[6], high / reference[6]))
         else:
             axes.append(_effect_axis(model, k, own))

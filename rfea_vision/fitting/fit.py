@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Model
-from rfea_vision.errors import DataError
+from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import Coordinates, build
 from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.problem import FitOptions, Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.solver import Solution, solve
+from rfea_vision.fitting.starts import evened, seen_scale
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
 
 __all__ = [
@@ -39,6 +40,8 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 AGREEING_STARTS = 3
 STIFFER_STARTS = (1.0, 1.5, 3.0, 6.0)
+#: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
+GOOD_STEADY = 50.0
 Progress = Callable[[int, int], None] | None
 
 
@@ -53,6 +56,8 @@ class Fitted:
     plateaus: tuple[Plateau, ...] = ()
     steady: dict[str, Any] = field(default_factory=dict)
     starts: tuple[dict[str, Any], ...] = ()
+    study: tuple[dict[str, Any], ...] = ()
+    study_seconds: dict[str, float] = field(default_factory=dict)
 
     @property
     def par(self) -> FloatArray:
@@ -90,7 +95,8 @@ def _steady_start(
     model: Model, problem: Problem, options: FitOptions, par: FloatArray, plateaus: Sequence[Plateau]
 ) -> tuple[FloatArray, dict[str, Any]]:
     """Stiffness from the plateaus, at the present r_hyd; a sentence where they do not allow it."""
-    loaded = [p for p in plateaus if p.pressure > 0.15 * max((q.pressure for q in plateaus), default=0.0)]
+    highest = max(float(np.max(item.excitation.pressure)) for item in problem.train)
+    loaded = [p for p in plateaus if p.pressure > 0.15 * highest]
     if all(name in options.fixed for name in ("k_ref", "k_slope")):
         return par, {"note": "the stiffness is given: nothing to fit at rest"}
     if len(loaded) < 2:
@@ -102,7 +108,7 @@ def _steady_start(
         model, problem.actuator, options.segments, problem.bend, only=wanted, held=par, bounds=options.bounds
     )
     fractions = problem.train[0].fractions
-    out = None
+    found = []
     for stiffer in STIFFER_STARTS:
         # A tube that is too soft has no steady state under pressure; without the slope and stiffer it has one.
         guess = par.copy()
@@ -110,10 +116,12 @@ def _steady_start(
             guess[0], guess[1] = par[0] * stiffer, 0.0
         out = fit_steady(model, plateaus, coordinates, guess, fractions)
         if out is not None:
-            break
-    if out is None:
+            found.append(out)
+            if np.sqrt(np.mean(out[1] ** 2)) < GOOD_STEADY:
+                break
+    if not found:
         return par, {"note": "the start has no steady state at the plateaus; dynamic fit from the paper's table"}
-    fitted, residual = out
+    fitted, residual = min(found, key=lambda pair: float(pair[1] @ pair[1]))
     angles = [model.steady(fitted, p.pressure) for p in plateaus]
     record = {
         "pressure_kPa": [p.pressure / 1e3 for p in plateaus],
@@ -138,11 +146,12 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     thin = [o.thinned(max(1, o.time.size // 500)) for o in problem.train]
     plateaus = find_plateaus(problem.train)
     reference = start_vector(model, problem.actuator, coarse.segments)
+    reference[:6] *= seen_scale(problem.train, problem.actuator)
     coordinates = coordinates_for(problem, coarse, model)
     rng = np.random.default_rng(options.seed)
     shapes = [(1.0, 1.0), (0.9, 2.0), (1.2, 0.5)]
     shapes += [(float(rng.uniform(0.85, 1.35)), float(np.exp(rng.uniform(-1.2, 1.2)))) for _ in range(options.starts)]
-    best: Solution | None = None
+    solutions: list[Solution] = []
     record: dict[str, Any] = {}
     waterfall: list[dict[str, Any]] = []
     for index, (arm, damping) in enumerate(shapes):
@@ -174,23 +183,45 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
                     "status": "converged" if solution.converged else "stopped early",
                 }
             )
-            if best is None or solution.cost < best.cost:
-                best = solution
+            solutions.append(solution)
         if progress is not None:
             progress(index + 1, len(shapes) + 2)
         costs = [row["cost"] for row in waterfall if row["cost"] is not None]
         if index + 1 >= AGREEING_STARTS and len(costs) == index + 1 and max(costs) < 1.001 * min(costs):
             break  # starts this different that end in one place leave no doubt about it
-    if best is None:
+    if not solutions:
         raise DataError(
             "no start could be simulated: at these pressures the model has no steady state with parameters near the paper's; "
             "check the unit of the pressure log and the actuator's dimensions"
         )
-    previous = dict(zip(model.names, best.par, strict=True))
-    fitted = refit(problem, options, previous, coarse.segments, clocks=best.clocks)
+    fitted = _refined(problem, options, model, coordinates, coarse.segments, solutions)
     if progress is not None:
         progress(len(shapes) + 2, len(shapes) + 2)
     return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
+
+
+def _refined(
+    problem: Problem,
+    options: FitOptions,
+    model: Model,
+    coordinates: Coordinates,
+    segments: int,
+    solutions: Sequence[Solution],
+) -> Fitted:
+    """Carry the best coarse solution over to the full chain.
+
+    A misfit may push a damper or a spring to nothing at one end of the reach, which the finer chain does not survive: then
+    it starts from the same solution evened out, or from the next best.
+    """
+    failure = DataError(f"model {options.name}: no solution")
+    for solution in sorted(solutions, key=lambda s: s.cost):
+        for par in (solution.par, evened(coordinates, solution.par)):
+            try:
+                known = dict(zip(model.names, par, strict=True))
+                return refit(problem, options, known, segments, clocks=solution.clocks)
+            except DataError as error:
+                failure = error
+    raise failure
 
 
 def refit(
@@ -297,11 +328,23 @@ def fit_added(
 
 
 def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:
-    """Base model first, then the effects asked for, all together."""
-    base = fit_base(problem, replace(options, effects=()), progress)
-    if not options.effects:
-        return replace(base, options=options)
-    return fit_added(problem, options, base, progress=progress)
+    """Base model first, then the effects asked for, all together; then other numbers of segments where they are asked for."""
+    fitted = replace(fit_base(problem, replace(options, effects=()), progress), options=options)
+    if options.effects:
+        fitted = fit_added(problem, options, fitted, progress=progress)
+    if options.study_segments or options.auto_segments:
+        from rfea_vision.fitting.studies import with_study
+
+        fitted = with_study(problem, fitted)
+    return fitted
+
+
+def _know_all(model: Model, options: FitOptions) -> None:
+    """Refuse what is given of parameters that the model does not have."""
+    given = {*options.fixed, *options.bounds, *options.priors, *options.profile} - {"modulus"}
+    unknown = sorted(given - set(model.names))
+    if unknown:
+        raise InputError(f"{unknown[0]}: is no parameter of model {options.name}; it has {', '.join(model.names)}")
 
 
 def fit_model(
@@ -312,15 +355,30 @@ def fit_model(
 ) -> ModelFit:
     """Fit the RSDA model to the training recordings and score it on the others (test runs are left alone).
 
+    With the profiles, and the fits without one of the runs, that the options ask for.
+
     Raises
     ------
     DataError
         No training recording, or no start that can be simulated.
     InputError
-        An unknown effect.
+        An unknown effect, or a profile of a parameter that the model does not have.
     """
     from rfea_vision.fitting.scoring import as_artefact
 
     chosen = options or FitOptions()
     problem = make_problem(recordings, actuator, chosen.observe, pressure_zero_sd=chosen.pressure_zero_sd)
-    return as_artefact(problem, fit(problem, chosen, progress))
+    _know_all(make_model(actuator, chosen, problem.mirror), chosen)
+    fitted = fit(problem, chosen, progress)
+    model = as_artefact(problem, fitted)
+    if not (chosen.profile or chosen.leave_one_out):
+        return model
+    from rfea_vision.fitting.profile import profile
+    from rfea_vision.fitting.studies import leave_one_out
+
+    more: dict[str, Any] = {
+        "profiles": {name: profile(problem, fitted, name, model.parameters) for name in chosen.profile}
+    }
+    if chosen.leave_one_out:
+        more["leave_one_out"] = leave_one_out(problem, fitted)
+    return model.model_copy(update=more)

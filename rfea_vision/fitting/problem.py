@@ -37,7 +37,10 @@ class FitOptions:
     starts : number of random starts beside the regular ones
     loss : ``linear``, or ``huber`` where many frames are wrong
     pressure_zero_sd : standard error (Pa) of the zero of the pressure sensor, which may then differ from run to run
-    auto_segments : whether `segments` is where the search for their number begins
+    auto_segments : whether `segments` is only where the search for their number begins
+    study_segments : whether other numbers of segments are tried
+    leave_one_out : whether the fit is repeated without each training run
+    profile : parameters whose profile likelihood is wanted
     """
 
     name: str = "base"
@@ -54,6 +57,9 @@ class FitOptions:
     loss: Literal["linear", "huber"] = "linear"
     pressure_zero_sd: float = 0.0
     auto_segments: bool = False
+    study_segments: bool = False
+    leave_one_out: bool = False
+    profile: tuple[str, ...] = ()
 
     def with_segments(self, segments: int) -> FitOptions:
         """Return the same options for another number of segments: what is given per joint goes with it."""

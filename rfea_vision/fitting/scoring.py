@@ -171,6 +171,8 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         starts=list(fitted.starts),
         residual_tests=examine_residuals(problem.train, best.predicted),
         given=_given(options),
+        segments_study=list(fitted.study),
+        timings=fitted.study_seconds,
         laws=_laws(fitted),
         effect_files=[str(p) for p in options.effect_files],  # type: ignore[call-arg]
     )

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from rfea_vision.fitting import FitOptions
 
 
+AUTO = "auto"
+
+
 @dataclass(frozen=True)
 class ModelChoices:
     """The choices of a fit, as the command line, a recipe or a record of an earlier fit gives them.
@@ -23,7 +26,7 @@ class ModelChoices:
     name : folder of the model
     effects : ids of the effects beside the base model
     observe : what of the recordings is fitted; None takes the richest that all of them offer
-    more : further options of the fit by name
+    more : further options of the fit by name; ``fix``, ``prior`` and ``bound`` as people write them, see `given`
     """
 
     name: str = "base"
@@ -48,10 +51,17 @@ class ModelChoices:
             If one of `more` is no option of the fit.
         """
         from rfea_vision.fitting import FitOptions
+        from rfea_vision.stages.given import read_bounds, read_fixed, read_priors, units_of
 
-        own = {key: value for key, value in vars(self).items() if key != "more"}
+        own: dict[str, Any] = {key: value for key, value in vars(self).items() if key != "more"}
+        more: dict[str, Any] = dict(self.more)
+        readers = {"fix": ("fixed", read_fixed), "prior": ("priors", read_priors), "bound": ("bounds", read_bounds)}
+        if any(more.get(key) for key in readers):
+            units = units_of(self.effect_files)
+            more |= {name: read(more[key], units) for key, (name, read) in readers.items() if more.get(key)}
+        own |= {key: tuple(value) if isinstance(value, list) else value for key, value in more.items()}
         try:
-            return FitOptions(**own, **self.more)
+            return FitOptions(**{key: value for key, value in own.items() if key not in readers})
         except TypeError as error:
             raise InputError(f"fit: {error}; known are {', '.join(FitOptions.__dataclass_fields__)}") from error
 
@@ -79,6 +89,11 @@ def choose(
     if "/" in name or "\\" in name or name.startswith("."):
         raise InputError(f"--name {name}: cannot name a folder; use letters, digits and dashes")
     known = {key: choices.pop(key) for key in ("segments", "joints", "observe", "seed") if key in choices}
+    if known.get("segments") == AUTO:
+        known.pop("segments")
+        choices["auto_segments"] = True
+    # what is not asked for leaves no trace in the record, so that a fit stays fresh when an option is added to the tool
+    choices = {key: value for key, value in choices.items() if value not in (None, False, (), [], 0.0, "linear")}
     return ModelChoices(name=name, effects=effects, effect_files=files, more=choices, **known)
 
 

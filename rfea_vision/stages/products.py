@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from rfea_vision.artefacts import Diagnosis, ModelFit, Rung
-from rfea_vision.files import read_dataset, whole_file, write_datasets
+from rfea_vision.files import read_dataset, whole_file, write_datasets, write_text
 
 
 def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset]) -> None:
@@ -22,6 +23,12 @@ def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset]) -> None
 def load_prediction(folder: Path, experiments: Sequence[str]) -> dict[str, xr.Dataset]:
     """Read the groups of prediction.nc."""
     return {name: read_dataset(folder / "prediction.nc", name) for name in experiments}
+
+
+def save_timings(folder: Path, model: ModelFit) -> None:
+    """Write how long each chain of the study took, apart from the results, which are the same on every machine."""
+    if model.timings:
+        write_text(folder / "timings.json", json.dumps({"segments_study_s": model.timings}, indent=1) + "\n")
 
 
 def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: tuple[Any, Any] | None) -> list[Path]:

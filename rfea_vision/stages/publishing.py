@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rfea_vision.artefacts import Ladder
 from rfea_vision.files import write_text
@@ -98,7 +98,19 @@ def commands(work: Workspace) -> list[str]:
         if name in climbed:
             continue
         added = "".join(f" --add {effect}" for effect in fit.get("effects", ()))
-        choices = f"--segments {fit.get('segments')} --joints {fit.get('joints')}"
+        segments = "auto" if fit.get("more", {}).get("auto_segments") else fit.get("segments")
+        choices = f"--segments {segments} --joints {fit.get('joints')}"
         choices += f" --observe {fit['observe']}" if fit.get("observe") else ""
-        made.append(f"rfea fit {campaign} {choices}{added} --name {name}")
+        made.append(f"rfea fit {campaign} {choices}{added}{_further(fit.get('more', {}))} --name {name}")
     return [*made, f"rfea report {campaign}"]
+
+
+def _further(more: dict[str, Any]) -> str:
+    """Return the options of a fit beyond the usual ones, as they are written."""
+    parts = [f" --{key} '{item}'" for key in ("fix", "prior", "bound", "profile") for item in more.get(key, ())]
+    parts += [f" --{key.replace('_', '-')}" for key in ("study_segments", "leave_one_out") if more.get(key)]
+    if "loss" in more:
+        parts.append(f" --loss {more['loss']}")
+    if "pressure_zero_sd" in more:
+        parts.append(f" --pressure-zero {more['pressure_zero_sd']:g}Pa")
+    return "".join(parts)

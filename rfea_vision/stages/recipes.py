@@ -29,14 +29,29 @@ class EmptyStep(_Step):
     """Options of a step that has none."""
 
 
+def _items(value: object) -> object:
+    """Take ``{r_hyd: 3.6 mm}`` for what the command line writes as ``r_hyd=3.6 mm``."""
+    return tuple(f"{name}={text}" for name, text in value.items()) if isinstance(value, dict) else value
+
+
+Items = Annotated[tuple[str, ...], BeforeValidator(_items)]
+
+
 class ModelStep(_Step):
     """What fit and improve have in common."""
 
-    segments: int = 16
+    segments: int | Literal["auto"] = 16
     joints: Literal["middle", "start"] = "middle"
     observe: Literal["tip_y", "tip", "midline", "angle"] | None = None
     effect_files: tuple[str, ...] = ()
     seed: int = 0
+    fix: Items = ()
+    prior: Items = ()
+    bound: Items = ()
+    loss: Literal["linear", "huber"] = "linear"
+    pressure_zero: Annotated[
+        float | None, BeforeValidator(lambda value: parse_quantity(value, "Pa", example="1 kPa"))
+    ] = None
 
 
 class FitStep(ModelStep):
@@ -44,6 +59,9 @@ class FitStep(ModelStep):
 
     name: str | None = None
     add: tuple[str, ...] = ()
+    study_segments: bool = False
+    profile: tuple[str, ...] = ()
+    leave_one_out: bool = False
 
 
 class CompareStep(_Step):
@@ -146,6 +164,8 @@ def run_recipe(work: Workspace, recipe: Recipe) -> dict[str, Any]:
     results: dict[str, Any] = {}
     for name, options in recipe.calls():
         arguments = options.model_dump()
+        if isinstance(options, ModelStep):
+            arguments["pressure_zero_sd"] = arguments.pop("pressure_zero")
         if isinstance(options, CompareStep):
             results[name] = work.compare(*options.models)
         elif isinstance(options, ImproveStep):

@@ -203,6 +203,7 @@ def paper_campaign(**changes: Any) -> TwinOptions:
         kinds=("steps", "steps"),
         peaks_kPa=(270.0, 220.0),
         sync="common_clock",
+        step_s=0.00025,
     )
     return replace(options, **changes)
 

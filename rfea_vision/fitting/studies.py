@@ -1,0 +1,174 @@
+"""What one fit alone does not tell: how many segments it takes, and whether it stands without any one of its runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rfea_vision.errors import DataError, InputError
+from rfea_vision.fitting.fit import Fitted, Problem, refit
+from rfea_vision.fitting.observation import MM, noise_floor_mm
+from rfea_vision.fitting.residuals import predict_observed
+from rfea_vision.fitting.scoring import metrics_by_role, score
+from rfea_vision.fitting.solver import fit_clocks
+
+SEGMENTS = (2, 4, 8, 16, 32)
+#: A chain is fine enough when a finer one would lower the error by less than this share of the noise floor.
+CONVERGED = 0.1
+PATH_POINTS = 100
+FRAMES_PER_RUN = 500
+
+
+def segments_study(
+    problem: Problem, fitted: Fitted, segments: Sequence[int] = SEGMENTS
+) -> tuple[list[dict[str, Any]], dict[str, float]]:
+    """Errors over the number of segments, each chain fitted from this fit; and apart from them the seconds each took.
+
+    Numbers whose chain cannot be simulated at these pressures are left out. The path of the tip is that of the first
+    validation run (else training run), mm in the rig frame.
+    """
+    _refuse_places(fitted)
+    thin = [o.thinned(max(1, o.time.size // FRAMES_PER_RUN)) for o in problem.train]
+    rows, seconds = [], {}
+    for count in segments:
+        begun = time.perf_counter()
+        one = _refitted(problem, fitted, count, thin)
+        if one is None:
+            continue
+        seconds[str(count)] = round(time.perf_counter() - begun, 3)
+        clocks = np.concatenate([one.solution.clocks, fit_clocks(one.model, problem.validate, one.par)])
+        scores, parts, _ = score(problem, one.model, one.par, [*problem.train, *problem.validate], clocks)
+        row: dict[str, Any] = {"segments": count}
+        for role, metrics in metrics_by_role(problem, scores, parts).items():
+            for key in ("tip", "tip_x", "tip_y", "midline"):
+                row[f"{role}_{key}_rmse_mm"] = getattr(metrics, f"{key}_rmse_mm")
+            row[f"{role}_angle_rmse_deg"] = metrics.angle_rmse_deg
+        rows.append({**row, "tip_path_mm": _tip_path(problem, one)})
+    return rows, seconds
+
+
+def _refuse_places(fitted: Fitted) -> None:
+    placed = [effect for effect in fitted.options.effects if "@" in effect]
+    if placed:
+        raise InputError(
+            f"--study-segments: {placed[0]} names a joint of this chain; leave the place out, or the study"
+        )
+
+
+def _refitted(problem: Problem, fitted: Fitted, count: int, items: Sequence[Any]) -> Fitted | None:
+    if count == fitted.options.segments:
+        return fitted
+    known = dict(zip(fitted.model.names, fitted.par, strict=True))
+    try:
+        return refit(
+            problem,
+            fitted.options.with_segments(count),
+            known,
+            fitted.options.segments,
+            fitted.solution.clocks,
+            most_evaluations=20,
+            tolerance=1e-5,
+            items=items,
+        )
+    except DataError:
+        return None
+
+
+def _tip_path(problem: Problem, fitted: Fitted) -> dict[str, Any]:
+    item = (*problem.validate, *problem.train)[0]
+    thin = item.thinned(max(1, item.time.size // PATH_POINTS))
+    clock = float(fit_clocks(fitted.model, [item], fitted.par)[0])
+    predicted = predict_observed(fitted.model, fitted.par, thin, (), clock, np.array([1.0]))
+    if predicted is None:
+        return {}
+    tip = predicted.points[:, -1] / MM * np.array([item.mirror, 1.0])
+    return {"experiment": item.name, "x": tip[:, 0].round(3).tolist(), "y": tip[:, 1].round(3).tolist()}
+
+
+def enough_segments(rows: Sequence[dict[str, Any]], floor_mm: float | None) -> int:
+    """Return the smallest number of segments whose error comes near the best of the study: convergence against the noise floor.
+
+    Raises
+    ------
+    DataError
+        The study is empty.
+    """
+    if not rows:
+        raise DataError("--segments auto: no chain could be simulated at these pressures; give a number")
+
+    def error(row: dict[str, Any]) -> float:
+        keys = ("validate_tip_rmse_mm", "train_tip_rmse_mm", "validate_angle_rmse_deg", "train_angle_rmse_deg")
+        return next((float(row[key]) for key in keys if row.get(key) is not None), np.inf)
+
+    best = min(error(row) for row in rows)
+    slack = CONVERGED * floor_mm if floor_mm else 0.02 * best
+    return min(int(row["segments"]) for row in rows if error(row) <= best + slack)
+
+
+def with_study(problem: Problem, fitted: Fitted) -> Fitted:
+    """The fit with its study; with `auto_segments` the fit of the chain that is fine enough."""
+    rows, seconds = segments_study(problem, fitted)
+    if fitted.options.auto_segments:
+        floor, _ = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
+        count = enough_segments(rows, floor)
+        if count != fitted.options.segments:
+            known = dict(zip(fitted.model.names, fitted.par, strict=True))
+            other = refit(
+                problem,
+                fitted.options.with_segments(count),
+                known,
+                fitted.options.segments,
+                fitted.solution.clocks,
+            )
+            fitted = replace(other, plateaus=fitted.plateaus, steady=fitted.steady, starts=fitted.starts)
+    return replace(fitted, study=tuple(rows), study_seconds=seconds)
+
+
+def leave_one_out(problem: Problem, fitted: Fitted) -> dict[str, Any]:
+    """Fit without each training run in turn, and score that run with the fit that has not seen it.
+
+    Raises
+    ------
+    DataError
+        There is one training run only.
+    """
+    if len(problem.train) < 2:
+        raise DataError("--leave-one-out: there is one training run only; give a second one the role 'train'")
+    known = dict(zip(fitted.model.names, fitted.par, strict=True))
+    experiments: dict[str, Any] = {}
+    errors, values = [], []
+    for index, left in enumerate(problem.train):
+        rest = [o for o in problem.train if o is not left]
+        clocks = np.delete(fitted.solution.clocks, index)
+        try:
+            one = refit(problem, fitted.options, known, fitted.options.segments, clocks, items=rest)
+        except DataError as error:
+            experiments[left.name] = {"tip_rmse_mm": None, "note": str(error)}
+            continue
+        scores, parts, _ = score(problem, one.model, one.par, [left])
+        experiments[left.name] = {
+            **scores[left.name].model_dump(mode="json", exclude={"role", "nuisance"}),
+            "parameters": dict(zip(one.model.names, one.par.tolist(), strict=True)),
+        }
+        values.append(one.par)
+        if left.name in parts and parts[left.name].tip is not None:
+            errors.append(parts[left.name].tip)
+    pooled = float(np.sqrt(np.mean(np.concatenate(errors)))) if errors else None
+    free = list(fitted.coordinates.free)
+    spread = np.ptp(np.array(values), axis=0) / np.maximum(np.abs(fitted.par), 1e-300) if values else np.zeros(0)
+    sentence = "no fit without one of the runs could be simulated"
+    if values:
+        worst = free[int(np.argmax(spread[free]))]
+        sentence = f"{fitted.model.names[worst]} moves most when a run is left out: by {100 * spread[worst]:.2g} %"
+        if pooled is not None:
+            sentence += f"; the tip error on runs left out is {pooled:.3f} mm"
+    return {
+        "experiments": experiments,
+        "tip_rmse_mm": pooled,
+        "relative_spread": {fitted.model.names[k]: float(spread[k]) for k in free} if values else {},
+        "sentence": f"{sentence}.",
+    }

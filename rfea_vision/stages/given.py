@@ -1,0 +1,88 @@
+"""What a person knows of parameters beforehand, as they write it: ``r_hyd=3.6mm``, ``payload.m=2g±0.1g``, ``k_ref=0.1..0.3 N*m/rad``.
+
+Base parameters are per joint of the chain that is fitted, as in `model.json`. ``modulus`` stands for the Young's modulus of
+the wall and may have a prior.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rfea_vision.errors import InputError
+from rfea_vision.units import parse_quantity
+
+MODULUS = "modulus"
+
+
+def units_of(effect_files: Sequence[Path]) -> dict[str, str]:
+    """Unit of every parameter that a model may have."""
+    from rfea_vision.effects.base import BASE_UNITS
+    from rfea_vision.effects.catalogue import catalogue, load_effect_file
+
+    own = {effect.id: effect for file in effect_files for effect in load_effect_file(file)}
+    found = {**catalogue(), **own}.values()
+    return {
+        **BASE_UNITS,
+        **{f"{effect.id}.{name}": spec.unit for effect in found for name, spec in effect.parameters.items()},
+    }
+
+
+def read_fixed(items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
+    """Read ``r_hyd=3.6mm``."""
+    return {name: _value("--fix", item, text, units[name]) for item, name, text in _split("--fix", items, units)}
+
+
+def read_priors(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
+    """Read ``payload.m=2g±0.1g``; ``+-`` and ``+/-`` do as well."""
+    out = {}
+    known = {**units, MODULUS: "Pa"}
+    for item, name, text in _split("--prior", items, known):
+        parts = re.split(r"±|\+/-|\+-", text)
+        if len(parts) != 2:
+            raise InputError(f"--prior {item}: write value and standard error, as in payload.m=2g±0.1g")
+        mean, sd = (_value("--prior", item, part, known[name]) for part in parts)
+        if sd <= 0:
+            raise InputError(f"--prior {item}: the standard error must be positive; to hold a value use --fix")
+        out[name] = (mean, sd)
+    return out
+
+
+def read_bounds(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
+    """Read ``r_hyd=3mm..4mm``."""
+    out = {}
+    for item, name, text in _split("--bound", items, units):
+        parts = text.split("..")
+        if len(parts) != 2:
+            raise InputError(f"--bound {item}: write lowest and highest value, as in r_hyd=3mm..4mm")
+        low, high = (_value("--bound", item, part, units[name]) for part in parts)
+        if not low < high:
+            raise InputError(f"--bound {item}: the first value must be below the second")
+        out[name] = (low, high)
+    return out
+
+
+def _split(option: str, items: Sequence[str], units: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    found: dict[str, tuple[str, str, str]] = {}
+    for item in items:
+        name, separator, text = (part.strip() for part in item.partition("="))
+        if not separator or not text:
+            raise InputError(f"{option} {item}: write parameter=value with its unit, as in r_hyd=3.6mm")
+        if name not in units:
+            close = difflib.get_close_matches(name, units, n=1)
+            hint = f"did you mean {close[0]}?" if close else "'rfea effects show EFFECT' lists those of an effect"
+            raise InputError(f"{option} {item}: there is no parameter '{name}'; {hint}")
+        if name in found:
+            raise InputError(f"{option} {item}: given twice; keep one")
+        found[name] = (item, name, text)
+    return list(found.values())
+
+
+def _value(option: str, item: str, text: str, unit: str) -> float:
+    plain = unit in ("1", "")
+    try:
+        return float(text) if plain and "%" not in text else parse_quantity(text.strip(), unit, example=f"1 {unit}")
+    except ValueError as error:
+        raise InputError(f"{option} {item}: {error}") from error
