@@ -103,6 +103,9 @@ class Stages(NamedTuple):
     z_old: Any
 
 
+STAGES = types.NamedTuple((MATRIX, MATRIX, CUBE, MATRIX, MATRIX), Stages)
+
+
 class Lanes(NamedTuple):
     """Derivatives by the parameters, in blocks; rows as in `sensitivity`."""
 
