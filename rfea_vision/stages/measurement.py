@@ -99,6 +99,7 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
     calibration_file = calibration_path(work, experiment)
     calibration = work.calibration_of(experiment)
     camera, video = experiment.camera, experiment.video
+    lamp = experiment.sync.led if experiment.sync.method == "led" else None
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
         from rfea_vision.vision import track_frames
@@ -110,6 +111,8 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
             vertical=camera.vertical,
             clamp_px=camera.clamp,
             tip_px=camera.tip,
+            lamp_box=lamp,
+            checkpoint=path.with_name(".track-so-far.npz"),
             progress=progress,
         )
         _say_calibration(found, calibration.value, experiment)
@@ -121,7 +124,7 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
         experiment.name,
         inputs=_pictures(video),
         also=[work.cache.sha256(calibration_file)],
-        options={"actuator": experiment.actuator, "camera": camera, "rate_Hz": video.rate_Hz},
+        options={"actuator": experiment.actuator, "camera": camera, "rate_Hz": video.rate_Hz, "lamp": lamp},
         code=TRACK_CODE,
         make=make,
         load=lambda: Track.load(path),

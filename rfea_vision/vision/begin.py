@@ -9,12 +9,23 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.calibration.projection import project, unproject
-from rfea_vision.vision.curve import VERTICES, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, point_and_tangent
-from rfea_vision.vision.ends import End, find_end
-from rfea_vision.vision.follow import State, Workspace, fit_sides, measure_sides, move_state, update_levels
+from rfea_vision.vision.curve import (
+    VERTICES,
+    WIDTH_COEFFICIENTS,
+    basis_matrix,
+    fit_curve,
+    point_and_tangent,
+    vertices_of,
+)
+from rfea_vision.vision.ends import End, choose_ends, end_candidates
+from rfea_vision.vision.fitted import State, Workspace
+from rfea_vision.vision.follow import turning
 from rfea_vision.vision.locate import Path, find_paths
+from rfea_vision.vision.sides import fit_sides, measure_sides, move_state, update_levels
 
 FloatArray = NDArray[np.float64]
+
+REACH_SHARE = 0.25  # of the length: how far from the ends of a path the tube's ends are looked for
 
 
 @dataclass(frozen=True)
@@ -105,10 +116,8 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Workspace, path: Pa
         return "no_tube: the candidate has no contrast"
     state.reference[:] = contrast
     half = float(np.mean(work.half_width))
-    base = _base_end(picture, scene, state, half, contrast)
-    move_ends(state, base.along_mm, 0.0)
-    tip = find_end(picture, scene.camera, state.coefficients, half, contrast, at_tip=True)
-    move_ends(state, 0.0, tip.along_mm)
+    base, tip = _both_ends(picture, scene, state, work, half, contrast)
+    move_ends(state, base.along_mm, tip.along_mm)
     refine(picture, scene, state, work, 3)
     fix_clamp(state)
     state.reference[:2] = state.levels[:2, :, 0] - state.levels[:2, :, 1]
@@ -126,12 +135,28 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Workspace, path: Pa
     return Begin(state, base, tip, path.polarity, score)
 
 
-def _base_end(picture: NDArray[np.uint8], scene: Scene, state: State, half: float, contrast: float) -> End:
+def _both_ends(
+    picture: NDArray[np.uint8], scene: Scene, state: State, work: Workspace, half: float, contrast: float
+) -> tuple[End, End]:
+    """Clamp and tip along the curve: the steps in the light whose distance is the tube's length."""
+    reach = REACH_SHARE * scene.length_mm
+    camera, curve = scene.camera, state.coefficients
+    tips = end_candidates(picture, camera, curve, half, contrast, at_tip=True, reach_mm=reach)
     if scene.clamp_px is None:
-        return find_end(picture, scene.camera, state.coefficients, half, contrast, at_tip=False)
-    clamp = unproject(scene.camera, scene.clamp_px).mean(axis=0)
-    x, y, tx, ty, _ = point_and_tangent(state.coefficients, 0.0)
-    return End(float((x - clamp[0]) * tx + (y - clamp[1]) * ty), 0.0, "hint")
+        bases = end_candidates(picture, camera, curve, half, contrast, at_tip=False, reach_mm=reach)
+    else:
+        clamp = unproject(camera, scene.clamp_px).mean(axis=0)
+        x, y, tx, ty, _ = point_and_tangent(curve, 0.0)
+        bases = [(End(float((x - clamp[0]) * tx + (y - clamp[1]) * ty), 0.0, "hint"), 10.0)]
+    if scene.tip_px is not None:
+        given = unproject(camera, scene.tip_px)
+        x, y, tx, ty, _ = point_and_tangent(curve, 1.0)
+        along = float((given[0] - x) * tx + (given[1] - y) * ty)
+        tips = [(end, share) for end, share in tips if abs(end.along_mm - along) < 4 * half] or tips
+    sign = -1.0 if scene.actuator.bends == "left" else 1.0
+    vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
+    hinge = length_of(state) - half * sign * turning(work.normal)
+    return choose_ends(bases, tips, hinge, scene.length_mm)
 
 
 def _smoothed(points: FloatArray) -> FloatArray:
@@ -166,10 +191,11 @@ def move_ends(state: State, before_mm: float, beyond_mm: float) -> None:
     state.clamp[0] -= before_mm * state.clamp[2]
     state.clamp[1] -= before_mm * state.clamp[3]
     solution = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
-    while abs(before_mm) > 8.0:  # `move_state` goes 8 mm at most
+    for _ in range(round(abs(before_mm) // 8)):  # `move_state` goes 8 mm at most
         move_state(state, solution, 0.0)
-        before_mm -= 8.0 * np.sign(before_mm)
-    move_state(state, solution, beyond_mm)
+    for _ in range(round(abs(beyond_mm) // 8)):
+        move_state(state, solution, 8.0 * np.sign(beyond_mm))
+    move_state(state, solution, beyond_mm - 8.0 * np.sign(beyond_mm) * (abs(beyond_mm) // 8))
 
 
 def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Workspace, turns: int) -> float:

@@ -150,7 +150,7 @@ def measure_polyline(
         along_row = abs(dy) >= abs(dx)
         span = dy if along_row else dx
         length = math.sqrt(dx * dx + dy * dy)
-        if length > 1e-9 and abs(span) > 1e-9:
+        if 1e-9 < length < 1e6 and abs(span) > 1e-9:  # false where it is not a number
             nx, ny = dy / length, -dx / length
             if nx * ox0 + ny * oy0 < 0:
                 nx, ny = -nx, -ny
@@ -158,7 +158,10 @@ def measure_polyline(
             direction = 1 if (nx if along_row else ny) > 0 else -1
             a = py0 if along_row else px0
             b = py1 if along_row else px1
-            first, last = math.ceil(min(a, b)), math.ceil(max(a, b))
+            # Inside the picture only: a curve that ran away must not be walked to its end.
+            limit = float(picture.shape[0] if along_row else picture.shape[1])
+            first = math.ceil(min(max(min(a, b), 0.0), limit))
+            last = math.ceil(min(max(max(a, b), 0.0), limit))
             for line in range(first, last):
                 if line % stride != 0:
                     continue

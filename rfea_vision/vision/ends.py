@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 STEP_MM = 0.05
 HALF_WINDOW_MM = 1.0
 LEAST_STEP = 0.3  # of the contrast between tube and background
+LENGTH_TOLERANCE = 0.03  # standard error of the length that was given, as a share
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,63 @@ def find_end(
             return End(float(s[max(first_unseen - 1, 0)]), 0.1, "border")
         return End(0.0, 1.0, "path")
     peak = _choose(peaks, strongest, at_tip)
+    return _end_at(s, means, size, k, peak, m, at_tip)
+
+
+def _choose(peaks: NDArray[np.int64], strongest: FloatArray, at_tip: bool) -> int:
+    """The first strong step met when leaving the tube; a shadow's weak step does not count beside a much stronger one."""
+    top = strongest[peaks].max()
+    share = 0.5 if at_tip else 0.4
+    return int(next(p for p in peaks if strongest[p] > share * top))
+
+
+def end_candidates(
+    picture: NDArray[np.uint8],
+    camera: FloatArray,
+    coefficients: FloatArray,
+    half_mm: float,
+    contrast: float,
+    *,
+    at_tip: bool,
+    reach_mm: float,
+) -> list[tuple[End, float]]:
+    """Every cross-section within `reach_mm` where the tube could end, with how much of a step it is (0 to 1).
+
+    A tube ends where its light, or that beside it, changes, and where what comes behind no longer looks like a tube
+    between two edges. A painted band changes the light as well, but behind it the tube goes on.
+    """
+    s, points, tangents = extended(coefficients, at_tip, reach_mm, reach_mm)
+    means, seen = strips(picture, camera, points, tangents, half_mm)
+    m = round(HALF_WINDOW_MM / STEP_MM)
+    reach = max(round(half_mm / STEP_MM), m)
+    last = int(np.argmin(seen)) if not seen.all() else len(s)
+    out: list[tuple[End, float]] = []
+    if last < len(s):
+        out.append((End(float(s[max(last - 1, 0)]), 0.1, "border"), 0.3))
+    cumulative = np.vstack([np.zeros(3), np.cumsum(means, axis=0)])
+    k = np.arange(m, len(s) - m)
+    size = np.abs(cumulative[k + m] - 2 * cumulative[k] + cumulative[k - m]) / m / abs(contrast)
+    size[k + m > last] = 0.0
+    strongest = (size[:, :1] if at_tip else size).max(axis=1)
+    likeness = np.clip((means[:, :1] - means[:, 1:]) / contrast, 0.0, 1.0).mean(axis=1)
+    total = np.concatenate([[0.0], np.cumsum(likeness)])
+    for peak in np.flatnonzero((strongest > LEAST_STEP) & (strongest >= _sliding_max(strongest, m // 2) - 1e-12)):
+        centre = int(k[peak])
+        low, high = max(centre - reach, 0), min(centre + reach, len(s))
+        before = (total[centre] - total[low]) / max(centre - low, 1)
+        after = (total[high] - total[centre]) / max(high - centre, 1)
+        fades = float(np.clip((before - after) / 0.5, 0.0, 1.0))
+        jump = float(min(strongest[peak], 1.0))
+        strength = jump * fades if at_tip else max(jump * (0.4 + 0.6 * fades), 0.0)
+        if strength > 0.1:
+            out.append((_end_at(s, means, size, k, int(peak), m, at_tip), strength))
+    return out
+
+
+def _end_at(
+    s: FloatArray, means: FloatArray, size: FloatArray, k: NDArray[np.int64], peak: int, m: int, at_tip: bool
+) -> End:
+    """Place of the step at `peak`, over all strips that show it; what they disagree about is its standard error."""
     places, weights = [], []
     for channel in range(1 if at_tip else 3):
         near = slice(max(peak - m // 2, 0), peak + m // 2 + 1)
@@ -125,11 +183,23 @@ def find_end(
     return End(place, max(spread / np.sqrt(len(places)), 0.01), "step")
 
 
-def _choose(peaks: NDArray[np.int64], strongest: FloatArray, at_tip: bool) -> int:
-    """The first strong step met when leaving the tube; a shadow's weak step does not count beside a much stronger one."""
-    top = strongest[peaks].max()
-    share = 0.5 if at_tip else 0.4
-    return int(next(p for p in peaks if strongest[p] > share * top))
+def choose_ends(
+    bases: list[tuple[End, float]], tips: list[tuple[End, float]], hinge_mm: float, length_mm: float
+) -> tuple[End, End]:
+    """The pair of ends with the clearest steps whose distance is the tube's length.
+
+    `hinge_mm` is the length of the inextensible side between the present ends of the curve. The length that was given
+    decides among steps of like size; it does not overrule a clear step that has no rival.
+    """
+    here = (End(0.0, 1.0, "path"), 0.05)
+    best, chosen = -np.inf, (here[0], here[0])
+    for base, base_strength in [*bases, here]:
+        for tip, tip_strength in [*tips, here]:
+            off = np.log(max(hinge_mm + base.along_mm + tip.along_mm, 1e-3) / length_mm) / LENGTH_TOLERANCE
+            score = base_strength + tip_strength - 0.5 * off**2 / (1.0 + 0.3 * off**2)
+            if score > best:
+                best, chosen = score, (base, tip)
+    return chosen
 
 
 def _sliding_max(values: FloatArray, half: int) -> FloatArray:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision import follow
+from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Scene
+from rfea_vision.vision.follow import LEAST_CAP_CONTRAST
 
 FloatArray = NDArray[np.float64]
 
 LEAST_USED = 0.45  # share of the edges that must be seen
 LONGEST_GAP = 0.2  # of the length, unseen on both sides
 WIDTH_OFF = 0.2
-LENGTH_OFF = 0.06
+LONGEST_END_GAP = 0.06  # the same at the free end: beyond it the curve is only continued
+LENGTH_OFF = 0.04
 
 
 class Judge:
@@ -24,38 +28,36 @@ class Judge:
         self.hinge_lengths: list[float] = []
         self.expected_mm = scene.length_mm
         self._sample: NDArray[np.uint8] | None = None
-        self._identical = 0
+        self._mean = 0.0
 
     def __call__(self, luma: NDArray[np.uint8], numbers: FloatArray) -> str:
         """Empty if good, else a reason of FORMATS: no_tube, occluded, blurred, width_off, length_off, touches_border."""
         height, width = luma.shape
-        x, y = numbers[follow.TIP_X], numbers[follow.TIP_Y]
+        x, y = numbers[fitted.TIP_X], numbers[fitted.TIP_Y]
         half_px = self.scene.half_mm * self.scene.px_per_mm
         margin = 0.6 * half_px
-        if numbers[follow.LENGTH] > 0 and not (
+        if numbers[fitted.LENGTH] > 0 and not (
             margin <= x <= width - 1 - margin and margin <= y <= height - 1 - margin
         ):
             return "touches_border"
-        used = numbers[follow.USED]
-        if numbers[follow.BLUR] > 0.27 * half_px:
+        used = numbers[fitted.USED]
+        if numbers[fitted.BLUR] > 0.27 * half_px:
             return "blurred"
-        if used < LEAST_USED or numbers[follow.LENGTH] == 0:
+        if used < LEAST_USED or numbers[fitted.LENGTH] == 0:
             return "no_tube" if used < 0.2 else "occluded"
-        if numbers[follow.LONGEST_GAP] > LONGEST_GAP:
+        if numbers[fitted.LONGEST_GAP] > LONGEST_GAP or numbers[fitted.END_GAP] > LONGEST_END_GAP:
             return "occluded"
-        if abs(numbers[follow.WIDTH] / (2 * self.scene.half_mm) - 1) > WIDTH_OFF:
+        if abs(numbers[fitted.WIDTH] / (2 * self.scene.half_mm) - 1) > WIDTH_OFF:
             return "width_off"
-        if numbers[follow.CAP_USED] < 0.3:
+        if numbers[fitted.CAP_USED] < 0.3 or numbers[fitted.CAP_CONTRAST] < LEAST_CAP_CONTRAST:
             return "tip_hidden"
-        if numbers[follow.LAST_STEP] > 3.0:
+        if numbers[fitted.LAST_STEP] > 1.0:
             return "no_fit"
         return self._length(numbers)
 
     def _length(self, numbers: FloatArray) -> str:
         """The inextensible side keeps its length: centre line minus half width times the bend."""
-        # Walking down the tube, a bend to the camera's left turns clockwise.
-        sign = -1.0 if self.scene.actuator.bends == "left" else 1.0
-        hinge = float(numbers[follow.LENGTH] - self.scene.half_mm * sign * numbers[follow.BEND])
+        hinge = float(numbers[fitted.LENGTH] - self.scene.half_mm * self.bend_sign * numbers[fitted.BEND])
         if len(self.hinge_lengths) >= 5:
             expected = self.expected_mm
             if abs(hinge / expected - 1) > LENGTH_OFF:
@@ -67,9 +69,36 @@ class Judge:
             self.expected_mm = float(np.median(self.hinge_lengths))
         return ""
 
+    @property
+    def bend_sign(self) -> float:
+        """Of the turning towards the actuator's side: walking down, a bend to the camera's left turns clockwise."""
+        return -1.0 if self.scene.actuator.bends == "left" else 1.0
+
+    @property
+    def hinge_mm(self) -> float:
+        """Length of the inextensible side as seen so far; 0 before it is known."""
+        return self.expected_mm if len(self.hinge_lengths) >= 5 else 0.0
+
+    def memory(self) -> dict[str, Any]:
+        """Everything that the next judgement depends on."""
+        lengths = {"hinge_lengths": self.hinge_lengths, "expected_mm": self.expected_mm, "mean": self._mean}
+        return lengths | {"sample": self._sample if self._sample is not None else np.zeros((0, 0), np.uint8)}
+
+    def recall(self, plain: dict[str, Any], sample: NDArray[np.uint8]) -> None:
+        """Go on from what `memory` gave."""
+        self.hinge_lengths, self.expected_mm = list(plain["hinge_lengths"]), plain["expected_mm"]
+        self._mean, self._sample = plain["mean"], sample
+
     def duplicate(self, luma: NDArray[np.uint8], expected_px: float) -> str:
         """A frame identical to the last one although the tube is moving is a copy written by the recorder."""
         sample = np.ascontiguousarray(luma[::7, ::5])
         same = self._sample is not None and np.array_equal(sample, self._sample)
         self._sample = sample
         return "duplicate" if same and expected_px > 0.5 else ""
+
+    def brightening(self) -> float:
+        """How much brighter the last picture given is than the one before: lamps flicker, exposure drifts."""
+        assert self._sample is not None
+        mean, before = float(self._sample.mean()) + 1.0, self._mean
+        self._mean = mean
+        return min(max(mean / before, 0.25), 4.0) if before > 0 else 1.0

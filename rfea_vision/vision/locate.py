@@ -8,10 +8,12 @@ edge at the right distance, so uneven light and busy backgrounds matter little.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -51,28 +53,37 @@ def ribbon_field(picture: NDArray[np.uint8], width_px: float) -> RibbonField:
     gx = cv2.Sobel(small, cv2.CV_32F, 1, 0, ksize=3) / 8
     gy = cv2.Sobel(small, cv2.CV_32F, 0, 1, ksize=3) / 8
     contrast = float(np.percentile(np.hypot(gx, gy), 98)) + 0.2
-    response = np.empty((2, ORIENTATIONS, size[1], size[0]), dtype=np.float32)
-    for k in range(ORIENTATIONS):
-        angle = np.pi * k / ORIENTATIONS
-        tx, ty = np.cos(angle), np.sin(angle)
-        nx, ny = -ty, tx
-        slope = gx * nx + gy * ny
-        # Average along the axis over one width.
-        along = _shifted(slope, 0.33 * width * tx, 0.33 * width * ty) + _shifted(
-            slope, -0.33 * width * tx, -0.33 * width * ty
-        )
-        slope = (slope + along) / 3
-        rising = _shifted(slope, 0.5 * width * nx, 0.5 * width * ny)  # slope at p - n w/2
-        falling = -_shifted(slope, -0.5 * width * nx, -0.5 * width * ny)  # minus the slope at p + n w/2
-        response[0, k] = np.minimum(rising, falling)
-        response[1, k] = np.minimum(-rising, -falling)
-    return RibbonField(np.maximum(response, 0.0), size[0] / picture.shape[1], contrast)
+    response = np.zeros((2, ORIENTATIONS, size[1], size[0]), dtype=np.float32)
+    _pair_edges(np.asarray(gx, dtype=np.float32), np.asarray(gy, dtype=np.float32), width, response)
+    return RibbonField(response, size[0] / picture.shape[1], contrast)
 
 
-def _shifted(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:
-    matrix = np.array([[1, 0, dx], [0, 1, dy]], dtype=np.float32)
-    moved = cv2.warpAffine(image, matrix, (image.shape[1], image.shape[0]), flags=cv2.INTER_LINEAR, borderValue=0)
-    return np.asarray(moved, dtype=np.float32)
+@njit(cache=True, nogil=True)
+def _pair_edges(gx, gy, width, response):
+    """Fill `response` (2, orientations, h, w): the weaker of two opposite edges, averaged along one width of the axis."""
+    count, height, length = response.shape[1:]
+    slope = np.empty((height, length), dtype=np.float32)
+    along = np.zeros((height, length), dtype=np.float32)
+    for k in range(count):
+        angle = math.pi * k / count
+        tx, ty = math.cos(angle), math.sin(angle)
+        nx, ny = np.float32(-ty), np.float32(tx)
+        ai, aj = round(0.33 * width * ty), round(0.33 * width * tx)
+        bi, bj = round(0.5 * width * tx), round(-0.5 * width * ty)
+        for i in range(height):
+            for j in range(length):
+                slope[i, j] = (gx[i, j] * nx + gy[i, j] * ny) / np.float32(3.0)
+        margin_i, margin_j = abs(ai), abs(aj)
+        along[:] = 0.0
+        for i in range(margin_i, height - margin_i):
+            for j in range(margin_j, length - margin_j):
+                along[i, j] = slope[i, j] + slope[i + ai, j + aj] + slope[i - ai, j - aj]
+        margin_i, margin_j = abs(bi), abs(bj)
+        for i in range(margin_i, height - margin_i):
+            for j in range(margin_j, length - margin_j):
+                rising, falling = along[i - bi, j - bj], -along[i + bi, j + bj]
+                response[0, k, i, j] = max(min(rising, falling), np.float32(0.0))
+                response[1, k, i, j] = max(min(-rising, -falling), np.float32(0.0))
 
 
 def find_paths(

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rfea_vision.vision import follow
+from rfea_vision.vision import fitted
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 
 FloatArray = NDArray[np.float64]
@@ -63,13 +63,14 @@ class Rows:
             "width": (WIDTH_COEFFICIENTS,),
             "shift_variance": (len(self.shift_rows),),
             "width_variance": (len(self._width_rows),),
-            "numbers": (follow.NUMBERS,),
+            "numbers": (fitted.NUMBERS,),
+            "lamp": (),
         }
         for name, shape in shapes.items():
             new = np.full((capacity, *shape), np.nan, dtype=np.float32 if "variance" in name else np.float64)
             old = self._arrays.get(name)
             if old is not None:
-                new[: self._count] = old[: self._count]
+                new[: len(old)] = old
             self._arrays[name] = new
 
     def __len__(self) -> int:
@@ -100,12 +101,28 @@ class Rows:
             "joint": slice(2 * n + 1, None),
         }[name]
 
-    def append(self, time_s: float, reason: str, follower: Any) -> None:
+    def saved(self) -> dict[str, FloatArray]:
+        """Everything in it but the reasons, for a checkpoint."""
+        sums = {"covariance_sum": self.covariance_sum, "good": np.array(self.good)}
+        return {name: values[: self._count] for name, values in self._arrays.items()} | sums
+
+    def restore(self, saved: dict[str, FloatArray], reasons: list[str]) -> None:
+        """Put back what `saved` gave."""
+        self.reasons, self._count = list(reasons), len(reasons)
+        self.covariance_sum, self.good = saved["covariance_sum"].copy(), int(saved["good"])
+        capacity = max(256, len(reasons))
+        self._arrays = {}
+        self._allocate(capacity)
+        for name, values in self._arrays.items():
+            values[: self._count] = saved[name]
+
+    def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan) -> None:
         """Add a frame."""
         if self._count == len(self._arrays["time"]):
             self._allocate(2 * self._count)
         n = self._count
         self._arrays["time"][n] = time_s
+        self._arrays["lamp"][n] = lamp
         self.reasons.append(reason)
         self._count += 1
         if reason:
@@ -113,7 +130,7 @@ class Rows:
         self._arrays["coefficients"][n] = follower.state.coefficients
         self._arrays["width"][n] = follower.state.width
         self._arrays["numbers"][n] = follower.work.numbers
-        noise = max(float(follower.work.numbers[follow.NOISE]), 1e-3)
+        noise = max(float(follower.work.numbers[fitted.NOISE]), 1e-3)
         self.covariance_sum += follower.work.covariance[:COEFFICIENTS, :COEFFICIENTS] / noise**2
         self.good += 1
         _quadratic_forms(self.shift_rows, follower.work.covariance, 0, self._arrays["shift_variance"][n])

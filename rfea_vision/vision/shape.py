@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import perturbed_cameras, project, unproject
-from rfea_vision.vision import follow
+from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.rows import Rows
@@ -34,7 +34,7 @@ def build_dataset(
 ) -> xr.Dataset:
     """Assemble the track's dataset."""
     valid = rows.valid
-    inflation = float(np.clip(np.nanmedian(rows["numbers"][valid, follow.INFLATION]), 1.0, 50.0))
+    inflation = float(np.clip(np.nanmedian(rows["numbers"][valid, fitted.INFLATION]), 1.0, 50.0))
     smoothed = smooth(rows, valid, inflation)
     coefficients = smoothed.coefficients
     sign = 1.0 if scene.actuator.bends == "left" else -1.0
@@ -48,6 +48,8 @@ def build_dataset(
     reason = np.array([text.split(":")[0] for text in rows.reasons], dtype=object).astype(str)
     variables["valid"] = (("time",), valid.astype(np.int8))
     variables["reason"] = (("time",), reason)
+    if np.isfinite(rows["lamp"]).any():
+        variables["lamp"] = (("time",), rows["lamp"])
     dataset = xr.Dataset(
         {name: xr.Variable(dims, values, _units(name)) for name, (dims, values) in variables.items()},
         coords={
@@ -173,7 +175,7 @@ def _derive(
         + origin_sigma**2 * left[..., 1] ** 2
         + lateral**2 * left[..., 0] ** 2
     )
-    length = numbers[:, follow.LENGTH]
+    length = numbers[:, fitted.LENGTH]
     curvature_sigma = np.sqrt(variance["bend2"]) / length[:, None] ** 2
     width_noise = np.sqrt(inflation * rows["width_variance"][valid].astype(float))
     bend, bend_noise, bend_sigma = _bend(coefficients, to_rig, sign, variance["tip_slope"], length, calibrated)
@@ -215,9 +217,9 @@ def _derive(
         "elongation_noise_sigma": (("time", "segment"), elongation_noise),
         "length": (series, length),
         "hinge_length": (series, hinge),
-        "edge_noise": (series, numbers[:, follow.NOISE]),
-        "blur": (series, numbers[:, follow.BLUR]),
-        "seen": (series, np.minimum(numbers[:, follow.USED], 1.0)),
+        "edge_noise": (series, numbers[:, fitted.NOISE]),
+        "blur": (series, numbers[:, fitted.BLUR]),
+        "seen": (series, np.minimum(numbers[:, fitted.USED], 1.0)),
     }
 
 
@@ -283,7 +285,7 @@ def _elongation(segments, coefficients, sign, variance, length, half, calibrated
 
 
 def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, calibrated, origin_sigma, lateral_sigma):
-    axial = np.sqrt(inflation * numbers[:, follow.TIP_VARIANCE])
+    axial = np.sqrt(inflation * numbers[:, fitted.TIP_VARIANCE])
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
     covariance = (
         axial[:, None, None] ** 2 * tangent[:, :, None] * tangent[:, None, :]
@@ -332,6 +334,8 @@ def _units(name: str) -> dict[str, str]:
         return {"units": "1"}
     if name == "blur":
         return {"units": "px"}
+    if name == "lamp":
+        return {"long_name": "mean grey level in the lamp's box"}
     if name in ("edge_noise", "reason"):
         return {}
     return {"units": "mm"}

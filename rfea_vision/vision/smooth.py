@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision import follow
+from rfea_vision.vision import fitted
 from rfea_vision.vision.curve import basis_matrix
 from rfea_vision.vision.rows import Rows
 
@@ -40,7 +40,7 @@ class Smoothed:
 def smooth(rows: Rows, valid: NDArray[np.bool_], inflation: float) -> Smoothed:
     """Smooth all valid frames; `inflation` is how much neighbouring edge stations agree beyond chance."""
     coefficients = rows["coefficients"][valid]
-    noise = np.maximum(rows["numbers"][valid, follow.NOISE], 1e-3)
+    noise = np.maximum(rows["numbers"][valid, fitted.NOISE], 1e-3)
     covariance = float(np.median(noise)) ** 2 * inflation * rows.covariance_sum / max(rows.good, 1)
     count = covariance.shape[0]
     third = np.diff(np.eye(count), n=3, axis=0)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,14 @@ from rfea_vision.artefacts import Actuator, Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision import follow
+from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Begin, Scene, begin, scale_at
+from rfea_vision.vision.cap import CAP_VERTICES
+from rfea_vision.vision.checkpoint import Checkpoint
+from rfea_vision.vision.coarse import bend_search
 from rfea_vision.vision.curve import point_and_tangent
-from rfea_vision.vision.ends import find_end
+from rfea_vision.vision.ends import End, find_end
+from rfea_vision.vision.follow import fit_frame
 from rfea_vision.vision.judge import Judge
 from rfea_vision.vision.rows import Rows
 from rfea_vision.vision.shape import build_dataset
@@ -25,6 +30,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 
 SEARCH_PX = 12.0
+WIDEST_SWING_RAD = 1.2  # more bend or less than in the last frame seen
 FIRST_FRAMES = 30  # frames in which the shape of the tube's end is learned fast
 GIVE_UP_AFTER = 400  # frames without any tube before the search is called off
 
@@ -37,8 +43,10 @@ def track_frames(
     vertical: str | dict[str, Any] = "board",
     clamp_px: Sequence[Sequence[float]] | None = None,
     tip_px: Sequence[float] | None = None,
+    lamp_box: Sequence[float] | None = None,
     nodes: int = 33,
     segments: int = 16,
+    checkpoint: Path | None = None,
     progress: Progress = None,
 ) -> Track:
     """Track the tube through a video.
@@ -51,7 +59,9 @@ def track_frames(
     vertical : ``board``, ``rest``, ``image`` or ``{"plumb": [[x, y], [x, y]]}`` in px
     clamp_px : two pixels across the first visible cross-section in the first frame; replaces the search
     tip_px : pixel of the tip in the first frame, for scenes with several tubes
+    lamp_box : x, y, width and height in px of a lamp whose brightness is to be read in every frame
     nodes, segments : nodes of the centre line, and segments of the elongation
+    checkpoint : file that keeps what is done; an interrupted run goes on from it and ends with the same result
     progress : called with (frames done, frames in all)
 
     Returns
@@ -68,14 +78,18 @@ def track_frames(
     """
     calibration = matched_to(calibration, source)
     scene = make_scene(calibration, actuator, vertical, clamp_px, tip_px, source.size)
+    lamp = lamp_window(lamp_box, source.size)
     follower = Follower(scene)
     rows = Rows(nodes, segments)
+    kept = Checkpoint(checkpoint, source.path, scene, vertical, lamp_box, nodes, segments, scene.camera)
+    begun = kept.load(rows, follower)
     total = source.frame_count or 0
-    for done, (time_s, luma) in enumerate(source):
+    for done, (time_s, luma) in enumerate(source.frames(begun), begun):
         reason = follower.next(luma, time_s)
-        rows.append(time_s, reason, follower)
+        rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
         if follower.start is None and done >= GIVE_UP_AFTER:
             break
+        kept.keep(rows, follower)
         if progress is not None and (done % 8 == 0 or done + 1 == total):
             progress(done + 1, max(total, done + 1))
     if len(rows) == 0:
@@ -90,7 +104,29 @@ def track_frames(
         "clamp_found_by": follower.start.base.kind,
         "polarity": follower.start.polarity,
     }
-    return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
+    track = Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
+    kept.remove()
+    return track
+
+
+def lamp_window(box: Sequence[float] | None, size: tuple[int, int]) -> tuple[slice, slice] | None:
+    """Rows and columns of the lamp's box.
+
+    Raises
+    ------
+    InputError
+        If no pixel of the box lies in the picture.
+    """
+    if box is None:
+        return None
+    x, y, width, height = box
+    columns = slice(max(round(x), 0), min(max(round(x + width), round(x) + 1), size[0]))
+    lines = slice(max(round(y), 0), min(max(round(y + height), round(y) + 1), size[1]))
+    if columns.start >= columns.stop or lines.start >= lines.stop:
+        raise InputError(
+            f"sync.led: the box {list(box)} lies outside the picture of {size[0]} x {size[1]} px; correct it"
+        )
+    return lines, columns
 
 
 def matched_to(calibration: Calibration, source: FrameSource) -> Calibration:
@@ -176,10 +212,10 @@ class Follower:
     scene: Scene
 
     def __post_init__(self) -> None:
-        self.work = follow.new_workspace()
+        self.work = fitted.new_workspace()
         self.start: Begin | None = None
         self.judge = Judge(self.scene)
-        self.state: follow.State | None = None
+        self.state: fitted.State | None = None
         self.last: FloatArray | None = None  # coefficients of the last good frame
         self.velocity: FloatArray | None = None  # mm per s
         self.last_time = 0.0
@@ -187,6 +223,34 @@ class Follower:
         self.good = 0
         self.clamp_errors: list[float] = []
         self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
+
+    def memory(self) -> dict[str, Any]:
+        """Everything that the next frame depends on, for a checkpoint."""
+        if self.start is None or self.state is None or self.last is None:
+            return {"plain": {"found": False}}
+        arrays: dict[str, Any] = {f"state.{name}": values for name, values in self.state._asdict().items()}
+        arrays |= {"last": self.last, "clamps": np.array(self.clamps), "clamp_errors": np.array(self.clamp_errors)}
+        if self.velocity is not None:
+            arrays["velocity"] = self.velocity
+        plain = {"found": True, "time": self.last_time, "missed": self.missed, "good": self.good}
+        plain |= {"base": astuple(self.start.base), "tip": astuple(self.start.tip)}
+        plain |= {"polarity": self.start.polarity, "score": self.start.score}
+        judged = self.judge.memory()
+        return arrays | {"sample": judged.pop("sample"), "plain": plain | judged}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Go on from what `memory` gave."""
+        plain = memory["plain"]
+        if not plain["found"]:
+            return
+        self.state = fitted.State(*(memory[f"state.{name}"].copy() for name in fitted.State._fields))
+        base, tip = End(*plain["base"]), End(*plain["tip"])
+        self.start = Begin(self.state, base, tip, plain["polarity"], plain["score"])
+        self.last, self.velocity = memory["last"].copy(), memory.get("velocity")
+        self.clamps = [*memory["clamps"].reshape(-1, 2)]
+        self.clamp_errors = memory["clamp_errors"].tolist()
+        self.last_time, self.missed, self.good = plain["time"], plain["missed"], plain["good"]
+        self.judge.recall(plain, memory["sample"])
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame; returns an empty string, or the reason why it is rejected."""
@@ -197,13 +261,12 @@ class Follower:
             self.start, self.state = found, found.state
             self.last, self.velocity = found.state.coefficients.copy(), None
         reason = self.judge.duplicate(luma, self._speed_px(time_s))
+        self._brighten(self.judge.brightening())
         if reason:
             return reason
         reason = self._fit_predicted(luma, time_s)
-        if reason:
-            again = self._find_again(luma)
-            if again == "":
-                reason = ""
+        if reason and (self._swing_and_fit(luma) == "" or self._find_again(luma) == ""):
+            reason = ""
         if reason:
             self.missed += 1
             assert self.state is not None and self.last is not None
@@ -214,12 +277,18 @@ class Follower:
             self._look_at_clamp(luma)
         return ""
 
+    def _brighten(self, gain: float) -> None:
+        """Scale what the light is expected to be; the sums of a frame then correct the rest."""
+        assert self.state is not None
+        self.state.levels[:] *= gain
+        self.state.reference[:] *= gain
+
     def _look_at_clamp(self, luma: NDArray[np.uint8]) -> None:
         """The clamp does not move: average where it is seen in the first frames."""
         assert self.state is not None and self.start is not None
         if self.start.base.kind != "step":
             return
-        half = float(self.work.numbers[follow.WIDTH]) / 2
+        half = float(self.work.numbers[fitted.WIDTH]) / 2
         contrast = float(np.median(self.state.reference[:2]))
         end = find_end(
             luma, self.scene.camera, self.state.coefficients, half, contrast, at_tip=False, beyond_mm=4.0, within_mm=5.0
@@ -261,17 +330,40 @@ class Follower:
     def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:
         assert self.state is not None
         gain = 0.3 if self.good < FIRST_FRAMES else 0.02
-        follow.fit_frame(luma, self.scene.camera, self.state, self.work, self.scene.px_per_mm, reach, gain, 0.35)
+        fit_frame(
+            luma,
+            self.scene.camera,
+            self.state,
+            self.work,
+            self.scene.px_per_mm,
+            reach,
+            gain,
+            0.35,
+            self.judge.hinge_mm,
+            self.judge.bend_sign,
+        )
         reason = self.judge(luma, self.work.numbers)
         if reason:
             for array, old in zip(self.state, saved, strict=True):
                 array[:] = old
         return reason
 
+    def _swing_and_fit(self, luma: NDArray[np.uint8]) -> str:
+        """Look for the last shape bent further, as far as a tube may swing between two frames."""
+        assert self.state is not None and self.last is not None
+        saved = [array.copy() for array in self.state]
+        self.state.coefficients[:] = self.last
+        step = 0.5 * self.scene.half_mm / self.scene.length_mm
+        score = bend_search(luma, self.scene.camera, self.state, self.work, WIDEST_SWING_RAD, step)
+        if score < 0.8:
+            self.state.coefficients[:] = saved[0]
+            return "no_tube"
+        return self._fit(luma, saved, SEARCH_PX)
+
     def _find_again(self, luma: NDArray[np.uint8]) -> str:
         """Search the whole picture; the clamp must be where it was."""
         assert self.state is not None and self.start is not None
-        if self.missed > 20 and self.missed % 10:
+        if self.missed > 4 and self.missed % 10:  # a search of the whole picture takes long
             return "no_tube"
         clamp = self.state.clamp.copy()
         place = np.array([clamp[:2]])
@@ -296,4 +388,4 @@ class Follower:
         self.good += 1
         if self.good == 3:
             self.state.reference[:2] = self.state.levels[:2, :, 0] - self.state.levels[:2, :, 1]
-            self.state.reference[2] = self.state.levels[2, 0, 0] - self.state.levels[2, 0, 1]
+            self.state.reference[2] = np.diff(self.state.levels[2, :CAP_VERTICES].mean(axis=0))[0] * -1.0

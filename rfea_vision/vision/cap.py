@@ -1,0 +1,163 @@
+"""The free end of the tube: where along the axis it lies, and the shape it has. Compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from rfea_vision.calibration.projection import project_point
+from rfea_vision.vision.curve import point_and_tangent, value_at
+from rfea_vision.vision.edges import INFO, MISFIT, SHIFT, U, measure_polyline, smooth_levels
+
+CAP_VERTICES = 33
+CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured
+LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
+
+
+@njit(cache=True, nogil=True)
+def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
+    """Shift of the tube's end along its axis; None of it is applied here.
+
+    Returns the shift in mm, its variance, and the share of the cap that could be used. `shape_gain` is how fast the
+    cap's tilt and roundness follow what is seen.
+    """
+    x, y, tx, ty, _ = point_and_tangent(state.coefficients, 1.0)
+    half = value_at(state.width, 1.0)
+    points = np.empty((CAP_VERTICES, 2))
+    outward = np.empty((CAP_VERTICES, 2))
+    across = np.empty(CAP_VERTICES)
+    for k in range(CAP_VERTICES):
+        q = CAP_REACH * half * (2.0 * k / (CAP_VERTICES - 1) - 1.0)
+        along = state.cap[0] * q + state.cap[1] * q * q
+        points[k, 0], points[k, 1] = x - q * ty + along * tx, y + q * tx + along * ty
+        outward[k, 0], outward[k, 1] = tx, ty
+        across[k] = q
+    sums = work.sums[2, :CAP_VERTICES]
+    sums[:] = 0.0
+    levels, blurs = state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
+    filled = measure_polyline(
+        picture,
+        camera,
+        points,
+        outward,
+        0.0,
+        across,
+        levels,
+        blurs,
+        1,
+        1,
+        3.0 * px_per_mm * half,
+        work.stations,
+        0,
+        sums,
+    )
+    expected = 2.0 * CAP_REACH * half * px_per_mm * max(abs(tx), abs(ty))
+    if filled < 4:
+        return 0.0, 1.0, 0.0
+    shift, weight, used = _cap_mean(work, filled, state, half)
+    if weight <= 0.0:
+        return 0.0, 1.0, 0.0
+    if shape_gain > 0.0:
+        _follow_cap_shape(work, filled, state, half, shape_gain)
+    return shift, noise * noise / weight, used / expected
+
+
+@njit(cache=True, nogil=True)
+def _cap_mean(work, filled, state, half):
+    levels = state.levels[2, :CAP_VERTICES]
+    contrast = abs(np.mean(levels[:, 0]) - np.mean(levels[:, 1]))
+    limit = 1e9
+    shift = weight = 0.0
+    used = 0
+    for _ in range(3):
+        total = weight = 0.0
+        used = 0
+        for n in range(filled):
+            work.keep[n] = (
+                abs(work.stations[n, SHIFT] - shift) < limit and work.stations[n, MISFIT] < 0.09 * contrast**2 + 400.0
+            )
+            if work.keep[n]:
+                total += work.stations[n, INFO] * work.stations[n, SHIFT]
+                weight += work.stations[n, INFO]
+                used += 1
+        if weight <= 0.0:
+            break
+        shift = total / weight
+        spread = 0.0
+        for n in range(filled):
+            if work.keep[n]:
+                spread += work.stations[n, INFO] * (work.stations[n, SHIFT] - shift) ** 2
+        limit = max(4.0 * math.sqrt(spread / weight), 0.05 * half)
+    return shift, weight, used
+
+
+@njit(cache=True, nogil=True)
+def _follow_cap_shape(work, filled, state, half, gain):
+    matrix = np.zeros((3, 3))
+    right = np.zeros(3)
+    for n in range(filled):
+        if work.keep[n]:
+            q = work.stations[n, U] / half
+            row = (1.0, q, q * q)
+            for i in range(3):
+                right[i] += work.stations[n, INFO] * row[i] * work.stations[n, SHIFT]
+                for j in range(3):
+                    matrix[i, j] += work.stations[n, INFO] * row[i] * row[j]
+    strength = 1e-6 * matrix[0, 0]
+    for i in range(3):
+        matrix[i, i] += strength
+    if matrix[0, 0] > 0:
+        solution = np.linalg.solve(matrix, right)
+        state.cap[0] += gain * solution[1] / half
+        state.cap[1] += gain * solution[2] / (half * half)
+
+
+@njit(cache=True, nogil=True)
+def cap_contrast(state):
+    """Step in the light at the end, as a share of the one at the edges: 1 where the tube really ends here."""
+    levels = state.levels[2, :CAP_VERTICES]
+    contrast = np.mean(levels[:, 0]) - np.mean(levels[:, 1])
+    return contrast / state.reference[2, 0] if state.reference[2, 0] != 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
+def coarse_cap(picture, camera, state, reach_px, px_per_mm):
+    """Where along the axis, within `reach_px`, does the tube end? Shift in mm, 0 if nowhere."""
+    height, width = picture.shape
+    x, y, tx, ty, _ = point_and_tangent(state.coefficients, 1.0)
+    half = value_at(state.width, 1.0)
+    reach = int(reach_px)
+    arm = reach + 4
+    strip = np.zeros(2 * arm + 1)
+    for k in range(-arm, arm + 1):
+        along = k / px_per_mm
+        total, number = 0.0, 0
+        for m in range(-4, 5):
+            q = 0.15 * m * half
+            bend = along + state.cap[0] * q + state.cap[1] * q * q
+            u, v = project_point(camera, x + bend * tx - q * ty, y + bend * ty + q * tx)
+            i, j = round(v), round(u)
+            if 0 <= i < height and 0 <= j < width:
+                total += float(picture[i, j])
+                number += 1
+        if number == 0:
+            return 0.0
+        strip[k + arm] = total / number
+    contrast = state.reference[2, 0]  # not this frame's levels: where the end was missed they are nothing's
+    best, place = 0.5, 0
+    for d in range(-reach, reach + 1):
+        a = arm + d
+        step = (strip[a - 1] + strip[a - 2] + strip[a - 3] - strip[a + 1] - strip[a + 2] - strip[a + 3]) / 3.0
+        score = min(step / contrast, 1.2) - 0.01 * abs(d)
+        if score > best:
+            best, place = score, d
+    return place / px_per_mm
+
+
+@njit(cache=True, nogil=True)
+def cap_levels(state, work, blur_limit):
+    """Levels that follow the light across the cap (a tube is shaded), and one blur for the whole of it."""
+    sums, levels, blurs = work.sums[2, :CAP_VERTICES], state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
+    smooth_levels(sums, levels, blurs, LEVEL_WINDOW, CAP_VERTICES, blur_limit, 1.0)

@@ -1,0 +1,163 @@
+"""Large motions: where the tube has gone since the last frame, to a few pixels. Compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from rfea_vision.calibration.projection import project_point
+from rfea_vision.vision.curve import REFIT, VERTICES, point_and_tangent, value_at, vertices_of
+from rfea_vision.vision.edges import INFO, SHIFT, SIDE, U
+from rfea_vision.vision.sides import move_state
+from rfea_vision.vision.solve import fit_shift, residuals_of
+
+LONGEST_ARM = 1024  # px to either side of the centre line
+
+
+@njit(cache=True, nogil=True)
+def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
+    """Find large shifts: where along each normal do both edges together fit best? Writes pseudo-stations.
+
+    Returns their number and the share that found the tube.
+    """
+    vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
+    height, width = picture.shape
+    count = work.centre.shape[0]
+    reach = int(reach_px)
+    profile = np.empty(2 * LONGEST_ARM + 1)
+    filled = found = asked = 0
+    for v in range(4, count, 8):
+        cx, cy = project_point(camera, work.centre[v, 0], work.centre[v, 1])
+        ex, ey = project_point(camera, work.centre[v, 0] + work.normal[v, 0], work.centre[v, 1] + work.normal[v, 1])
+        per_mm = math.sqrt((ex - cx) ** 2 + (ey - cy) ** 2)
+        dx, dy = (ex - cx) / per_mm, (ey - cy) / per_mm
+        half = round(work.half_width[v] * per_mm)
+        arm = half + reach + 4
+        asked += 1
+        if half < 1 or arm > LONGEST_ARM:
+            continue
+        inside_picture = True
+        for k in range(-arm, arm + 1):
+            px, py = round(cx + k * dx), round(cy + k * dy)
+            if px < 0 or py < 0 or px >= width or py >= height:
+                inside_picture = False
+                break
+            profile[k + arm] = float(picture[py, px])
+        if not inside_picture:
+            continue
+        left = state.reference[0, v]  # the left edge lies on the +normal side
+        right = state.reference[1, v]
+        best, best_shift = -1e9, 0
+        for d in range(-reach, reach + 1):
+            a = arm + d + half
+            b = arm + d - half
+            step_left = (
+                profile[a - 1] + profile[a - 2] + profile[a - 3] - profile[a + 1] - profile[a + 2] - profile[a + 3]
+            ) / 3.0
+            step_right = (
+                profile[b + 1] + profile[b + 2] + profile[b + 3] - profile[b - 1] - profile[b - 2] - profile[b - 3]
+            ) / 3.0
+            score = min(step_left / left, 1.2) + min(step_right / right, 1.2) - 0.005 * abs(d)
+            if score > best:
+                best, best_shift = score, d
+        if best > 0.9:
+            work.stations[filled, U] = v / (count - 1)
+            work.stations[filled, SIDE] = 1.0
+            work.stations[filled, SHIFT] = best_shift / per_mm
+            work.stations[filled, INFO] = (2.0 * per_mm) ** 2
+            work.keep[filled] = True
+            filled += 1
+            found += 1
+    return filled, found / max(asked, 1)
+
+
+@njit(cache=True, nogil=True)
+def apply_coarse(state, work, filled, px_per_mm):
+    """Move the curve by the pseudo-stations of a coarse search; returns the largest shift in px."""
+    count, width_count = state.coefficients.shape[0], state.width.shape[0]
+    solution = np.zeros(count + width_count)
+    for repeat in range(4):
+        solution, _ = fit_shift(work.stations, filled, work.keep, 1.0, np.zeros(width_count), count, 0.5, 1e-4)
+        residuals_of(work.stations, filled, solution, count, width_count, work.residual)
+        limit = max(6.0 / px_per_mm / (repeat + 1), 2.0 / px_per_mm)
+        for n in range(filled):
+            work.keep[n] = abs(work.residual[n]) < limit
+    largest = 0.0
+    for k in range(33):
+        largest = max(largest, abs(value_at(solution[:count], k / 32.0)) * px_per_mm)
+    if largest > 1.0:
+        move_state(state, solution, 0.0)
+    return largest
+
+
+@njit(cache=True, nogil=True)
+def bend_search(picture, camera, state, work, widest_rad, step_rad):
+    """Find a tube that has swung far: the last curve, bent further evenly and towards its ends, where it fits best.
+
+    Every candidate is judged by the light just inside and just outside both edges, against the light step of the
+    first frames. The best one is written to `state`; returns its score, 2 where both edges are right everywhere.
+    """
+    vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
+    count = REFIT.shape[1]
+    fine = (count - 1) * 4
+    heading = np.empty(fine)
+    speed = 0.0
+    for k in range(fine):
+        _, _, tx, ty, pace = point_and_tangent(state.coefficients, (k + 0.5) / fine)
+        angle = math.atan2(ty, tx)
+        if k > 0:
+            angle += 2.0 * math.pi * round((heading[k - 1] - angle) / (2.0 * math.pi))
+        heading[k] = angle
+        speed += pace / fine
+    x0, y0, _, _, _ = point_and_tangent(state.coefficients, 0.0)
+    points, best_points = np.empty((count, 2)), np.empty((count, 2))
+    best = -1e9
+    turns = int(widest_rad / step_rad)
+    for uneven in range(-2, 3):
+        for turn in range(-turns, turns + 1):
+            evenly, towards = turn * step_rad, 0.25 * uneven
+            x, y, score, number = x0, y0, 0.0, 0
+            points[0, 0], points[0, 1] = x, y
+            for k in range(fine):
+                u = (k + 0.5) / fine
+                angle = heading[k] + evenly * (u + towards * u * (1.0 - u) * 2.0)
+                tx, ty = math.cos(angle), math.sin(angle)
+                x += tx * speed / fine
+                y += ty * speed / fine
+                if (k + 1) % 4 == 0:
+                    points[(k + 1) // 4, 0], points[(k + 1) // 4, 1] = x, y
+                if k % 12 == 6:
+                    v = int(u * (VERTICES - 1))
+                    score += _sides_agree(picture, camera, state, x, y, tx, ty, work.half_width[v], v)
+                    number += 1
+            score = score / number - 0.02 * abs(evenly) - 0.01 * abs(uneven)
+            if score > best:
+                best = score
+                best_points[:] = points
+    state.coefficients[:] = REFIT @ best_points
+    return best
+
+
+@njit(cache=True, nogil=True)
+def _sides_agree(picture, camera, state, x, y, tx, ty, half, v):
+    """Light step across both edges at one cross-section, in units of the reference, each at most 1."""
+    height, width = picture.shape
+    score = 0.0
+    for s in range(2):
+        side = 1.0 if s == 0 else -1.0
+        inside = outside = 0.0
+        for m in range(3):
+            for beyond in range(2):
+                q = side * half * ((1.1 + 0.25 * m) if beyond else (0.4 + 0.25 * m))
+                px, py = project_point(camera, x - q * ty, y + q * tx)
+                i, j = round(py), round(px)
+                if i < 0 or j < 0 or i >= height or j >= width:
+                    return -0.5
+                if beyond:
+                    outside += picture[i, j]
+                else:
+                    inside += picture[i, j]
+        score += min(max((inside - outside) / (3.0 * state.reference[s, v]), -1.0), 1.0)
+    return score

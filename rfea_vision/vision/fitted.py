@@ -1,0 +1,89 @@
+"""What is known of the tube while a video runs, and the arrays and numbers of one frame's fit."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.vision.curve import COEFFICIENTS, VERTICES, WIDTH_COEFFICIENTS
+from rfea_vision.vision.edges import LEVEL_COLUMNS, MAX_STATIONS, STATION_COLUMNS
+
+FloatArray = NDArray[np.float64]
+
+# Numbers that come out of a frame.
+(
+    LENGTH,
+    WIDTH,
+    TIP_SHIFT,
+    TIP_VARIANCE,
+    NOISE,
+    INFLATION,
+    USED,
+    INNOVATION,
+    MISFIT_RATIO,
+    BLUR,
+    CONTRAST,
+    ONE_SIDED,
+    CAP_USED,
+    LONGEST_GAP,
+    LAST_STEP,
+    BEND,
+    TIP_X,
+    TIP_Y,
+    CAP_CONTRAST,
+    END_GAP,
+) = range(20)
+NUMBERS = 20
+
+
+class State(NamedTuple):
+    """What is known of the tube, updated in place frame by frame.
+
+    coefficients (K, 2) mm; width (Kw,) half width mm; levels (3, V, 2) inside and outside grey levels of the left
+    edge, the right edge and the cap; blurs (3, V) px; reference (3, V) contrast at the start; cap (2,) tilt and
+    roundness of the tube's end; clamp (4,) point and axis of the clamp line.
+    """
+
+    coefficients: FloatArray
+    width: FloatArray
+    levels: FloatArray
+    blurs: FloatArray
+    reference: FloatArray
+    cap: FloatArray
+    clamp: FloatArray
+
+
+class Workspace(NamedTuple):
+    """Arrays that every frame uses again."""
+
+    centre: FloatArray
+    normal: FloatArray
+    half_width: FloatArray
+    edge: FloatArray
+    outward: FloatArray
+    stations: FloatArray
+    residual: FloatArray
+    keep: NDArray[np.bool_]
+    sums: FloatArray
+    numbers: FloatArray
+    covariance: FloatArray
+
+
+def new_workspace() -> Workspace:
+    """Allocate a workspace."""
+    size = COEFFICIENTS + WIDTH_COEFFICIENTS
+    return Workspace(
+        np.empty((VERTICES, 2)),
+        np.empty((VERTICES, 2)),
+        np.empty(VERTICES),
+        np.empty((VERTICES, 2)),
+        np.empty((VERTICES, 2)),
+        np.zeros((MAX_STATIONS, STATION_COLUMNS)),
+        np.empty(MAX_STATIONS),
+        np.zeros(MAX_STATIONS, dtype=np.bool_),
+        np.zeros((3, VERTICES, LEVEL_COLUMNS)),
+        np.zeros(NUMBERS),
+        np.zeros((size, size)),
+    )
