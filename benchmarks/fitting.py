@@ -21,7 +21,7 @@ from rfea_vision.dynamics.parameters import PUBLISHED
 from rfea_vision.fitting import FitOptions
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.fit import Problem, _steady_start, make_model, make_problem
-from rfea_vision.fitting.solver import Solution, solve
+from rfea_vision.fitting.solver import Solution, solve_from_afar
 from rfea_vision.fitting.steady_fit import find_plateaus
 from rfea_vision.stages import open_campaign
 from rfea_vision.twin import TwinOptions, simulate
@@ -53,7 +53,7 @@ def fit_from(problem: Problem, start: np.ndarray, effects: tuple[str, ...] = ())
     guess = start
     if not effects:
         guess, _ = _steady_start(model, problem, options, start, find_plateaus(problem.train))
-    solution = solve(model, problem.train, coordinates, guess)
+    solution = solve_from_afar(model, problem.train, coordinates, guess)
     return time.process_time() - begun, solution
 
 

@@ -16,7 +16,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import Coordinates, build
 from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.problem import FitOptions, Problem, make_model, make_problem, parse_effects, start_vector
-from rfea_vision.fitting.solver import Solution, solve
+from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import evened, seen_scale
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
 
@@ -143,7 +143,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     """
     coarse = options.with_segments(min(options.segments, 6 if options.joints == "middle" else options.segments))
     model = make_model(problem.actuator, coarse, problem.mirror)
-    thin = [o.thinned(max(1, o.time.size // 500)) for o in problem.train]
+    thin = [o.thinned(max(1, o.time.size // ROUGH_FRAMES)).coarser() for o in problem.train]
     plateaus = find_plateaus(problem.train)
     reference = start_vector(model, problem.actuator, coarse.segments)
     reference[:6] *= seen_scale(problem.train, problem.actuator)
@@ -194,33 +194,23 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
             "no start could be simulated: at these pressures the model has no steady state with parameters near the paper's; "
             "check the unit of the pressure log and the actuator's dimensions"
         )
-    fitted = _refined(problem, options, model, coordinates, coarse.segments, solutions)
+    fitted = _refined(problem, options, model, coarse.segments, solutions)
     if progress is not None:
         progress(len(shapes) + 2, len(shapes) + 2)
     return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
 
 
 def _refined(
-    problem: Problem,
-    options: FitOptions,
-    model: Model,
-    coordinates: Coordinates,
-    segments: int,
-    solutions: Sequence[Solution],
+    problem: Problem, options: FitOptions, model: Model, segments: int, solutions: Sequence[Solution]
 ) -> Fitted:
-    """Carry the best coarse solution over to the full chain.
-
-    A misfit may push a damper or a spring to nothing at one end of the reach, which the finer chain does not survive: then
-    it starts from the same solution evened out, or from the next best.
-    """
+    """Carry the best coarse solution that a finer chain can be started from over to the full one."""
     failure = DataError(f"model {options.name}: no solution")
     for solution in sorted(solutions, key=lambda s: s.cost):
-        for par in (solution.par, evened(coordinates, solution.par)):
-            try:
-                known = dict(zip(model.names, par, strict=True))
-                return refit(problem, options, known, segments, clocks=solution.clocks)
-            except DataError as error:
-                failure = error
+        known = dict(zip(model.names, solution.par, strict=True))
+        try:
+            return refit(problem, options, known, segments, clocks=solution.clocks)
+        except DataError as error:
+            failure = error
     raise failure
 
 
@@ -246,16 +236,21 @@ def refit(
     coordinates = coordinates_for(problem, options, model)
     start = carried(model, problem.actuator, options.segments, previous, previous_segments)
     used = list(items) if items is not None else list(problem.train)
-    solution = solve(
-        model,
-        used,
-        coordinates,
-        start,
-        clocks,
-        most_evaluations=most_evaluations,
-        tolerance=tolerance,
-        loss=options.loss,
-    )
+    solution = None
+    # A misfit may push a damper or a spring to nothing at one end of the reach, which a finer chain does not survive.
+    for first in (start, evened(coordinates, start)):
+        solution = solve(
+            model,
+            used,
+            coordinates,
+            first,
+            clocks,
+            most_evaluations=most_evaluations,
+            tolerance=tolerance,
+            loss=options.loss,
+        )
+        if solution is not None:
+            break
     if solution is None:
         raise DataError(f"model {options.name}: the start could not be simulated; try fewer segments or other effects")
     return Fitted(model, options, coordinates, solution)

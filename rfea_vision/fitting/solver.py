@@ -21,6 +21,8 @@ CLOCK_PRIOR_S = 0.05
 LARGEST_CLOCK_S = 0.2
 #: Robust standard deviations beyond which the Huber loss is linear.
 HUBER = 5.0
+#: Frames of a run that are enough to come near.
+ROUGH_FRAMES = 500
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class Solution:
 
 @dataclass(frozen=True)
 class _Point:
-    """One evaluation as the optimiser sees it: data rows first, then priors."""
+    """One evaluation as the optimiser sees it: few rows with the same cost, gradient and normal matrix, then those of priors."""
 
     residual: FloatArray
     jacobian: FloatArray
@@ -63,13 +65,18 @@ class _Point:
 
 @dataclass
 class _Target:
-    """Residual and Jacobian over x = [coordinates, free clocks]; remembers the last point, as both are asked for in turn."""
+    """Residual and Jacobian over x = [coordinates, free clocks]; remembers the last point, as both are asked for in turn.
+
+    With `condensed`, the rows of the data are replaced by the triangle of their QR decomposition, of which there are as many
+    as unknowns: all that a linear loss needs, and nothing for the optimiser to chew on.
+    """
 
     model: Model
     items: Sequence[Observed]
     coordinates: Coordinates
     clocks: FloatArray
     clock_index: tuple[int, ...]
+    condensed: bool = True
     count: int = 0
     last: tuple[bytes, _Point | None] | None = None
 
@@ -98,34 +105,45 @@ class _Target:
 
     def _evaluate(self, x: FloatArray) -> _Point | None:
         par, values = self.unpack(x)
-        free = self.coordinates.free
-        result = evaluate(self.model, par, self.items, free, values)
+        result = evaluate(self.model, par, self.items, self.coordinates.free, values)
         if result is None:
             return None
-        ny = len(free)
-        data = np.empty((result.residual.size, x.size))
-        data[:, :ny] = result.jacobian[:, :ny] @ self.coordinates.matrix[list(free)]
-        data[:, ny:] = result.jacobian[:, [ny + i for i in self.clock_index]] * CLOCK_SCALE_S
+        ny = len(self.coordinates.free)
+        jacobian, rest = result.jacobian, result.residual
+        if len(self.clock_index) < len(self.items):
+            jacobian = jacobian[:, [*range(ny), *(ny + i for i in self.clock_index)]]
+        if self.condensed:
+            triangle = np.linalg.qr(np.column_stack([jacobian, rest]), mode="r")
+            jacobian, rest = triangle[:, :-1], triangle[:, -1]
         residual, rows = self.priors(x)
-        return _Point(np.concatenate([result.residual, residual]), np.concatenate([data, rows]), result)
+        jacobian = np.concatenate([self._scaled(jacobian), rows])
+        return _Point(np.concatenate([rest, residual]), jacobian, result)
+
+    def _scaled(self, jacobian: FloatArray) -> FloatArray:
+        """From columns [free parameters, free clocks] in SI to those of x."""
+        ny = len(self.coordinates.free)
+        sub = self.coordinates.matrix[list(self.coordinates.free)]
+        return np.concatenate([jacobian[:, :ny] @ sub, jacobian[:, ny:] * CLOCK_SCALE_S], axis=1)
 
     def solution(self, x: FloatArray, point: _Point, converged: bool, message: str, softness: float) -> Solution:
         par, values = self.unpack(x)
-        size = point.evaluation.residual.size
+        evaluation, ny = point.evaluation, len(self.coordinates.free)
+        residual, rows = self.priors(x)
+        picked = evaluation.jacobian[:, [*range(ny), *(ny + i for i in self.clock_index)]]
         return Solution(
             par=par,
-            y=x[: len(self.coordinates.free)],
+            y=x[:ny],
             clocks=values,
-            cost=point.evaluation.cost,
+            cost=evaluation.cost,
             converged=converged,
             message=message,
-            evaluation=point.evaluation,
-            scaled_jacobian=point.jacobian[:size],
+            evaluation=evaluation,
+            scaled_jacobian=self._scaled(picked),
             clock_index=self.clock_index,
             evaluations=self.count,
-            prior_jacobian=point.jacobian[size:],
-            prior_residual=point.residual[size:],
-            row_weight=np.minimum(1.0, softness / np.maximum(np.abs(point.evaluation.residual), 1e-300)),
+            prior_jacobian=rows,
+            prior_residual=residual,
+            row_weight=np.minimum(1.0, softness / np.maximum(np.abs(evaluation.residual), 1e-300)),
         )
 
 
@@ -153,7 +171,7 @@ def solve(
         return None
     if x0.size == 0:
         return target.solution(x0, first, True, "nothing to fit", np.inf)
-    bad = np.full(first.residual.size, 1e3 * np.sqrt(first.residual @ first.residual / first.residual.size) + 1e3)
+    bad = np.full(first.residual.size, 1e3 * np.linalg.norm(first.residual) + 1e3)
 
     def fun(x: FloatArray) -> FloatArray:
         point = target.at(x)
@@ -185,6 +203,21 @@ def solve(
     return target.solution(
         result.x, point, result.status > 0, str(result.message), softness if loss == "huber" else np.inf
     )
+
+
+def solve_from_afar(
+    model: Model,
+    items: Sequence[Observed],
+    coordinates: Coordinates,
+    start: FloatArray,
+    clocks: FloatArray | None = None,
+) -> Solution | None:
+    """As `solve`, with the first way gone in longer steps on fewer frames; None as there."""
+    thin = [o.thinned(max(1, o.time.size // ROUGH_FRAMES)).coarser() for o in items]
+    rough = solve(model, thin, coordinates, start, clocks, most_evaluations=40, tolerance=1e-4)
+    if rough is None:
+        return solve(model, items, coordinates, start, clocks)
+    return solve(model, items, coordinates, rough.par, rough.clocks) or solve(model, items, coordinates, start, clocks)
 
 
 def fit_clocks(model: Model, items: Sequence[Observed], par: FloatArray) -> FloatArray:
