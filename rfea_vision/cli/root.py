@@ -26,6 +26,7 @@ _COMMANDS = {
     "model": ("compare", "diagnose", "improve"),
     "effects": ("effects",),
     "chain": ("report", "run", "batch"),
+    "export": ("export",),
     "twin": ("simulate", "demo"),
 }
 _HOME_OF = {command: module for module, commands in _COMMANDS.items() for command in commands}

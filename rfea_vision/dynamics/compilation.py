@@ -45,6 +45,7 @@ MATRIX = float64[:, ::1]
 # torque, d/dtheta, d/drate, d/dpressure, added mass, d/dtheta, then per state: d torque/dz; then per state:
 # rate, d/dtheta, d/drate, d/dpressure; then the m x m block d rate_a / d z_b.
 FIXED_COLUMNS = 6
+KINEMATIC = (laws.X, laws.Y, laws.VX, laws.VY)
 
 
 def _derivative(expression: sp.Expr, symbol: sp.Symbol) -> Any:
@@ -119,28 +120,29 @@ def _joint_items(law: Law) -> dict[sp.Symbol, str]:
     return items
 
 
+def joint_columns(law: Law) -> list[sp.Expr]:
+    """Columns of the joint law's output, in the order that `FIXED_COLUMNS` states."""
+    columns = [law.torque, *(_derivative(law.torque, symbol) for symbol in (laws.THETA, laws.RATE, laws.PRESSURE))]
+    columns += [law.added_mass, _derivative(law.added_mass, laws.THETA)]
+    columns += [_derivative(law.torque, state) for state in law.states]
+    for rate in law.state_rates:
+        columns += [rate, *(_derivative(rate, symbol) for symbol in (laws.THETA, laws.RATE, laws.PRESSURE))]
+    return columns + [_derivative(rate, state) for rate in law.state_rates for state in law.states]
+
+
+def relaxed_columns(law: Law) -> list[list[sp.Expr]]:
+    """Per hidden state: its relaxed value, and that by the angle and by the pressure."""
+    return [[v, _derivative(v, laws.THETA), _derivative(v, laws.PRESSURE)] for v in law.relaxed]
+
+
+def force_columns(law: Law) -> list[list[sp.Expr]]:
+    """Per component of the body force: its value, and that by position and velocity."""
+    return [[part, *(_derivative(part, symbol) for symbol in KINEMATIC)] for part in law.body_force]
+
+
 def generate(law: Law) -> str:
     """Source text of the compiled module for a composed law."""
-    states = law.states
-    targets: list[tuple[str, sp.Expr]] = []
-
-    def put(expression: sp.Expr) -> None:
-        targets.append((f"out[j, {len(targets)}]", expression))
-
-    put(law.torque)
-    for symbol in (laws.THETA, laws.RATE, laws.PRESSURE):
-        put(_derivative(law.torque, symbol))
-    put(law.added_mass)
-    put(_derivative(law.added_mass, laws.THETA))
-    for state in states:
-        put(_derivative(law.torque, state))
-    for rate in law.state_rates:
-        put(rate)
-        for symbol in (laws.THETA, laws.RATE, laws.PRESSURE):
-            put(_derivative(rate, symbol))
-    for rate in law.state_rates:
-        for state in states:
-            put(_derivative(rate, state))
+    targets = [(f"out[j, {index}]", column) for index, column in enumerate(joint_columns(law))]
     joint_arguments = "thetas, rates, z, felt, positions, arcs, weights, par, con, out"
     joint_signature = "VECTOR, VECTOR, MATRIX, float64, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX"
     source = _HEADER + _function(
@@ -159,19 +161,16 @@ def generate(law: Law) -> str:
     )
 
     relaxed_targets: list[tuple[str, sp.Expr]] = []
-    for index, value in enumerate(law.relaxed):
-        columns = [value, _derivative(value, laws.THETA), _derivative(value, laws.PRESSURE)]
-        columns += [_derivative(value, symbol) for symbol in law.symbols]
+    for index, (value, columns) in enumerate(zip(law.relaxed, relaxed_columns(law), strict=True)):
+        columns = [*columns, *(_derivative(value, symbol) for symbol in law.symbols)]
         relaxed_targets += [(f"out[j, {index}, {column}]", item) for column, item in enumerate(columns)]
     source += _function("relaxed_states", joint_arguments, cube, law, relaxed_targets, _joint_items(law), "thetas.size")
 
-    kinematic = (laws.X, laws.Y, laws.VX, laws.VY)
     force_targets: list[tuple[str, sp.Expr]] = []
-    for row, component in enumerate(law.body_force):
-        columns = [component, *(_derivative(component, symbol) for symbol in kinematic)]
-        columns += [_derivative(component, symbol) for symbol in law.symbols]
+    for row, (component, columns) in enumerate(zip(law.body_force, force_columns(law), strict=True)):
+        columns = [*columns, *(_derivative(component, symbol) for symbol in law.symbols)]
         force_targets += [(f"out[j, {row}, {column}]", item) for column, item in enumerate(columns)]
-    items = {symbol: f"motion[j, {index}]" for index, symbol in enumerate(kinematic)}
+    items = {symbol: f"motion[j, {index}]" for index, symbol in enumerate(KINEMATIC)}
     items[laws.BODY_LENGTH] = "length[j]"
     source += _function(
         "body_force",

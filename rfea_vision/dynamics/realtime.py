@@ -7,6 +7,7 @@ in a step. What the last iteration still changed is handed back, so that a contr
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import float64, int64, njit
@@ -37,7 +38,7 @@ from rfea_vision.errors import DataError
 
 FloatArray = NDArray[np.float64]
 NEWTON_ITERATIONS = 3
-SETTLED = 1e-3  # rad; a last change above it is no solution
+SETTLED = 1e-5  # rad; a last change above it is no solution
 
 
 def _at(law_type):
@@ -56,7 +57,9 @@ def _at(law_type):
     return law_at
 
 
-_joint_law_at, _force_law_at = _at(JOINT_LAW), _at(FORCE_LAW)
+# The compiler supplies the first argument of an intrinsic, which a type checker cannot know.
+_joint_law_at: Any = _at(JOINT_LAW)
+_force_law_at: Any = _at(FORCE_LAW)
 
 
 def _addresses(law, law_type) -> tuple[int, int]:
@@ -73,15 +76,17 @@ def advance(addresses, system, work, stages, tableau, step_s, pressure, drive, i
     pressure (stages,) in the tube at the stage times; drive (n,) torques on the joints, or empty
     """
     joint_law, force_law = _joint_law_at(addresses[0], addresses[1]), _force_law_at(addresses[2], addresses[3])
-    laws, body, last = Laws(joint_law, joint_law, force_law), work.body, np.inf
+    laws, body, last = Laws(joint_law, joint_law, force_law), work.body, 0.0
     for i in range(stages.old.shape[0]):
         stages.old[i, 0], stages.old[i, 1] = body[i, PHI], body[i, OM]
     for stage in range(tableau.shape[0]):
+        change = np.inf
         s = start_stage(work, stages, tableau, stage, step_s)
         for _ in range(iterations):
             linearise(laws, system, work, pressure[stage], drive, s)
             newton_step(system, work, s)
-            last = move(system, work, s, 1.0)
+            change = move(system, work, s, 1.0)
+        last = max(last, change) if np.isfinite(change) else np.inf
         keep_stage(work, stages, stage, system.states, s)
     stages.z_old[:, :] = work.z
     return last
@@ -92,7 +97,7 @@ class Moment:
     """The tube at the end of a step.
 
     tip_m : (2,) tip of the centre line in the rig frame, camera-right x; angle_rad : direction of the tip
-    flow_m3_s : into the tube; last_change_rad : what the last Newton iteration changed; settled : below 1e-3 rad
+    flow_m3_s : into the tube; last_change_rad : what the last Newton iteration changed; settled : below 1e-5 rad
     """
 
     tip_m: FloatArray

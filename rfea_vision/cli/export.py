@@ -1,0 +1,71 @@
+"""The command that takes a fitted model out of the campaign: export."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+
+from rfea_vision.cli.console import print_json
+from rfea_vision.cli.options import Quantity, campaign_options, opened
+from rfea_vision.errors import InputError
+
+
+@click.command("export")
+@campaign_options
+@click.argument("places", nargs=-1, required=True, metavar="[MODEL] OUT")
+@click.option("--fmu", is_flag=True, help="Write an FMU (FMI 2.0, co-simulation) instead of C.")
+@click.option("--step", "step_s", type=Quantity("s", "1ms"), default="1ms", show_default=True, help="Length of a step.")
+@click.option(
+    "--iterations",
+    type=click.IntRange(1, 50),
+    default=3,
+    show_default=True,
+    help="Newton iterations per stage, two stages a step; sharp dry friction wants 6.",
+)
+def export_command(
+    campaign: Path,
+    places: tuple[str, ...],
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    debug: bool,
+    fmu: bool,
+    step_s: float,
+    iterations: int,
+) -> None:
+    """A fitted model as C, for real time.
+
+    Writes OUT.c and OUT.h (C99, self-contained), or with --fmu OUT.fmu; of the model named, or of the one fitted last.
+    """
+    from rfea_vision.export import c_files, fitted_model, fmu_content
+    from rfea_vision.files import whole_file, write_text
+    from rfea_vision.stages import mechanics
+
+    *models, last = places
+    if len(models) > 1:
+        raise InputError("export: give CAMPAIGN, at most one MODEL, and OUT")
+    target = Path(last)
+    target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
+    with opened(campaign, out) as work:
+        fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
+    name = re.sub(r"\W", "_", target.name)
+    name = name if re.match(r"[A-Za-z_]", name) else f"tube_{name}"
+    model, par = fitted_model(fit)
+    about = f"Model '{fit.name}' of {campaign.name}: {fit.segments} segments"
+    about += f", {', '.join(fit.effects)}" if fit.effects else ""
+    if fmu:
+        written = [target.with_name(f"{target.name}.fmu")]
+        content = fmu_content(model, par, name, step_s, about, iterations)
+        with whole_file(written[0]) as temporary:
+            temporary.write_bytes(content)
+    else:
+        written = [target.with_name(f"{name}.c"), target.with_name(f"{name}.h")]
+        header, source = c_files(model, par, name, step_s, about, iterations)
+        write_text(written[1], header)
+        write_text(written[0], source)
+    if as_json:
+        print_json({"model": fit.name, "step_s": step_s, "files": [str(path) for path in written]})
+    else:
+        click.echo(f"{fit.name}: {', '.join(str(path) for path in written)}; a step is {step_s * 1e3:g} ms")

@@ -1,0 +1,35 @@
+"""From `model.json` back to a model that runs, with its parameters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Actuator, ModelFit
+from rfea_vision.dynamics.simulation import Chain, Model
+from rfea_vision.effects.catalogue import find_effects
+from rfea_vision.errors import InputError
+from rfea_vision.fitting.problem import parse_effects
+
+FloatArray = NDArray[np.float64]
+
+
+def fitted_model(fit: ModelFit) -> tuple[Model, FloatArray]:
+    """Model and parameters (SI, in the order of its names) of a fit.
+
+    Raises
+    ------
+    InputError
+        The fit lacks a parameter of the model, or names an effect that nobody declares.
+    """
+    ids, places = parse_effects(fit.effects, fit.segments)
+    effects = find_effects(ids, [Path(file) for file in (fit.model_extra or {}).get("effect_files", ())])
+    actuator = Actuator(**fit.actuator)
+    chain = Chain.tube(actuator, fit.segments, fit.joints)
+    model = Model(chain, effects, mirror=-1.0 if actuator.bends == "right" else 1.0, at=places)
+    missing = [name for name in model.names if name not in fit.parameters]
+    if missing:
+        raise InputError(f"model '{fit.name}': model.json lacks the parameter {missing[0]}; fit it again with --force")
+    return model, np.array([fit.parameters[name].value for name in model.names])

@@ -1,0 +1,75 @@
+"""`rfea export`: from model.json to files, and one sentence where it cannot."""
+
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator, ModelFit
+from rfea_vision.cli.root import run
+from rfea_vision.dynamics.parameters import PUBLISHED, scaled
+from rfea_vision.dynamics.realtime import Stepper
+from rfea_vision.effects.base import BASE_UNITS
+from rfea_vision.export import fitted_model
+
+
+def _fit(name, effects=(), values=()):
+    base = dict(zip(BASE_UNITS, scaled(PUBLISHED["8-DoF"].vector(), 8, 4), strict=True))
+    parameters = {key: {"value": value, "unit": BASE_UNITS[key]} for key, value in base.items()}
+    parameters |= {key: {"value": value, "unit": unit} for key, value, unit in values}
+    return ModelFit.model_validate(
+        {
+            "name": name,
+            "segments": 4,
+            "effects": list(effects),
+            "actuator": Actuator(bends="right").as_dict(),
+            "parameters": parameters,
+            "metrics": {},
+            "experiments": {},
+        }
+    )
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    folder = tmp_path / "tube-A"
+    (folder / "run").mkdir(parents=True)
+    (folder / "campaign.yaml").write_text("format: rfea-campaign/1\nname: tube-A\n")
+    files = "track: {file: track.csv}\npressure: {file: pressure.csv}\n"
+    (folder / "run" / "experiment.yaml").write_text(f"format: rfea-experiment/1\nname: run\nrole: train\n{files}")
+    (folder / "run" / "track.csv").write_text("time_s,tip_x_mm,tip_y_mm\n0,0,-155\n")
+    (folder / "run" / "pressure.csv").write_text("time_s,pressure_kPa\n0,0\n")
+    values = [("maxwell.k1", 0.1, "1"), ("maxwell.T", 0.4, "s")]
+    _fit("soft", ["maxwell"], values).save(folder / "rfea" / "models" / "soft" / "model.json")
+    scale = [("camera_scale.s", 0.01, "1")]
+    _fit("wide", ["camera_scale"], scale).save(folder / "rfea" / "models" / "wide" / "model.json")
+    return folder
+
+
+def test_fit_becomes_a_model_that_runs(campaign):
+    fit = ModelFit.load(campaign / "rfea" / "models" / "soft" / "model.json")
+    model, par = fitted_model(fit)
+    assert model.names[7:] == ("maxwell.k1", "maxwell.T") and list(par[7:]) == [0.1, 0.4]
+    moment = Stepper(model, par, pressure_Pa=200e3).step(200e3)
+    assert moment.tip_m[0] > 0.05  # bends right
+    assert np.isfinite(par).all()
+
+
+def test_c_and_fmu_are_written(campaign, cc, capsys):
+    target = campaign.parent / "out" / "my tube.c"
+    assert run(["export", str(campaign), "soft", str(target), "--json"]) == 0
+    written = json.loads(capsys.readouterr().out)
+    assert written["files"] == [str(target.with_name("my_tube.c")), str(target.with_name("my_tube.h"))]
+    text = target.with_name("my_tube.c").read_text()
+    assert "Model 'soft' of tube-A: 4 segments, maxwell" in text and "my_tube_step" in text
+    assert run(["export", str(campaign), "soft", str(target.with_suffix("")), "--fmu", "--step", "0.5ms"]) == 0
+    with zipfile.ZipFile(target.with_suffix(".fmu")) as archive:
+        assert b'stepSize="0.0005"' in archive.read("modelDescription.xml")
+
+
+def test_effect_of_the_camera_is_refused_in_one_sentence(campaign, capsys):
+    assert run(["export", str(campaign), "wide", str(campaign.parent / "tube")]) == 2
+    assert "'camera_scale' belongs to the camera" in " ".join(capsys.readouterr().err.split())
+    assert not (campaign.parent / "tube.c").exists()
+    assert run(["export", str(campaign), "a", "b", "c"]) == 2
