@@ -217,4 +217,4 @@ def _sync(part: SyncPart, finder: _Finder) -> SyncSpec:
         finder.complain(
             "sync.value", f"has no meaning with the method '{part.method}'; drop it or write 'method: offset'"
         )
-    return SyncSpec(part.method, part.value, part.led, part.channel)
+    return SyncSpec(part.method, part.value, part.box or part.led, part.channel)

@@ -170,12 +170,13 @@ class PressurePart(_Part):
 class SyncPart(_Part):
     """How camera clock and log clock are brought together.
 
-    `value` is log clock minus camera clock; `led` is x, y, width and height of the lamp in pixels; `channel` is the
-    column of the log with the lamp's or the trigger's signal.
+    `value` is log clock minus camera clock; `box` is x, y, width and height of the lamp in pixels (`led` is an older
+    name of the same); `channel` is the column of the log with the lamp's or the trigger's signal.
     """
 
     method: Literal["motion", "led", "trigger", "offset", "common_clock"] = "motion"
     value: Duration | None = None
+    box: tuple[float, float, float, float] | None = None
     led: tuple[float, float, float, float] | None = None
     channel: Text | None = None
 

@@ -65,11 +65,11 @@ class PressureSpec:
 
 @dataclass(frozen=True)
 class SyncSpec:
-    """How the two clocks are brought together; `value_s` is log clock minus camera clock."""
+    """How the two clocks are brought together; `value_s` is log clock minus camera clock, `box` the lamp's."""
 
     method: str = "motion"
     value_s: float | None = None
-    led: tuple[float, float, float, float] | None = None
+    box: tuple[float, float, float, float] | None = None
     channel: str | None = None
 
 

@@ -13,13 +13,14 @@ is measured by adding the track's own noise a second time, and taken off (Cook a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
+from rfea_vision.sync.doubts import check_direction, gaps_of, log_notes, outside_gaps, repetition
 from rfea_vision.sync.sections import Motion, motion_of, terms
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +28,9 @@ FloatArray = NDArray[np.float64]
 LOW_HZ, HIGH_HZ = 0.8, 8.0
 COARSE_S = 0.006
 LEAST_OVERLAP_S = 1.0
+HIGHEST_OF_LOG_RATE = 0.15
+BETWEEN_SAMPLES = 1.2  # s^-1: times the square of the log's step, as a standard error
+FILTER_REACH_S = 0.15
 LEAST_SWING_DEG = 1.0
 LEAST_EXPLAINED = 0.5
 PARTS = 6
@@ -67,16 +71,30 @@ def align_by_motion(
             f"{experiment}: sync: the tube bends by only {np.degrees(motion.swing_rad):.2f} deg; "
             "use sync.method offset, led or trigger"
         )
-    seen = Seen.of(motion)
+    log_rate = 1.0 / float(np.median(np.diff(log_time_s)))
+    seen = Seen.of(motion, HIGHEST_OF_LOG_RATE * log_rate)
     target = Target(log_time_s, pressure_kPa, seen.rate, seen.high)
-    offsets, shares = search(seen, target)
+    offsets, shares, own = search(seen, target)
     best = int(np.argmax(shares))
     if shares[best] < LEAST_EXPLAINED:
         raise DataError(
             f"{experiment}: sync: the motion explains only {100 * shares[best]:.0f} % of the pressure at any offset; "
             "check that video and log belong together, or use sync.method offset"
         )
-    return refine(seen, target, float(offsets[best]), (offsets, shares))
+    repeats = repetition(offsets, shares, own, experiment=experiment)
+    found = refine(seen, target, float(offsets[best]), (offsets, shares))
+    shifted = time * (1 + 1e-6 * found.drift_ppm) + found.offset_s
+    within = (shifted > log_time_s[0]) & (shifted < log_time_s[-1])
+    pressed = np.interp(shifted[within], log_time_s, pressure_kPa)
+    check_direction(motion.bend_rad[within], pressed, experiment=experiment, bends=bends)
+    # A slow log knows the pressure between its samples by a line only.
+    error = float(np.hypot(found.offset_stderr_s, BETWEEN_SAMPLES / log_rate**2))
+    notes = [
+        *log_notes(log_time_s, target.gaps),
+        *([repeats] if repeats else []),
+        *([found.note] if found.note else []),
+    ]
+    return replace(found, offset_stderr_s=error, note="; ".join(notes))
 
 
 @dataclass(frozen=True)
@@ -92,8 +110,8 @@ class Seen:
     terms: FloatArray
 
     @staticmethod
-    def of(motion: Motion) -> Seen:
-        """Resample, smooth, and form the terms."""
+    def of(motion: Motion, highest_Hz: float = np.inf) -> Seen:
+        """Resample, smooth, and form the terms; `highest_Hz` is what the log can follow."""
         time = motion.time_s
         rate = 1.0 / float(np.median(np.diff(time)))
         grid = np.arange(time[0], time[-1], 1.0 / rate)
@@ -102,7 +120,7 @@ class Seen:
         solid = (time[after] - time[after - 1]) < 2.5 / rate
         edge = round(min(0.08 * len(grid), 0.12 * rate))
         solid[:edge] = solid[len(grid) - edge :] = False
-        high = min(HIGH_HZ, 0.15 * rate)
+        high = max(min(HIGH_HZ, 0.15 * rate, highest_Hz), 2 * LOW_HZ)
         return Seen(motion, grid, raw, solid, rate, high, _terms(motion, raw, rate, high))
 
     def with_more_noise(self, seed: int) -> FloatArray:
@@ -147,15 +165,21 @@ class Target:
         self.values = band(gauss(raw, 1 / step, 2 * high), 1 / step, high)
         self.slope = np.gradient(self.values, self.time)
         self.first, self.last = self.time[0] + 0.1, self.time[-1] - 0.1
+        self.gaps = gaps_of(time)
 
     def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Pressure, its slope, and where the log covers `times`."""
         inside = (times >= self.first) & (times <= self.last)
+        if len(self.gaps):
+            inside &= outside_gaps(times, self.gaps, FILTER_REACH_S)
         return np.interp(times, self.time, self.values), np.interp(times, self.time, self.slope), inside
 
 
-def search(seen: Seen, target: Target) -> tuple[FloatArray, FloatArray]:
-    """Explained share of the pressure at every offset at which enough of the motion lies within the log."""
+def search(seen: Seen, target: Target) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Every offset at which enough of the motion lies within the log; the share of the pressure that is explained.
+
+    Twice: as a share of the whole motion, and of the part within the log.
+    """
     thin = slice(None, None, max(len(seen.grid) // 1200, 1))
     grid, solid, x = seen.grid[thin], seen.solid[thin], seen.terms[:, thin]
     span = grid[-1] - grid[0]
@@ -164,7 +188,7 @@ def search(seen: Seen, target: Target) -> tuple[FloatArray, FloatArray]:
     offsets = np.linspace(low, high, int(min(max((high - low) / COARSE_S, 1), 5000)) + 1)
     whole = _projector(x[:, solid])
     overall = float(np.mean(target.values**2))
-    shares = np.zeros(len(offsets))
+    shares, own = np.zeros(len(offsets)), np.zeros(len(offsets))
     for k, offset in enumerate(offsets):
         values, _, inside = target.at(grid + offset)
         use = solid & inside
@@ -178,8 +202,11 @@ def search(seen: Seen, target: Target) -> tuple[FloatArray, FloatArray]:
             projector = _projector(x[:, use])
         y = values[use]
         # A short overlap is easily explained: what counts is the share of the whole motion.
-        shares[k] = np.sum((projector.T @ y) ** 2) / (len(x) * float(y @ y)) * use.sum() / solid.sum()
-    return offsets, shares
+        own[k] = np.sum((projector.T @ y) ** 2) / (len(x) * float(y @ y))
+        shares[k] = own[k] * use.sum() / solid.sum()
+        if use.sum() < 0.5 * solid.sum():  # a short piece can be explained at many places
+            own[k] = 0.0
+    return offsets, shares, own
 
 
 def _projector(x: FloatArray) -> FloatArray:

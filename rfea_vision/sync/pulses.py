@@ -10,78 +10,169 @@ from rfea_vision.errors import DataError
 from rfea_vision.sync.motion import Alignment
 
 FloatArray = NDArray[np.float64]
+
+LOW, HIGH = 0.35, 0.65  # of the swing: a signal has switched once it has passed both
+LEAST_CONTRAST = 6.0  # swing over the noise from frame to frame
+MOST_SEEDS = 60
+LATE_FRAMES = 0.35  # a frame that lies so far from its pulse belongs to another
 _NOTHING = (np.empty(0), np.empty(0))
 
 
-def switch_times(time_s: FloatArray, signal: FloatArray, *, rising: bool = True) -> FloatArray:
-    """Times at which a two-level signal crosses its middle, between samples by interpolation."""
-    low, high = np.nanpercentile(signal, [5, 95])
+def switch_times(time_s: FloatArray, signal: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Times at which a two-level signal switches, between samples by interpolation, and whether up (1) or down (-1).
+
+    Noise that crosses the middle without leaving its level does not count. Empty for a signal without two levels.
+    """
+    good = np.isfinite(signal)
+    time, value = time_s[good], signal[good]
+    if len(value) < 3:
+        return np.empty(0), np.empty(0, dtype=np.int64)
+    low, high = np.percentile(value, [1, 99])
     if not high - low > 1e-9:
-        low, high = np.nanmin(signal), np.nanmax(signal)
-    above = signal > 0.5 * (low + high)
-    change = np.flatnonzero(above[1:] & ~above[:-1] if rising else ~above[1:] & above[:-1])
-    share = (0.5 * (low + high) - signal[change]) / (signal[change + 1] - signal[change])
-    return time_s[change] + np.clip(share, 0, 1) * (time_s[change + 1] - time_s[change])
+        low, high = value.min(), value.max()
+    noise = float(np.median(np.abs(np.diff(value)))) / 0.954
+    if not high - low > max(LEAST_CONTRAST * noise, 1e-9):
+        return np.empty(0), np.empty(0, dtype=np.int64)
+    level = (value - low) / (high - low)
+    state = np.where(level > HIGH, 1, np.where(level < LOW, -1, 0))
+    known = np.flatnonzero(state != 0)
+    turns = np.flatnonzero(np.diff(state[known]) != 0)
+    before, after = known[turns], known[turns + 1]
+    times, kinds = [], []
+    for a, b in zip(before, after, strict=True):
+        crossing = a + int(np.argmax((level[a + 1 : b + 1] > 0.5) == (state[b] > 0)))
+        share = (0.5 - level[crossing]) / (level[crossing + 1] - level[crossing])
+        times.append(time[crossing] + np.clip(share, 0, 1) * (time[crossing + 1] - time[crossing]))
+        kinds.append(state[b])
+    return np.array(times), np.array(kinds, dtype=np.int64)
 
 
 def align_by_trigger(track: Track, log_time_s: FloatArray, signal: FloatArray, *, experiment: str) -> Alignment:
-    """One pulse per frame, or one at the first frame."""
-    pulses = switch_times(log_time_s, signal)
-    frames = track.time_s
+    """One pulse per frame, or one at the first frame.
+
+    Raises
+    ------
+    DataError
+        If there is no pulse, or pulses and frames do not belong together.
+    """
+    times, kinds = switch_times(log_time_s, signal)
+    pulses, frames = times[kinds > 0], track.time_s
     step = float(np.median(np.diff(log_time_s)))
     if len(pulses) == 0:
         raise DataError(f"{experiment}: sync: the trigger column never switches; check sync.channel")
-    if len(pulses) >= 0.5 * len(frames) and len(frames) > 3:
-        count = min(len(pulses), len(frames))
-        if abs(len(pulses) - len(frames)) > 0.02 * len(frames) + 1:
-            raise DataError(
-                f"{experiment}: sync: {len(pulses)} trigger pulses for {len(frames)} frames; frames were lost, use sync.method motion"
+    if len(pulses) < 0.5 * len(frames) or len(frames) <= 3:
+        if len(pulses) > 1:
+            apart = float(np.min(np.diff(pulses)))
+            note = (
+                f"{len(pulses)} pulses, the nearest {apart:.2f} s apart: the first was taken for the start of the film"
             )
-        return _line(frames[:count], pulses[:count], step)
-    return Alignment(float(pulses[0] - frames[0]), step / np.sqrt(12), 0.0, 0.0, 1.0, _NOTHING, "")
+        else:
+            note = ""
+        return Alignment(float(pulses[0] - frames[0]), step / np.sqrt(12), 0.0, 0.0, 1.0, _NOTHING, note)
+    if len(pulses) == len(frames):
+        return _line(frames, pulses, step)
+    # Frames were dropped after their pulse, or pulses go on: the first belongs to the first, time stamps tell the rest.
+    offset = pulses[0] - frames[0]
+    nearest = np.abs(frames[:, None] + offset - pulses[None, :]).argmin(axis=1) if len(frames) < 20_000 else None
+    if nearest is not None and len(np.unique(nearest)) == len(frames):
+        found = _line(frames, pulses[nearest], step)
+        late = pulses[nearest] - (frames * (1 + 1e-6 * found.drift_ppm) + found.offset_s)
+        if np.abs(late).max() < LATE_FRAMES * float(np.median(np.diff(frames))):
+            missing = len(pulses) - len(frames)
+            said = f"{missing} of {len(pulses)} pulses have no frame; the time stamps of the frames told which"
+            return Alignment(
+                found.offset_s, found.offset_stderr_s, found.drift_ppm, found.drift_stderr_ppm, 1.0, _NOTHING, said
+            )
+    raise DataError(
+        f"{experiment}: sync: {len(pulses)} trigger pulses for {len(frames)} frames, and their times do not tell which "
+        "belong together; use sync.method motion"
+    )
 
 
 def align_by_lamp(track: Track, log_time_s: FloatArray, signal: FloatArray, *, experiment: str) -> Alignment:
-    """Pair the lamp's switching in the picture with that in the log; the pattern of intervals decides which is which."""
+    """Pair the lamp's switching in the picture with that in the log; the pattern of intervals decides which is which.
+
+    Raises
+    ------
+    DataError
+        If the lamp is not seen to switch, the patterns differ, or the pattern repeats and fits at several places.
+    """
     if "lamp" not in track.dataset:
         raise DataError(
-            f"{experiment}: sync: the track has no lamp brightness; give sync.led as a box in pixels and track again"
+            f"{experiment}: sync: the track has no lamp brightness; give sync.box, the lamp's box in pixels, and track again"
         )
-    lamp = track.dataset["lamp"].values
-    seen = np.sort(np.concatenate([switch_times(track.time_s, lamp), switch_times(track.time_s, lamp, rising=False)]))
-    logged = np.sort(np.concatenate([switch_times(log_time_s, signal), switch_times(log_time_s, signal, rising=False)]))
+    seen, seen_kinds = switch_times(track.time_s, track.dataset["lamp"].values.astype(float))
+    logged, logged_kinds = switch_times(log_time_s, signal)
+    if len(seen) == 0:
+        raise DataError(f"{experiment}: sync: the lamp never switches in the picture; check sync.box")
+    if len(logged) == 0:
+        raise DataError(f"{experiment}: sync: the lamp never switches in the log; check sync.channel")
     frame = float(np.median(np.diff(track.time_s)))
-    if len(seen) == 0 or len(logged) == 0:
-        where = "picture" if len(seen) == 0 else "log"
-        raise DataError(f"{experiment}: sync: the lamp never switches in the {where}; check sync.led and sync.channel")
-    best: tuple[float, float] | None = None
-    for a in seen[: min(len(seen), 60)]:
-        for b in logged:
-            shifted = seen + (b - a)
-            gaps = np.abs(shifted[:, None] - logged[None, :]).min(axis=1)
-            cost = float(np.minimum(gaps, 3 * frame).sum())
-            if best is None or cost < best[0]:
-                best = cost, b - a
+    best: tuple[float, float, int] | None = None
+    tried: list[tuple[float, float]] = []
+    for polarity in (1, -1):  # some drivers log 0 for a lit lamp
+        for a, kind in zip(seen[:MOST_SEEDS], seen_kinds[:MOST_SEEDS], strict=True):
+            for b in logged[logged_kinds == polarity * kind]:
+                cost = _mismatch(seen + (b - a), polarity * seen_kinds, logged, logged_kinds, frame)
+                if polarity == 1 or best is None or cost < 0.5 * best[0]:
+                    tried.append((cost, float(b - a)))
+                    if best is None or cost < best[0]:
+                        best = cost, float(b - a), polarity
     assert best is not None
-    nearest = np.abs(seen[:, None] + best[1] - logged[None, :]).argmin(axis=1)
-    near = np.abs(seen + best[1] - logged[nearest]) < 1.5 * frame
+    _refuse_ambiguous(tried, best[0], best[1], frame, len(seen), experiment)
+    shifted = seen + best[1]
+    distance = np.abs(shifted[:, None] - logged[None, :])
+    distance[:, :] = np.where((best[2] * seen_kinds)[:, None] == logged_kinds[None, :], distance, np.inf)
+    nearest = distance.argmin(axis=1)
+    near = distance[np.arange(len(seen)), nearest] < 1.5 * frame
     if near.sum() < max(1, 0.5 * len(seen)):
         raise DataError(f"{experiment}: sync: lamp and log do not switch in the same pattern; check sync.channel")
-    return _line(seen[near], logged[nearest][near], frame)
+    return _line(seen[near], logged[nearest[near]], frame)
+
+
+def _mismatch(
+    shifted: FloatArray, kinds: NDArray[np.int64], logged: FloatArray, logged_kinds: NDArray[np.int64], frame: float
+) -> float:
+    """Frames by which the seen switches lie beside logged ones of their kind, three at most each."""
+    total = 0.0
+    for kind in (1, -1):
+        ours, theirs = shifted[kinds == kind], logged[logged_kinds == kind]
+        if len(theirs) == 0:
+            total += 3.0 * len(ours)
+            continue
+        after = np.clip(np.searchsorted(theirs, ours), 1, max(len(theirs) - 1, 1))
+        gap = np.minimum(np.abs(ours - theirs[np.minimum(after, len(theirs) - 1)]), np.abs(ours - theirs[after - 1]))
+        total += float(np.minimum(gap / frame, 3.0).sum())
+    return total
+
+
+def _refuse_ambiguous(
+    tried: list[tuple[float, float]], least: float, offset: float, frame: float, count: int, experiment: str
+) -> None:
+    """A lamp that blinks evenly, or once where the log switches often, fits at many places."""
+    rivals = [where for cost, where in tried if abs(where - offset) > 4 * frame and cost <= least + 0.5 * count]
+    if rivals:
+        other = min(rivals, key=lambda where: abs(where - offset))
+        raise DataError(
+            f"{experiment}: sync: the lamp's pattern fits at offsets of {offset:.3f} s and {other:.3f} s alike; let it "
+            "blink unevenly, or use sync.method trigger or motion"
+        )
 
 
 def _line(camera: FloatArray, log: FloatArray, step: float) -> Alignment:
-    """Offset and drift of matched times."""
+    """Offset and drift of matched times; the standard error of the offset is that at camera time 0."""
     difference = log - camera
     if len(camera) < 8:
         return Alignment(float(difference.mean()), step / np.sqrt(12 * len(camera)), 0.0, 0.0, 1.0, _NOTHING, "")
     middle = camera.mean()
     x = np.column_stack([np.ones(len(camera)), camera - middle])
     solution, *_ = np.linalg.lstsq(x, difference, rcond=None)
-    spread = max(float(np.std(difference - x @ solution)), step / np.sqrt(12) / 3)
+    spread = max(float(np.std(difference - x @ solution, ddof=2)), step / np.sqrt(12) / 3)
     covariance = spread**2 * np.linalg.inv(x.T @ x)
-    drift = float(solution[1]) if abs(solution[1]) > 3 * np.sqrt(covariance[1, 1]) else 0.0
+    drifts = abs(solution[1]) > 3 * np.sqrt(covariance[1, 1])
+    drift = float(solution[1]) if drifts else 0.0
     offset = float(difference.mean()) - drift * middle
+    variance = covariance[0, 0] + (covariance[1, 1] * middle**2 if drifts else 0.0)
     return Alignment(
-        offset, float(np.sqrt(covariance[0, 0])), 1e6 * drift, 1e6 * float(np.sqrt(covariance[1, 1])), 1.0, _NOTHING, ""
+        offset, float(np.sqrt(variance)), 1e6 * drift, 1e6 * float(np.sqrt(covariance[1, 1])), 1.0, _NOTHING, ""
     )

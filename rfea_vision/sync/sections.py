@@ -3,10 +3,11 @@
 At every cross-section the pressure's moment is balanced by stiffness, damping, and the moment of everything beyond it:
 its weight and its inertia. The last is known from the picture up to one factor, since the mass is spread evenly:
 
-    p(t) = c1 q + c2 q^2 + c3 q^3 + c4 q'+ + c5 q'- + c6 q q' + c7 M + c8 M_tip + c9 M q + c10 q sigma,
+    p(t) = (c1 + c2 q + c3 q^2 + c4 q^3 + c5 sigma) q + (c6 + c7 q) q'+ + (c8 + c9 q) q'- + c10 q^2 q'
+         + (c11 + c12 q + c13 q^2) M + c14 M_tip,
 
 with q the bend of a short section, M the moment of an even tube about it and M_tip that of a point mass at the tip.
-All sections share the ten coefficients.
+The powers of q stand for a bore that changes with the bend. All sections share the coefficients.
 """
 
 from __future__ import annotations
@@ -40,11 +41,14 @@ class Motion:
     modal: bool
 
     @property
+    def bend_rad(self) -> FloatArray:
+        """The tip's bend (or what stands for it), (n,)."""
+        return self.amplitudes.sum(axis=1) if self.modal else self.amplitudes[:, 0]
+
+    @property
     def swing_rad(self) -> float:
-        """Range of the tip's bend (or of what stands for it)."""
-        if not self.modal:
-            return float(np.ptp(self.amplitudes[:, 0]))
-        return float(np.ptp(self.amplitudes.sum(axis=1)))
+        """Its range."""
+        return float(np.ptp(self.bend_rad))
 
 
 def motion_of(track: Track, bends: str) -> Motion:
@@ -117,5 +121,7 @@ def _section_terms(motion: Motion, amplitudes: FloatArray, rate: float) -> Float
         speed = derivative(q, rate)
         sigma = 2 * (section + 0.5) / SECTIONS - 1
         up, down = np.maximum(speed, 0), np.minimum(speed, 0)
-        out.append(np.column_stack([q, q**2, q**3, up, down, q * speed, moment, of_tip, moment * q, q * sigma]))
+        stiff = [q, q**2, q**3, q**4, q * sigma]
+        damped = [up, down, q * up, q * down, q**2 * speed]
+        out.append(np.column_stack([*stiff, *damped, moment, moment * q, moment * q**2, of_tip]))
     return np.stack(out)

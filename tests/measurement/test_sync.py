@@ -83,7 +83,7 @@ def test_offset_common_clock_and_trigger():
 
 def test_a_lamp_in_the_picture():
     track, log = made(0.2)
-    on = lambda t: ((t % 1.3) < 0.4).astype(float)  # noqa: E731
+    on = lambda t: (((t % 1.3) < 0.4) ^ ((t % 1.7) < 0.2)).astype(float)  # noqa: E731
     lit = Track(track.dataset.assign(lamp=("time", 50 + 100 * on(track.time_s + 0.2))))
     logged = PressureLog(log.time_s, log.pressure_kPa, channels={"led": on(log.time_s)})
     a = synchronise(lit, logged, experiment="a", role="train", bends="left", method="led").dataset.attrs

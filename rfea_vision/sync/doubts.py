@@ -1,0 +1,108 @@
+"""Reasons to doubt an alignment by motion, each as a sentence: gaps, slow logs, repetition, the wrong direction."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+GAP_STEPS = 4.0
+LEAST_GAP_S = 0.03
+APART_S = 0.12  # two offsets nearer than this are one peak
+ALIKE = 1.6  # a rival explains as well if it leaves at most so much more unexplained,
+ALIKE_SHARE = 0.004  # plus this share of the pressure
+SLOW_LOG_HZ = 30.0
+
+
+def gaps_of(log_time_s: FloatArray) -> FloatArray:
+    """Begin and end (k, 2) of stretches in which the log has no samples."""
+    steps = np.diff(log_time_s)
+    long = steps > max(GAP_STEPS * float(np.median(steps)), LEAST_GAP_S)
+    return np.column_stack([log_time_s[:-1][long], log_time_s[1:][long]])
+
+
+def outside_gaps(times: FloatArray, gaps: FloatArray, reach_s: float) -> NDArray[np.bool_]:
+    """Where `times` are farther than `reach_s` from every gap: a filter carries what was made up there so far."""
+    good = np.ones(len(times), dtype=bool)
+    for begin, end in gaps:
+        good &= (times < begin - reach_s) | (times > end + reach_s)
+    return good
+
+
+def log_notes(log_time_s: FloatArray, gaps: FloatArray) -> list[str]:
+    """What is to be said of the log's clock."""
+    notes = []
+    if len(gaps):
+        lengths = gaps[:, 1] - gaps[:, 0]
+        notes.append(
+            f"the log has {len(gaps)} gap{'s' if len(gaps) > 1 else ''} of together {lengths.sum():.2f} s, the first at "
+            f"{gaps[0, 0]:.2f} s; nothing was aligned there"
+        )
+    rate = 1.0 / float(np.median(np.diff(log_time_s)))
+    if rate < SLOW_LOG_HZ:
+        notes.append(f"the log has only {rate:.3g} samples per second, which limits the offset; log at 100 Hz or more")
+    return notes
+
+
+def repetition(offsets: FloatArray, shares: FloatArray, own: FloatArray, *, experiment: str) -> str:
+    """A note where the excitation nearly repeats; an error where nothing tells the repetitions apart.
+
+    Parameters
+    ----------
+    offsets : (n,) s
+    shares : explained share of the motion, less what lies outside of the log
+    own : explained share of what lies within the log
+
+    Raises
+    ------
+    DataError
+        If another offset explains the whole motion as well as the best one.
+    """
+    best = int(np.argmax(shares))
+    rivals = _rivals(offsets, own, best)
+    if len(rivals) == 0:
+        return ""
+    # Where a rival leaves more of the film outside of the log, the better covered offset is taken, and that is said.
+    covered = np.divide(shares, own, out=np.zeros_like(shares), where=own > 0)
+    as_good = rivals[covered[rivals] > 0.97 * covered[best]]
+    if len(as_good):
+        nearest = as_good[np.argmin(np.abs(offsets[as_good] - offsets[best]))]
+        raise DataError(
+            f"{experiment}: sync: the excitation repeats: offsets of {offsets[best]:.2f} s and {offsets[nearest]:.2f} s "
+            "explain the motion equally well; begin the run with something that does not repeat, "
+            "or use sync.method led, trigger or offset"
+        )
+    nearest = rivals[np.argmin(np.abs(offsets[rivals] - offsets[best]))]
+    return (
+        f"the excitation nearly repeats after {abs(offsets[nearest] - offsets[best]):.2f} s; "
+        "the offset at which the log covers most of the film was taken"
+    )
+
+
+def _rivals(offsets: FloatArray, own: FloatArray, best: int) -> NDArray[np.intp]:
+    """Local maxima apart from the best that explain as well."""
+    known = np.flatnonzero(own > 0)
+    inner = known[1:-1]
+    found = inner[(own[inner] >= own[known[:-2]]) & (own[inner] >= own[known[2:]])]
+    alike = (1 - own[found]) <= ALIKE * (1 - own[best]) + ALIKE_SHARE
+    return found[alike & (np.abs(offsets[found] - offsets[best]) > APART_S)]
+
+
+def check_direction(bend_rad: FloatArray, pressure_kPa: FloatArray, *, experiment: str, bends: str) -> None:
+    """A tube under pressure bends; if it straightens instead, direction or sign are wrong.
+
+    Raises
+    ------
+    DataError
+        If the bend falls as the pressure rises.
+    """
+    if len(bend_rad) < 10 or np.ptp(bend_rad) == 0 or np.ptp(pressure_kPa) == 0:
+        return
+    if float(np.corrcoef(bend_rad, pressure_kPa)[0, 1]) < -0.5:
+        raise DataError(
+            f"{experiment}: sync: the tube's bend falls as the pressure rises; actuator.bends says '{bends}': correct "
+            "it, or the sign of pressure.pressure"
+        )

@@ -1,0 +1,153 @@
+"""What a careful person would doubt about two clocks, and what the tool says of it."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from rfea_vision.artefacts import Track
+from rfea_vision.errors import DataError
+from rfea_vision.readers.pressure import PressureLog
+from rfea_vision.sync import synchronise
+
+from .test_sync import made
+
+
+def sync(track, log, **kind):
+    kind = {"bends": "left", **kind}
+    return synchronise(track, log, experiment="a", role="train", **kind).dataset.attrs
+
+
+@pytest.fixture(scope="module")
+def run():
+    return made(0.05)
+
+
+def within(attributes, true_s, most_ms=1.5):
+    error = attributes["offset_s"] - true_s
+    assert abs(error) < 1e-3 * most_ms
+    assert abs(error) < 4 * attributes["offset_stderr_s"] + 2e-4
+
+
+def test_gaps_in_the_log_are_said_and_not_aligned_on(run):
+    track, log = run
+    keep = ~((log.time_s > 1.5) & (log.time_s < 2.1) | (log.time_s > 3.9) & (log.time_s < 4.1))
+    found = sync(track, PressureLog(log.time_s[keep], log.pressure_kPa[keep]))
+    assert "2 gaps of together 0.80 s, the first at 1.5" in found["sync_notes"]
+    within(found, 0.05)
+
+
+def test_a_slow_log_has_a_wide_error_and_says_so(run):
+    track, log = run
+    slow = sync(track, PressureLog(log.time_s[::100], log.pressure_kPa[::100]))
+    assert "only 10 samples per second" in slow["sync_notes"]
+    assert slow["offset_stderr_s"] > 0.008
+    assert abs(slow["offset_s"] - 0.05) < 3 * slow["offset_stderr_s"]
+
+
+@pytest.mark.parametrize("shift_s", [35.0, -70.0, 1.7e9])
+def test_clocks_may_lie_far_apart(run, shift_s):
+    track, log = run
+    within(sync(track, PressureLog(log.time_s + shift_s, log.pressure_kPa)), 0.05 + shift_s)
+
+
+@pytest.mark.parametrize("part", [lambda t: t > 1.2, lambda t: t < 3.3], ids=["begins late", "ends early"])
+def test_the_log_may_begin_after_the_film_or_end_before_it(run, part):
+    track, log = run
+    keep = part(log.time_s)
+    found = sync(track, PressureLog(log.time_s[keep], log.pressure_kPa[keep]))
+    assert "of the frames lie outside the log" in found["sync_notes"]
+    within(found, 0.05, 3.0)
+
+
+def test_uneven_samples_and_lost_frames_do_no_harm(run):
+    track, log = run
+    rng = np.random.default_rng(0)
+    times = log.time_s[::5] + rng.uniform(0, 0.004, len(log.time_s[::5]))
+    valid = np.ones(len(track.time_s), np.int8)
+    valid[400:520] = 0
+    valid[rng.integers(0, len(valid), 120)] = 0
+    dataset = track.dataset.assign(valid=("time", valid))
+    dataset["bend_angle"] = dataset["bend_angle"].where(dataset["valid"] == 1)
+    within(sync(Track(dataset), PressureLog(times, np.interp(times, log.time_s, log.pressure_kPa))), 0.05, 2.0)
+
+
+def test_the_wrong_direction_is_named(run):
+    track, log = run
+    opposite = Track(track.dataset.assign(bend_angle=-track.dataset["bend_angle"]))
+    with pytest.raises(DataError, match=r"bend falls as the pressure rises; actuator\.bends says 'left'"):
+        sync(opposite, log)
+
+
+def test_an_excitation_that_repeats_is_not_guessed_at():
+    def angle(t):
+        return 20 + 15 * np.sin(2 * np.pi * t / 0.9)
+
+    camera, log = np.arange(0, 6, 1 / 240), np.arange(-5, 11, 0.001)
+    rng = np.random.default_rng(0)
+    dataset = xr.Dataset(
+        {
+            "bend_angle": ("time", angle(camera + 0.1) + rng.normal(0, 0.05, len(camera))),
+            "valid": ("time", np.ones(len(camera), np.int8)),
+            "reason": ("time", np.full(len(camera), "")),
+        },
+        coords={"time": camera},
+    )
+    pressure = 100 + 40 * np.sin(2 * np.pi * log / 0.9)
+    with pytest.raises(DataError, match=r"the excitation repeats.*sync\.method led, trigger or offset"):
+        sync(Track(dataset), PressureLog(log, pressure + rng.normal(0, 0.05, len(log))))
+
+
+def lamp_run(seed, *, rate=240.0, noise=4.0, offset=0.2, drift=0.0, inverted=False, even=False):
+    """A lamp that blinks unevenly, seen through noise, and its log."""
+    rng = np.random.default_rng(seed)
+    switches = np.arange(1, 60) * 0.35 if even else np.cumsum(rng.uniform(0.15, 0.9, 40))
+    lit = lambda t: (np.searchsorted(switches, t) % 2).astype(float)  # noqa: E731
+    camera, log = np.arange(0, 8, 1 / rate), np.arange(-6, 16, 0.001)
+    lamp = 60 + 120 * lit(camera * (1 + drift) + offset) + rng.normal(0, noise, len(camera))
+    dataset = xr.Dataset(
+        {
+            "lamp": ("time", lamp),
+            "bend_angle": ("time", np.zeros(len(camera))),
+            "valid": ("time", np.ones(len(camera), np.int8)),
+            "reason": ("time", np.full(len(camera), "")),
+        },
+        coords={"time": camera},
+    )
+    signal = 5 * (1 - lit(log) if inverted else lit(log))
+    return Track(dataset), PressureLog(log, np.zeros(len(log)), channels={"led": signal})
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_the_lamp_gives_offset_and_drift_with_honest_errors(inverted):
+    z = []
+    for seed in range(25):
+        offset = 0.2 + 0.0137 * seed
+        found = sync(*lamp_run(seed, offset=offset, inverted=inverted), method="led")
+        z.append((found["offset_s"] - offset) / found["offset_stderr_s"])
+        assert abs(found["offset_s"] - offset) < 0.003
+    assert np.mean(np.abs(z) < 1.96) >= 0.85
+    drifting = sync(*lamp_run(3, drift=1.5e-3, inverted=inverted), method="led")
+    assert drifting["drift_ppm"] == pytest.approx(1500, abs=3 * drifting["drift_stderr_ppm"])
+
+
+def test_a_lamp_that_blinks_evenly_or_not_at_all_is_said():
+    with pytest.raises(DataError, match="blink unevenly"):
+        sync(*lamp_run(0, even=True), method="led")
+    track, log = lamp_run(0)
+    dark = Track(track.dataset.assign(lamp=("time", 60 + np.random.default_rng(0).normal(0, 4, len(track.time_s)))))
+    with pytest.raises(DataError, match=r"never switches in the picture; check sync\.box"):
+        sync(dark, log, method="led")
+
+
+def test_pulses_whose_frames_were_dropped_are_told_by_the_time_stamps(run):
+    track, log = run
+    times = track.time_s
+    fine = np.arange(log.time_s[0], log.time_s[-1], 2.5e-4)
+    phase = (fine - 0.05) * 240
+    pulse = ((phase % 1 < 0.5) & (fine > 0.05 - 1e-3) & (fine < times[-1] + 0.05 + 2e-3)).astype(float)
+    keep = np.ones(len(times), bool)
+    keep[[100, 101, 102, 500]] = False
+    logged = PressureLog(fine, np.interp(fine, log.time_s, log.pressure_kPa), channels={"trigger": pulse})
+    found = sync(Track(track.dataset.isel(time=keep)), logged, method="trigger")
+    assert "4 of 1200 pulses have no frame" in found["sync_notes"]
+    within(found, 0.05)
