@@ -53,6 +53,14 @@ _DEMO = "hidden-effect"
     "--sync", type=click.Choice(["motion", "offset", "common_clock"]), help="What the files say of the clocks."
 )
 @click.option("--offset", "offset_s", type=Quantity("s", "20ms"), help="Log clock minus camera clock; default drawn.")
+@click.option(
+    "--drive",
+    is_flag=False,
+    flag_value="duty",
+    metavar="[VALVES.csv]",
+    help="A digital hydraulic drive makes the pressure: from its valve commands (time_s,supply,drain), or without a file "
+    "following the drawn pressure with a duty cycle.",
+)
 @click.option("--repeat", is_flag=True, help="Record the first experiment twice.")
 @click.option(
     "--truth/--no-truth", "write_truth", default=True, show_default=True, help="Write OUT-truth.json beside it."
@@ -74,6 +82,10 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
     fixed = {"hidden": parse_hidden(choices.pop("hidden")), "actuator": Actuator(bends=choices.pop("bends"))}
     options = paper_campaign(**fixed) if choices.pop("paper") else TwinOptions(**fixed)
     choices["roles"] = _roles(choices.pop("experiments"), choices.pop("roles"))
+    if choices["drive"] not in (None, "duty"):
+        from rfea_vision.drive import read_commands
+
+        choices["drive"] = read_commands(Path(choices["drive"]))
     known = {item.name for item in fields(TwinOptions)}
     given = {name: value for name, value in choices.items() if value is not None and name in known}
     with ConsoleListener().shown() as listener:

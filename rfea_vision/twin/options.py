@@ -15,7 +15,9 @@ from typing import Any, Literal
 import pint
 
 from rfea_vision.artefacts import Actuator
+from rfea_vision.drive import ValveCommands
 from rfea_vision.errors import InputError
+from rfea_vision.twin.stress import Stress
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,9 @@ class TwinOptions:
     image_noise : standard deviation of the sensor noise, grey levels
     dark_tube : a dark tube before a light wall, or the reverse; None draws one
     photos : number of board photos
+    scene : what makes the pictures hard
+    drive : what makes the pressure: None, a smooth valve; valve commands for a digital hydraulic drive; or ``duty``,
+        the same drive following the drawn pressure with a duty cycle
     """
 
     hidden: Mapping[str, float] = field(default_factory=dict)
@@ -169,6 +174,8 @@ class TwinOptions:
     image_noise: float = 1.5
     dark_tube: bool | None = None
     photos: int = 14
+    scene: Stress = field(default_factory=Stress)
+    drive: ValveCommands | Literal["duty"] | None = None
 
     def __post_init__(self) -> None:
         for key in self.hidden:

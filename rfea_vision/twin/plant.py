@@ -106,12 +106,15 @@ class Plant:
         end_s: float,
         step_s: float = 0.001,
         progress: Callable[[int, int], None] | None = None,
+        supply: Callable[[float, float], float] | None = None,
     ) -> Motion:
         """Move from the static equilibrium at the first pressure until `end_s`.
 
         Parameters
         ----------
         pressure_Pa : felt pressure as a function of time
+        supply : felt pressure at the end of a step, by its time and the flow into the tube (m^3/s) before it; where it
+            is given, `pressure_Pa` counts at the start only
 
         Raises
         ------
@@ -131,6 +134,10 @@ class Plant:
         small, large = GAMMA * step_s, (1 - GAMMA) * step_s
         for index in range(count):
             now, later = time[index], time[index + 1]
+            if supply is not None:
+                flow = np.pi * self.actuator.outer_radius**3 * float(v[self._clamp].sum())
+                pressure[index + 1] = supply(later, flow)
+                stage_pressure[index] = pressure[index] + GAMMA * (pressure[index + 1] - pressure[index])
             first = self._stage(q, v, memory, small, float(stage_pressure[index]), now + small, acceleration)
             _, v1, a1, memory1 = first
             grown = _extrapolate(memory, memory1, large / small)

@@ -15,6 +15,7 @@ import xarray as xr
 import yaml
 from numpy.typing import NDArray
 
+from rfea_vision.drive import ValveCommands
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_dataset, write_text
 from rfea_vision.twin.draw import (
@@ -26,10 +27,10 @@ from rfea_vision.twin.draw import (
     draw_runs,
     highest_pressure,
     misread_plane,
-    move,
     noise_like,
     posture_at,
 )
+from rfea_vision.twin.driven import play
 from rfea_vision.twin.options import HIDDEN, TwinOptions, with_partners
 from rfea_vision.twin.studio import Studio
 
@@ -75,10 +76,11 @@ def simulate(
     try:
         work.mkdir(parents=True)
         camera_s = camera_times(options)
-        postures = []
+        postures, told = [], []
         for index, run in enumerate(runs):
             report(200 * index, total)
-            motion = move(plant, run, options.step_s)
+            motion, runs[index], valves = play(plant, run, options)
+            told.append(valves)
             postures.append(posture_at(plant, motion, run.offset_s + (1 + run.drift) * camera_s))
         studio = Studio(options, postures) if options.video else None
         camera = studio.write_calibration(work / "calibration") if studio else None
@@ -90,6 +92,7 @@ def simulate(
             folder.mkdir()
             _write_experiment(folder, run, options)
             _write_pressure(folder / "pressure.csv", run, options, generator)
+            _write_valves(folder / "valves.csv", told[index])
             if studio is None:
                 _write_track(folder / "track.csv", camera_s, posture, hidden, options, generator)
             else:
@@ -157,6 +160,8 @@ def _write_experiment(folder: Path, run: Run, options: TwinOptions) -> None:
     content: dict[str, Any] = {"format": "rfea-experiment/1", "name": run.name, "role": run.role}
     if options.video:
         content["video"] = {"file": "video.mp4"}
+        if options.scene.slow_motion:
+            content["video"]["rate"] = f"{options.rate_Hz:g} Hz"
     else:
         content["track"] = {"file": "track.csv"}
     content["pressure"] = {"file": "pressure.csv"}
@@ -176,6 +181,12 @@ def _write_pressure(path: Path, run: Run, options: TwinOptions, generator: np.ra
     pressure = run.programme.at(time) / 1e3 + options.pressure_noise_kPa * generator.standard_normal(time.size)
     table = pd.DataFrame({"time_s": time, "pressure_kPa": pressure})
     write_text(path, table.to_csv(index=False, float_format="%.4f"))
+
+
+def _write_valves(path: Path, valves: ValveCommands | None) -> None:
+    if valves is not None:
+        table = pd.DataFrame({"time_s": valves.time_s, "supply": valves.supply, "drain": valves.drain})
+        write_text(path, table.astype({"supply": int, "drain": int}).to_csv(index=False, float_format="%.4f"))
 
 
 def _write_track(

@@ -1,7 +1,10 @@
 """`rfea export`: from model.json to files, and one sentence where it cannot."""
 
 import json
+import re
+import subprocess
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,3 +76,23 @@ def test_effect_of_the_camera_is_refused_in_one_sentence(campaign, capsys):
     assert "'camera_scale' belongs to the camera" in " ".join(capsys.readouterr().err.split())
     assert not (campaign.parent / "tube.c").exists()
     assert run(["export", str(campaign), "a", "b", "c"]) == 2
+
+
+def test_page_of_the_documents_does_what_it_says(campaign, cc):
+    """The blocks of docs/export.md: the C compiles and moves the tube, the Python moves it to the same place."""
+    page = (Path(__file__).resolve().parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
+    source = re.findall(r"```c\n(.*?)```", page, re.DOTALL)[0].partition('#include "tube.h"\n')[2]
+    code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)[0]
+    assert run(["export", str(campaign), "soft", str(campaign.parent / "tube.c")]) == 0
+    shows = 'printf("%d %d %.12f %.12f\\n", no_equilibrium, not_settled, seen.tip_x_m, seen.tip_y_m);'
+    main = f'#include <stdio.h>\n#include "tube.h"\nint main(void) {{\n{source}\n{shows}\nreturn 0;\n}}\n'
+    (campaign.parent / "main.c").write_text(main)
+    files = [str(campaign.parent / name) for name in ("main.c", "tube.c")]
+    program = str(campaign.parent / "main")
+    subprocess.run([cc, "-std=c99", "-O2", "-o", program, *files, "-lm"], check=True)
+    shown = subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()
+    place = str(campaign / "rfea" / "models" / "soft")
+    names: dict = {}
+    exec(code.replace("CAMPAIGN/rfea/models/base", place), names)
+    assert shown[:2] == ["0", "0"]
+    assert [float(value) for value in shown[2:]] == pytest.approx(names["moment"].tip_m, abs=1e-11)
