@@ -12,6 +12,7 @@ from rfea_vision.twin.excitation import KINDS, Programme, programme
 from rfea_vision.twin.options import BaseParameters, TwinOptions, with_partners
 from rfea_vision.twin.plant import Motion, Plant
 from rfea_vision.twin.shape import hinge_arcs, line_at
+from rfea_vision.twin.stress import frame_times
 
 FloatArray = NDArray[np.floating]
 
@@ -126,7 +127,7 @@ def move(plant: Plant, run: Run, step_s: float) -> Motion:
 
 def camera_times(options: TwinOptions) -> FloatArray:
     """Time stamps of the frames on the camera's clock, the first at 0."""
-    return np.arange(round(options.duration_s * options.rate_Hz)) / options.rate_Hz
+    return frame_times(round(options.duration_s * options.rate_Hz), options.rate_Hz, options.scene, options.seed)
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from rfea_vision.twin.camera import Camera
 from rfea_vision.twin.coverage import coverage
 from rfea_vision.twin.draw import Posture
+from rfea_vision.twin.stress import MAINS_HZ
 
 FloatArray = NDArray[np.floating]
 Picture = NDArray[np.floating]
 
 SAMPLES = 400  # of each edge of the tube: chords 0.4 mm long, 0.002 px from the arc
 NOISE_FRAMES = 31
+HOSE_LEVEL = 95.0
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,9 @@ class Scene:
     clamp_mm : (k, 2) outline of the clamp block in the plane of motion
     blur_px : standard deviation of the lens's and sensor's blur
     noise : standard deviation of the sensor's noise, grey levels
+    pattern : (height, width) grey levels of clutter on the wall, or None
+    hose_mm : (k, 2) outline in the plane of motion of what hangs before the tube, or None
+    flicker : amplitude of the lamps' brightness at 100 Hz, as a share
     """
 
     wall: float
@@ -46,6 +51,9 @@ class Scene:
     clamp_mm: FloatArray
     blur_px: float
     noise: float
+    pattern: Picture | None = None
+    hose_mm: FloatArray | None = None
+    flicker: float = 0.0
 
 
 def draw_scene(
@@ -98,13 +106,19 @@ def tube_outline_mm(posture: Posture, extend_mm: float, inset: float = 1.0) -> F
 
 
 def frames(
-    camera: Camera, scene: Scene, posture: Posture, generator: np.random.Generator
+    camera: Camera, scene: Scene, posture: Posture, generator: np.random.Generator, times_s: FloatArray
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture of every posture."""
+    """Yield the picture of every posture; `times_s` are those of the frames, for lamps that flicker."""
     width, height = camera.width, camera.height
     block = coverage([camera.project_plane(finely(scene.clamp_mm))], 0, 0, width, height)
-    sharp = (scene.wall + (scene.clamp - scene.wall) * block) * scene.light
-    still = blurred(sharp, scene.blur_px)
+    wall = (scene.wall if scene.pattern is None else scene.wall + scene.pattern) * scene.light
+    sharp = wall + (scene.clamp * scene.light - wall) * block
+    hidden = np.zeros_like(block)
+    if scene.hose_mm is not None:
+        hidden = coverage([camera.project_plane(finely(scene.hose_mm))], 0, 0, width, height)
+    before = HOSE_LEVEL * scene.light
+    still = blurred(sharp + hidden * (before - sharp), scene.blur_px)
+    gain = 1 + scene.flicker * np.sin(2 * np.pi * MAINS_HZ * times_s + generator.uniform(0, 2 * np.pi))
     noise = (scene.noise * generator.standard_normal((NOISE_FRAMES, height, width))).astype(np.float32)
     tube = camera.project_plane(tube_outline_mm(posture, 3.0))
     stripe = camera.project_plane(tube_outline_mm(posture, 3.0, 0.45))
@@ -119,10 +133,12 @@ def frames(
         window = (slice(top, bottom), slice(left, right))
         free = 1 - block[window]
         surface = scene.tube + (scene.highlight - scene.tube) * shine
-        patch = sharp[window] + body * free * (surface * scene.light[window] - sharp[window])
+        # Where clamp and tube share a pixel, the tube takes the wall's part of it, not the clamp's.
+        patch = sharp[window] + body * free * (surface * scene.light[window] - wall[window])
+        patch = patch + hidden[window] * (before[window] - patch)
         # what lies within the blur of the window's rim is still background
         inner = blurred(patch, scene.blur_px)
-        yield _develop(still, inner, left, top, noise[order[index]])
+        yield _develop(still, inner, left, top, noise[order[index]], gain[index])
 
 
 def _noise_order(count: int, generator: np.random.Generator) -> NDArray[np.int64]:
@@ -141,8 +157,8 @@ def blurred(picture: Picture, sigma: float) -> Picture:
 
 
 @njit(cache=True)
-def _develop(still: Picture, patch: Picture, left: int, top: int, noise: Picture) -> NDArray[np.uint8]:
-    """Put the patch on the still background, add noise, round to grey levels."""
+def _develop(still: Picture, patch: Picture, left: int, top: int, noise: Picture, gain: float) -> NDArray[np.uint8]:
+    """Put the patch on the still background, dim or brighten, add noise, round to grey levels."""
     height, width = still.shape
     out = np.empty((height, width), np.uint8)
     bottom, right = top + patch.shape[0], left + patch.shape[1]
@@ -152,7 +168,7 @@ def _develop(still: Picture, patch: Picture, left: int, top: int, noise: Picture
                 value = patch[row - top, column - left]
             else:
                 value = still[row, column]
-            out[row, column] = np.uint8(min(max(value + noise[row, column] + np.float32(0.5), 0.0), 255.0))
+            out[row, column] = np.uint8(min(max(value * gain + noise[row, column] + np.float32(0.5), 0.0), 255.0))
     return out
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from rfea_vision.files import whole_file
 from rfea_vision.twin.camera import Camera, camera_over, turn
 from rfea_vision.twin.coverage import coverage
-from rfea_vision.twin.draw import Posture, misread_plane
+from rfea_vision.twin.draw import Posture, camera_times, misread_plane
 from rfea_vision.twin.options import TwinOptions
 from rfea_vision.twin.renderer import Scene, blurred, draw_scene, finely, frames
+from rfea_vision.twin.stress import SLOW_MOTION_HZ, hose_mm, shown_frames, wall_pattern
 
 FloatArray = NDArray[np.floating]
 
@@ -109,19 +110,24 @@ def _pose(camera: Camera, rotation: FloatArray, translation: FloatArray) -> Call
 
 
 def write_video(
-    path: Path, pictures: Iterator[NDArray[np.uint8]], rate_Hz: float, size: tuple[int, int], qp: int
+    path: Path, pictures: Iterator[NDArray[np.uint8]], times_s: FloatArray, size: tuple[int, int], qp: int
 ) -> None:
     """Encode grey pictures as H.264 with exact time stamps."""
-    rate = Fraction(rate_Hz).limit_denominator(1001)
+    steps = np.diff(times_s)
+    even = len(steps) == 0 or np.ptp(steps) < 1e-9
+    rate = Fraction(1.0 / float(np.median(steps)) if len(steps) else 30.0).limit_denominator(1001)
+    base = 1 / rate if even else Fraction(1, 90_000)
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=rate)
         stream.width, stream.height = size
         stream.pix_fmt = "yuv420p"
+        stream.time_base = base
+        stream.codec_context.time_base = base
         stream.options = {"qp": str(qp), "preset": "medium", "threads": "2"}
-        for index, picture in enumerate(pictures):
+        for picture, time in zip(pictures, times_s, strict=True):
             frame = av.VideoFrame.from_ndarray(picture, format="gray")
-            frame.pts = index
-            frame.time_base = 1 / rate
+            frame.pts = round(time / float(base))
+            frame.time_base = base
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
 
@@ -143,10 +149,28 @@ class Studio:
         room = 3.5 * radius
         self.lower = np.minimum(nodes.min(axis=0), [-2 * radius, 0.0]) - room
         self.upper = np.maximum(nodes.max(axis=0), [2 * radius, 0.0]) + room
-        self.camera = camera_over(self.lower, self.upper, options.frame_size, self.generator)
-        self.scene = draw_scene(self.camera, radius, options.dark_tube, options.image_noise, self.generator)
+        wide, high = options.frame_size
+        self.size = (max(wide, high), min(wide, high)) if options.scene.landscape else (wide, high)
+        self.camera = camera_over(self.lower, self.upper, self.size, self.generator)
+        self.scene = self._scene(radius)
         square = max(1.0, round(0.068 * float(self.upper[0] - self.lower[0])))
         self.board = CheckerBoard(9, 6, square)
+
+    def _scene(self, radius_mm: float) -> Scene:
+        """Surfaces and light as drawn, then what makes them hard."""
+        options, stress = self.options, self.options.scene
+        dark = True if stress.dark else False if stress.light else options.dark_tube
+        scene = draw_scene(self.camera, radius_mm, dark, options.image_noise, self.generator)
+        generator = np.random.default_rng([options.seed, 7])
+        width, height = self.size
+        if stress.uneven:
+            across = np.linspace(0.5, -0.5, width, dtype=np.float32) * generator.choice([-1.0, 1.0])
+            scene = replace(scene, light=(scene.light * (1 + stress.uneven * across)).astype(np.float32))
+        if stress.busy:
+            scene = replace(scene, pattern=wall_pattern(width, height, stress.busy, generator))
+        if stress.hose:
+            scene = replace(scene, hose_mm=hose_mm(stress.hose, self.lower, self.upper, generator))
+        return replace(scene, flicker=stress.flicker)
 
     def write_calibration(self, folder: Path) -> dict[str, Any]:
         """Write the photos; return the campaign's ``camera`` section."""
@@ -168,14 +192,19 @@ class Studio:
 
     def film(self, path: Path, posture: Posture, progress: Callable[[int], None]) -> None:
         """Film one run."""
+        times = camera_times(self.options)
+        shown = shown_frames(len(times), self.options.scene, self.options.seed)
 
         def counted() -> Iterator[NDArray[np.uint8]]:
-            for index, picture in enumerate(frames(self.camera, self.scene, posture, self.generator)):
+            before: NDArray[np.uint8] | None = None
+            for index, picture in enumerate(frames(self.camera, self.scene, posture, self.generator, times)):
                 progress(index)
-                yield picture
+                before = picture if shown[index] == index or before is None else before
+                yield before
 
+        stamps = np.arange(len(times)) / SLOW_MOTION_HZ if self.options.scene.slow_motion else times
         with whole_file(path) as temporary:
-            write_video(temporary, counted(), self.options.rate_Hz, self.options.frame_size, self.options.codec_qp)
+            write_video(temporary, counted(), stamps, self.size, self.options.codec_qp)
 
     def _in_plane(self, points: FloatArray) -> FloatArray:
         """Pixels of the board lying in the plane of motion, rows level; a hidden error of the plane sits here."""
@@ -188,7 +217,7 @@ class Studio:
         return self.camera.project_plane(true)
 
     def _write_photo(self, path: Path, project: Callable[[FloatArray], FloatArray]) -> None:
-        picture = photograph(self.scene, project, self.board, self.options.frame_size, self.generator)
+        picture = photograph(self.scene, project, self.board, self.size, self.generator)
         done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 93])
         if not done:
             raise OSError(f"{path}: the picture could not be encoded")

@@ -68,7 +68,7 @@ def test_tube_in_the_picture_has_its_width_and_place(studio: Studio) -> None:
     motion = plant.run(lambda time: np.full_like(time, 0.0), 0.0, 0.02)
     posture = posture_at(plant, motion, np.array([0.0]))
     plain = Scene(200.0, 200.0, 40.0, 40.0, np.ones((320, 180), np.float32), studio.scene.clamp_mm, 0.8, 0.0)
-    picture = next(frames(studio.camera, plain, posture, np.random.default_rng(0))).astype(float)
+    picture = next(frames(studio.camera, plain, posture, np.random.default_rng(0), np.zeros(1))).astype(float)
     dark = (200.0 - picture) / 160.0
     row = 200
     edges = studio.camera.project_plane(tube_outline_mm(posture, 3.0))[0]
@@ -116,7 +116,7 @@ def test_corners_of_a_photographed_board_lie_where_they_were_put() -> None:
 def test_video_has_true_time_stamps_and_size(tmp_path: Path) -> None:
     random = np.random.default_rng(0)
     pictures = [random.integers(0, 255, (64, 48), dtype=np.uint8) for _ in range(9)]
-    write_video(tmp_path / "a.mp4", iter(pictures), 240.0, (48, 64), 10)
+    write_video(tmp_path / "a.mp4", iter(pictures), np.arange(len(pictures)) / 240.0, (48, 64), 10)
     with av.open(str(tmp_path / "a.mp4")) as container:
         decoded = list(container.decode(video=0))
     assert [frame.time for frame in decoded] == pytest.approx(np.arange(9) / 240)
