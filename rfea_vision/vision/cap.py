@@ -13,6 +13,8 @@ from rfea_vision.vision.edges import INFO, MISFIT, SHIFT, U, measure_polyline, s
 
 CAP_VERTICES = 33
 CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured
+STEEPEST_TILT = 0.5  # of the end against the cross-section
+ROUNDEST = 1.0  # sagitta of the end over the half width; a half circle fitted on CAP_REACH has 0.6
 LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 
 
@@ -110,8 +112,10 @@ def _follow_cap_shape(work, filled, state, half, gain):
         matrix[i, i] += strength
     if matrix[0, 0] > 0:
         solution = np.linalg.solve(matrix, right)
-        state.cap[0] += gain * solution[1] / half
-        state.cap[1] += gain * solution[2] / (half * half)
+        tilt = state.cap[0] + gain * solution[1] / half
+        round_ = state.cap[1] + gain * solution[2] / (half * half)
+        state.cap[0] = min(max(tilt, -STEEPEST_TILT), STEEPEST_TILT)
+        state.cap[1] = min(max(round_, -ROUNDEST / half), ROUNDEST / half)
 
 
 @njit(cache=True, nogil=True)

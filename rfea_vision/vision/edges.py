@@ -34,7 +34,7 @@ SUM_IN, COUNT_IN, SUM_OUT, COUNT_OUT, BLUR_UP, BLUR_DOWN = 0, 1, 2, 3, 4, 5
 LEVEL_COLUMNS = 6
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _normal_table(z):
     """Distribution function, its integral, and the density at `z`."""
     if z <= -_REACH:
@@ -50,7 +50,7 @@ def _normal_table(z):
     return cdf, integral, pdf
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def cross_edge(picture, along_row, line, place, outward, blur, inside, outside, reach_in, reach_out, sums, result):
     """Compare one row (or column) with the edge model.
 
@@ -111,7 +111,7 @@ def cross_edge(picture, along_row, line, place, outward, blur, inside, outside, 
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def measure_polyline(
     picture, camera, points, outward, side, u, levels, blurs, stride, hop, reach_limit, stations, filled, sums
 ):
@@ -205,7 +205,7 @@ def measure_polyline(
     return filled
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def smooth_levels(sums, levels, blurs, half_window, blur_window, blur_limit, fresh):
     """Turn level sums into smooth levels and blurs along one edge, in place.
 

@@ -16,6 +16,7 @@ from rfea_vision.vision.fitted import (
     BLUR,
     CAP_CONTRAST,
     CAP_USED,
+    CONTRAST,
     INFLATION,
     INNOVATION,
     LAST_STEP,
@@ -32,6 +33,7 @@ from rfea_vision.vision.sides import fit_sides, gaps, measure_sides, move_state,
 from rfea_vision.vision.solve import correlation_length
 
 TURNS = 8
+SPARSE = 6  # rows from one station to the next while the curve is still on its way
 LEAST_CAP_CONTRAST = 0.3  # of the light step at the edges
 
 
@@ -64,11 +66,14 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
         numbers[INNOVATION] = apply_coarse(state, work, filled, px_per_mm)
     from_u = _margin_px(camera, state, 0.0, px_per_mm) / px_per_mm / max(length, 1.0)
     to_u = 1.0 - _margin_px(camera, state, 1.0, px_per_mm) / px_per_mm / max(length, 1.0)
-    noise = 3.0
-    tip_shift = tip_variance = cap_used = 0.0
+    sparse = max(1, min(SPARSE, int(length * px_per_mm / 100.0)))
+    noise, cap_used, whole = 3.0, 0.0, False
+    enough = 0.2
+    if numbers[INNOVATION] > 3.0:  # on the way here the end's blur was read from anything but the end
+        enough = 0.06
+        state.blurs[2] = np.median(state.blurs[0])
     for turn in range(TURNS):
-        last = turn >= 1
-        stride = 1 if last else 3
+        stride = 1 if whole else sparse
         filled, length = measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
         wide = (6.0 if turn == 0 else 2.5) / px_per_mm
         solution, covariance, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise)
@@ -76,7 +81,7 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
         if kept < 20 or not _plausible(work.half_width) or not np.all(np.isfinite(solution)):
             numbers[LENGTH] = 0.0
             return
-        if last:
+        if whole:
             numbers[INFLATION] = correlation_length(work.stations, filled, work.keep, work.residual)
             gaps(work, filled, numbers, to_u)
         update_levels(state, work, 1.0 if turn == 0 else 0.5, blur_limit, px_per_vertex)
@@ -85,41 +90,68 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
             largest = max(largest, abs(value_at(solution[: state.coefficients.shape[0]], k / 32.0)))
         move_state(state, solution, 0.0)
         if turn == 0 or cap_used <= 0.3 or cap_contrast(state) < LEAST_CAP_CONTRAST:
-            if hinge_mm > 0.0:
-                length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
-                half = work.half_width[VERTICES - 1]
-                missing = hinge_mm + half * bend_sign * turning(work.normal) - length
-                if abs(missing) > max(0.02 * hinge_mm, 1.5 / px_per_mm):
-                    solution[:] = 0.0
-                    move_state(state, solution, missing)
-            beyond = coarse_cap(picture, camera, state, reach_px, px_per_mm)
-            if abs(beyond) * px_per_mm > 1.5:
-                solution[:] = 0.0
-                move_state(state, solution, beyond)
-        for again in range(2):  # the first look reads the light of this frame, the second the place
-            tip_shift, tip_variance, cap_used = measure_cap(
-                picture, camera, state, work, px_per_mm, noise, shape_gain if last and again else 0.0
-            )
-            cap_levels(state, work, blur_limit)
-        if cap_used > 0.3:
-            tip_shift = min(max(tip_shift, -4.0 / px_per_mm), 4.0 / px_per_mm)
-            solution[:] = 0.0
-            move_state(state, solution, tip_shift)
-            largest = max(largest, abs(tip_shift))
+            _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, bend_sign)
+        moved, cap_used = _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain * whole, blur_limit)
+        largest = max(largest, moved) * px_per_mm
         work.covariance[:] = covariance
-        numbers[LAST_STEP] = largest * px_per_mm
-        if last and largest * px_per_mm < 0.2:
+        numbers[LAST_STEP] = largest
+        if whole and largest < enough:
             break
+        whole = whole or largest < 0.3 or turn >= 4
     numbers[LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     numbers[BEND] = turning(work.normal)
     numbers[TIP_X], numbers[TIP_Y] = project_point(camera, work.centre[VERTICES - 1, 0], work.centre[VERTICES - 1, 1])
     numbers[WIDTH] = 2.0 * np.mean(work.half_width)
-    numbers[TIP_SHIFT] = tip_shift
-    numbers[TIP_VARIANCE] = tip_variance
     numbers[NOISE] = noise
     numbers[CAP_USED] = cap_used
     numbers[CAP_CONTRAST] = cap_contrast(state)
+    numbers[CONTRAST] = _outer_contrast(state)
     numbers[BLUR] = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
+
+
+@njit(cache=True, nogil=True)
+def _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, bend_sign):
+    """Bring the end of the curve near the end of the tube: by the length it should have, then by the light."""
+    nothing = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
+    if hinge_mm > 0.0:
+        length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
+        half = work.half_width[VERTICES - 1]
+        missing = hinge_mm + half * bend_sign * turning(work.normal) - length
+        if abs(missing) > max(0.02 * hinge_mm, 1.5 / px_per_mm):
+            move_state(state, nothing, missing)
+    beyond = coarse_cap(picture, camera, state, reach_px, px_per_mm)
+    if abs(beyond) * px_per_mm > 1.5:
+        move_state(state, nothing, beyond)
+
+
+@njit(cache=True, nogil=True)
+def _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain, blur_limit):
+    """Put the end of the curve on the end of the tube; returns how far it went in mm, and the share of the cap seen."""
+    shift = variance = used = 0.0
+    for again in range(2):  # the first look reads the light of this frame, the second the place
+        gain = shape_gain if again else 0.0
+        shift, variance, used = measure_cap(picture, camera, state, work, px_per_mm, noise, gain)
+        cap_levels(state, work, blur_limit)
+    work.numbers[TIP_VARIANCE] = variance
+    work.numbers[TIP_SHIFT] = shift
+    if used <= 0.3:
+        return 0.0, used
+    limit = 4.0 / px_per_mm
+    shift = min(max(shift, -limit), limit)
+    move_state(state, np.zeros(state.coefficients.shape[0] + state.width.shape[0]), shift)
+    return abs(shift), used
+
+
+@njit(cache=True, nogil=True)
+def _outer_contrast(state):
+    """Light step at the edges near the free end, over that of the first frames: motion blurs it away."""
+    from_v = 7 * VERTICES // 8
+    total = 0.0
+    for s in range(2):
+        now = np.mean(state.levels[s, from_v:, 0] - state.levels[s, from_v:, 1])
+        then = np.mean(state.reference[s, from_v:])
+        total = max(total, now / then if then != 0.0 else 0.0)
+    return total
 
 
 @njit(cache=True, nogil=True)

@@ -17,6 +17,7 @@ LEAST_USED = 0.45  # share of the edges that must be seen
 LONGEST_GAP = 0.2  # of the length, unseen on both sides
 WIDTH_OFF = 0.2
 LONGEST_END_GAP = 0.06  # the same at the free end: beyond it the curve is only continued
+LEAST_END_CONTRAST = 0.45  # of the light step at the edges near the free end: less is smeared by motion
 LENGTH_OFF = 0.04
 
 
@@ -47,10 +48,14 @@ class Judge:
             return "no_tube" if used < 0.2 else "occluded"
         if numbers[fitted.LONGEST_GAP] > LONGEST_GAP or numbers[fitted.END_GAP] > LONGEST_END_GAP:
             return "occluded"
+        if numbers[fitted.CONTRAST] < LEAST_END_CONTRAST:
+            return "blurred"
         if abs(numbers[fitted.WIDTH] / (2 * self.scene.half_mm) - 1) > WIDTH_OFF:
             return "width_off"
         if numbers[fitted.CAP_USED] < 0.3 or numbers[fitted.CAP_CONTRAST] < LEAST_CAP_CONTRAST:
             return "tip_hidden"
+        if numbers[fitted.ONE_SIDED] > 0.5 and numbers[fitted.INFLATION] > 4.0:
+            return "occluded"  # one edge is seen, and what is taken for it is not an edge of a tube
         if numbers[fitted.LAST_STEP] > 1.0:
             return "no_fit"
         return self._length(numbers)
@@ -91,7 +96,7 @@ class Judge:
 
     def duplicate(self, luma: NDArray[np.uint8], expected_px: float) -> str:
         """A frame identical to the last one although the tube is moving is a copy written by the recorder."""
-        sample = np.ascontiguousarray(luma[::7, ::5])
+        sample = np.ascontiguousarray(luma[::11, ::8])
         same = self._sample is not None and np.array_equal(sample, self._sample)
         self._sample = sample
         return "duplicate" if same and expected_px > 0.5 else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,18 +11,21 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Calibration
-from rfea_vision.calibration.projection import perturbed_cameras, project, unproject
+from rfea_vision.calibration.projection import project
 from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.rows import Rows
 from rfea_vision.vision.smooth import Smoothed, smooth
+from rfea_vision.vision.systematic import CalibrationError
 
 FloatArray = NDArray[np.float64]
 
 FINE = 257
 ORIGIN_LATERAL_PX = 0.02  # what an edge of unknown blur leaves, the same in all frames
 STRAIGHTEST_SHARE = 0.1
+PART = 1024  # frames derived at a time
+PRECISE = ("midline", "tip", "bend_angle", "elongation", "length", "hinge_length")  # kept in double precision
 
 
 def build_dataset(
@@ -35,14 +39,29 @@ def build_dataset(
     """Assemble the track's dataset."""
     valid = rows.valid
     inflation = float(np.clip(np.nanmedian(rows["numbers"][valid, fitted.INFLATION]), 1.0, 50.0))
-    smoothed = smooth(rows, valid, inflation)
-    coefficients = smoothed.coefficients
     sign = 1.0 if scene.actuator.bends == "left" else -1.0
+    turning = rows["shift_variance"][valid][:, rows.part("tip_slope")][:, 0]
+    beyond = _beyond_noise(rows["numbers"][valid], turning, inflation, -sign * scene.half_mm)
+    smoothed = smooth(rows, valid, inflation)
+    smoothed = replace(smoothed, variance=smoothed.variance * beyond**2)
+    inflation *= beyond**2
+    coefficients = smoothed.coefficients
     origin = _origin(coefficients)
     down = _rest_direction(coefficients) if vertical == "rest" else scene.down
     to_rig = np.array([[-down[1], down[0]], [-down[0], -down[1]]])  # rows: camera-right, up
     calibrated = CalibrationError(calibration, scene.camera, coefficients, origin)
-    data = _derive(rows, valid, smoothed, origin, to_rig, sign, inflation, scene, calibrated, origin_sigma)
+    width = rows["width"][valid] @ basis_matrix(np.linspace(0, 1, rows.nodes), WIDTH_COEFFICIENTS).T
+    view = View(
+        origin,
+        to_rig,
+        sign,
+        inflation,
+        float(np.median(width)),
+        calibrated,
+        origin_sigma,
+        _start_stderr(coefficients, smoothed.variance[:, rows.part("node")][:, 0], scene.px_per_mm),
+    )
+    data = _in_parts(rows, valid, smoothed, view)
     variables: dict[str, Any] = {name: (dims, _spread(values, valid)) for name, (dims, values) in data.items()}
     time = rows["time"]
     reason = np.array([text.split(":")[0] for text in rows.reasons], dtype=object).astype(str)
@@ -83,12 +102,34 @@ def build_dataset(
         "down_plane_y": float(down[1]),
         "vertical": str(vertical),
         "edge_correlation_inflation": inflation,
+        "length_scatter_over_noise": beyond,
         "smoothing_tau_mm": smoothed.tau_mm,
         "px_per_mm": scene.px_per_mm,
+        "origin_sigma_along_mm": view.origin_sigma,
+        "origin_sigma_across_mm": view.lateral_sigma,
+        "origin_sigma_note": "shared by all frames and part of tip_sigma and midline_sigma: along and across the tube at its clamp",
         **_length_check(data, scene),
         **attributes,
     }
     return dataset
+
+
+def _beyond_noise(numbers: FloatArray, turning: FloatArray, inflation: float, signed_half_mm: float) -> float:
+    """By how much the length of the inextensible side scatters beyond the noise of the tube's end; at least 1.
+
+    The side keeps its length, so that what its length does is error: that of a compressed picture, of a background
+    that is not even, of a lamp that flickers. Edges suffer from these like the end does. A change with the bend is
+    left out: it belongs to the camera.
+    """
+    if len(numbers) < 12:
+        return 1.0
+    bend = numbers[:, fitted.BEND]
+    hinge = numbers[:, fitted.LENGTH] - signed_half_mm * bend
+    smooth_part = np.polyval(np.polyfit(bend, hinge, 2 if np.ptp(bend) > 0.05 else 0), bend)
+    scatter = 1.4826 * float(np.median(np.abs(hinge - smooth_part)))
+    by_bend = signed_half_mm**2 * turning / numbers[:, fitted.LENGTH] ** 2
+    noise = float(np.sqrt(inflation * np.median(numbers[:, fitted.TIP_VARIANCE] + by_bend)))
+    return float(np.clip(scatter / noise, 1.0, 10.0))
 
 
 def _origin(coefficients: FloatArray) -> FloatArray:
@@ -109,53 +150,55 @@ def _rest_direction(coefficients: FloatArray) -> FloatArray:
     return down / np.linalg.norm(down)
 
 
-class CalibrationError:
-    """How the plane moves under one standard error of the calibration, along each of its principal axes.
+@dataclass(frozen=True)
+class View:
+    """What all frames share: the rig frame in the plane, the side of the bend, and the errors of clamp and camera."""
 
-    Every axis gives a smooth displacement field on the plane, kept as a cubic polynomial, relative to the origin.
+    origin: FloatArray
+    to_rig: FloatArray
+    sign: float
+    inflation: float
+    half_mm: float
+    calibrated: CalibrationError
+    origin_sigma: float
+    lateral_sigma: float
+
+
+def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: float) -> float:
+    """Standard error across the tube of where it begins, the same in all frames.
+
+    Noise that changes from frame to frame averages out. What the edges miss by, and the frames do not show by their
+    scatter, is the same in all of them: a compressed video repeats the still parts of its pictures.
     """
-
-    def __init__(
-        self, calibration: Calibration, camera: FloatArray, coefficients: FloatArray, origin: FloatArray
-    ) -> None:
-        points = np.matmul(basis_matrix(np.linspace(0, 1, 9), COEFFICIENTS), coefficients).reshape(-1, 2)
-        low, high = points.min(axis=0) - 10, points.max(axis=0) + 10
-        self.middle, self.half = (low + high) / 2, (high - low) / 2
-        grid = np.stack(np.meshgrid(*np.linspace(low, high, 9).T), axis=-1).reshape(-1, 2)
-        pixels = project(camera, grid)
-        cameras = perturbed_cameras(calibration)
-        fields = [unproject(other, pixels) - grid for other in cameras] or [np.zeros_like(grid)]
-        terms = self._terms(grid)
-        solutions = [np.linalg.lstsq(terms, np.nan_to_num(field), rcond=None)[0] for field in fields]
-        self.fields = np.stack(solutions)  # (axes, 10, 2)
-        self.at_origin = np.einsum("p,kpc->kc", self._terms(origin[None])[0], self.fields)
-
-    def _scaled(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return (points[..., 0] - self.middle[0]) / self.half[0], (points[..., 1] - self.middle[1]) / self.half[1]
-
-    def _terms(self, points: FloatArray) -> FloatArray:
-        x, y = self._scaled(points)
-        return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], axis=-1)
-
-    def displacement(self, points: FloatArray) -> FloatArray:
-        """Displacement (axes, ..., 2) mm of plane points (..., 2), relative to that of the origin."""
-        moved = np.einsum("...p,kpc->k...c", self._terms(points), self.fields)
-        return moved - self.at_origin.reshape(-1, *(1,) * (points.ndim - 1), 2)
-
-    def rotation(self, points: FloatArray, tangents: FloatArray) -> FloatArray:
-        """Turning (axes, ...) in rad of short lines at `points` along unit `tangents`."""
-        step = 0.5
-        change = self.displacement(points + step * tangents) - self.displacement(points - step * tangents)
-        normal = np.stack([-tangents[..., 1], tangents[..., 0]], axis=-1)
-        return np.einsum("k...c,...c->k...", change, normal) / (2 * step)
+    first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
+    slope = np.matmul(basis_matrix(np.array([0.0]), COEFFICIENTS, 1)[0], coefficients)
+    normal = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.linalg.norm(slope, axis=1, keepdims=True)
+    across = np.sum(np.einsum("k,tkc->tc", first, coefficients) * np.median(normal, axis=0), axis=1)
+    scatter = 1.4826 * np.median(np.abs(np.diff(across))) / np.sqrt(2) if len(across) > 4 else 0.0
+    shared = max(float(np.median(variance)) - scatter**2, 0.0)
+    return float(np.sqrt((ORIGIN_LATERAL_PX / px_per_mm) ** 2 + shared + 1.57 * scatter**2 / max(len(across), 1)))
 
 
-def _derive(
-    rows, valid, smoothed: Smoothed, origin, to_rig, sign, inflation, scene, calibrated: CalibrationError, origin_sigma
-):
-    """Everything in the rig frame, valid frames only: name -> (dims, values)."""
-    numbers, coefficients = rows["numbers"][valid], smoothed.coefficients
-    variance = {name: smoothed.variance[:, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
+def _in_parts(rows: Rows, valid: NDArray[np.bool_], smoothed: Smoothed, view: View) -> dict[str, Any]:
+    """Everything in the rig frame, valid frames only: name -> (dims, values); a part at a time, to need little memory."""
+    every = np.flatnonzero(valid)
+    out: dict[str, Any] = {}
+    for start in range(0, len(every), PART):
+        part = slice(start, start + PART)
+        for name, (dims, values) in _derive(rows, every[part], smoothed, part, view).items():
+            if name not in out:
+                kind = np.float64 if name in PRECISE else np.float32
+                out[name] = (dims, np.empty((len(every), *values.shape[1:]), dtype=kind))
+            out[name][1][part] = values
+    return out
+
+
+def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: slice, view: View) -> dict[str, Any]:
+    """Everything in the rig frame for `frames`, which are `part` of the valid ones."""
+    origin, to_rig, sign, inflation = view.origin, view.to_rig, view.sign, view.inflation
+    calibrated, origin_sigma, lateral = view.calibrated, view.origin_sigma, view.lateral_sigma
+    numbers, coefficients = rows["numbers"][frames], smoothed.coefficients[part]
+    variance = {name: smoothed.variance[part, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
     nodes = np.linspace(0, 1, rows.nodes)
     points = np.matmul(basis_matrix(nodes, COEFFICIENTS), coefficients)
     slope = np.matmul(basis_matrix(nodes, COEFFICIENTS, 1), coefficients)
@@ -163,12 +206,11 @@ def _derive(
     speed = np.linalg.norm(slope, axis=-1)
     tangent = slope / speed[..., None]
     left = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)  # left-hand normal, walking from clamp to tip
-    half = rows["width"][valid] @ basis_matrix(nodes, WIDTH_COEFFICIENTS).T
+    half = rows["width"][frames] @ basis_matrix(nodes, WIDTH_COEFFICIENTS).T
     # Walking down, the left-hand side is the camera's right: the outside of a bend to the left.
     curvature = -sign * (tangent[..., 0] * second[..., 1] - tangent[..., 1] * second[..., 0]) / speed**2
     node_noise = np.sqrt(variance["node"])
     by_calibration = np.einsum("ktuc,tuc->ktu", calibrated.displacement(points), left)
-    lateral = ORIGIN_LATERAL_PX / scene.px_per_mm
     node_sigma = np.sqrt(
         node_noise**2
         + np.sum(by_calibration**2, axis=0)
@@ -177,10 +219,10 @@ def _derive(
     )
     length = numbers[:, fitted.LENGTH]
     curvature_sigma = np.sqrt(variance["bend2"]) / length[:, None] ** 2
-    width_noise = np.sqrt(inflation * rows["width_variance"][valid].astype(float))
+    width_noise = np.sqrt(inflation * rows["width_variance"][frames].astype(float))
     bend, bend_noise, bend_sigma = _bend(coefficients, to_rig, sign, variance["tip_slope"], length, calibrated)
     elongation, elongation_noise, elongation_sigma, hinge = _elongation(
-        rows.segments, coefficients, sign, variance["joint"], length, half, calibrated
+        rows.segments, coefficients, sign, variance["joint"], length, view.half_mm, calibrated
     )
     tip, tip_noise, tip_sigma = _tip(
         points[:, -1],
@@ -192,7 +234,7 @@ def _derive(
         node_noise[:, -1],
         calibrated,
         origin_sigma,
-        ORIGIN_LATERAL_PX / scene.px_per_mm,
+        lateral,
     )
     inner, outer = points - sign * half[..., None] * left, points + sign * half[..., None] * left
     rig = lambda p: (p - origin) @ to_rig.T  # noqa: E731
@@ -263,7 +305,7 @@ def _centre_over_hinge(hinge, centre, segments):
     return out
 
 
-def _elongation(segments, coefficients, sign, variance, length, half, calibrated):
+def _elongation(segments, coefficients, sign, variance, length, radius, calibrated):
     """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
     u = np.linspace(0, 1, FINE)
     speed = np.linalg.norm(np.matmul(basis_matrix(u, COEFFICIENTS, 1), coefficients), axis=-1)
@@ -271,7 +313,6 @@ def _elongation(segments, coefficients, sign, variance, length, half, calibrated
         [np.zeros((len(speed), 1)), np.cumsum(0.5 * (speed[:, 1:] + speed[:, :-1]), axis=1) / (FINE - 1)], axis=1
     )
     angle = _angles(coefficients, sign, u)
-    radius = float(np.median(half))
     hinge = centre - radius * (angle - angle[:, :1])
     out = _centre_over_hinge(hinge, centre, segments)
     step = hinge[:, -1:] / segments
@@ -300,7 +341,7 @@ def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, c
 
 
 def _spread(values: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
-    out = np.full((len(valid), *values.shape[1:]), np.nan)
+    out = np.full((len(valid), *values.shape[1:]), np.nan, dtype=values.dtype)
     out[valid] = values
     return out
 

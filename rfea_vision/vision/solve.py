@@ -12,7 +12,7 @@ PRIOR_BEND_MM = 0.4  # how much a second difference of the shift may be, a prior
 PRIOR_WIDTH_MM = 0.02  # the same for the half width, which hardly changes from frame to frame
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def cholesky_inverse(matrix):
     """Inverse of a symmetric positive definite matrix; a pivot that vanishes is treated as infinite."""
     n = matrix.shape[0]
@@ -45,7 +45,7 @@ def cholesky_inverse(matrix):
     return out
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def fit_shift(stations, filled, keep, variance, width, count, prior_bend, prior_width):
     """Fit shift(u) (count coefficients) and widening(u) (width_count) to the kept stations.
 
@@ -96,7 +96,7 @@ def fit_shift(stations, filled, keep, variance, width, count, prior_bend, prior_
     return covariance @ right, covariance
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _add_prior(matrix, first, count, strength):
     for i in range(count - 2):
         a, b, c = first + i, first + i + 1, first + i + 2
@@ -107,7 +107,7 @@ def _add_prior(matrix, first, count, strength):
         matrix[first + i, first + i] += 1e-6 * strength
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def residuals_of(stations, filled, solution, count, width_count, out):
     """Shift of every station minus its fit, mm."""
     w = np.empty(4)
@@ -121,7 +121,7 @@ def residuals_of(stations, filled, solution, count, width_count, out):
         out[n] = stations[n, SHIFT] - fit
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def correlation_length(stations, filled, keep, residual):
     """By how much neighbouring stations of one side agree beyond chance: variance of block sums over its white value."""
     block = 24

@@ -1,0 +1,53 @@
+"""What an uncertain calibration does to everything that is measured: the same in all frames."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Calibration
+from rfea_vision.calibration.projection import perturbed_cameras, project, unproject
+from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
+
+FloatArray = NDArray[np.float64]
+
+
+class CalibrationError:
+    """How the plane moves under one standard error of the calibration, along each of its principal axes.
+
+    Every axis gives a smooth displacement field on the plane, kept as a cubic polynomial, relative to the origin.
+    """
+
+    def __init__(
+        self, calibration: Calibration, camera: FloatArray, coefficients: FloatArray, origin: FloatArray
+    ) -> None:
+        points = np.matmul(basis_matrix(np.linspace(0, 1, 9), COEFFICIENTS), coefficients).reshape(-1, 2)
+        low, high = points.min(axis=0) - 10, points.max(axis=0) + 10
+        self.middle, self.half = (low + high) / 2, (high - low) / 2
+        grid = np.stack(np.meshgrid(*np.linspace(low, high, 9).T), axis=-1).reshape(-1, 2)
+        pixels = project(camera, grid)
+        cameras = perturbed_cameras(calibration)
+        fields = [unproject(other, pixels) - grid for other in cameras] or [np.zeros_like(grid)]
+        terms = self._terms(grid)
+        solutions = [np.linalg.lstsq(terms, np.nan_to_num(field), rcond=None)[0] for field in fields]
+        self.fields = np.stack(solutions)  # (axes, 10, 2)
+        self.at_origin = np.einsum("p,kpc->kc", self._terms(origin[None])[0], self.fields)
+
+    def _scaled(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return (points[..., 0] - self.middle[0]) / self.half[0], (points[..., 1] - self.middle[1]) / self.half[1]
+
+    def _terms(self, points: FloatArray) -> FloatArray:
+        x, y = self._scaled(points)
+        return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], axis=-1)
+
+    def displacement(self, points: FloatArray) -> FloatArray:
+        """Displacement (axes, ..., 2) mm of plane points (..., 2), relative to that of the origin."""
+        moved = np.einsum("...p,kpc->k...c", self._terms(points), self.fields)
+        return moved - self.at_origin.reshape(-1, *(1,) * (points.ndim - 1), 2)
+
+    def rotation(self, points: FloatArray, tangents: FloatArray) -> FloatArray:
+        """Turning (axes, ...) in rad of short lines at `points` along unit `tangents`."""
+        step = 0.5
+        change = self.displacement(points + step * tangents) - self.displacement(points - step * tangents)
+        normal = np.stack([-tangents[..., 1], tangents[..., 0]], axis=-1)
+        return np.einsum("k...c,...c->k...", change, normal) / (2 * step)
