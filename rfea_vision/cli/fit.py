@@ -28,10 +28,10 @@ def knowledge_options(command: _Command) -> _Command:
     )(command)
     command = click.option(
         "--loss",
-        type=click.Choice(["linear", "huber"]),
-        default="linear",
+        type=click.Choice(["auto", "linear", "huber"]),
+        default="auto",
         show_default=True,
-        help="huber: for tracks in which many frames are wrong.",
+        help="huber: for tracks with wrong frames; auto takes it where a track leaves the model in jumps.",
     )(command)
     command = click.option(
         "--bound", multiple=True, metavar="NAME=LOW..HIGH", help="Other bounds, as in r_hyd=3mm..4mm; may be repeated."

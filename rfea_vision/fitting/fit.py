@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import Coordinates, build
 from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.problem import FitOptions, Problem, make_model, make_problem, parse_effects, start_vector
+from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import evened, seen_scale
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
@@ -39,7 +40,7 @@ __all__ = [
 
 FloatArray = NDArray[np.float64]
 AGREEING_STARTS = 3
-STIFFER_STARTS = (1.0, 1.5, 3.0, 6.0)
+STIFFER_STARTS = (1.5, 3.0, 6.0)
 #: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
 GOOD_STEADY = 50.0
 Progress = Callable[[int, int], None] | None
@@ -56,6 +57,7 @@ class Fitted:
     plateaus: tuple[Plateau, ...] = ()
     steady: dict[str, Any] = field(default_factory=dict)
     starts: tuple[dict[str, Any], ...] = ()
+    jumps: Mapping[str, int] = field(default_factory=dict)
     study: tuple[dict[str, Any], ...] = ()
     study_seconds: dict[str, float] = field(default_factory=dict)
 
@@ -91,6 +93,15 @@ def carried(
     return par
 
 
+def _stiffer(par: FloatArray) -> Iterator[FloatArray]:
+    """A start, and stiffer ones without slope: a tube that is too soft has no steady state under pressure."""
+    yield par
+    for factor in STIFFER_STARTS:
+        trial = par.copy()
+        trial[0], trial[1] = par[0] * factor, 0.0
+        yield trial
+
+
 def _steady_start(
     model: Model, problem: Problem, options: FitOptions, par: FloatArray, plateaus: Sequence[Plateau]
 ) -> tuple[FloatArray, dict[str, Any]]:
@@ -109,11 +120,7 @@ def _steady_start(
     )
     fractions = problem.train[0].fractions
     found = []
-    for stiffer in STIFFER_STARTS:
-        # A tube that is too soft has no steady state under pressure; without the slope and stiffer it has one.
-        guess = par.copy()
-        if stiffer > 1:
-            guess[0], guess[1] = par[0] * stiffer, 0.0
+    for guess in _stiffer(par):
         out = fit_steady(model, plateaus, coordinates, guess, fractions)
         if out is not None:
             found.append(out)
@@ -162,13 +169,10 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
         for name, value in coarse.fixed.items():
             if name in model.names:
                 guess[model.names.index(name)] = value
-        guess, steady = _steady_start(model, problem, coarse, guess, plateaus)
+        from_rest, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
         solution = None
-        for stiffer in STIFFER_STARTS:
-            trial = guess.copy()
-            if stiffer > 1:
-                trial[0], trial[1] = guess[0] * stiffer, 0.0
+        for trial in (from_rest, evened(coordinates, from_rest), *_stiffer(guess)):
             solution = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
             if solution is not None:
                 break
@@ -319,12 +323,16 @@ def fit_added(
         raise DataError(f"model {options.name}: none of its starts could be simulated")
     values = dict(zip(best.model.names, best.par, strict=True))
     final = refit(problem, options, values, options.segments, best.solution.clocks)
-    return replace(final, plateaus=previous.plateaus, steady=previous.steady, starts=tuple(waterfall))
+    return replace(
+        final, plateaus=previous.plateaus, steady=previous.steady, starts=tuple(waterfall), jumps=previous.jumps
+    )
 
 
 def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:
     """Base model first, then the effects asked for, all together; then other numbers of segments where they are asked for."""
-    fitted = replace(fit_base(problem, replace(options, effects=()), progress), options=options)
+    fitted = _without_jumps(problem, fit_base(problem, replace(options, effects=()), progress))
+    options = replace(options, loss=fitted.options.loss)
+    fitted = replace(fitted, options=options)
     if options.effects:
         fitted = fit_added(problem, options, fitted, progress=progress)
     if options.study_segments or options.auto_segments:
@@ -332,6 +340,20 @@ def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fit
 
         fitted = with_study(problem, fitted)
     return fitted
+
+
+def _without_jumps(problem: Problem, fitted: Fitted) -> Fitted:
+    """Take the robust loss where the track of a run leaves the model in jumps, unless a loss was chosen."""
+    if fitted.options.loss != "auto":
+        return fitted
+    seen = fitted.solution.evaluation.predicted
+    jumps = {item.name: count_jumps(item, one) for item, one in zip(problem.train, seen, strict=True)}
+    if not any(jumps.values()):
+        return fitted
+    known = dict(zip(fitted.model.names, fitted.par, strict=True))
+    options = replace(fitted.options, loss="huber")
+    robust = refit(problem, options, known, options.segments, fitted.solution.clocks)
+    return replace(fitted, options=options, solution=robust.solution, jumps=jumps)
 
 
 def _know_all(model: Model, options: FitOptions) -> None:

@@ -22,11 +22,18 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-#: The unknown pressure before the log: held from the start of the excitation, and once more shortly before the log begins.
-BEFORE_S, LAST_S = 0.5, 0.1
+#: The unknown pressure before the log: held from the start of the excitation, and twice more shortly before the log begins.
+BEFORE_S = 0.5
+SINCE_S = {"held": np.inf, "lately": 0.2, "just": 0.06}
+#: A start is forgotten after this long: later frames say nothing of it.
+FORGOTTEN_S = 2.5
 #: A priori standard deviation of either, as a share of the largest pressure of the run.
 UNKNOWN_SHARE = 0.5
-GAUSS_NEWTON_STEPS = 4
+GAUSS_NEWTON_STEPS = 8
+LARGEST_STEP, LARGEST = 0.7, 3.0
+SETTLED = 1e-3
+#: After this change the derivatives of the step before still do.
+SLOPES_HOLD = 0.05
 DIFFERENCE = 1e-2
 
 
@@ -39,7 +46,8 @@ class Unknowns:
     sizes: FloatArray  # Pa, what an amplitude of one means
 
     def driven(self, excitation: Excitation, amplitude: FloatArray) -> Excitation:
-        return replace(excitation, pressure=excitation.pressure + amplitude @ self.waves)
+        """Excitation with the waves on it; it may end before they do."""
+        return replace(excitation, pressure=excitation.pressure + amplitude @ self.waves[:, : excitation.pressure.size])
 
     def values_kPa(self, amplitude: FloatArray) -> dict[str, float]:
         return {f"{name}_kPa": float(a * s / 1e3) for name, a, s in zip(self.names, amplitude, self.sizes, strict=True)}
@@ -56,12 +64,9 @@ def unknowns_of(item: Observed) -> Unknowns | None:
     if item.unknown_before_s is not None:
         before = grid < item.unknown_before_s - 1e-9
         size = UNKNOWN_SHARE * max(float(np.max(np.abs(item.excitation.pressure))), 1e3)
-        for name, since in (
-            ("pressure_held_before", -np.inf),
-            ("pressure_just_before", item.unknown_before_s - LAST_S),
-        ):
-            names.append(name)
-            waves.append(np.where(before & (grid >= since), 1.0, 0.0))
+        for name, since_s in SINCE_S.items():
+            names.append(f"pressure_{name}_before")
+            waves.append(np.where(before & (grid >= item.unknown_before_s - since_s), 1.0, 0.0))
             sizes.append(size)
     if not names:
         return None
@@ -82,25 +87,32 @@ def settle(
     seen = look(amplitude)
     if seen is None:
         return None
-    slopes = np.zeros((count, *seen.shape))
+    slopes, columns = np.zeros((count, *seen.shape)), np.zeros((0, count))
+    residual, change = weigh(seen), np.inf
     for _ in range(GAUSS_NEWTON_STEPS):
-        residual = weigh(seen)
-        columns = np.empty((residual.size, count))
-        for k in range(count):
-            beside = look(amplitude + DIFFERENCE * np.eye(count)[k])
-            if beside is None:
-                return None
-            slopes[k] = (beside - seen) / DIFFERENCE
-            columns[:, k] = (weigh(beside) - residual) / DIFFERENCE
+        if change > SLOPES_HOLD:
+            columns = np.empty((residual.size, count))
+            for k in range(count):
+                beside = look(amplitude + DIFFERENCE * np.eye(count)[k])
+                if beside is None:
+                    return None
+                slopes[k] = (beside - seen) / DIFFERENCE
+                columns[:, k] = (weigh(beside) - residual) / DIFFERENCE
         step = -np.linalg.solve(columns.T @ columns + np.eye(count), columns.T @ residual + amplitude)
-        ahead = None
-        for share in (1.0, 0.3, 0.1):
-            ahead = look(amplitude + share * step)
-            if ahead is not None:
-                amplitude, seen = amplitude + share * step, ahead
+        step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-12))
+        before = float(residual @ residual + amplitude @ amplitude)
+        for share in (1.0, 0.3, 0.1, 0.03):
+            wanted = np.clip(amplitude + share * step, -LARGEST, LARGEST)
+            ahead = look(wanted)
+            if ahead is None:
+                continue
+            left = weigh(ahead)
+            if left @ left + wanted @ wanted < before * (1 + 1e-9):
                 break
-        if ahead is None:
-            return None
-        if np.max(np.abs(step)) < 1e-5:
+        else:
+            break  # nothing lower this way: the best there is
+        change = float(np.max(np.abs(wanted - amplitude)))
+        amplitude, seen, residual = wanted, ahead, left
+        if change < SETTLED:
             break
     return amplitude, slopes

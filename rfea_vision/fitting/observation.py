@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.nuisance import BEFORE_S, Unknowns, unknowns_of
+from rfea_vision.fitting.nuisance import BEFORE_S, FORGOTTEN_S, Unknowns, unknowns_of
 
 FloatArray = NDArray[np.float64]
 Observe = Literal["midline", "tip", "tip_y", "angle"]
@@ -26,7 +26,8 @@ SMALLEST_SIGMA_MM = 0.005
 SMALLEST_SIGMA_DEG = 0.005
 #: Log before the first frame that is simulated too, at most; what came before has died away by the first frame after half.
 LONGEST_BEFORE_S, SETTLED_S = 3.0, 1.5
-STILL_PA = 1e3
+#: A log whose pressure stands still for this long at first is taken to begin with the tube at rest.
+STILL_PA, STILL_S = 1e3, 0.25
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,21 @@ class Observed:
         return unknowns_of(self)
 
     @cached_property
+    def telling(self) -> Observed:
+        """The part of the run that tells of its unknowns: all of it, or where only the start is unknown its beginning."""
+        early = int(np.searchsorted(self.time, self.time[0] + FORGOTTEN_S))
+        if self.pressure_zero_sd > 0 or early >= self.time.size:
+            return self
+        given = self.excitation
+        last = int((self.time[early - 1] - given.start_s) / given.step_s + 0.25 / given.step_s)
+        excitation = Excitation(given.start_s, given.step_s, given.pressure[:last])
+        return replace(self._picked(slice(0, early)), excitation=excitation)
+
+    def _picked(self, pick: slice) -> Observed:
+        names = ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")
+        return replace(self, **{name: getattr(self, name)[pick] for name in names})
+
+    @cached_property
     def middle_s(self) -> float:
         """Middle of the recording, where a clock drift is zero."""
         return float(0.5 * (self.time[0] + self.time[-1]))
@@ -83,20 +99,13 @@ class Observed:
         """Every `step`-th frame, for screening."""
         if step <= 1:
             return self
-        pick = slice(None, None, step)
-        changes = {
-            k: getattr(self, k)[pick] for k in ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")
-        }
-        values = {k: v for k, v in self.__dict__.items() if k in self.__dataclass_fields__}
-        return Observed(**{**values, **changes})
+        return self._picked(slice(None, None, step))
 
     def coarser(self) -> Observed:
         """The same run, to be simulated with twice the step: half the cost, four times the integrator's error."""
         given = self.excitation
         drive = None if given.drive is None else given.drive[::2]
-        values = {k: v for k, v in self.__dict__.items() if k in self.__dataclass_fields__}
-        values["excitation"] = Excitation(given.start_s, 2 * given.step_s, given.pressure[::2], drive)
-        return Observed(**values)
+        return replace(self, excitation=Excitation(given.start_s, 2 * given.step_s, given.pressure[::2], drive))
 
 
 def white_noise_mm(tip_mm: FloatArray) -> float:
@@ -247,14 +256,18 @@ def _beginning(
 ) -> tuple[float, float | None]:
     """Where a simulation starts from rest, and before which time its pressure is unknown (None: it did begin at rest).
 
-    The longest stretch of log that is at hand counts, up to three seconds, unless the pressure stands still in it.
+    As much of the log as is at hand is simulated, up to three seconds, unless the pressure stands still in it.
     """
     before = (log_time >= time[0] - LONGEST_BEFORE_S) & (log_time <= time[0])
     still = (np.ptp(pressure[before]) if before.any() else 0.0) <= 0.005 * float(np.ptp(pressure)) + STILL_PA
     from_s = float(time[0]) - 0.25
     if not still:
         from_s = min(from_s, max(float(log_time[0]), float(time[0]) - LONGEST_BEFORE_S))
-    if time[0] - log_time[0] > SETTLED_S or not _moves_at_first(time, signal):
+    opening = log_time <= log_time[0] + STILL_S
+    begins_at_rest = (
+        time[0] - log_time[0] > STILL_S and np.ptp(pressure[opening]) <= 0.005 * np.ptp(pressure) + STILL_PA
+    )
+    if begins_at_rest or time[0] - log_time[0] > SETTLED_S or not _moves_at_first(time, signal):
         return from_s, None
     return float(log_time[0]) - BEFORE_S, float(log_time[0])
 

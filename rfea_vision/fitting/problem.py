@@ -20,6 +20,9 @@ from rfea_vision.fitting.observation import Observe, Observed, default_observe, 
 
 FloatArray = NDArray[np.float64]
 PER_JOINT = BASE_PARAMETERS[:6]
+#: A run whose pressure stays within this is no excitation.
+CONSTANT_PA = 5e3
+WRONG_SIDE_RAD = 0.3
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class FitOptions:
     priors : value and standard error that is known of parameters beforehand (SI): a weighed payload; ``modulus`` (Pa) stands
         for the Young's modulus of the wall, see `coordinates.stiffness_per_modulus`
     starts : number of random starts beside the regular ones
-    loss : ``linear``, or ``huber`` where many frames are wrong
+    loss : ``linear``; ``huber`` where many frames are wrong; ``auto`` takes it where the track leaves the model in jumps
     pressure_zero_sd : standard error (Pa) of the zero of the pressure sensor, which may then differ from run to run
     auto_segments : whether `segments` is only where the search for their number begins
     study_segments : whether other numbers of segments are tried
@@ -54,7 +57,7 @@ class FitOptions:
     starts: int = 2
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    loss: Literal["linear", "huber"] = "linear"
+    loss: Literal["auto", "linear", "huber"] = "auto"
     pressure_zero_sd: float = 0.0
     auto_segments: bool = False
     study_segments: bool = False
@@ -108,7 +111,7 @@ def make_problem(
     Raises
     ------
     DataError
-        No recording has the role `train`.
+        No recording has the role `train`, or a training run cannot be one of this tube.
     """
     used = {name: r for name, r in recordings.items() if r.role in ("train", "validate", "test")}
     training = [r for r in used.values() if r.role == "train"]
@@ -120,8 +123,38 @@ def make_problem(
         own = wanted if _offers(recording, wanted) else default_observe([recording])
         item = observe_recording(recording, wanted if recording.role == "train" else own)
         items.append(replace(item, pressure_zero_sd=pressure_zero_sd))
+    _refuse_nonsense([o for o in items if o.role == "train"], actuator)
     groups = {role: tuple(o for o in items if o.role == role) for role in ("train", "validate", "test")}
     return Problem(actuator, groups["train"], groups["validate"], groups["test"], dict(used), largest_bend(items))
+
+
+def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
+    """Refuse what no tube of this length does: a wrong unit, a wrong side, a pressure that never changes."""
+    spread = max(float(np.ptp(item.excitation.pressure)) for item in train)
+    if spread < CONSTANT_PA:
+        raise DataError(
+            f"the pressure of the training runs stays within {spread / 1e3:.2g} kPa: it moves no tube; check its unit, or "
+            "record a run in which it changes"
+        )
+    for item in train:
+        if not item.has_tip:
+            continue
+        tip = item.points[:, -1]
+        reach = float(np.percentile(np.linalg.norm(tip, axis=1), 99))
+        if not 0.3 * actuator.length < reach < 2.0 * actuator.length:
+            raise DataError(
+                f"experiment {item.name}: its tip comes {reach * 1e3:.3g} mm from the clamp, the tube is "
+                f"{actuator.length * 1e3:.0f} mm long; check the unit and the origin of the track"
+            )
+        grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
+        pressure = np.interp(item.time, grid, item.excitation.pressure)
+        loaded = pressure > 0.7 * float(pressure.max())
+        bend = float(np.median(2 * np.arctan2(-tip[loaded, 0], -tip[loaded, 1])))
+        if pressure.max() > CONSTANT_PA and bend < -WRONG_SIDE_RAD:
+            raise DataError(
+                f"experiment {item.name}: under pressure the tip goes to the side that `actuator.bends` does not name; "
+                "change it, or the direction of x in the track"
+            )
 
 
 def _offers(recording: Recording, observe: Observe) -> bool:

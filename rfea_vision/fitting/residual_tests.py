@@ -32,22 +32,41 @@ def correlation_ratio(explained: FloatArray, by: FloatArray, bins: int = 16) -> 
     return max(0.0, (between / float(np.sum((y - y.mean()) ** 2)) - chance) / (1 - chance))
 
 
-def correlation_time(series: FloatArray, period_s: float) -> float:
-    """Integrated autocorrelation time (s) up to the first fall below 0.05; half a period for white noise.
-
-    series : (frames,), or (frames, columns) of the same unit, which are pooled
-    """
+def autocorrelation(series: FloatArray) -> FloatArray:
+    """Autocorrelation over lags (frames,) of a series (frames,), or of (frames, columns) of one unit, which are pooled."""
     columns = series.reshape(series.shape[0], -1)
     frames = columns.shape[0]
-    centred = columns - columns.mean(axis=0)
-    spectrum = np.sum(np.abs(np.fft.rfft(centred, 2 * frames, axis=0)) ** 2, axis=1)
-    correlation = np.fft.irfft(spectrum)[:frames]
+    spectrum = np.sum(np.abs(np.fft.rfft(columns - columns.mean(axis=0), 2 * frames, axis=0)) ** 2, axis=1)
+    covariance = np.fft.irfft(spectrum)[:frames]
+    return covariance / covariance[0] if covariance[0] > 0 else np.zeros(frames)
+
+
+def correlation_time(series: FloatArray, period_s: float) -> float:
+    """Integrated autocorrelation time (s) up to the first fall below 0.05; half a period for white noise."""
+    correlation = autocorrelation(series)
     if correlation[0] <= 0:
         return 0.0
-    correlation = correlation / correlation[0]
     below = np.flatnonzero(correlation < 0.05)
-    stop = int(below[0]) if below.size else frames
+    stop = int(below[0]) if below.size else correlation.size
     return period_s * (0.5 + float(correlation[1:stop].sum()))
+
+
+#: Second differences of a residual beyond this many of their robust standard deviations are jumps, not motion.
+JUMP = 15.0
+
+
+def count_jumps(item: Observed, predicted: Predicted) -> int:
+    """Frames at which a track leaves the model from one frame to the next: wrong points, not physics, which takes time."""
+    gap = (item.angle - predicted.angle)[:, None]
+    if item.has_tip:
+        gap = (item.points - predicted.points).reshape(item.time.size, -1)
+    if gap.shape[0] < 12:
+        return 0
+    bend = np.diff(gap, n=2, axis=0)
+    near = np.diff(item.time[1:]) < 1.5 * np.median(np.diff(item.time))
+    noise = item.sigma[:, -1] if item.has_tip else item.angle_sigma
+    scale = np.maximum(np.median(np.abs(bend), axis=0) / 0.6745, np.sqrt(6) * float(np.median(noise)))
+    return int(np.sum(np.any(np.abs(bend) > JUMP * scale, axis=1) & near))
 
 
 def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted]) -> dict[str, Any]:

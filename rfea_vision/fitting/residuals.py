@@ -48,17 +48,18 @@ def predict_observed(
     unknowns = item.unknowns
     if unknowns is None:
         return _predict(model, par, item, free, clock_s, fractions)
-    plain = _predict(model, par, item, (), clock_s)
+    telling = item.telling
+    plain = _predict(model, par, telling, (), clock_s)
     if plain is None:
         return None
 
     def look(amplitude: FloatArray) -> FloatArray | None:
-        driven = replace(item, excitation=unknowns.driven(item.excitation, amplitude))
+        driven = replace(telling, excitation=unknowns.driven(telling.excitation, amplitude))
         one = _predict(model, par, driven, (), clock_s)
         return None if one is None else _flat(one.points, one.angle)
 
     def weigh(seen: FloatArray) -> FloatArray:
-        return rows(item, _unflat(plain, seen[..., None]), jacobian=False)[0]
+        return rows(telling, _unflat(plain, seen[..., None]), jacobian=False)[0]
 
     found = settle(unknowns.sizes.size, look, weigh)
     if found is None:
@@ -71,6 +72,8 @@ def predict_observed(
     predicted = replace(predicted, nuisance=unknowns.values_kPa(amplitude))
     if fractions is not None:
         return predicted
+    forgotten = np.zeros((slopes.shape[0], item.time.size - slopes.shape[1], slopes.shape[2]))
+    slopes = np.concatenate([slopes, forgotten], axis=1)
     by_amplitude = _unflat(predicted, np.moveaxis(slopes, 0, -1), derivative=True)
     columns, wide = rows(item, by_amplitude)[1], rows(item, predicted)[1]
     change = -np.linalg.solve(columns.T @ columns + np.eye(columns.shape[1]), columns.T @ wide)

@@ -17,14 +17,13 @@ from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, make_model
 from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
+from rfea_vision.fitting.problem import CONSTANT_PA
 from rfea_vision.fitting.refine import EXACT_ORDER, refine
 from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.solver import fit_clocks
 
 FloatArray = NDArray[np.float64]
-#: A run whose pressure stays within this is no excitation.
-CONSTANT_PA = 5e3
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         noise_floor_mm=floor,
         noise_floor_source=source,
         experiments=scores,
-        warnings=[*found.sentences, *alarms(fitted, problem.actuator), *_about_runs(problem)],
+        warnings=[*found.sentences, *alarms(fitted, problem.actuator), *_about_runs(problem, fitted)],
         steady_state=fitted.steady,
         starts=list(fitted.starts),
         residual_tests=examine_residuals(problem.train, best.predicted),
@@ -178,7 +177,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
     )
 
 
-def _about_runs(problem: Problem) -> list[str]:
+def _about_runs(problem: Problem, fitted: Fitted) -> list[str]:
     """What a reader must know of the runs to trust the fit."""
     out = []
     moving = [o.name for o in (*problem.train, *problem.validate) if o.unknown_before_s is not None]
@@ -187,6 +186,11 @@ def _about_runs(problem: Problem) -> list[str]:
             f"{', '.join(moving)}: the tube moves when the log begins; what drove it before was fitted along, "
             "record the log from rest to know it."
         )
+    for name, count in fitted.jumps.items():
+        if count:
+            out.append(
+                f"{name}: its track leaves the model in {count} jumps; fitted with the robust loss, look at the frames."
+            )
     if not problem.validate:
         out.append(
             "No experiment has the role 'validate': nothing says how the model does on runs it was not fitted to."
@@ -209,7 +213,7 @@ def _given(options: FitOptions) -> dict[str, Any]:
             out[key] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
     if options.pressure_zero_sd:
         out["pressure_zero_sd"] = options.pressure_zero_sd
-    if options.loss != "linear":
+    if options.loss != "auto":
         out["loss"] = options.loss
     return out
 
@@ -227,7 +231,7 @@ def options_of(artefact: ModelFit) -> FitOptions:
         fixed={name: p.value for name, p in artefact.parameters.items() if p.fixed},
         bounds={name: (float(v[0]), float(v[1])) for name, v in given.get("bounds", {}).items()},
         priors={name: (float(v[0]), float(v[1])) for name, v in given.get("priors", {}).items()},
-        loss=given.get("loss", "linear"),
+        loss=given.get("loss", "auto"),
         pressure_zero_sd=float(given.get("pressure_zero_sd", 0.0)),
     )
 

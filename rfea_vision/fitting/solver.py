@@ -113,7 +113,7 @@ class _Target:
         if len(self.clock_index) < len(self.items):
             jacobian = jacobian[:, [*range(ny), *(ny + i for i in self.clock_index)]]
         if self.condensed:
-            triangle = np.linalg.qr(np.column_stack([jacobian, rest]), mode="r")
+            triangle: FloatArray = np.asarray(np.linalg.qr(np.column_stack([jacobian, rest]), mode="r"))
             jacobian, rest = triangle[:, :-1], triangle[:, -1]
         residual, rows = self.priors(x)
         jacobian = np.concatenate([self._scaled(jacobian), rows])
@@ -156,12 +156,13 @@ def solve(
     *,
     most_evaluations: int = 60,
     tolerance: float = 1e-7,
-    loss: Literal["linear", "huber"] = "linear",
+    loss: Literal["auto", "linear", "huber"] = "linear",
 ) -> Solution | None:
     """Minimise from `start` (full parameter vector); None where not even the start can be simulated.
 
     Experiments whose clock was found from their motion get it as a nuisance parameter. The robust loss is that of Huber
-    (doi:10.1214/aoms/1177703732), linear beyond five robust standard deviations of the residual at the start.
+    (doi:10.1214/aoms/1177703732), linear beyond five robust standard deviations of the residual at the start; ``auto`` is
+    for the caller to decide, and linear here.
     """
     clock_index = tuple(i for i, item in enumerate(items) if item.clock_free)
     target = _Target(model, items, coordinates, np.zeros(len(items)) if clocks is None else clocks.copy(), clock_index)
@@ -171,7 +172,7 @@ def solve(
         return None
     if x0.size == 0:
         return target.solution(x0, first, True, "nothing to fit", np.inf)
-    bad = np.full(first.residual.size, 1e3 * np.linalg.norm(first.residual) + 1e3)
+    bad = np.full(first.residual.size, 1e3 * float(np.linalg.norm(first.residual)) + 1e3)
 
     def fun(x: FloatArray) -> FloatArray:
         point = target.at(x)
@@ -194,7 +195,7 @@ def solve(
         xtol=1e-9,
         gtol=1e-12,
         max_nfev=most_evaluations,
-        loss=loss,
+        loss="huber" if loss == "huber" else "linear",
         f_scale=softness,
     )
     point = target.at(result.x)

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import fftconvolve
 from scipy.stats import t as student
 
 from rfea_vision.fitting.observation import Observed
-from rfea_vision.fitting.residual_tests import correlation_time
+from rfea_vision.fitting.residual_tests import autocorrelation, correlation_time
 
 FloatArray = NDArray[np.float64]
 BLOCK_S = 0.4
@@ -18,6 +19,8 @@ WHITE_FRAMES = 0.75
 #: Length of a block in correlation times; cutting a memory at the blocks' ends loses about one part in this many.
 BLOCK_IN_MEMORIES = 8.0
 FEWEST_BLOCKS = 10
+#: Below this an autocorrelation is taken for lost.
+LOST = 0.05
 #: A direction of parameter space whose singular value is this much below the largest carries no information.
 UNIDENTIFIABLE = 1e-5
 
@@ -57,6 +60,25 @@ def block_length_s(item: Observed, residual: FloatArray) -> float:
     return float(np.clip(BLOCK_IN_MEMORIES * memory, period, longest))
 
 
+def _by_autocorrelation(item: Observed, residual: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """J' C J (p, p) of one run, C the autocorrelation over time that all its coordinates share, up to where it is lost."""
+    frames = item.time.size
+    tip = 2 * frames if residual.size >= 2 * frames else frames
+    parts = [slice(0, residual.size - tip), slice(residual.size - tip, residual.size)]
+    columns = [residual[part].reshape(frames, -1) for part in parts if part.stop > part.start]
+    correlation = autocorrelation(np.concatenate(columns, axis=1))
+    lost = np.flatnonzero(correlation < LOST)
+    correlation = correlation[: max(int(lost[0]) if lost.size else frames // FEWEST_BLOCKS, 1)]
+    kernel = np.concatenate([correlation[:0:-1], correlation])
+    out = np.zeros((jacobian.shape[1], jacobian.shape[1]))
+    for part in parts:
+        if part.stop > part.start:
+            own = jacobian[part].reshape(frames, -1)
+            spread = own if kernel.size == 1 else fftconvolve(own, kernel[:, None], mode="same", axes=0)
+            out += own.reshape(-1, out.shape[0]).T @ spread.reshape(-1, out.shape[0])
+    return out
+
+
 def sandwich(
     items: list[Observed],
     residual: FloatArray,
@@ -67,8 +89,9 @@ def sandwich(
     """Cluster-robust covariance over blocks of time: J^-1 (sum over blocks of g g') J^-1.
 
     Nodes of one frame, and frames of one block, may be correlated in any way; a block is several times as long as the
-    residual remembers itself. The blocks' number gives the degrees of freedom. The classical covariance, scaled by the
-    residual variance, is a lower bound. `prior` holds the rows of what was known beforehand, each of unit variance.
+    residual remembers itself. The blocks' number gives the degrees of freedom. Few blocks see too little; so the covariance
+    from the residual's variance and autocorrelation alone is a lower bound, and so is the classical one.
+    `prior` holds the rows of what was known beforehand, each of unit variance.
     Liang and Zeger 1986, doi:10.1093/biomet/73.1.13.
     """
     count = jacobian.shape[1]
@@ -83,7 +106,7 @@ def sandwich(
     undetermined |= ~seen
     strong = ~weak
     inverse = (rows_v[strong].T / singular[strong] ** 2) @ rows_v[strong]
-    meat = known.T @ known
+    meat, smooth = known.T @ known, np.zeros((count, count))
     blocks = 0
     for item, part in zip(items, slices, strict=True):
         gradient = normed[part] * residual[part, None]
@@ -93,11 +116,15 @@ def sandwich(
         np.add.at(totals, block, gradient)
         meat += totals.T @ totals
         blocks += np.unique(block).size
+        smooth += _by_autocorrelation(item, residual[part], normed[part])
     freedom = max(blocks - count, 1)
     robust = inverse @ meat @ inverse * blocks / freedom
     variance = float(residual @ residual) / max(residual.size - count, 1)
-    classical = inverse @ (variance * normed.T @ normed + known.T @ known) @ inverse
+    parametric = np.maximum(
+        np.diag(inverse @ (variance * normed.T @ normed + known.T @ known) @ inverse),
+        np.diag(inverse @ (variance * smooth + known.T @ known) @ inverse),
+    )
     # Take whichever is wider, parameter by parameter, keeping the robust correlations.
-    widen = np.sqrt(np.maximum(1.0, np.diag(classical) / np.maximum(np.diag(robust), 1e-300)))
+    widen = np.sqrt(np.maximum(1.0, parametric / np.maximum(np.diag(robust), 1e-300)))
     covariance = robust * np.outer(widen, widen) / np.outer(scale, scale)
     return Uncertainty(covariance, float(student.ppf(0.975, freedom)), undetermined, rows_v[weak] / scale)

@@ -11,6 +11,7 @@ from rfea_vision.errors import InputError
 from rfea_vision.stages.cache import StageRecord, plain
 
 if TYPE_CHECKING:
+    from rfea_vision.artefacts import ModelFit
     from rfea_vision.fitting import FitOptions
 
 
@@ -38,9 +39,9 @@ class ModelChoices:
     seed: int = 0
     more: Mapping[str, Any] = field(default_factory=dict)
 
-    def with_effects(self, name: str, effects: Sequence[str]) -> ModelChoices:
-        """Return the same choices for another rung."""
-        return replace(self, name=name, effects=tuple(effects))
+    def for_rung(self, model: ModelFit) -> ModelChoices:
+        """Return the same choices for another rung: its effects, and its segments where it has more."""
+        return replace(self, name=model.name, effects=tuple(model.effects), segments=model.segments)
 
     def fit_options(self) -> FitOptions:
         """Return the options that the fit takes.
@@ -93,7 +94,7 @@ def choose(
         known.pop("segments")
         choices["auto_segments"] = True
     # what is not asked for leaves no trace in the record, so that a fit stays fresh when an option is added to the tool
-    choices = {key: value for key, value in choices.items() if value not in (None, False, (), [], 0.0, "linear")}
+    choices = {key: value for key, value in choices.items() if value not in (None, False, (), [], 0.0, "auto")}
     return ModelChoices(name=name, effects=effects, effect_files=files, more=choices, **known)
 
 

@@ -48,7 +48,7 @@ class ModelStep(_Step):
     fix: Items = ()
     prior: Items = ()
     bound: Items = ()
-    loss: Literal["linear", "huber"] = "linear"
+    loss: Literal["auto", "linear", "huber"] = "auto"
     pressure_zero: Annotated[
         float | None, BeforeValidator(lambda value: parse_quantity(value, "Pa", example="1 kPa"))
     ] = None

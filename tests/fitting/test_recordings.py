@@ -1,0 +1,185 @@
+"""Recordings as they come from a bench: the outcome is a useful fit or one clear sentence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfea_vision.errors import DataError
+from rfea_vision.fitting import fit_model, predict
+from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.residuals import evaluate
+from tests.fitting.runs import NOISE_MM, OPTIONS, changed, exact_runs, noisy
+
+FLOOR_MM = NOISE_MM * np.sqrt(2)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    pytest.importorskip("mujoco", reason="the twin needs MuJoCo: pip install 'rfea-vision[twin]'")
+    exact, actuator, truth = exact_runs(tmp_path_factory.mktemp("runs"))
+    return noisy(exact, 2), actuator, truth
+
+
+def gaps(data):
+    data["tip"].values[40:70] = np.nan
+    valid = data["valid"].values.copy()
+    valid[150:160] = 0
+    data["valid"] = ("time", valid)
+
+
+def rows_without_numbers(data):
+    data["tip"].values[np.random.default_rng(1).random(data.sizes["time"]) < 0.1] = np.nan
+
+
+def wrong_tips(data):
+    generator = np.random.default_rng(1)
+    bad = generator.choice(data.sizes["time"], 3, replace=False)
+    data["tip"].values[bad] += generator.normal(0, 20, (3, 2))
+
+
+@pytest.mark.parametrize("damage", [gaps, rows_without_numbers, wrong_tips])
+def test_a_damaged_track_still_gives_the_parameters(runs, damage):
+    recordings, actuator, truth = runs
+    damaged = changed(recordings, damage)
+    model = fit_model(damaged, actuator, OPTIONS)
+    assert model.metrics["validate"].tip_rmse_mm < 1.15 * FLOOR_MM
+    assert model.parameters["k_ref"].value == pytest.approx(truth["k_ref"], rel=2e-3)
+    for name, dataset in predict(model, damaged).items():
+        assert dataset.sizes["time"] == recordings[name].dataset.sizes["time"]
+
+
+def test_bursts_of_wrong_frames_call_for_the_robust_loss(runs):
+    recordings, actuator, truth = runs
+
+    def bursts(data):
+        for first in (60, 170, 240):
+            data["tip"].values[first : first + 6] += 15
+
+    damaged = changed(recordings, bursts)
+    model = fit_model(damaged, actuator, OPTIONS)
+    assert model.given["loss"] == "huber" and any("robust loss" in warning for warning in model.warnings)
+    plain = fit_model(damaged, actuator, replace(OPTIONS, loss="linear"))
+
+    def worst(fit):
+        return max(abs(fit.parameters[name].value / truth[name] - 1) for name in ("k_ref", "b_pos_ref", "b_neg_ref"))
+
+    assert worst(model) < 0.01 < worst(plain)
+    assert "loss" not in fit_model(recordings, actuator, OPTIONS).given
+
+
+def test_a_run_that_begins_in_motion(runs):
+    recordings, actuator, truth = runs
+
+    def late(data):
+        start = data["time"].values[0] + 0.95
+        return data.isel(time=data["time"].values >= start, log_time=data["log_time"].values >= start - 0.05)
+
+    model = fit_model(changed(recordings, late), actuator, OPTIONS)
+    for score in model.experiments.values():
+        assert score.tip_rmse_mm < 1.15 * FLOOR_MM
+    assert model.parameters["k_ref"].value == pytest.approx(truth["k_ref"], rel=3e-3)
+    assert any("moves when the log begins" in warning for warning in model.warnings)
+
+    def log_kept(data):
+        return data.isel(time=data["time"].values >= data["time"].values[0] + 0.95)
+
+    known = fit_model(changed(recordings, log_kept), actuator, OPTIONS)
+    assert not any("moves when the log begins" in warning for warning in known.warnings)
+    assert known.metrics["train"].tip_rmse_mm < 1.15 * FLOOR_MM
+
+
+def test_the_zero_of_a_sensor_is_found_for_each_run(runs):
+    recordings, actuator, truth = runs
+    off = dict(zip(recordings, (2.0, -1.5, 1.0), strict=True))
+
+    def shifted(data):
+        data["pressure"] = data["pressure"] + off[data.attrs["experiment"]]
+
+    model = fit_model(changed(recordings, shifted), actuator, replace(OPTIONS, pressure_zero_sd=2e3))
+    for name, kilopascal in off.items():
+        assert model.experiments[name].nuisance["pressure_zero_kPa"] == pytest.approx(-kilopascal, abs=0.02)
+    assert model.parameters["k_ref"].value == pytest.approx(truth["k_ref"], rel=3e-3)
+    assert model.parameters["r_hyd"].interval_95 is not None
+
+
+def test_jacobian_is_exact_with_nuisances_eliminated(runs):
+    recordings, actuator, _ = runs
+
+    def late(data):
+        start = data["time"].values[0] + 0.95
+        return data.isel(time=data["time"].values >= start, log_time=data["log_time"].values >= start - 0.05)
+
+    for changes, sd in ((late, 0.0), (lambda data: None, 2e3)):
+        problem = make_problem(changed(recordings, changes), actuator, pressure_zero_sd=sd)
+        item = problem.train[0]
+        assert item.unknowns is not None
+        one = fit(replace(problem, train=(item,)), OPTIONS)
+        par = one.par
+        exact = evaluate(one.model, par, [item], range(7))
+        assert exact is not None
+        for k in (0, 2, 6):
+            step = 1e-4 * abs(par[k])
+            sides = [evaluate(one.model, par + sign * step * np.eye(7)[k], [item], ()) for sign in (1, -1)]
+            assert sides[0] is not None and sides[1] is not None
+            difference = (sides[0].residual - sides[1].residual) / (2 * step)
+            assert np.abs(exact.jacobian[:, k] - difference).max() < 0.03 * np.abs(difference).max()
+
+
+def in_metres(data):
+    data["tip"] = data["tip"] / 1000
+
+
+def other_side(data):
+    data["tip"] = data["tip"] * np.array([-1.0, 1.0])
+
+
+def in_bar(data):
+    data["pressure"] = data["pressure"] / 100
+
+
+def in_pascal(data):
+    data["pressure"] = data["pressure"] * 1000
+
+
+def constant(data):
+    data["pressure"] = data["pressure"] * 0 + 100
+
+
+def five_frames(data):
+    return data.isel(time=slice(100, 105))
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (in_metres, "check the unit and the origin of the track"),
+        (other_side, "actuator.bends"),
+        (in_bar, "check its unit"),
+        (in_pascal, "check the unit of the pressure log"),
+        (constant, "moves no tube"),
+        (five_frames, "only 5 valid frames"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(runs, damage, says):
+    recordings, actuator, _ = runs
+    with pytest.raises(DataError, match=says) as caught:
+        fit_model(changed(recordings, damage), actuator, OPTIONS)
+    assert "\n" not in str(caught.value)
+
+
+def test_half_a_second_is_little_and_is_said_by_the_intervals(runs):
+    recordings, actuator, truth = runs
+    model = fit_model(changed(recordings, lambda data: data.isel(time=slice(0, 60))), actuator, OPTIONS)
+    for name, parameter in model.parameters.items():
+        if parameter.interval_95 is not None and "slope" not in name:
+            low, high = parameter.interval_95
+            assert low - 0.3 * (high - low) < truth[name] < high + 0.3 * (high - low)
+
+
+def test_one_training_run_alone_will_do(runs):
+    recordings, actuator, truth = runs
+    name = next(n for n, r in recordings.items() if r.role == "train")
+    model = fit_model({name: recordings[name]}, actuator, OPTIONS)
+    assert model.parameters["k_ref"].value == pytest.approx(truth["k_ref"], rel=3e-3)
+    assert list(model.metrics) == ["train"] and any("validate" in warning for warning in model.warnings)

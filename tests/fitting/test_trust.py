@@ -1,0 +1,179 @@
+"""Intervals that cover, refusals in place of inventions, and what was known beforehand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfea_vision.errors import DataError, InputError
+from rfea_vision.fitting import FitOptions, fit_model
+from rfea_vision.fitting.fit import fit, make_problem, refit
+from rfea_vision.fitting.intervals import intervals
+from rfea_vision.fitting.refine import refine
+from rfea_vision.fitting.scoring import as_artefact, options_of
+from rfea_vision.fitting.studies import enough_segments, leave_one_out, segments_study
+from tests.fitting.runs import OPTIONS, SEGMENTS, exact_runs, noisy
+
+
+@pytest.fixture(scope="session")
+def exact(tmp_path_factory):
+    pytest.importorskip("mujoco", reason="the twin needs MuJoCo: pip install 'rfea-vision[twin]'")
+    return exact_runs(tmp_path_factory.mktemp("runs"))
+
+
+@pytest.fixture(scope="module")
+def fitted(exact):
+    runs, actuator, _ = exact
+    problem = make_problem(noisy(runs, 0), actuator)
+    return problem, fit(problem, OPTIONS)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.8])
+def test_intervals_cover_the_truth(exact, correlation):
+    """25 draws of the noise: a right 95 % interval misses 3 or more of 25 with probability 0.13, 6 or more with 0.001."""
+    runs, actuator, truth = exact
+    misses = dict.fromkeys(truth, 0)
+    errors = []
+    for draw in range(25):
+        problem = make_problem(noisy(runs, draw, correlation), actuator)
+        one = refit(problem, OPTIONS, truth, SEGMENTS)
+        found = intervals(one, problem.train, actuator, refine(one, problem.train).par).parameters
+        for name, value in truth.items():
+            interval = found[name].interval_95
+            assert interval is not None
+            misses[name] += not interval[0] <= value <= interval[1]
+        errors.append([(found[name].value - truth[name]) / found[name].stderr for name in truth])
+    assert max(misses.values()) <= 5
+    spread = np.std(errors)  # an interval that is far too wide would cover as well
+    assert 0.8 < spread < 1.3
+
+
+def test_one_step_of_the_more_exact_integrator_removes_its_bias(exact):
+    runs, actuator, truth = exact
+    problem = make_problem(noisy(runs, 0, noise_mm=0.0), actuator)
+    one = refit(problem, OPTIONS, truth, SEGMENTS)
+    plain = abs(one.value("r_hyd") / truth["r_hyd"] - 1)
+    refined = abs(refine(one, problem.train).par[6] / truth["r_hyd"] - 1)
+    assert refined < 0.5 * plain
+
+
+def test_what_is_held_and_bounded_stays_there(fitted, exact):
+    problem, _ = fitted
+    truth = exact[2]
+    options = replace(
+        OPTIONS, fixed={"r_hyd": truth["r_hyd"]}, bounds={"k_slope": (1.2 * truth["k_slope"], 1.1 * truth["k_slope"])}
+    )
+    model = as_artefact(problem, fit(problem, options))
+    assert model.parameters["r_hyd"].fixed and model.parameters["r_hyd"].value == truth["r_hyd"]
+    assert model.parameters["k_slope"].value == pytest.approx(1.1 * truth["k_slope"], rel=1e-3)
+    assert "bound" in model.parameters["k_slope"].note and model.parameters["k_slope"].interval_95 is None
+    again = options_of(model)
+    assert again.fixed == options.fixed and again.bounds == options.bounds
+
+
+def test_what_is_given_per_joint_goes_with_the_number_of_segments():
+    options = FitOptions(
+        segments=16, fixed={"k_ref": 1.6, "r_hyd": 3e-3}, priors={"b_pos_ref": (0.16, 0.016), "modulus": (1e6, 1e5)}
+    )
+    half = options.with_segments(8)
+    assert half.fixed == {"k_ref": 0.8, "r_hyd": 3e-3}
+    assert half.priors == {"b_pos_ref": (0.08, 0.008), "modulus": (1e6, 1e5)}
+
+
+def test_a_prior_pulls_by_its_weight(fitted, exact):
+    problem, free = fitted
+    before = as_artefact(problem, free).parameters["r_hyd"]
+    mean, error = before.value + before.stderr, 0.5 * before.stderr
+    one = fit(problem, replace(OPTIONS, priors={"r_hyd": (mean, error)}))
+    after = as_artefact(problem, one).parameters["r_hyd"]
+    share = error**-2 / (error**-2 + before.stderr**-2)
+    assert after.value - before.value == pytest.approx(share * (mean - before.value), rel=0.1)
+    assert after.stderr < before.stderr
+
+
+def test_a_tie_is_said_and_its_intervals_refused(fitted, exact):
+    problem, free = fitted
+    options = replace(OPTIONS, name="tied", effects=("pressure_gain",))
+    known = dict(zip(free.model.names, free.par, strict=True))
+    model = as_artefact(problem, refit(problem, options, known, SEGMENTS))
+    for name in ("r_hyd", "pressure_gain.g"):
+        assert model.parameters[name].interval_95 is None and model.parameters[name].stderr is None
+    assert any("r_hyd" in w and "pressure_gain.g" in w and "cannot be told apart" in w for w in model.warnings)
+    assert model.parameters["b_pos_ref"].interval_95 is not None
+
+
+def test_a_runaway_is_refused(exact):
+    runs, actuator, truth = exact
+    problem = make_problem(noisy(runs, 0), actuator)
+    far = 12 * 0.004
+    known = {name: value * far / truth["r_hyd"] for name, value in truth.items()}
+    options = replace(OPTIONS, bounds={"r_hyd": (0.9 * far, far)})
+    model = as_artefact(problem, refit(problem, options, known, SEGMENTS))
+    assert model.status == "refused" and "ran away" in model.message
+    assert all(p.interval_95 is None for p in model.parameters.values())
+
+
+def test_values_that_no_tube_has_raise_an_alarm(fitted, exact):
+    problem, free = fitted
+    heavy = replace(problem, actuator=replace(problem.actuator, density=6000.0))
+    assert any("6000 kg/m^3" in warning for warning in as_artefact(heavy, free).warnings)
+    thin = replace(problem, actuator=replace(problem.actuator, inner_radius=0.00395))
+    assert any("Young's modulus" in warning for warning in as_artefact(thin, free).warnings)
+    assert not any("modulus" in warning or "density" in warning for warning in as_artefact(problem, free).warnings)
+
+
+def test_profile_likelihood_agrees_where_the_error_is_a_parabola(exact):
+    runs, actuator, _ = exact
+    model = fit_model(noisy(runs, 0), actuator, replace(OPTIONS, profile=("k_ref",)))
+    low, high = model.profiles["k_ref"]["interval_95"]
+    expected = model.parameters["k_ref"].interval_95
+    assert low == pytest.approx(expected[0], rel=1e-4) and high == pytest.approx(expected[1], rel=1e-4)
+    assert min(model.profiles["k_ref"]["delta"]) == 0.0
+    with pytest.raises(InputError, match="payload"):
+        fit_model(noisy(runs, 0), actuator, replace(OPTIONS, profile=("payload.m",)))
+
+
+def test_study_over_segments(fitted):
+    problem, one = fitted
+    rows, seconds = segments_study(problem, one, (1, 2, 4))
+    assert [row["segments"] for row in rows] == [1, 2, 4] and set(seconds) == {"1", "2", "4"}
+    tips = [row["validate_tip_rmse_mm"] for row in rows]
+    assert tips[0] > tips[1] > tips[2] and tips[2] < 0.1
+    for row in rows:
+        parts = row["validate_tip_x_rmse_mm"] ** 2 + row["validate_tip_y_rmse_mm"] ** 2
+        assert parts == pytest.approx(row["validate_tip_rmse_mm"] ** 2, rel=1e-9)
+        assert len(row["tip_path_mm"]["x"]) == len(row["tip_path_mm"]["y"]) > 50
+    assert enough_segments(rows, 0.085) == 4
+    assert enough_segments(rows, 1e3) == 1
+    with pytest.raises(DataError, match="segments auto"):
+        enough_segments([], 0.1)
+
+
+def test_the_number_of_segments_is_chosen(exact):
+    runs, actuator, _ = exact
+    model = fit_model(noisy(runs, 0), actuator, replace(OPTIONS, segments=8, auto_segments=True))
+    assert model.segments == 4  # the truth has four joints, at the start of their bodies
+    assert [row["segments"] for row in model.segments_study] == [2, 4, 8, 16, 32]
+    assert "timings" not in model.model_dump() and set(model.timings) == {"2", "4", "8", "16", "32"}
+
+
+def test_each_run_is_left_out_in_turn(fitted):
+    problem, one = fitted
+    out = leave_one_out(problem, one)
+    assert set(out["experiments"]) == {o.name for o in problem.train}
+    assert 0.9 < out["tip_rmse_mm"] / 0.085 < 1.2
+    assert 0 < out["relative_spread"]["b_pos_slope"] < 0.3
+    with pytest.raises(DataError, match="one training run"):
+        leave_one_out(replace(problem, train=problem.train[:1]), one)
+
+
+def test_residuals_are_white_where_the_noise_is(exact):
+    runs, actuator, _ = exact
+    for correlation, white in ((0.0, True), (0.9, False)):
+        model = fit_model(noisy(runs, 1, correlation), actuator, OPTIONS)
+        assert ("white" in model.residual_tests["whiteness"]["sentence"]) is white
+        for on in ("pressure", "angle", "rate"):
+            assert model.residual_tests[f"independence_of_{on}"]["share"] < 0.2
+        train = model.metrics["train"]
+        assert train.tip_rmse_percent_of_length == pytest.approx(100 * train.tip_rmse_mm / 155)
+        assert train.normalised_fit_percent > 99
