@@ -24,6 +24,7 @@ _COMMANDS = {
     "measure": ("calibrate", "track", "sync"),
     "fit": ("fit",),
     "model": ("compare", "diagnose", "improve"),
+    "power": ("power",),
     "effects": ("effects",),
     "chain": ("report", "run", "batch"),
     "export": ("export",),

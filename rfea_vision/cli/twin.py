@@ -63,6 +63,19 @@ _DEMO = "hidden-effect"
 )
 @click.option("--repeat", is_flag=True, help="Record the first experiment twice.")
 @click.option(
+    "--scene",
+    multiple=True,
+    metavar="NAME[=VALUE]",
+    help="Make the pictures hard: light, dark, busy, uneven, flicker, hose, landscape, vfr, slow-motion, dropped, "
+    "duplicated; may be repeated.",
+)
+@click.option(
+    "--like",
+    type=click.Path(path_type=Path),
+    metavar="CAMPAIGN",
+    help="Tracks with the pressure logs, roles, frames, clocks and noise of this campaign, and the tube fitted to it.",
+)
+@click.option(
     "--truth/--no-truth", "write_truth", default=True, show_default=True, help="Write OUT-truth.json beside it."
 )
 @output_options
@@ -72,14 +85,19 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
     Writes a campaign with pressure logs, board photos and video (or tracks), and beside it what it hides.
     """
     try:
-        from rfea_vision.twin import TwinOptions, paper_campaign, parse_hidden, simulate
+        from rfea_vision.twin import TwinOptions, paper_campaign, parse_hidden, parse_scene, simulate
     except ImportError as error:
         raise InputError(f"simulate: needs the module '{error.name}'; pip install 'rfea-vision[twin]'") from error
     from dataclasses import replace
 
     from rfea_vision.artefacts import Actuator
 
-    fixed = {"hidden": parse_hidden(choices.pop("hidden")), "actuator": Actuator(bends=choices.pop("bends"))}
+    scene, like = parse_scene(choices.pop("scene")), choices.pop("like")
+    hidden = parse_hidden(choices.pop("hidden"))
+    if like is not None:
+        _report_twin(out, _simulate_like(out, like, hidden, choices["seed"], choices["write_truth"]), as_json)
+        return
+    fixed = {"hidden": hidden, "actuator": Actuator(bends=choices.pop("bends")), "scene": scene}
     options = paper_campaign(**fixed) if choices.pop("paper") else TwinOptions(**fixed)
     choices["roles"] = _roles(choices.pop("experiments"), choices.pop("roles"))
     if choices["drive"] not in (None, "duty"):
@@ -90,6 +108,27 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
     given = {name: value for name, value in choices.items() if value is not None and name in known}
     with ConsoleListener().shown() as listener:
         truth = simulate(out, replace(options, **given), listener.begin("simulate", out.name))
+    _report_twin(out, truth, as_json)
+
+
+def _simulate_like(out: Path, campaign: Path, hidden: dict[str, float], seed: int, write_truth: bool) -> dict[str, Any]:
+    """A twin of a campaign: fit the base model if there is no model yet, then play its logs to a tube like that."""
+    from rfea_vision.artefacts import Actuator
+    from rfea_vision.twin import TwinOptions
+    from rfea_vision.twin.like import base_like, simulate_like
+
+    with opened(campaign, None) as work:
+        fit = work.model("base") if "base" in work.model_names() else work.fit()
+        recordings = {name: stored.value for name, stored in work.recordings("train", "validate", "test").items()}
+    base = base_like({name: item.value for name, item in fit.parameters.items()}, fit.segments)
+    options = TwinOptions(
+        hidden=hidden, actuator=Actuator(**fit.actuator), base=base, seed=seed, write_truth=write_truth
+    )
+    with ConsoleListener().shown() as listener:
+        return simulate_like(out, recordings, options, listener.begin("simulate", out.name))
+
+
+def _report_twin(out: Path, truth: dict[str, Any], as_json: bool) -> None:
     if as_json:
         print_json({"folder": str(out), "truth": truth})
         return

@@ -1,0 +1,143 @@
+"""Twins of a campaign that somebody recorded: its pressure logs, roles, frames, clocks and noise, another tube in them.
+
+What the critique makes of such twins says what it would make of the recordings, were that the tube.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Recording
+from rfea_vision.errors import DataError, InputError
+from rfea_vision.files import write_text
+from rfea_vision.twin.draw import Run, build_plant, move, posture_at
+from rfea_vision.twin.excitation import GRID_S, Programme
+from rfea_vision.twin.options import BaseParameters, TwinOptions
+from rfea_vision.twin.writer import _truth, _write_campaign, _write_experiment, _write_track
+
+FloatArray = NDArray[np.floating]
+
+LEAST_NOISE_MM, LEAST_NOISE_DEG = 1e-3, 1e-3
+BEFORE_S = 3.0  # log before the first frame that is played
+
+
+def base_like(parameters: Mapping[str, float], segments: int) -> BaseParameters:
+    """Base parameters per joint of a chain of eight, from fitted ones (SI) of a chain of `segments`."""
+    scale = {name: 1.0 if name == "r_hyd" else 8 / segments for name in BaseParameters.__dataclass_fields__}
+    return BaseParameters(**{name: scale[name] * parameters[name] for name in scale})
+
+
+def simulate_like(
+    out: Path,
+    recordings: Mapping[str, Recording],
+    options: TwinOptions,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Write a campaign of tracks with the excitation, frames, roles, clocks and noise of `recordings`.
+
+    Parameters
+    ----------
+    out : the campaign folder to write; must not exist, or be empty
+    recordings : by experiment
+    options : the tube (`actuator`, `base`, `hidden`, `joints`, `seed`); what else it says is taken from the recordings
+
+    Returns
+    -------
+    dict
+        The truth, as `simulate` writes it.
+
+    Raises
+    ------
+    InputError
+        If `out` is already filled.
+    DataError
+        If there is no recording, or such a tube cannot be simulated.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: already there and not empty; choose another folder, or remove it first")
+    if not recordings:
+        raise DataError("simulate --like: the campaign has no recording to take after; run rfea sync first")
+    plant, base = build_plant(options)
+    work = out.with_name(f".{out.name}-unfinished")
+    shutil.rmtree(work, ignore_errors=True)
+    runs: list[Run] = []
+    noises: dict[str, float] = {}
+    try:
+        work.mkdir(parents=True)
+        _write_campaign(work, options.name or out.name, options, None)
+        for index, (name, recording) in enumerate(recordings.items()):
+            run = _run_like(name, recording, options.hidden)
+            given = replace(options, **_observed(recording))
+            times = recording.time_s[recording.valid]
+            camera_s = (times - run.offset_s) / (1 + run.drift)
+            posture = posture_at(plant, move(plant, run, options.step_s), times)
+            folder = work / name
+            folder.mkdir()
+            _write_experiment(folder, run, given)
+            _write_log(folder / "pressure.csv", recording)
+            generator = np.random.default_rng([options.seed, 3, index])
+            _write_track(folder / "track.csv", camera_s, posture, dict(options.hidden), given, generator)
+            noises[name] = given.noise_angle_deg if given.observe == "angle" else given.noise_mm
+            runs.append(run)
+            if progress is not None:
+                progress(index + 1, len(recordings))
+        truth = {**_truth(options, asdict(base), runs), "noise": noises}
+        truth.pop("noise_mm", None)  # each run has its own
+        if options.write_truth:
+            write_text(out.with_name(f"{out.name}-truth.json"), json.dumps(truth, indent=1) + "\n")
+        if out.exists():
+            out.rmdir()
+        work.rename(out)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return truth
+
+
+def _run_like(name: str, recording: Recording, hidden: Mapping[str, float]) -> Run:
+    """Excitation and clocks of one recording; a hidden error of the clock needs a clock that claims to be known."""
+    log, pressure = recording.dataset["log_time"].values, recording.dataset["pressure"].values
+    first, last = recording.time_s[0], recording.time_s[-1]
+    start = max(float(log[0]), float(first) - BEFORE_S)
+    time = start + GRID_S * np.arange(int((min(float(log[-1]), float(last) + 0.1) - start) / GRID_S) + 1)
+    attributes = recording.dataset.attrs
+    offset, drift = float(attributes["offset_s"]), hidden.get("clock_drift.d", 0.0)
+    claimed = offset + 0.5 * drift * float(last - first) - hidden.get("time_offset.dt", 0.0)
+    programme = Programme("recorded", time, 1e3 * np.interp(time, log, pressure))
+    return Run(name, recording.role, programme, offset, drift, claimed, attributes.get("repeat_of"))
+
+
+def _observed(recording: Recording) -> dict[str, Any]:
+    """What the recording holds, its noise, and whether its clock was known beforehand."""
+    dataset, valid = recording.dataset, recording.valid
+    sync = "motion" if dataset.attrs.get("sync_method") == "motion" else "offset"
+    if "midline" in dataset or "tip" in dataset:
+        tip = dataset["tip"].values if "tip" in dataset else dataset["midline"].values[:, -1]
+        observe = "midline" if "midline" in dataset else "tip"
+        noise = max(noise_of(tip[valid]), LEAST_NOISE_MM)
+        return {"observe": observe, "noise_mm": noise, "sync": sync}
+    noise = max(noise_of(dataset["bend_angle"].values[valid][:, None]), LEAST_NOISE_DEG)
+    return {"observe": "angle", "noise_angle_deg": noise, "sync": sync}
+
+
+def noise_of(values: FloatArray) -> float:
+    """Standard deviation of the noise of a smooth series (frames, k), from its fourth differences; taken as white."""
+    good = values[np.all(np.isfinite(values), axis=1)]
+    if len(good) < 20:
+        return 0.0
+    return float(np.sqrt(np.mean(np.diff(good, n=4, axis=0) ** 2) / 70))
+
+
+def _write_log(path: Path, recording: Recording) -> None:
+    """Write the recording's own pressure log."""
+    dataset = recording.dataset
+    rows = np.column_stack([dataset["log_time"].values, dataset["pressure"].values])
+    lines = [f"{time:.6f},{pressure:.5f}" for time, pressure in rows]
+    write_text(path, "\n".join(["time_s,pressure_kPa", *lines]) + "\n")
