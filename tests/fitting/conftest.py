@@ -19,3 +19,12 @@ def complete_campaign(tmp_path_factory) -> tuple[dict[str, Recording], Actuator,
     work = open_campaign(folder)
     recordings = work.recordings("train", "validate", "test")
     return {name: stored.value for name, stored in recordings.items()}, work.campaign.actuator, truth
+
+
+@pytest.fixture(scope="session")
+def exact(tmp_path_factory):
+    """Noise-free runs of a chain that the model matches joint by joint, and the seven parameters behind them."""
+    pytest.importorskip("mujoco", reason="the twin needs MuJoCo: pip install 'rfea-vision[twin]'")
+    from tests.fitting.runs import exact_runs
+
+    return exact_runs(tmp_path_factory.mktemp("runs"))

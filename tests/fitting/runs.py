@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ NOISE_MM = 0.06
 OPTIONS = FitOptions(segments=SEGMENTS, joints="start", starts=0)
 
 
-@cache
 def exact_runs(folder: Path) -> tuple[dict[str, xr.Dataset], Actuator, dict[str, float]]:
     """Two training runs and one for validation, without noise; and the seven parameters behind them."""
     options = TwinOptions(

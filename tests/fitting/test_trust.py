@@ -12,13 +12,7 @@ from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.scoring import as_artefact, options_of
 from rfea_vision.fitting.studies import enough_segments, leave_one_out, segments_study
-from tests.fitting.runs import OPTIONS, SEGMENTS, exact_runs, noisy
-
-
-@pytest.fixture(scope="session")
-def exact(tmp_path_factory):
-    pytest.importorskip("mujoco", reason="the twin needs MuJoCo: pip install 'rfea-vision[twin]'")
-    return exact_runs(tmp_path_factory.mktemp("runs"))
+from tests.fitting.runs import OPTIONS, SEGMENTS, noisy
 
 
 @pytest.fixture(scope="module")
