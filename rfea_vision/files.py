@@ -8,8 +8,10 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import xarray as xr
+if TYPE_CHECKING:  # imported where a dataset is read, as it is slow to import
+    import xarray as xr
 
 
 @contextmanager
@@ -56,6 +58,8 @@ def write_datasets(path: Path, groups: dict[str | None, xr.Dataset]) -> None:
 
 def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:
     """Read one netCDF4 group into memory and close the file."""
+    import xarray as xr
+
     with xr.open_dataset(path, group=group, engine="h5netcdf") as dataset:
         return dataset.load()
 

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from rfea_vision.errors import InputError
 from rfea_vision.files import read_dataset, write_dataset
+
+if TYPE_CHECKING:  # quarter of a second of import that a simulation does not need
+    import xarray as xr
 
 FloatArray = NDArray[np.float64]
 

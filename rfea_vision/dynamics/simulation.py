@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,9 @@ from rfea_vision.dynamics.integration import Course, Trace, integrate
 from rfea_vision.dynamics.motion import Motion, Steady
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.system import OK, System
-from rfea_vision.effects.base import Effect
+
+if TYPE_CHECKING:
+    from rfea_vision.effects.base import Effect
 
 FloatArray = NDArray[np.float64]
 STANDARD_GRAVITY = 9.80665

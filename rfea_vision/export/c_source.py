@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sympy.printing.c import C99CodePrinter
 
 from rfea_vision.dynamics import laws
-from rfea_vision.dynamics.compilation import KINEMATIC, force_columns, joint_columns, relaxed_columns
+from rfea_vision.dynamics.generation import KINEMATIC, force_columns, joint_columns, relaxed_columns
 from rfea_vision.dynamics.laws import Law, compose
 from rfea_vision.dynamics.realtime import NEWTON_ITERATIONS
 from rfea_vision.dynamics.simulation import Model

@@ -1,0 +1,204 @@
+"""From a composed law to source text: exact derivatives by SymPy, common subexpressions shared, printed as Python.
+
+Two modules come of a law: its loops over joints and bodies for Numba, and NumPy functions for what is evaluated once a run.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from typing import Any
+
+import sympy as sp
+from sympy.printing.pycode import PythonCodePrinter
+
+from rfea_vision.dynamics import laws
+from rfea_vision.dynamics.laws import Law
+from rfea_vision.errors import InputError
+
+_HEADER = '''"""Generated: do not edit."""
+from math import *
+import math
+import numpy as np
+from numba import njit, types, void, float64
+
+VECTOR = float64[::1]
+MATRIX = float64[:, ::1]
+'''
+
+# Column layout of the joint law's output, for m hidden states:
+# torque, d/dtheta, d/drate, d/dpressure, added mass, d/dtheta, then per state: d torque/dz; then per state:
+# rate, d/dtheta, d/drate, d/dpressure; then the m x m block d rate_a / d z_b.
+KINEMATIC = (laws.X, laws.Y, laws.VX, laws.VY)
+
+
+def _derivative(expression: sp.Expr, symbol: sp.Symbol) -> Any:
+    result = sp.diff(expression, symbol)
+    # sign(x) has a derivative at 0 alone; the laws are piecewise smooth and Newton only needs one side.
+    return result.replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+
+
+class _Printer(PythonCodePrinter):
+    def _print_sign(self, expression: Any) -> str:
+        argument = self._print(expression.args[0])
+        return f"(1.0 if ({argument}) > 0 else (-1.0 if ({argument}) < 0 else 0.0))"
+
+    def _print_Heaviside(self, expression: Any) -> str:
+        return f"(1.0 if ({self._print(expression.args[0])}) >= 0 else 0.0)"
+
+
+def _assignments(targets: Sequence[tuple[str, sp.Expr]], indent: str) -> str:
+    """Assignments with shared subexpressions; what is identically zero stays as the caller's zeroed array has it."""
+    printer = _Printer({"fully_qualified_modules": False})
+    nonzero = [(name, expression) for name, expression in targets if expression != 0]
+    shared, reduced = sp.cse([expression for _, expression in nonzero], symbols=sp.numbered_symbols("_s"), list=True)
+    lines = [f"{indent}{symbol} = {printer.doprint(expression)}" for symbol, expression in shared]
+    lines += [f"{indent}{name} = {printer.doprint(value)}" for (name, _), value in zip(nonzero, reduced, strict=True)]
+    return "\n".join(lines)
+
+
+def _unpack(law: Law, expressions: Sequence[sp.Expr], indent: str, per_item: dict[sp.Symbol, str]) -> str:
+    used: set[Any] = set().union(*(expression.free_symbols for expression in expressions)) if expressions else set()
+    sources: dict[sp.Symbol, str] = dict(per_item)
+    sources.update({symbol: f"par[{index}]" for index, symbol in enumerate(law.symbols)})
+    sources.update({symbol: f"con[{index}]" for index, symbol in enumerate(laws.CONSTANTS)})
+    unknown = sorted(str(symbol) for symbol in used if symbol not in sources)
+    if unknown:
+        raise InputError(
+            f"effect law uses {', '.join(unknown)}, which is neither a parameter, a state nor a symbol of the hook"
+        )
+    return "\n".join(f"{indent}{symbol} = {sources[symbol]}" for symbol in sorted(used, key=str))
+
+
+def _function(
+    name: str,
+    arguments: str,
+    signature: str,
+    law: Law,
+    targets: list[tuple[str, sp.Expr]],
+    per_item: dict[sp.Symbol, str],
+    count: str,
+) -> str:
+    expressions = [expression for _, expression in targets]
+    for expression in expressions:
+        if expression.has(sp.Derivative, sp.Subs, sp.zoo, sp.nan):
+            raise InputError("effect law: a derivative could not be formed; write it with differentiable functions")
+    body = _unpack(law, expressions, "        ", per_item)
+    return (
+        f"\n@njit(void({signature}), nogil=True, cache=True, error_model='numpy')\n"
+        f"def {name}({arguments}):\n    for j in range({count}):\n{body or '        pass'}\n"
+        f"{_assignments(targets, '        ')}\n"
+    )
+
+
+def _joint_items(law: Law) -> dict[sp.Symbol, str]:
+    items: dict[sp.Symbol, str] = {
+        laws.THETA: "thetas[j]",
+        laws.RATE: "rates[j]",
+        laws.PRESSURE: "felt",
+        laws.POSITION: "positions[j]",
+        laws.ARC: "arcs[j]",
+    }
+    items.update({state: f"z[j, {index}]" for index, state in enumerate(law.states)})
+    items.update({weight: f"weights[j, {index}]" for index, weight in enumerate(law.weights)})
+    return items
+
+
+def joint_columns(law: Law) -> list[sp.Expr]:
+    """Columns of the joint law's output, in the order stated above."""
+    columns = [law.torque, *(_derivative(law.torque, symbol) for symbol in (laws.THETA, laws.RATE, laws.PRESSURE))]
+    columns += [law.added_mass, _derivative(law.added_mass, laws.THETA)]
+    columns += [_derivative(law.torque, state) for state in law.states]
+    for rate in law.state_rates:
+        columns += [rate, *(_derivative(rate, symbol) for symbol in (laws.THETA, laws.RATE, laws.PRESSURE))]
+    return columns + [_derivative(rate, state) for rate in law.state_rates for state in law.states]
+
+
+def relaxed_columns(law: Law) -> list[list[sp.Expr]]:
+    """Per hidden state: its relaxed value, and that by the angle and by the pressure."""
+    return [[v, _derivative(v, laws.THETA), _derivative(v, laws.PRESSURE)] for v in law.relaxed]
+
+
+def force_columns(law: Law) -> list[list[sp.Expr]]:
+    """Per component of the body force: its value, and that by position and velocity."""
+    return [[part, *(_derivative(part, symbol) for symbol in KINEMATIC)] for part in law.body_force]
+
+
+def generate(law: Law) -> str:
+    """Source text of the compiled module for a composed law."""
+    targets = [(f"out[j, {index}]", column) for index, column in enumerate(joint_columns(law))]
+    joint_arguments = "thetas, rates, z, felt, positions, arcs, weights, par, con, out"
+    joint_signature = "VECTOR, VECTOR, MATRIX, float64, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX"
+    source = _HEADER + _function(
+        "joint_law", joint_arguments, joint_signature, law, targets, _joint_items(law), "thetas.size"
+    )
+
+    rows = [law.torque, law.added_mass, *law.state_rates]
+    parameter_targets = [
+        (f"out[j, {row}, {column}]", _derivative(expression, symbol))
+        for row, expression in enumerate(rows)
+        for column, symbol in enumerate(law.symbols)
+    ]
+    cube = joint_signature.rsplit(", ", 1)[0] + ", float64[:, :, ::1]"
+    source += _function(
+        "joint_law_parameters", joint_arguments, cube, law, parameter_targets, _joint_items(law), "thetas.size"
+    )
+
+    relaxed_targets: list[tuple[str, sp.Expr]] = []
+    for index, (value, columns) in enumerate(zip(law.relaxed, relaxed_columns(law), strict=True)):
+        columns = [*columns, *(_derivative(value, symbol) for symbol in law.symbols)]
+        relaxed_targets += [(f"out[j, {index}, {column}]", item) for column, item in enumerate(columns)]
+    source += _function("relaxed_states", joint_arguments, cube, law, relaxed_targets, _joint_items(law), "thetas.size")
+
+    force_targets: list[tuple[str, sp.Expr]] = []
+    for row, (component, columns) in enumerate(zip(law.body_force, force_columns(law), strict=True)):
+        columns = [*columns, *(_derivative(component, symbol) for symbol in law.symbols)]
+        force_targets += [(f"out[j, {row}, {column}]", item) for column, item in enumerate(columns)]
+    items = {symbol: f"motion[j, {index}]" for index, symbol in enumerate(KINEMATIC)}
+    items[laws.BODY_LENGTH] = "length[j]"
+    source += _function(
+        "body_force",
+        "motion, length, par, con, out",
+        "MATRIX, VECTOR, VECTOR, VECTOR, float64[:, :, ::1]",
+        law,
+        force_targets,
+        items,
+        "length.size",
+    )
+    return source
+
+
+def _numpy_function(name: str, law: Law, expressions: Sequence[sp.Expr], own: Sequence[sp.Symbol]) -> str:
+    """(par, con, *own) -> list of [value, d/d own..., d/d par...] per expression, each broadcast like `own`."""
+    rows = [[value, *(_derivative(value, symbol) for symbol in (*own, *law.symbols))] for value in expressions]
+    function = sp.lambdify([list(law.symbols), list(laws.CONSTANTS), *own], rows, modules="numpy", cse=True)
+    return inspect.getsource(function).replace("_lambdifygenerated", name, 1)
+
+
+def generate_numpy(law: Law) -> str:
+    """Source text of the NumPy functions, and of what there is to know of the law without deriving it again."""
+    facts = {
+        "parameters": law.parameters,
+        "state_count": len(law.states),
+        "has_body_force": law.body_force != (0, 0),
+        "has_base": law.base_compliance != 0,
+        "has_line": law.flow_resistance != 0 or law.flow_inertance != 0,
+        "observes_truly": law.observed_position == (laws.X, laws.Y),
+        "shifts_time": law.time_shift != 0,
+        "changes_pressure": law.felt_pressure != laws.PRESSURE or law.line_time_constant != 0,
+    }
+    inertia = (law.inertia.mass, law.inertia.along, law.inertia.across, law.inertia.inertia)
+    place = (laws.MASS, laws.ALONG, laws.ACROSS, laws.INERTIA, laws.BODY_LENGTH, laws.IS_LAST)
+    functions = {
+        "inertia": (inertia, place),
+        "gravity": (law.gravity, (laws.GRAVITY,)),
+        "base_compliance": ((law.base_compliance,), ()),
+        "felt_pressure": ((law.felt_pressure,), (laws.PRESSURE,)),
+        "line_time_constant": ((law.line_time_constant,), ()),
+        "flow_resistance": ((law.flow_resistance,), ()),
+        "flow_inertance": ((law.flow_inertance,), ()),
+        "observed_position": (law.observed_position, (laws.X, laws.Y)),
+        "time_shift": ((law.time_shift,), (laws.TIME,)),
+    }
+    text = '"""Generated: do not edit."""\nfrom numpy import *\n\nFACTS = ' + repr(facts) + "\n"
+    return text + "".join("\n\n" + _numpy_function(name, law, *parts) for name, parts in functions.items())
