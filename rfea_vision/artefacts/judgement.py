@@ -136,6 +136,7 @@ class Comparison(_Json):
 
 class Candidate(_Json):
     effect: str
+    title: str = ""
     at: str | None = None
     score_p: float | None = None
     predicted_rmse_mm: float | None = None

@@ -1,4 +1,4 @@
-"""Commands right of the recording: fit, compare, diagnose, improve."""
+"""Commands right of the fit: compare, diagnose, improve."""
 
 from __future__ import annotations
 
@@ -8,29 +8,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rfea_vision.cli.console import print_json, print_table
-from rfea_vision.cli.options import Quantity, campaign_options, effect_file_option, model_options, opened
+from rfea_vision.cli.fit import knowledge_options, print_metrics
+from rfea_vision.cli.options import Quantity, campaign_options, effect_file_option, enough_option, model_options, opened
 
 if TYPE_CHECKING:
-    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit
-
-
-@click.command("fit")
-@campaign_options
-@model_options
-@click.option(
-    "--add", "effects", multiple=True, metavar="EFFECT", help="An effect beside the base model; may be repeated."
-)
-@click.option("--name", metavar="MODEL", help="Name of the model; default base, base+EFFECT, ...")
-def fit_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any) -> None:
-    """Fit one model, and score it on held-out runs."""
-    add = tuple(effect for item in choices.pop("effects") for effect in item.split(","))
-    with opened(campaign, out, force=("fit",) if force else ()) as work:
-        model = work.fit(choices.pop("name"), add=add, **choices)
-    if as_json:
-        print_json(model.model_dump(mode="json"))
-    else:
-        print_model(model)
-        click.echo(str(work.out / "models" / model.name / "model.json"))
+    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder
 
 
 @click.command("compare")
@@ -65,6 +47,7 @@ def compare_command(
 @campaign_options
 @click.argument("model", required=False)
 @effect_file_option
+@enough_option
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")
 def diagnose_command(
     campaign: Path, model: str | None, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any
@@ -84,6 +67,8 @@ def diagnose_command(
 @click.command("improve")
 @campaign_options
 @model_options
+@knowledge_options
+@enough_option
 @click.option(
     "--budget",
     "budget_s",
@@ -107,43 +92,6 @@ def improve_command(campaign: Path, out: Path | None, force: bool, as_json: bool
         click.echo(f"report: {report}")
 
 
-def print_model(model: ModelFit) -> None:
-    """Print the parameters of a fit and its errors."""
-    rows = [
-        [name, item.value, item.stderr, item.unit, "fixed" if item.fixed else item.note]
-        for name, item in model.parameters.items()
-    ]
-    table = [
-        [name, f"{value:.6g}", "-" if error is None else f"{error:.2g}", unit, note]
-        for name, value, error, unit, note in rows
-    ]
-    print_table(f"{model.name}: {model.status}", ["parameter", "value", "std. error", "unit", "note"], table)
-    if model.message:
-        click.echo(model.message)
-    for warning in model.warnings:
-        click.echo(f"warning: {warning}")
-    print_metrics({model.name: model})
-
-
-def print_metrics(models: dict[str, ModelFit]) -> None:
-    """Print the errors of models by role, beside the noise floor."""
-    rows = [
-        [
-            name,
-            role,
-            metrics.tip_rmse_mm,
-            metrics.tip_y_rmse_mm,
-            metrics.midline_rmse_mm,
-            metrics.angle_rmse_deg,
-            model.noise_floor_mm,
-        ]
-        for name, model in models.items()
-        for role, metrics in model.metrics.items()
-    ]
-    columns = ["model", "role", "tip mm", "tip y mm", "midline mm", "angle deg", "noise floor mm"]
-    print_table("root mean square errors", columns, rows, left=2)
-
-
 def print_comparison(name: str, comparison: Comparison) -> None:
     """Print where a model fails."""
     click.echo(f"\n{name}")
@@ -160,20 +108,20 @@ def print_diagnosis(diagnosis: Diagnosis) -> None:
     click.echo(f"{diagnosis.model}: {diagnosis.verdict}{named}")
     if diagnosis.sentence:
         click.echo(diagnosis.sentence)
+    unit = "mm" if diagnosis.noise_floor_deg is None else "deg"
     rows = [
         [
             item.effect,
             item.at,
             None if item.score_p is None else f"{item.score_p:.1e}",
-            item.predicted_rmse_mm,
-            item.train_rmse_mm,
-            item.validate_rmse_mm,
+            *(getattr(item, f"{name}_rmse_{unit}") for name in ("predicted", "train", "validate")),
             item.delta_bic,
             "yes" if item.matters else "no" if item.refitted else "not refitted",
         ]
         for item in diagnosis.candidates[:12]
     ]
-    columns = ["candidate", "at", "score p", "predicted mm", "train mm", "validate mm", "delta BIC", "matters"]
+    errors = [f"{name} {unit}" for name in ("predicted", "train", "validate")]
+    columns = ["candidate", "at", "score p", *errors, "delta BIC", "matters"]
     print_table("", columns, rows, left=2)
     for tie in diagnosis.tied:
         click.echo(f"cannot be told apart here: {', '.join(tie.effects)}; {tie.split_by}")

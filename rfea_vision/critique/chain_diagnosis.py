@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from rfea_vision.dynamics.system import FIXED
 from rfea_vision.dynamics.inverse import joint_torques
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Chain, Model
+from rfea_vision.dynamics.system import FIXED
 from rfea_vision.effects.base import BASE_PARAMETERS, Effect
 from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.errors import InputError

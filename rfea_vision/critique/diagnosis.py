@@ -15,10 +15,22 @@ from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.evidence import candidate_rows, swallowed
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, Errors, errors_of, floor_of, structure
 from rfea_vision.critique.next_experiment import design_next
-from rfea_vision.critique.screening import Screened, offered, screen
-from rfea_vision.critique.trials import REFITS, Refitted, Trials, try_singles, try_together
+from rfea_vision.critique.refinement import SEGMENTS, screen_segments
+from rfea_vision.critique.screening import Screened, available, offered, screen
+from rfea_vision.critique.trials import (
+    EXPLAINED,
+    FAR,
+    REFITS,
+    Refitted,
+    Trials,
+    try_fresh,
+    try_one,
+    try_singles,
+    try_together,
+)
 from rfea_vision.critique.verdict import Verdict, decide
-from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, make_problem, parse_effects, refit
+from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
+from rfea_vision.fitting.scoring import options_of
 
 FloatArray = NDArray[np.float64]
 
@@ -42,6 +54,7 @@ def judge(
     effect_files: Sequence[Path] = (),
     where: Sequence[WorstPlace] = (),
     seed: int = 0,
+    enough: float = EXPLAINED,
     progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
     """Diagnose a solved fit: training runs fit, validation runs judge, test runs are not looked at."""
@@ -55,12 +68,18 @@ def judge(
 
     errors, floor = errors_of(problem, fitted), floor_of(problem, fitted)
     effects = offered(problem, fitted, candidates, effect_files)
-    screened: Sequence[Screened] = screen(problem, fitted, effects) if effects else []
+    present = available(effects, {e.id for e in fitted.model.effects})
+    screened: list[Screened] = screen(problem, fitted, present) if present else []
     step()
-    trials = Trials(problem, fitted, errors, floor, effects, tuple(effect_files), step)
+    trials = Trials(problem, fitted, errors, floor, effects, tuple(effect_files), enough, step)
     left = structure(errors, floor)
+    if left >= STRUCTURE_FLOORS and candidates is None and (finer := screen_segments(problem, fitted, floor)):
+        screened.append(finer)
     singles = try_singles(trials, screened) if left >= STRUCTURE_FLOORS else {}
     alone = any(r.wins and r.reaches for r in singles.values())
+    if left >= FAR and not alone:
+        singles = try_fresh(trials, screened, singles)
+        alone = any(r.wins and r.reaches for r in singles.values())
     together = try_together(trials, singles) if left >= 1.0 and not alone else []
     verdict = decide(trials, singles, together)
     following, pressure = None, None
@@ -76,6 +95,13 @@ def judge(
     return Judgement(diagnosis, singles, errors, floor, pressure)
 
 
+def refit_named(problem: Problem, fitted: Fitted, name: str, effect_files: Sequence[Path] = ()) -> Refitted | None:
+    """The refit behind a name that an earlier diagnosis of the same fit has given."""
+    errors, floor = errors_of(problem, fitted), floor_of(problem, fitted)
+    effects = offered(problem, fitted, [] if name == SEGMENTS else [name], effect_files)
+    return try_one(Trials(problem, fitted, errors, floor, effects, tuple(effect_files)), name)
+
+
 def _diagnosis(
     trials: Trials, verdict: Verdict, screened: Sequence[Screened], singles: Mapping[str, Refitted]
 ) -> Diagnosis:
@@ -87,7 +113,8 @@ def _diagnosis(
         named=list(best.added) if best is not None else [],
         tied=verdict.tied,
         candidates=candidate_rows(trials, screened, singles),
-        noise_floor_mm=trials.floor,
+        noise_floor_mm=trials.floor if trials.in_mm else None,
+        noise_floor_deg=None if trials.in_mm else trials.floor,
         explained_fraction=verdict.explained,
         warnings=swallowed(trials.problem, trials.before, best.fitted, best.added) if best is not None else [],
     )
@@ -95,17 +122,7 @@ def _diagnosis(
 
 def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
     """The solved fit behind a `model.json`, by a last step of the optimiser from its values."""
-    files = tuple(Path(p) for p in (model.model_extra or {}).get("effect_files", ()))
-    fixed = {n: p.value for n, p in model.parameters.items() if p.fixed}
-    options = FitOptions(
-        name=model.name,
-        segments=model.segments,
-        joints=model.joints,
-        effects=tuple(model.effects),
-        observe=model.observe,  # type: ignore[arg-type]
-        effect_files=files,
-        fixed=fixed,
-    )
+    options = options_of(model)
     values = {name: p.value for name, p in model.parameters.items()}
     clocks = np.array(
         [
@@ -125,19 +142,29 @@ def diagnose(
     effect_files: Sequence[Path] = (),
     where: Sequence[WorstPlace] = (),
     seed: int = 0,
+    enough: float = EXPLAINED,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Diagnosis, xr.Dataset | None]:
     """Name the effect that is missing from a fitted model, or say that none is, or that none on offer explains what is left.
 
+    `enough` is the share of the squared error above the noise that an effect, or a few together, must explain to be named.
     Returns the diagnosis and, where it names a tie, the pressure of the next experiment (`pressure` in kPa over `log_time`).
     """
-    problem = make_problem(recordings, Actuator(**model.actuator), model.observe)  # type: ignore[arg-type]
+    zero_sd = float(model.given.get("pressure_zero_sd", 0.0))
+    problem = make_problem(recordings, Actuator(**model.actuator), model.observe, pressure_zero_sd=zero_sd)  # type: ignore[arg-type]
     fitted = refit_artefact(model, problem)
     files = tuple(effect_files) or fitted.options.effect_files
     judgement = judge(
-        problem, fitted, candidates=candidates, effect_files=files, where=where, seed=seed, progress=progress
+        problem,
+        fitted,
+        candidates=candidates,
+        effect_files=files,
+        where=where,
+        seed=seed,
+        enough=enough,
+        progress=progress,
     )
     return judgement.diagnosis, judgement.next_pressure
 
 
-__all__ = ["Judgement", "diagnose", "judge"]
+__all__ = ["Judgement", "diagnose", "judge", "refit_artefact", "refit_named"]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from rfea_vision.artefacts.judgement import Candidate, Parameter
+from rfea_vision.critique.refinement import SEGMENTS
 from rfea_vision.critique.screening import Screened
 from rfea_vision.critique.trials import Refitted, Trials
 from rfea_vision.fitting.fit import Fitted, Problem
@@ -16,6 +18,7 @@ from rfea_vision.fitting.uncertainty import sandwich
 def candidate_rows(trials: Trials, screened: Sequence[Screened], refitted: Mapping[str, Refitted]) -> list[Candidate]:
     """Every effect that was screened, those that were refitted first; p values allow for the number of effects tried."""
     errors, problem = trials.errors, trials.problem
+    unit = "mm" if trials.in_mm else "deg"
     tests = len({item.effect for item in screened})
     rows, seen = [], set()
     for item in screened:
@@ -24,17 +27,22 @@ def candidate_rows(trials: Trials, screened: Sequence[Screened], refitted: Mappi
         seen.add(item.effect)
         done = refitted.get(item.effect)
         predicted = errors.train * float(np.sqrt(max(1 - item.explained, 0.0)))
-        best_p = min(1.0, tests * min(s.score_p for s in screened if s.effect == item.effect))
+        scores = [s.score_p for s in screened if s.effect == item.effect and s.score_p is not None]
+        best_p = min(1.0, tests * min(scores)) if scores else None
+        title = trials.title(item.effect)
         if done is None:
-            rows.append(Candidate(effect=item.effect, score_p=best_p, predicted_rmse_mm=predicted))
+            shown: dict[str, Any] = {f"predicted_rmse_{unit}": predicted}
+            rows.append(Candidate(effect=item.effect, title=title, score_p=best_p, **shown))
             continue
+        shown = {f"predicted_rmse_{unit}": predicted, f"train_rmse_{unit}": done.errors.train}
+        if problem.validate:
+            shown[f"validate_rmse_{unit}"] = done.errors.held
         rows.append(
             Candidate(
                 effect=item.effect,
+                title=title,
                 score_p=best_p,
-                predicted_rmse_mm=predicted,
-                train_rmse_mm=done.errors.train,
-                validate_rmse_mm=done.errors.held if problem.validate else None,
+                **shown,
                 delta_bic=done.delta_bic,
                 parameters=effect_parameters(problem, done.fitted, item.effect),
                 refitted=True,
@@ -42,17 +50,19 @@ def candidate_rows(trials: Trials, screened: Sequence[Screened], refitted: Mappi
                 note="" if done.allowed else "ended at a bound: not a value that physics allows",
             )
         )
-    return sorted(
-        rows,
-        key=lambda c: (
-            not c.refitted,
-            c.validate_rmse_mm if c.validate_rmse_mm is not None else c.predicted_rmse_mm or 0,
-        ),
-    )
+
+    def error(row: Candidate) -> float:
+        held_out = row.validate_rmse_mm if trials.in_mm else row.validate_rmse_deg
+        predicted = row.predicted_rmse_mm if trials.in_mm else row.predicted_rmse_deg
+        return held_out if held_out is not None else predicted or 0.0
+
+    return sorted(rows, key=lambda row: (not row.refitted, error(row)))
 
 
 def effect_parameters(problem: Problem, fitted: Fitted, effect_id: str) -> dict[str, Parameter]:
-    """Fitted values of an effect with their intervals."""
+    """Fitted values of an effect with their intervals; none for what is no effect but a finer chain."""
+    if effect_id == SEGMENTS:
+        return {}
     solution = fitted.solution
     spread = sandwich(
         list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices

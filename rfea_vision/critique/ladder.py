@@ -8,14 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts.judgement import Comparison, Diagnosis, Ladder, ModelFit, Rung
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.comparison import compare
-from rfea_vision.critique.diagnosis import Judgement, judge
+from rfea_vision.critique.diagnosis import Judgement, judge, refit_artefact, refit_named
 from rfea_vision.critique.measures import Errors, delta_bic, errors_of, matters
+from rfea_vision.critique.refinement import SEGMENTS
 from rfea_vision.critique.torque import with_residual_torque
+from rfea_vision.critique.trials import EXPLAINED, Refitted
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
@@ -30,7 +33,7 @@ def _look_back(
 ) -> tuple[Fitted, Errors, str | None]:
     """Drop an earlier effect whose removal no longer hurts the held-out error."""
     for effect in fitted.options.effects:
-        if effect == keep:
+        if effect == keep or any(effect in other.goes_with for other in fitted.model.effects):
             continue
         left = tuple(e for e in fitted.options.effects if e != effect)
         options = replace(fitted.options, effects=left, name="+".join(("base", *left)))
@@ -54,45 +57,55 @@ def improve(
     on_rung: OnRung | None = None,
     candidates: Sequence[str] | None = None,
     effect_files: Sequence[Path] = (),
+    enough: float = EXPLAINED,
+    finished: Sequence[tuple[ModelFit, Diagnosis]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Ladder:
     """Climb from the base model to the model that needs nothing more.
 
     Choosing uses the training and validation runs only; test runs, where there are any, are scored once at the end.
-    `on_rung` receives every rung as soon as it stands.
+    `on_rung` receives every rung as soon as it stands. `finished` are the rungs of an earlier climb that was interrupted:
+    they are climbed again without being fitted or judged anew. `enough` is as for `diagnose`.
     """
     started = time.monotonic()
     chosen = options or FitOptions()
     files = tuple(effect_files) or chosen.effect_files
     chosen = replace(chosen, effect_files=files)
-    problem = make_problem(recordings, actuator, chosen.observe)
-    fitted = fit(problem, chosen)
+    problem = make_problem(recordings, actuator, chosen.observe, pressure_zero_sd=chosen.pressure_zero_sd)
+    in_mm = problem.train[0].has_tip
+    fitted = refit_artefact(finished[0][0], problem) if finished else fit(problem, chosen)
     first = fitted
     added: str | None = None
     before: Fitted | None = None
     rungs: list[Rung] = []
-    floor = None
+    floor: float | None = None
     dropped: set[str] = set()
     stopped = f"{MOST_RUNGS} rungs were climbed"
     for index in range(MOST_RUNGS):
-        artefact = as_artefact(problem, fitted)
-        floor = artefact.noise_floor_mm
-        predictions = with_residual_torque(artefact, recordings, predict(artefact, _without_test(recordings)))
-        comparison = compare(artefact, recordings, predictions)
-        judgement = judge(
-            problem, fitted, candidates=candidates, effect_files=files, where=comparison.where, seed=chosen.seed
-        )
-        rungs.append(_rung(problem, artefact, added, before, fitted, judgement))
-        if on_rung is not None:
-            on_rung(
-                artefact,
-                predictions,
-                comparison,
-                judgement.diagnosis.model_copy(update={"next_pressure": _as_lists(judgement)}),
+        refitted: Mapping[str, Refitted] = {}
+        if index < len(finished):
+            artefact, diagnosis = finished[index]
+        else:
+            artefact = as_artefact(problem, fitted)
+            predictions = with_residual_torque(artefact, recordings, predict(artefact, _without_test(recordings)))
+            comparison = compare(artefact, recordings, predictions)
+            judgement = judge(
+                problem,
+                fitted,
+                candidates=candidates,
+                effect_files=files,
+                where=comparison.where,
+                seed=chosen.seed,
+                enough=enough,
             )
+            diagnosis, refitted = judgement.diagnosis, judgement.refitted
+            if on_rung is not None:
+                told = diagnosis.model_copy(update={"next_pressure": _as_lists(judgement)})
+                on_rung(artefact, predictions, comparison, told)
+        floor = diagnosis.noise_floor_mm if in_mm else diagnosis.noise_floor_deg
+        rungs.append(_rung(problem, artefact, added, before, fitted, diagnosis))
         if progress is not None:
             progress(index + 1, MOST_RUNGS)
-        diagnosis = judgement.diagnosis
         if diagnosis.verdict != "missing":
             stopped = f"the verdict is {diagnosis.verdict}: {diagnosis.sentence}"
             break
@@ -104,18 +117,26 @@ def improve(
             stopped = f"the time budget of {budget_s:.0f} s is used up; the last diagnosis still names {name}"
             break
         before, added = fitted, name
-        fitted = judgement.refitted[name].fitted
-        errors = judgement.refitted[name].errors
-        fitted, errors, gone = _look_back(problem, fitted, errors, judgement.floor, name)
+        if index + 1 < len(finished):
+            following = finished[index + 1][0]
+            fitted = refit_artefact(following, problem)
+            dropped |= {*before.options.effects, name} - {*following.effects, SEGMENTS}
+            continue
+        trial = refitted.get(name) or refit_named(problem, fitted, name, files)
+        if trial is None:
+            stopped = f"{name} is named, but could not be fitted again"
+            break
+        fitted, _, gone = _look_back(problem, trial.fitted, trial.errors, floor or 0.0, name)
         if gone is not None:
             dropped.add(gone)
     test = _test_score(problem, first, fitted) if problem.test else None
     return Ladder(
         rungs=rungs,
         test=test,
-        noise_floor_mm=floor,
+        noise_floor_mm=floor if in_mm else None,
+        noise_floor_deg=None if in_mm else floor,
         stopped_because=stopped,
-        findings=_findings(rungs, test, floor, stopped),
+        findings=_findings(rungs, test, floor, "mm" if in_mm else "deg", stopped),
     )
 
 
@@ -134,7 +155,7 @@ def _without_test(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
 
 
 def _rung(
-    problem: Problem, artefact: ModelFit, added: str | None, before: Fitted | None, fitted: Fitted, judgement: Judgement
+    problem: Problem, artefact: ModelFit, added: str | None, before: Fitted | None, fitted: Fitted, diagnosis: Diagnosis
 ) -> Rung:
     bic = delta_bic(problem, before, fitted) if before is not None else None
     train, validate = artefact.metrics.get("train"), artefact.metrics.get("validate")
@@ -143,50 +164,51 @@ def _rung(
         added=added,
         train_tip_rmse_mm=train.tip_rmse_mm if train else None,
         validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
+        train_angle_rmse_deg=train.angle_rmse_deg if train else None,
+        validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
         delta_bic=bic,
-        verdict=judgement.diagnosis.verdict,
+        verdict=diagnosis.verdict,
     )
 
 
 def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]:
     """Scores of the first and the last model on runs that nothing chose on."""
-    import numpy as np
+    key, part = ("tip_rmse_mm", "tip") if problem.train[0].has_tip else ("angle_rmse_deg", "angle")
 
     def of(fitted: Fitted) -> tuple[float | None, dict[str, float | None]]:
         scores, parts, _ = score(problem, fitted.model, fitted.par, problem.test)
-        tips = [p.tip for p in parts.values() if p.tip is not None]
-        total = float(np.sqrt(np.mean(np.concatenate(tips)))) if tips else None
-        return total, {name: s.tip_rmse_mm for name, s in scores.items()}
+        squares = [getattr(p, part) for p in parts.values() if getattr(p, part) is not None]
+        total = float(np.sqrt(np.nanmean(np.concatenate(squares)))) if squares else None
+        return total, {name: getattr(s, key) for name, s in scores.items()}
 
     before, _ = of(first)
     after, each = of(last)
     return {
         "model": last.options.name,
-        "tip_rmse_mm": after,
+        key: after,
         "first_model": first.options.name,
-        "first_model_tip_rmse_mm": before,
+        f"first_model_{key}": before,
         "experiments": each,
     }
 
 
-def _findings(rungs: Sequence[Rung], test: dict[str, Any] | None, floor: float | None, stopped: str) -> list[str]:
+def _findings(
+    rungs: Sequence[Rung], test: dict[str, Any] | None, floor: float | None, unit: str, stopped: str
+) -> list[str]:
     out = []
+    what = "tip error" if unit == "mm" else "error of the bend angle"
+    key = "tip_rmse_mm" if unit == "mm" else "angle_rmse_deg"
     added = [r.added for r in rungs if r.added]
     if added:
         out.append(f"Missing from the paper's model, and added in this order: {', '.join(added)}.")
-    first, last = rungs[0], rungs[-1]
-    if added and first.validate_tip_rmse_mm and last.validate_tip_rmse_mm:
-        factor = first.validate_tip_rmse_mm / last.validate_tip_rmse_mm
-        out.append(
-            f"The tip error on validation runs fell from {first.validate_tip_rmse_mm:.3f} to "
-            f"{last.validate_tip_rmse_mm:.3f} mm ({factor:.1f} times)."
-        )
-    if added and test and test["tip_rmse_mm"] and test["first_model_tip_rmse_mm"]:
-        out.append(
-            f"On test runs, on which nothing was chosen, it fell "
-            f"from {test['first_model_tip_rmse_mm']:.3f} to {test['tip_rmse_mm']:.3f} mm."
-        )
+    first, last = (getattr(rung, f"validate_{key}") for rung in (rungs[0], rungs[-1]))
+    if added and first and last:
+        fall = f"fell from {first:.3f} to {last:.3f} {unit} ({first / last:.1f} times)"
+        out.append(f"The {what} on validation runs {fall}.")
+    if added and test and test[key] and test[f"first_model_{key}"]:
+        fall = f"fell from {test[f'first_model_{key}']:.3f} to {test[key]:.3f} {unit}"
+        out.append(f"On test runs, on which nothing was chosen, it {fall}.")
     if floor:
-        out.append(f"The noise floor is {floor:.3f} mm.")
+        out.append(f"The noise floor is {floor:.3f} {unit}.")
     out.append(f"Stopped because {stopped}")
     return out

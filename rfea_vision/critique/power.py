@@ -17,7 +17,7 @@ from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.diagnosis import refit_artefact
 from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE, floor_of
-from rfea_vision.critique.screening import Sensitivity, offered, sensitivities
+from rfea_vision.critique.screening import Sensitivity, available, offered, sensitivities
 from rfea_vision.fitting.fit import make_problem
 from rfea_vision.fitting.observation import MM, Observed
 
@@ -58,10 +58,12 @@ def power_study(
     list of Revealed
         One row per amplitude on offer.
     """
-    problem = make_problem(recordings, Actuator(**model.actuator), model.observe)  # type: ignore[arg-type]
+    zero_sd = float(model.given.get("pressure_zero_sd", 0.0))
+    problem = make_problem(recordings, Actuator(**model.actuator), model.observe, pressure_zero_sd=zero_sd)  # type: ignore[arg-type]
     fitted = refit_artefact(model, problem)
     floor = floor_of(problem, fitted)
-    effects = offered(problem, fitted, candidates, effect_files)
+    present = {e.id for e in fitted.model.effects}
+    effects = available(offered(problem, fitted, candidates, effect_files), present)
     # From the floor up to an error that an effect must lower by a tenth, and by a fifth of the floor.
     wanted = max(1 + MATTERS_FLOORS, 1 / (1 - MATTERS_SHARE))
     structure = floor * float(np.sqrt(wanted**2 - 1))

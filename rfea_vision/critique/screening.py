@@ -8,7 +8,7 @@ doi:10.1093/biomet/74.1.33). Significance allows for correlated residuals: gradi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,7 +36,7 @@ class Screened:
     grid: dict[str, float]
     step: dict[str, float]
     explained: float
-    score_p: float
+    score_p: float | None  # None where no score test says it: see refinement.py
     at: int | None = None
 
 
@@ -59,6 +59,11 @@ def offered(
             continue
         chosen.append(effect)
     return tuple(chosen)
+
+
+def available(effects: Sequence[Effect], present: Collection[str]) -> tuple[Effect, ...]:
+    """Effects that are not in a model yet, and for which those that they go with are."""
+    return tuple(e for e in effects if e.id not in present and set(e.goes_with) <= set(present))
 
 
 def grids(effects: Sequence[Effect]) -> list[dict[str, float]]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rfea_vision.critique.fresh_look import fresh_look
 from rfea_vision.critique.measures import (
     STRUCTURE_FLOORS,
     Errors,
@@ -18,19 +19,24 @@ from rfea_vision.critique.measures import (
     merit,
     structure,
 )
-from rfea_vision.critique.screening import Screened, offered, screen
+from rfea_vision.critique.refinement import SEGMENTS, SPLIT_BY, TITLE, refit_segments
+from rfea_vision.critique.screening import Screened, available, offered, screen
 from rfea_vision.effects.base import Effect
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added
 from rfea_vision.fitting.observation import MM
+from rfea_vision.fitting.problem import PER_JOINT
 
-#: Share of the squared error above the noise from which on a misfit counts as explained.
+#: Share of the squared error above the noise from which on a misfit counts as explained, unless asked otherwise.
 EXPLAINED = 0.97
 #: Structure below this share of the tube's length (0.03 mm of 155) is within the systematic errors of calibration, clamp
 #: and the chain's own segments, however fine the noise: it earns no effect a name, and denies none.
 NEGLIGIBLE_SHARE = 2e-4
 REFITS = 6
 MORE_REFITS = 9
+#: Misfit, in noise floors, from which on the base parameters may sit in a wrong minimum.
+FAR = 8.0
+FRESH = 3
 FIRSTS = 2
 SECONDS = 3
 PAIRS = 4
@@ -72,31 +78,60 @@ class Trials:
     floor: float
     effects: tuple[Effect, ...]
     effect_files: tuple[Path, ...] = ()
+    enough: float = EXPLAINED
     progress: Callable[[], None] = field(default=lambda: None)
+
+    @property
+    def in_mm(self) -> bool:
+        """Whether errors are of the tip, in mm; else of the bend angle, in deg."""
+        return self.problem.train[0].has_tip
 
     @property
     def small(self) -> float:
         """Structure, in noise floors, that no effect is blamed for: half a floor, or what no reading of a tube can prove."""
-        if not self.problem.train[0].has_tip or self.floor <= 0:
+        if not self.in_mm or self.floor <= 0:
             return STRUCTURE_FLOORS
         return max(STRUCTURE_FLOORS, NEGLIGIBLE_SHARE * self.problem.actuator.length / MM / self.floor)
 
     def effect(self, name: str) -> Effect:
         return next(e for e in self.effects if e.id == name)
 
-    def refit(self, rows: Sequence[Screened], since: Refitted | None = None) -> Refitted | None:
-        """Add one effect, from each of the screened points, to the model (or to an earlier trial); None if it cannot be."""
+    def title(self, name: str) -> str:
+        """What a candidate is called in a sentence."""
+        return TITLE if name == SEGMENTS else self.effect(name).title
+
+    def split_by(self, name: str) -> str:
+        """What would tell a candidate from its look-alikes."""
+        return SPLIT_BY if name == SEGMENTS else self.effect(name).split_by
+
+    def _solved(
+        self, base: Fitted, name: str, rows: Sequence[Screened], starts: Sequence[Mapping[str, float]] | None
+    ) -> Fitted | None:
+        called = f"{base.options.name}+{name}"
+        if name == SEGMENTS:
+            return refit_segments(self.problem, base, called)
+        files = self.effect_files or base.options.effect_files
+        options = replace(base.options, effects=(*base.options.effects, name), name=called, effect_files=files)
+        points = [dict(s) for s in starts] if starts else [_start(self.effect(name), row) for row in rows]
+        try:
+            return fit_added(self.problem, options, base, starts=points)
+        except DataError:
+            return None
+
+    def refit(
+        self,
+        rows: Sequence[Screened],
+        since: Refitted | None = None,
+        starts: Sequence[Mapping[str, float]] | None = None,
+    ) -> Refitted | None:
+        """Add one effect to the model (or to an earlier trial), from each of the screened points; None if it cannot be.
+
+        `starts` are other values to start from, by name.
+        """
         base = since.fitted if since is not None else self.before
         name = rows[0].effect
-        options = replace(
-            base.options,
-            effects=(*base.options.effects, name),
-            name=f"{base.options.name}+{name}",
-            effect_files=self.effect_files or base.options.effect_files,
-        )
-        try:
-            trial = fit_added(self.problem, options, base, starts=[_start(self.effect(name), row) for row in rows])
-        except DataError:
+        trial = self._solved(base, name, rows, starts)
+        if trial is None:
             return None
         errors = errors_of(self.problem, trial)
         earlier = since.errors if since is not None else self.errors
@@ -110,9 +145,9 @@ class Trials:
             trial,
             errors,
             delta_bic(self.problem, base, trial),
-            all(_physical(trial, one) for one in added),
+            all(_physical(trial, one) for one in added if one != SEGMENTS),
             explained,
-            structure(errors, self.floor) < self.small or explained >= EXPLAINED,
+            structure(errors, self.floor) < self.small or explained >= self.enough,
             matters(earlier, errors, self.floor) and (since is None or since.matters),
         )
 
@@ -140,12 +175,20 @@ def _start(effect: Effect, screened: Screened) -> dict[str, float]:
     return out
 
 
-def _by_effect(screened: Sequence[Screened]) -> dict[str, list[Screened]]:
+def _by_effect(screened: Sequence[Screened], least: float = 1e-4) -> dict[str, list[Screened]]:
     """Two best points of the grid of every effect, the effect that explains most first."""
     out: dict[str, list[Screened]] = {}
     for item in screened:
         out.setdefault(item.effect, []).append(item)
-    return {name: rows[:2] for name, rows in out.items() if rows[0].explained > 1e-4}
+    return {name: rows[:2] for name, rows in out.items() if rows[0].explained >= least}
+
+
+def try_one(trials: Trials, name: str) -> Refitted | None:
+    """Refit one candidate that is named already, just as `try_singles` would."""
+    if name == SEGMENTS:
+        return trials.refit([Screened(SEGMENTS, {}, {}, 0.0, None)])
+    rows = [r for r in screen(trials.problem, trials.before, [trials.effect(name)]) if r.effect == name]
+    return trials.refit(rows[:2]) if rows else None
 
 
 def try_singles(trials: Trials, screened: Sequence[Screened]) -> dict[str, Refitted]:
@@ -154,10 +197,13 @@ def try_singles(trials: Trials, screened: Sequence[Screened]) -> dict[str, Refit
     A linear step says little about a large misfit, so more are refitted while none explains it; once one does, only
     those whose score comes near are worth the time.
     """
-    ranked = _by_effect(screened)
+    ranked = _by_effect([row for row in screened if row.effect != SEGMENTS])
     top = max((rows[0].explained for rows in ranked.values()), default=0.0)
-    most = REFITS if structure(trials.errors, trials.floor) < 8 else MORE_REFITS
+    most = REFITS if structure(trials.errors, trials.floor) < FAR else MORE_REFITS
     done: dict[str, Refitted] = {}
+    finer = [row for row in screened if row.effect == SEGMENTS]
+    if finer and (trial := trials.refit(finer)) is not None:  # what needs no law is tried before any law
+        done[SEGMENTS] = trial
     for name, rows in ranked.items():
         reached = any(r.reaches and r.wins for r in done.values())
         share = rows[0].explained / max(top, 1e-300)
@@ -166,6 +212,21 @@ def try_singles(trials: Trials, screened: Sequence[Screened]) -> dict[str, Refit
         trial = trials.refit(rows)
         if trial is not None:
             done[name] = trial
+    return done
+
+
+def try_fresh(trials: Trials, screened: Sequence[Screened], singles: Mapping[str, Refitted]) -> dict[str, Refitted]:
+    """Candidates again, each with a base model fitted anew: for a large misfit that no refit from the present one explains."""
+    present = {e.id for e in trials.before.model.effects}
+    rows = _by_effect(screened, least=0.0)
+    looks = fresh_look(trials.problem, trials.before, available(trials.effects, present), trials.progress)
+    done = dict(singles)
+    for look in [item for item in looks if item.effect in rows][:FRESH]:
+        factor = trials.before.options.segments / look.segments
+        start = {n: v * (factor if n in PER_JOINT else 1.0) for n, v in look.parameters.items()}
+        trial = trials.refit(rows[look.effect], starts=[start])
+        if trial is not None and (look.effect not in done or trial.merit < done[look.effect].merit):
+            done[look.effect] = trial
     return done
 
 
@@ -189,7 +250,7 @@ def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitt
     while firsts and len(firsts[0].added) < MOST_TOGETHER:
         proposals: list[tuple[float, Refitted, list[Screened]]] = []
         for first in firsts:
-            effects = [e for e in trials.effects if e.id not in first.added]
+            effects = available(trials.effects, {e.id for e in first.fitted.model.effects})
             rows = _by_effect(screen(trials.problem, first.fitted, effects))
             trials.progress()
             cost = first.fitted.solution.evaluation.cost
@@ -212,4 +273,4 @@ def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitt
     return found
 
 
-__all__ = ["Refitted", "Trials", "distinct", "offered", "try_singles", "try_together"]
+__all__ = ["Refitted", "Trials", "distinct", "offered", "try_fresh", "try_one", "try_singles", "try_together"]

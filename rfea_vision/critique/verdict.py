@@ -69,13 +69,13 @@ def _ties(trials: Trials, rivals: Sequence[Refitted]) -> tuple[list[Tie], list[R
                 group.append(different.pop())
                 members.append(other)
         if len(group) > 1:
-            return [Tie(effects=group, split_by=trials.effect(own).split_by)], members
+            return [Tie(effects=group, split_by=trials.split_by(own))], members
     return [], []
 
 
 def _missing(trials: Trials, best: Refitted, tied: Sequence[Tie]) -> str:
     runs = "runs that were not used" if trials.problem.validate else "the training runs (there are no validation runs)"
-    titles = " and ".join(trials.effect(name).title for name in best.added)
+    titles = " and ".join(trials.title(name) for name in best.added)
     verb, it = ("is", "it") if len(best.added) == 1 else ("are", "them")
     text = (
         f"{titles} {verb} missing: adding {it} takes the error on {runs} from {trials.errors.held:.3f} to "
@@ -102,9 +102,9 @@ def _unexplained(trials: Trials, part: Refitted | None) -> str:
     )
     if part is not None:
         share = f"{100 * part.explained:.0f} % of the squared error"
-        text += f" The nearest, {part.added[0]}, would account for {share}: too little for a name."
+        text += f" The nearest, {part.added[0]}, would account for {share}: less than the {100 * trials.enough:.0f} % asked of a name."
     return text
 
 
 def _unit(trials: Trials) -> str:
-    return "mm" if trials.problem.train[0].has_tip else "deg"
+    return "mm" if trials.in_mm else "deg"

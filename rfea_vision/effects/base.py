@@ -164,6 +164,7 @@ class Effect:
     dissipates: ClassVar[bool] = False
     source_text: ClassVar[str | None] = None  # of a user's file
     exactly_tied_to: ClassVar[tuple[str, ...]] = ()
+    goes_with: ClassVar[tuple[str, ...]] = ()  # effects without which this one is no candidate
 
     def __init__(self) -> None:
         self._symbols = {

@@ -84,6 +84,8 @@ def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple
     for path in effect_files:
         for effect in load_effect_file(Path(path)):
             known[effect.id] = effect
+    if "segments" in ids and "segments" not in known:
+        raise InputError("effect 'segments' is no law but a finer chain; use --segments with a larger number")
     missing = [name for name in ids if name not in known]
     if missing:
         raise InputError(

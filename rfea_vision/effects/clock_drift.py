@@ -17,7 +17,7 @@ class ClockDrift(Effect):
     mistaken_for = "time_offset, warm-up"
     split_by = "an LED or trigger at both ends of the recording"
     kind = "measurement"
-    parameters = {"d": EffectParameter("1", 0.0, -0.02, 0.02, 1e-3, "relative drift", display="ppm")}
+    parameters = {"d": EffectParameter("1", 0.0, -0.05, 0.05, 1e-3, "relative drift", display="ppm")}
 
     def time_shift(self, time: sp.Symbol) -> sp.Expr:
         return self.d * time

@@ -15,7 +15,7 @@ class ComOffset(Effect):
     mistaken_for = "rest_curvature (whose sign stays with the tube when it is mounted the other way round)"
     split_by = "mounting the tube the other way round"
     kind = "load"
-    parameters = {"a": EffectParameter("1", 0.0, -1.0, 2.0, 0.5, "offset over the outer radius")}
+    parameters = {"a": EffectParameter("1", 0.0, -2.0, 2.0, 0.5, "offset over the outer radius")}
 
     def inertia(self, place: BodyPlace, inertia: BodyInertia) -> BodyInertia:
         return BodyInertia(

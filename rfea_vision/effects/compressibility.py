@@ -16,7 +16,7 @@ class Compressibility(Effect):
     shows = "a slightly wider bore under pressure"
     mistaken_for = "pressure_gain, radial_expansion"
     split_by = "the volume that flows in against the angle"
-    parameters = {"c": EffectParameter("1/Pa", 0.0, 0.0, 1e-7, 5e-10, "one over the bulk modulus", display="1/GPa")}
+    parameters = {"c": EffectParameter("1/Pa", 0.0, 0.0, 1e-6, 5e-10, "one over the bulk modulus", display="1/GPa")}
 
     def rubber_volume(self, joint: Joint, fraction: sp.Expr) -> sp.Expr:
         return fraction * (1 - self.c * joint.pressure)

@@ -19,7 +19,7 @@ class Drag(Effect):
     kind = "load"
     parameters = {
         "c": EffectParameter(
-            "kg/m^3", 0.0, 0.0, 2000.0, 5.0, "half the density of the medium times the drag coefficient"
+            "kg/m^3", 0.0, 0.0, 2e4, 5.0, "half the density of the medium times the drag coefficient"
         )
     }
     constants = {"still": ("m/s", 1e-6)}

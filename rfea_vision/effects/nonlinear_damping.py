@@ -16,7 +16,7 @@ class NonlinearDamping(Effect):
     shows = "fast motion is held back more than slow motion predicts"
     mistaken_for = "drag (which acts on the speed of the body, not of the joint)"
     split_by = "the same fast step at rest and near full bending"
-    parameters = {"c": EffectParameter("s/rad", 0.0, -0.2, 5.0, 0.05, "growth per rate of the tube's angle")}
+    parameters = {"c": EffectParameter("s/rad", 0.0, -0.2, 10.0, 0.05, "growth per rate of the tube's angle")}
 
     def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
         return damping * (1 + self.c * sp.Abs(joint.tube_rate))

@@ -16,7 +16,7 @@ class NonlinearStiffness(Effect):
     shows = "the curve of angle against pressure bends away from the model at high pressure"
     mistaken_for = "pressure_stiffening: the same curve against pressure"
     split_by = "the same pressures with a payload"
-    parameters = {"c": EffectParameter("1/rad^2", 0.0, -0.1, 1.0, 0.01, "relative growth per squared angle")}
+    parameters = {"c": EffectParameter("1/rad^2", 0.0, -0.15, 2.0, 0.01, "relative growth per squared angle")}
 
     def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
         return stiffness * (1 + self.c * joint.tube_angle**2)

@@ -16,7 +16,7 @@ class RadialExpansion(Effect):
     shows = "the width in the picture grows with the pressure"
     mistaken_for = "a softer spring"
     split_by = "the measured width"
-    parameters = {"c": EffectParameter("1/Pa", 0.0, 0.0, 1e-7, 1e-9, "relative growth per pressure", display="1/MPa")}
+    parameters = {"c": EffectParameter("1/Pa", 0.0, 0.0, 1e-6, 1e-9, "relative growth per pressure", display="1/MPa")}
 
     def outer_radius(self, joint: Joint, radius: sp.Expr) -> sp.Expr:
         return radius * (1 + self.c * joint.pressure)

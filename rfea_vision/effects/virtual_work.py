@@ -16,7 +16,7 @@ class VirtualWork(Effect):
     shows = "the torque grows less with bending than the paper's law says"
     mistaken_for = "the slope of the stiffness"
     split_by = "steps from several pressures: the slope of stiffness changes the ringing, the torque law does not"
-    parameters = {"a": EffectParameter("1", 0.0, 0.0, 1.0, 0.5, "share of the virtual-work torque")}
+    parameters = {"a": EffectParameter("1", 0.0, 0.0, 1.5, 0.5, "share of the virtual-work torque")}
 
     def hydraulic_torque(self, joint: Joint, torque: sp.Expr) -> sp.Expr:
         return (1 - self.a) * torque + self.a * joint.pressure * sp.pi * joint.rest_outer_radius**3

@@ -1,0 +1,97 @@
+"""The ladder as people climb it: interrupted and resumed, with a lower bar for a name, with an inclinometer alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Recording
+from rfea_vision.critique import diagnose, improve
+from rfea_vision.critique.screening import available
+from rfea_vision.effects.catalogue import find_effects
+from rfea_vision.fitting import FitOptions, fit_model
+
+OPTIONS = FitOptions(segments=6, starts=0)
+TILT = (("gravity_tilt.angle", -0.08),)
+RIVALS = ("payload", "gravity_tilt")
+
+
+def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign):
+    recordings, actuator = campaign(TILT)
+    whole: list[tuple[Any, Any]] = []
+    ladder = improve(recordings, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d: whole.append((m, d)))
+    again: list[str] = []
+    resumed = improve(
+        recordings,
+        actuator,
+        OPTIONS,
+        candidates=RIVALS,
+        finished=whole[:1],
+        on_rung=lambda m, p, c, d: again.append(m.name),
+    )
+    assert again == [whole[1][0].name], "only what was not finished is fitted and judged"
+    assert [r.model for r in resumed.rungs] == [r.model for r in ladder.rungs]
+    for one, other in zip(ladder.rungs, resumed.rungs, strict=True):
+        assert other.validate_tip_rmse_mm == pytest.approx(one.validate_tip_rmse_mm, rel=1e-3)
+        assert (one.delta_bic is None) == (other.delta_bic is None)
+
+
+def test_a_part_is_named_only_where_less_is_asked_of_a_name(campaign):
+    recordings, actuator = campaign((("fan.F", 0.01), *TILT))
+    model = fit_model(recordings, actuator, OPTIONS)
+    strict, _ = diagnose(model, recordings, candidates=["gravity_tilt"])
+    lenient, _ = diagnose(model, recordings, candidates=["gravity_tilt"], enough=0.6)
+    assert strict.verdict == "unexplained" and strict.named == []
+    assert "gravity_tilt" in strict.sentence and "97 %" in strict.sentence
+    assert lenient.verdict == "missing" and lenient.named == ["gravity_tilt"]
+
+
+def test_an_inclinometer_is_judged_in_degrees(campaign):
+    recordings, actuator = campaign(TILT)
+    inclined = {name: Recording(_angle_alone(r)) for name, r in recordings.items()}
+    rungs: list[Any] = []
+    ladder = improve(inclined, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d: rungs.append(d))
+    assert rungs[0].noise_floor_mm is None and rungs[0].noise_floor_deg > 0
+    for candidate in rungs[0].candidates:
+        assert candidate.train_rmse_mm is None and candidate.predicted_rmse_deg is not None
+    assert all(rung.train_tip_rmse_mm is None and rung.train_angle_rmse_deg > 0 for rung in ladder.rungs)
+    assert " deg" in rungs[0].sentence and " mm" not in rungs[0].sentence
+
+
+def _angle_alone(recording: Recording) -> Any:
+    data = recording.dataset
+    keep = [n for n in ("pressure", "bend_angle", "bend_angle_sigma", "valid", "reason") if n in data]
+    out = data[keep].copy()
+    rng = np.random.default_rng(3)
+    out["bend_angle"] = out["bend_angle"] + 0.1 * rng.standard_normal(out["bend_angle"].shape)
+    return out
+
+
+def test_a_second_branch_is_a_candidate_only_beside_the_first():
+    effects = find_effects(["maxwell", "maxwell_2", "payload"])
+    assert {e.id for e in available(effects, set())} == {"maxwell", "payload"}
+    assert {e.id for e in available(effects, {"maxwell"})} == {"maxwell_2", "payload"}
+
+
+def test_two_branches_are_the_sum_of_two(campaign):
+    recordings, actuator = campaign()
+    options = replace(OPTIONS, effects=("maxwell", "maxwell_2"))
+    names = {"maxwell.k1": 0.05, "maxwell.T": 0.3, "maxwell_2.k1": 0.04, "maxwell_2.T": 2.0}
+    model = fit_model(recordings, actuator, replace(options, fixed=names))
+    assert {n: model.parameters[n].value for n in names} == pytest.approx(names)
+
+
+def test_a_chain_that_is_too_coarse_is_made_finer(campaign):
+    recordings, actuator = campaign()
+    coarse = replace(OPTIONS, segments=2)
+    model = fit_model(recordings, actuator, coarse)
+    diagnosis, _ = diagnose(model, recordings)
+    finer = next(c for c in diagnosis.candidates if c.effect == "segments")
+    assert finer.refitted and finer.matters and finer.score_p is None and finer.parameters == {}
+    assert finer.validate_rmse_mm < 0.85 * model.metrics["validate"].tip_rmse_mm
+    assert diagnosis.named[:1] == ["segments"]
+    fine, _ = diagnose(fit_model(recordings, actuator, replace(OPTIONS, segments=12)), recordings)
+    assert "segments" not in {c.effect for c in fine.candidates}
