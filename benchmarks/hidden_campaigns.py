@@ -19,6 +19,7 @@ from rfea_vision import open_campaign
 from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.errors import DataError
+from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import FitOptions, carried, make_model
 from rfea_vision.twin import TwinOptions, simulate
 from rfea_vision.twin.draw import (
@@ -271,20 +272,26 @@ def search_strength(effect: str, case: Case, most_tries: int = 3) -> dict[str, A
 
 
 def hidden_of(case: Case) -> dict[str, Any]:
-    """Hidden parameters of a case, from the committed file, or searched and kept there."""
+    """Hidden parameters of a case: from the committed file, or searched."""
     if not case.effects:
         return {"hidden": {}, "expected_floors": 1.0}
-    known = json.loads(STRENGTHS.read_text()) if STRENGTHS.exists() else {}
-    if case.key not in known:
-        parts = [search_strength(effect, case) for effect in case.effects]
-        hidden: dict[str, float] = {}
-        for part in parts:
-            hidden |= part.get("hidden", {})
-        reached = float(np.sqrt(1 + sum(part.get("structure", 0.0) ** 2 for part in parts)))
-        known[case.key] = {
-            "hidden": {k: float(f"{v:.4g}") for k, v in hidden.items()},
-            "expected_floors": round(reached, 2),
-        }
-        FOLDER.mkdir(exist_ok=True)
-        STRENGTHS.write_text(json.dumps(dict(sorted(known.items())), indent=1) + "\n")
-    return known[case.key]
+    known = read_strengths()
+    if case.key in known:
+        return known[case.key]
+    parts = [search_strength(effect, case) for effect in case.effects]
+    hidden: dict[str, float] = {}
+    for part in parts:
+        hidden |= part.get("hidden", {})
+    reached = float(np.sqrt(1 + sum(part.get("structure", 0.0) ** 2 for part in parts)))
+    return {"hidden": {k: float(f"{v:.4g}") for k, v in hidden.items()}, "expected_floors": round(reached, 2)}
+
+
+def read_strengths() -> dict[str, Any]:
+    """Strengths found so far, by campaign."""
+    return json.loads(STRENGTHS.read_text(encoding="utf-8")) if STRENGTHS.exists() else {}
+
+
+def keep_strength(key: str, found: dict[str, Any]) -> None:
+    """Keep a strength, so that a campaign is the same forever."""
+    known = {**read_strengths(), key: found}
+    write_text(STRENGTHS, json.dumps(dict(sorted(known.items())), indent=1) + "\n")

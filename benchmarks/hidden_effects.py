@@ -11,12 +11,22 @@ import json
 import sys
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.hidden_campaigns import FOLDER, OUTSIDE, Case, cases, hidden_of, recordings_of, twin_options
+from benchmarks.hidden_campaigns import (
+    FOLDER,
+    OUTSIDE,
+    Case,
+    cases,
+    hidden_of,
+    keep_strength,
+    recordings_of,
+    twin_options,
+)
 from benchmarks.hidden_tables import rows, write_document
 from rfea_vision.artefacts import Comparison, Diagnosis, ModelFit
 from rfea_vision.critique import improve
@@ -77,6 +87,7 @@ def run_case(case: Case) -> dict[str, Any]:
         "kind": case.kind,
         "effects": list(case.effects),
         "hidden": truth["hidden"],
+        "floors_expected": truth["expected_floors"],
         "floors_wanted": case.floors,
         "floors": round((first[0].metrics["train"].tip_rmse_mm or 0.0) / floor, 2),
         "verdict": first[1].verdict,
@@ -119,21 +130,28 @@ def _shortened(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     ]
 
 
-def run_all(limit: int | None = None, *, resume: bool = True, only: str = "") -> list[dict[str, Any]]:
-    """Run campaigns that are not done yet, in order, each kept as soon as it is finished."""
+def _attempt(case: Case) -> dict[str, Any]:
+    try:
+        return run_case(case)
+    except RfeaError as error:
+        return {"key": case.key, "kind": "failed", "effects": list(case.effects), "error": str(error)}
+
+
+def run_all(limit: int | None = None, *, resume: bool = True, only: str = "", workers: int = 1) -> list[dict[str, Any]]:
+    """Run campaigns that are not done yet, each kept as soon as it is finished; what they find does not depend on `workers`."""
     if not resume:
         RESULTS.unlink(missing_ok=True)
     done = {line["key"] for line in read_results()}
-    todo = [case for case in cases() if case.key not in done and only in case.key]
+    todo = [case for case in cases() if case.key not in done and only in case.key][:limit]
     FOLDER.mkdir(exist_ok=True)
-    for index, case in enumerate(todo[:limit]):
-        try:
-            line = run_case(case)
-        except RfeaError as error:
-            line = {"key": case.key, "kind": "failed", "effects": list(case.effects), "error": str(error)}
-        with RESULTS.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
-        sys.stderr.write(f"{index + 1}/{len(todo[:limit])} {_sentence(line)}\n")
+    with ProcessPoolExecutor(workers) as pool:
+        for index, future in enumerate(as_completed([pool.submit(_attempt, case) for case in todo])):
+            line = future.result()
+            if line.get("hidden"):
+                keep_strength(line["key"], {"hidden": line["hidden"], "expected_floors": line["floors_expected"]})
+            with RESULTS.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            sys.stderr.write(f"{index + 1}/{len(todo)} {_sentence(line)}\n")
     return read_results()
 
 
@@ -157,9 +175,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--limit", type=int, help="run at most this many campaigns")
     parser.add_argument("--resume", action="store_true", help="go on where an earlier run stopped (else start afresh)")
     parser.add_argument("--only", default="", help="only campaigns whose name contains this text")
+    parser.add_argument("--workers", type=int, default=1, help="campaigns at a time")
     parser.add_argument("--tables", action="store_true", help="run nothing; write the tables from what is there")
     given = parser.parse_args(arguments)
-    lines = read_results() if given.tables else run_all(given.limit, resume=given.resume, only=given.only)
+    lines = (
+        read_results()
+        if given.tables
+        else run_all(given.limit, resume=given.resume, only=given.only, workers=given.workers)
+    )
     write_document(lines, rows(lines, COMMAND), len(cases()))
     return 0
 

@@ -35,6 +35,20 @@ class Quantity(click.ParamType):
         return "QUANTITY"
 
 
+class Segments(click.ParamType):
+    """A number of bodies from 1 to 256, or ``auto``."""
+
+    name = "segments"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        if value == "auto":
+            return value
+        return click.IntRange(1, 256).convert(value, param, ctx)
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        return "[INTEGER|auto]"
+
+
 def output_options(command: _Command) -> _Command:
     """Add --json and --debug, which every command has."""
     command = click.option("--debug", is_flag=True, help="Show the traceback of an error.")(command)
@@ -65,6 +79,16 @@ def effect_file_option(command: _Command) -> _Command:
     )(command)
 
 
+def enough_option(command: _Command) -> _Command:
+    """Add --enough: how much of the misfit an effect must explain to be named."""
+    return click.option(
+        "--enough",
+        type=Quantity("1", "97%"),
+        metavar="SHARE",
+        help="Share of the misfit (squared error above the noise) that must be explained to earn a name; default 97%.",
+    )(command)
+
+
 def model_options(command: _Command) -> _Command:
     """Add the choices of the model that fit and improve share."""
     command = click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")(command)
@@ -82,7 +106,11 @@ def model_options(command: _Command) -> _Command:
         help="Joints in the middle of their arc, or at the start of the body as in the paper.",
     )(command)
     return click.option(
-        "--segments", type=click.IntRange(1, 256), default=16, show_default=True, help="Number of bodies."
+        "--segments",
+        type=Segments(),
+        default=16,
+        show_default=True,
+        help="Number of bodies; auto: as few as bring the error near the noise floor.",
     )(command)
 
 

@@ -20,6 +20,7 @@ from rfea_vision.stages.products import (
     rung_of,
     save_diagnosis,
     save_prediction,
+    save_timings,
     without_pressure,
 )
 from rfea_vision.stages.stored import Stored, values
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 CODE = ("artefacts", "tube", "steady", "dynamics", "effects", "fitting", "critique")
 PREDICTED_ROLES = ("train", "validate")
+RUNG_FILES = ("model.json", "prediction.nc", "comparison.json", "diagnosis.json")
 
 Recordings = Mapping[str, Stored[Recording]]
 
@@ -67,6 +69,7 @@ def fit(work: Workspace, choices: ModelChoices) -> Stored[ModelFit]:
         model = model.model_copy(update={"inputs": work.raw_inputs()})
         save_prediction(folder, with_residual_torque(model, measured, predict(model, measured)))
         model.save(folder / "model.json")
+        save_timings(folder, model)
         return model, [folder / "model.json", folder / "prediction.nc"], describe_fit(model)
 
     return work.run(
@@ -117,7 +120,12 @@ def compare(work: Workspace, name: str) -> Stored[Comparison]:
 
 
 def diagnose(
-    work: Workspace, name: str, *, effect_files: Sequence[Path | str] = (), seed: int = 0
+    work: Workspace,
+    name: str,
+    *,
+    effect_files: Sequence[Path | str] = (),
+    seed: int = 0,
+    enough: float | None = None,
 ) -> Stored[Diagnosis]:
     """Say which effect is missing."""
     model = fitted(work, name)
@@ -139,6 +147,7 @@ def diagnose(
             where=compared.value.where,
             seed=seed,
             progress=progress,
+            **_asked(enough),
         )
         pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)
         outputs = save_diagnosis(folder, diagnosis, pressure)
@@ -147,14 +156,14 @@ def diagnose(
     return work.run(
         "diagnose",
         name,
-        **_diagnose_parts(work, name, recordings, files, seed),
+        **_diagnose_parts(work, name, recordings, files, seed, enough),
         make=make,
         load=lambda: Diagnosis.load(folder / "diagnosis.json"),
     )
 
 
-def improve(work: Workspace, choices: ModelChoices, *, budget_s: float) -> Stored[Ladder]:
-    """Climb the ladder; every rung is written as it comes, so that an interruption keeps it."""
+def improve(work: Workspace, choices: ModelChoices, *, budget_s: float, enough: float | None = None) -> Stored[Ladder]:
+    """Climb the ladder; every rung is written as it comes, and a climb that was interrupted goes on from there."""
     recordings = work.recordings("train", "validate", "test")
     actuator = common_actuator(work, recordings)
     path = work.out / Ladder.FILE
@@ -164,11 +173,17 @@ def improve(work: Workspace, choices: ModelChoices, *, budget_s: float) -> Store
 
         outputs: list[Path] = []
         rungs: list[Rung] = []
+        finished = _finished(work, choices, recordings, actuator, enough)
+        for model, diagnosis in finished:
+            rungs.append(rung_of(model, diagnosis, rungs))
+            outputs.extend(model_folder(work, model.name) / file for file in RUNG_FILES)
+            work.listener.note(f"{describe_rung(rungs[-1])} (as before)")
 
         def on_rung(
             model: ModelFit, predictions: Mapping[str, xr.Dataset], comparison: Comparison, diagnosis: Diagnosis
         ) -> None:
-            outputs.extend(_save_rung(work, choices, recordings, actuator, (model, predictions, comparison, diagnosis)))
+            rung = (model, predictions, comparison, diagnosis)
+            outputs.extend(_save_rung(work, choices, recordings, actuator, rung, enough))
             rungs.append(rung_of(model, diagnosis, rungs))
             Ladder(rungs=rungs, noise_floor_mm=model.noise_floor_mm, stopped_because="not finished").save(path)
             work.listener.note(describe_rung(rungs[-1]))
@@ -176,10 +191,12 @@ def improve(work: Workspace, choices: ModelChoices, *, budget_s: float) -> Store
         ladder = climb(
             values(recordings),
             actuator,
-            choices.fit_options(),
+            replace(choices.fit_options(), study_segments=True),
             budget_s=budget_s,
             on_rung=on_rung,
+            finished=finished,
             progress=progress,
+            **_asked(enough),
         )
         ladder.save(path)
         return ladder, [path, *dict.fromkeys(outputs)], ladder.stopped_because
@@ -189,11 +206,39 @@ def improve(work: Workspace, choices: ModelChoices, *, budget_s: float) -> Store
         "ladder",
         inputs=list(choices.effect_files),
         also=_recording_hashes(work, recordings),
-        options={"fit": choices.as_record(), "actuator": actuator, "budget_s": budget_s},
+        options={"fit": choices.as_record(), "actuator": actuator, "budget_s": budget_s, "enough": enough},
         code=CODE,
         make=make,
         load=lambda: Ladder.load(path),
     )
+
+
+def _finished(
+    work: Workspace, choices: ModelChoices, recordings: Recordings, actuator: Actuator, enough: float | None
+) -> list[tuple[ModelFit, Diagnosis]]:
+    """Rungs of the ladder as it stands that are still true, from the first up to one that is not."""
+    path = work.out / Ladder.FILE
+    found: list[tuple[ModelFit, Diagnosis]] = []
+    if "improve" in work.force or not path.is_file():
+        return found
+    for rung in Ladder.load(path).rungs:
+        folder = model_folder(work, rung.model)
+        if not (folder / "model.json").is_file():
+            break
+        model = ModelFit.load(folder / "model.json")
+        own = choices.for_rung(model)
+        judged = _diagnose_parts(work, model.name, recordings, choices.effect_files, choices.seed, enough)
+        if not work.has("fit", model.name, **_fit_parts(work, own, recordings, actuator)):
+            break
+        if not work.has("diagnose", model.name, **judged):
+            break
+        found.append((model, Diagnosis.load(folder / "diagnosis.json")))
+    return found
+
+
+def _asked(enough: float | None) -> dict[str, Any]:
+    """The share asked of a name, where one is asked for; else the critique's own."""
+    return {} if enough is None else {"enough": enough}
 
 
 def _save_rung(
@@ -202,6 +247,7 @@ def _save_rung(
     recordings: Recordings,
     actuator: Actuator,
     rung: tuple[ModelFit, Mapping[str, xr.Dataset], Comparison, Diagnosis],
+    enough: float | None,
 ) -> list[Path]:
     """Write a rung's artefacts, and note them as if fit, compare and diagnose had been called one by one."""
     model, predictions, comparison, diagnosis = rung
@@ -210,12 +256,13 @@ def _save_rung(
     fit_files = [folder / "model.json", folder / "prediction.nc"]
     save_prediction(folder, predictions)
     model.save(fit_files[0])
-    own = choices.with_effects(model.name, model.effects)
+    save_timings(folder, model)
+    own = choices.for_rung(model)
     work.remember("fit", model.name, fit_files, **_fit_parts(work, own, recordings, actuator))
     comparison.save(folder / "comparison.json")
     work.remember("compare", model.name, [folder / "comparison.json"], **_compare_parts(work, model.name))
     outputs = save_diagnosis(folder, *without_pressure(diagnosis))
-    parts = _diagnose_parts(work, model.name, recordings, choices.effect_files, choices.seed)
+    parts = _diagnose_parts(work, model.name, recordings, choices.effect_files, choices.seed, enough)
     work.remember("diagnose", model.name, outputs, **parts)
     return [*fit_files, folder / "comparison.json", *outputs]
 
@@ -238,11 +285,11 @@ def _compare_parts(work: Workspace, name: str) -> dict[str, Any]:
 
 
 def _diagnose_parts(
-    work: Workspace, name: str, recordings: Recordings, files: Sequence[Path], seed: int
+    work: Workspace, name: str, recordings: Recordings, files: Sequence[Path], seed: int, enough: float | None
 ) -> dict[str, Any]:
     model = work.cache.sha256(model_folder(work, name) / "model.json")
     also = [model, *_recording_hashes(work, recordings, PREDICTED_ROLES)]
-    return {"inputs": list(files), "also": also, "options": {"seed": seed}, "code": CODE}
+    return {"inputs": list(files), "also": also, "options": {"seed": seed, "enough": enough}, "code": CODE}
 
 
 def _recording_hashes(work: Workspace, recordings: Recordings, roles: Sequence[str] | None = None) -> list[str]:

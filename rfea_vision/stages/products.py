@@ -55,7 +55,7 @@ def without_pressure(diagnosis: Diagnosis) -> tuple[Diagnosis, tuple[Any, Any] |
 def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[Rung]) -> Rung:
     """Return the rung that a model stands on, above those `below`, for the ladder as far as it is."""
     known = {rung.added for rung in below}
-    new = [effect for effect in model.effects if effect not in known]
+    new = [effect for effect in model.effects if effect not in known] or ["segments"]  # the rung that has no new law
     train, validate = model.metrics.get("train"), model.metrics.get("validate")
     return Rung(
         model=model.name,

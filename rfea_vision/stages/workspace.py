@@ -125,21 +125,30 @@ class Workspace:
         return values({name: mechanics.compare(self, name) for name in models or self.model_names() or ("base",)})
 
     def diagnose(
-        self, model: str | None = None, *, effect_files: Sequence[Path | str] = (), seed: int = 0
+        self,
+        model: str | None = None,
+        *,
+        effect_files: Sequence[Path | str] = (),
+        seed: int = 0,
+        enough: float | None = None,
     ) -> Diagnosis:
-        """Ask which effect is missing from a model (default: the one fitted last, or the base model)."""
-        name = model or mechanics.last_model(self) or "base"
-        return mechanics.diagnose(self, name, effect_files=effect_files, seed=seed).value
+        """Ask which effect is missing from a model (default: the one fitted last, or the base model).
 
-    def improve(self, *, budget_s: float = 300.0, **choices: Any) -> Ladder:
+        `enough` is the share of the misfit, as squared error above the noise, that must be explained to earn a name.
+        """
+        name = model or mechanics.last_model(self) or "base"
+        return mechanics.diagnose(self, name, effect_files=effect_files, seed=seed, enough=enough).value
+
+    def improve(self, *, budget_s: float = 300.0, enough: float | None = None, **choices: Any) -> Ladder:
         """Fit, diagnose, add one effect, again, until a verdict ends it.
 
         Parameters
         ----------
         budget_s : time after which no further rung is begun
+        enough : as for `diagnose`
         choices : as for `fit`
         """
-        return mechanics.improve(self, choose("base", **choices), budget_s=budget_s).value
+        return mechanics.improve(self, choose("base", **choices), budget_s=budget_s, enough=enough).value
 
     # -- publishing ----------------------------------------------------------------------------------------------
 
@@ -221,6 +230,20 @@ class Workspace:
         """Note a result that came about inside another stage, so that its own stage finds it done."""
         hashes, digest = self._digest(stage, inputs, also, options, code)
         self.cache.store(f"{stage}/{subject}", digest, outputs, options=options, inputs=hashes)
+
+    def has(
+        self,
+        stage: str,
+        subject: str,
+        *,
+        inputs: Sequence[Path],
+        also: Sequence[str],
+        options: Mapping[str, Any],
+        code: Sequence[str],
+    ) -> bool:
+        """Whether a stage has been done with just these inputs, options and code, and is not to be redone."""
+        _, digest = self._digest(stage, inputs, also, options, code)
+        return stage not in self.force and self.cache.is_fresh(f"{stage}/{subject}", digest)
 
     def _digest(
         self, stage: str, inputs: Sequence[Path], also: Sequence[str], options: Mapping[str, Any], code: Sequence[str]

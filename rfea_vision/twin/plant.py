@@ -233,7 +233,7 @@ class Plant:
             coupling = -flow * (resistance + inertance / step) * law.inner_area(theta, felt) * law.base.r_hyd
         if self.chain.has_base:
             stiffness = 1 / get("base_rotation.c")
-            damper = 0.004 * stiffness  # enough to keep the clamp from ringing on its own
+            damper = 0.0005 * stiffness  # half a millisecond: the clamp itself hardly damps
             torque = np.append(-stiffness * q[0] - damper * v[0], torque)
             slope = np.append(-stiffness * step - damper, slope)
         return torque, slope, coupling
