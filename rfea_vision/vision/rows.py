@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.vision import fitted
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
+from rfea_vision.vision.markers import SAMPLES
 
 FloatArray = NDArray[np.float64]
 
@@ -53,6 +54,7 @@ class Rows:
         self._count = 0
         self.covariance_sum = np.zeros((COEFFICIENTS, COEFFICIENTS))  # at unit pixel noise, to be averaged
         self.good = 0
+        self.marked = False  # whether the profiles are worth reading
         self.reasons: list[str] = []
         self._allocate(256)
 
@@ -65,12 +67,16 @@ class Rows:
             "width_variance": (len(self._width_rows),),
             "numbers": (fitted.NUMBERS,),
             "lamp": (),
+            "profile": (SAMPLES,),
         }
         for name, shape in shapes.items():
-            new = np.full((capacity, *shape), np.nan, dtype=np.float32 if "variance" in name else np.float64)
+            if name == "profile":  # 256 steps to a grey level; pages that are never written need no memory
+                new = np.zeros((capacity, *shape), dtype=np.uint16)
+            else:
+                new = np.full((capacity, *shape), np.nan, dtype=np.float32 if "variance" in name else np.float64)
             old = self._arrays.get(name)
             if old is not None:
-                new[: len(old)] = old
+                new[: self._count] = old[: self._count]
             self._arrays[name] = new
 
     def __len__(self) -> int:
@@ -129,6 +135,8 @@ class Rows:
             return
         self._arrays["coefficients"][n] = follower.state.coefficients
         self._arrays["width"][n] = follower.state.width
+        if follower.marked and follower.profile is not None:
+            self._arrays["profile"][n] = np.round(256.0 * follower.profile)
         self._arrays["numbers"][n] = follower.work.numbers
         noise = max(float(follower.work.numbers[fitted.NOISE]), 1e-3)
         self.covariance_sum += follower.work.covariance[:COEFFICIENTS, :COEFFICIENTS] / noise**2

@@ -15,6 +15,7 @@ from rfea_vision.calibration.projection import project
 from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
+from rfea_vision.vision.markers import marker_elongation
 from rfea_vision.vision.rows import Rows
 from rfea_vision.vision.smooth import Smoothed, smooth
 from rfea_vision.vision.systematic import CalibrationError
@@ -62,6 +63,15 @@ def build_dataset(
         _start_stderr(coefficients, smoothed.variance[:, rows.part("node")][:, 0], scene.px_per_mm),
     )
     data = _in_parts(rows, valid, smoothed, view)
+    marks: dict[str, Any] = {
+        "marker_elongation_assumption": "absent: the tube shows no marks that stand out of the noise"
+    }
+    if rows.marked:
+        bend = rows["numbers"][valid, fitted.BEND]
+        marked = marker_elongation(rows["profile"][valid] / 256.0, data["length"][1], bend, rows.segments)
+        marks = marked.attributes
+        data["marker_elongation"] = (("time", "segment"), marked.elongation)
+        data["marker_elongation_sigma"] = (("time", "segment"), marked.sigma)
     variables: dict[str, Any] = {name: (dims, _spread(values, valid)) for name, (dims, values) in data.items()}
     time = rows["time"]
     reason = np.array([text.split(":")[0] for text in rows.reasons], dtype=object).astype(str)
@@ -109,6 +119,7 @@ def build_dataset(
         "origin_sigma_across_mm": view.lateral_sigma,
         "origin_sigma_note": "shared by all frames and part of tip_sigma and midline_sigma: along and across the tube at its clamp",
         **_length_check(data, scene),
+        **marks,
         **attributes,
     }
     return dataset
@@ -371,7 +382,7 @@ def _units(name: str) -> dict[str, str]:
         return {"units": "1/mm"}
     if name.startswith("bend_angle"):
         return {"units": "degree"}
-    if name in ("valid", "seen") or name.startswith("elongation"):
+    if name in ("valid", "seen") or name.startswith(("elongation", "marker_elongation")):
         return {"units": "1"}
     if name == "blur":
         return {"units": "px"}

@@ -23,6 +23,7 @@ from rfea_vision.vision.curve import point_and_tangent
 from rfea_vision.vision.ends import End, find_end
 from rfea_vision.vision.follow import fit_frame
 from rfea_vision.vision.judge import Judge
+from rfea_vision.vision.markers import SAMPLES, has_texture, light_along
 from rfea_vision.vision.rows import Rows
 from rfea_vision.vision.shape import build_dataset
 
@@ -104,6 +105,7 @@ def track_frames(
         "clamp_found_by": follower.start.base.kind,
         "polarity": follower.start.polarity,
     }
+    rows.marked = follower.marked and follower.good >= 3
     track = Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
     kept.remove()
     return track
@@ -221,6 +223,9 @@ class Follower:
         self.last_time = 0.0
         self.missed = 0
         self.good = 0
+        self.marked = True  # until the first frames say otherwise
+        self.first_profiles: list[FloatArray] = []
+        self.profile: FloatArray | None = None  # light along the tube in the last good frame
         self.clamp_errors: list[float] = []
         self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
 
@@ -234,7 +239,8 @@ class Follower:
             arrays["velocity"] = self.velocity
         plain = {"found": True, "time": self.last_time, "missed": self.missed, "good": self.good}
         plain |= {"base": astuple(self.start.base), "tip": astuple(self.start.tip)}
-        plain |= {"polarity": self.start.polarity, "score": self.start.score}
+        plain |= {"polarity": self.start.polarity, "score": self.start.score, "marked": self.marked}
+        arrays["first_profiles"] = np.array(self.first_profiles).reshape(-1, SAMPLES)
         judged = self.judge.memory()
         return arrays | {"sample": judged.pop("sample"), "plain": plain | judged}
 
@@ -249,6 +255,7 @@ class Follower:
         self.last, self.velocity = memory["last"].copy(), memory.get("velocity")
         self.clamps = [*memory["clamps"].reshape(-1, 2)]
         self.clamp_errors = memory["clamp_errors"].tolist()
+        self.marked, self.first_profiles = plain["marked"], [*memory["first_profiles"]]
         self.last_time, self.missed, self.good = plain["time"], plain["missed"], plain["good"]
         self.judge.recall(plain, memory["sample"])
 
@@ -273,6 +280,7 @@ class Follower:
             self.state.coefficients[:] = self.last
             return reason
         self._accept(time_s)
+        self._read_marks(luma)
         if self.good <= FIRST_FRAMES:
             self._look_at_clamp(luma)
         return ""
@@ -282,6 +290,19 @@ class Follower:
         assert self.state is not None
         self.state.levels[:] *= gain
         self.state.reference[:] *= gain
+
+    def _read_marks(self, luma: NDArray[np.uint8]) -> None:
+        """The light along the tube, as long as the first frames show marks in it."""
+        if not self.marked:
+            return
+        assert self.state is not None
+        profile = np.empty(SAMPLES)
+        light_along(luma, self.scene.camera, self.state.coefficients, self.state.width, profile)
+        self.profile = profile
+        if self.good <= 3:
+            self.first_profiles.append(profile)
+        if self.good == 3:
+            self.marked = has_texture(np.array(self.first_profiles), float(np.median(self.state.reference[:2])))
 
     def _look_at_clamp(self, luma: NDArray[np.uint8]) -> None:
         """The clamp does not move: average where it is seen in the first frames."""

@@ -158,6 +158,7 @@ class Look:
     flicker: float = 0.0
     busy: float = 0.0
     hose_mm: float | None = None
+    bands: int = 0  # dark bands painted on the tube
 
 
 def picture(
@@ -175,6 +176,14 @@ def picture(
         outline = np.vstack([shape_.inner[0] + [0, 5.0], outline, shape_.outer[0] + [0, 5.0]])
     tube = coverage(lens.project(outline), lens.size)
     image += tube * (look.tube - image)
+    for k in range(look.bands):
+        at = (k + 0.5) / look.bands + np.array([-0.006, 0.006])
+        i = np.linspace(*(at * (len(shape_.phi) - 1)), 8)
+        sides = [
+            np.column_stack([np.interp(i, np.arange(len(line)), line[:, c]) for c in (0, 1)])
+            for line in (shape_.inner, shape_.outer)
+        ]
+        image += coverage(lens.project(np.vstack([sides[0], sides[1][::-1]])), lens.size) * 0.35 * (20.0 - look.tube)
     if look.clamp is not None:
         a, b = look.clamp_width_mm / 2, look.clamp_height_mm
         corners = np.array([[-a, 0], [a, 0], [a, b], [-a, b]])
