@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from rfea_vision.errors import RfeaError
-from rfea_vision.report import prose
+from rfea_vision.report import methods, prose
 from rfea_vision.report.collect import Evidence, Step, collect
 from rfea_vision.report.formatting import number
 from rfea_vision.report.pack import Pack, nearest, stride
@@ -113,7 +113,7 @@ def render_comparison(first: Path, second: Path, *, names: tuple[str, str] | Non
     ]
     return environment().get_template("pair.html.j2").render(
         title=f"{called[0]} and {called[1]}", sides=sides, parameters=manifest["parameters"], style=static("style.css"),
-        manifest=safe_json(manifest), packed=Markup(pack.base64()), versions=prose.versions(),
+        manifest=safe_json(manifest), packed=Markup(pack.base64()), versions=methods.versions(),
         scripts=Markup("\n").join(static(f"{name}.js") for name in PAIR_SCRIPTS),
     )  # fmt: skip
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import yaml
+
+# OpenCV escapes an apostrophe inside double quotes, which YAML does not know.
+_APOSTROPHE = re.compile(r"(?<!\\)((?:\\\\)*)\\'")
 
 
 class _Loader(yaml.SafeLoader):
@@ -35,7 +39,7 @@ def read_camera(path: Path) -> dict[str, Any]:
     if text.startswith("%YAML"):  # OpenCV writes "%YAML:1.0", which is not a YAML directive
         text = text.split("\n", 1)[1]
     try:
-        record = yaml.load(text, Loader=_Loader)
+        record = yaml.load(_APOSTROPHE.sub(r"\1'", text), Loader=_Loader)
     except yaml.YAMLError as error:
         raise ValueError(f"not an OpenCV YAML file: {error}") from error
     if not isinstance(record, dict) or "camera_matrix" not in record:

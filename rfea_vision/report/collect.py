@@ -45,11 +45,12 @@ class Step:
     predictions: Mapping[str, xr.Dataset]
     next_pressure: tuple[list[float], list[float]] | None
     absent: Mapping[str, str]
+    study_seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Everything that the page shows."""
+    """Everything that the page shows; ``photos`` are small JPEGs of the board by the name of their photo."""
 
     folder: Path
     experiments: tuple[Experiment, ...]
@@ -57,6 +58,7 @@ class Evidence:
     ladder: Ladder | None
     camera: Mapping[str, Any] | None
     absent: Mapping[str, str] = field(default_factory=dict)
+    photos: Mapping[str, bytes] = field(default_factory=dict)
 
 
 def collect(folder: Path) -> Evidence:
@@ -84,7 +86,8 @@ def collect(folder: Path) -> Evidence:
             "No camera was calibrated here: the experiments came as tracks from another tool, "
             "or `rfea calibrate` has not run."
         )
-    return Evidence(folder, experiments, steps, ladder, camera, absent)
+    photos = {path.stem: path.read_bytes() for path in sorted((folder / "calibration" / "photos").glob("*.jpg"))}
+    return Evidence(folder, experiments, steps, ladder, camera, absent, photos)
 
 
 def _load(reader: Any, path: Path, key: str, absent: dict[str, str]) -> Any:
@@ -159,6 +162,8 @@ def _rung_of(name: str, fit: ModelFit) -> Rung:
         added=" + ".join(fit.effects) or None,
         train_tip_rmse_mm=train.tip_rmse_mm if train else None,
         validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
+        train_angle_rmse_deg=train.angle_rmse_deg if train else None,
+        validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
         delta_bic=None,
         verdict="",
     )
@@ -190,7 +195,13 @@ def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Step:
         pressure = _load(
             _read_pressure, _find(folder, room, pieces["diagnosis"].next_experiment.pressure), "next_experiment", absent
         )
-    return Step(rung, on_ladder, fit, pieces["comparison"], pieces["diagnosis"], predictions, pressure, absent)
+    seconds = {}
+    if (room / "timings.json").exists():
+        timings = _load(
+            lambda file: json.loads(file.read_text(encoding="utf-8")), room / "timings.json", "timings", absent
+        )
+        seconds = (timings or {}).get("segments_study_s", {})
+    return Step(rung, on_ladder, fit, pieces["comparison"], pieces["diagnosis"], predictions, pressure, absent, seconds)
 
 
 def _find(folder: Path, room: Path, name: str) -> Path:

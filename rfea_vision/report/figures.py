@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ FIGURES = {
         ),
         Figure(
             "phases",
-            "By phase of the pressure",
+            "By phase",
             "Root mean square error while the pressure rises, holds, falls and so on. The ring is the rung before.",
             "Tip error by phase of the pressure",
             220,
@@ -164,33 +164,68 @@ FIGURES = {
             220,
         ),
         Figure(
+            "offsets",
+            "Where the clocks agree",
+            "How much of the motion follows the pressure, over the offset tried. A single sharp peak at the line is a sure "
+            "alignment; a second one as high is a doubt.",
+            "Share of the motion explained over the offset of the clocks",
+            190,
+        ),
+        Figure(
             "photos",
             "Corners of the board that do not fit",
             "Worst photo first. Each stroke is the distance from where a corner was seen to where the lens model "
-            "puts it, much "
-            "enlarged and to one scale. Strokes that all point one way tell of a lens or board that is not as assumed.",
-            "Reprojection residuals of the calibration photos",
-            300,
+            "puts it, much enlarged and to one scale. Strokes that all point one way tell of a lens or board that is not as "
+            "assumed.",
+            "Reprojection residuals of the calibration photos, worst first",
+            420,
         ),
         Figure(
             "uncertainty",
-            "Uncertainty in the plane of motion",
-            "Standard error of a point relative to the middle of the picture.",
-            "Map of the calibration's standard error over the picture",
+            "Uncertainty",
+            "Standard error of a point in the plane of motion, relative to the middle of the picture.",
+            "Map of the calibration's standard error in mm over the picture",
+            300,
+        ),
+        Figure(
+            "coverage",
+            "Places of the board",
+            "Corners seen in each field of the picture, all photos together. Outlined: none; the lens is a guess there.",
+            "Number of corners seen in each field of the picture",
             300,
         ),
         Figure(
             "study",
-            "Number of segments",
-            "Tip error against the number of segments, training in grey, held-out in orange. Where the curve is "
-            "flat, more "
-            "segments buy nothing.",
-            "Tip error against the number of segments",
-            260,
+            "Error",
+            "Ring: training; dot: held out; thick: tip, thin: its x and y. Where the curve is flat, more segments buy nothing.",
+            "Tip error against the number of segments, training and held out, in x and in y",
+            280,
+        ),
+        Figure(
+            "study-path",
+            "Path of the tip",
+            "Measured in blue, beneath; modelled with each number of segments, the finest as a full line.",
+            "Path of the tip for each number of segments beside the measured one",
+            280,
+        ),
+        Figure(
+            "study-seconds",
+            "Price",
+            "Seconds that the fit of each chain took on the machine that made it, both axes logarithmic.",
+            "Seconds of the fit against the number of segments",
+            280,
+        ),
+        Figure(
+            "likelihood",
+            "Profile likelihood",
+            "Rise of the misfit as one parameter is held off its best value and all others follow. Below the dashed line lies "
+            "the 95 % interval; a side that never reaches it is not bounded by these data.",
+            "Profile likelihood of parameters",
+            220,
         ),
         Figure(
             "correlation",
-            "Correlation of the parameters",
+            "Correlations",
             "Near +1 or -1 two parameters cannot be told apart: read them together.",
             "Matrix of parameter correlations",
             280,
@@ -211,3 +246,18 @@ FIGURES = {
         ),
     )
 }
+
+
+def figures_in(unit: str) -> dict[str, Figure]:
+    """The figures of a page whose errors are in ``mm`` at the tip, or in ``deg`` where only an angle was measured."""
+    if unit == "mm":
+        return FIGURES
+    error = FIGURES["error"]
+    how = error.how.replace(
+        "Distance between measured and modelled tip", "Measured minus modelled bend angle, without sign"
+    )
+    return FIGURES | {
+        "error": replace(error, title="Angle error", how=how, label=error.label.replace("Tip", "Angle")),
+        "phases": replace(FIGURES["phases"], label="Angle error by phase of the pressure"),
+        "pressures": replace(FIGURES["pressures"], label="Angle error by pressure band"),
+    }

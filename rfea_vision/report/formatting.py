@@ -18,6 +18,11 @@ _REASONS = {
     "tip_hidden": "the tip was hidden",
     "no_fit": "the curve did not settle",
 }
+_LENSES = {
+    "brown5": "pinhole with Brown distortion, 5 coefficients",
+    "brown8": "pinhole with rational distortion, 8 coefficients",
+    "fisheye": "fisheye with 4 coefficients",
+}
 MINUS = "\N{MINUS SIGN}"
 
 
@@ -28,10 +33,10 @@ def number(value: float | None, digits: int = 0) -> str:
     if value == 0:
         return "0"
     digits = digits or (3 if abs(value) >= 1 else 2)
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")  # rounded first: 0.0998 is 0.10, not 0.100
     if not 1e-4 <= abs(value) < 1e6:
-        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
         return f"{mantissa}·10{_raised(int(exponent))}".replace("-", MINUS)
-    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    decimals = max(0, digits - 1 - int(exponent))
     return f"{value:.{decimals}f}".replace("-", MINUS)
 
 
@@ -43,6 +48,24 @@ def with_unit(value: float | None, unit: str, digits: int = 0) -> str:
     """``0.31 mm``; no unit after a missing number or a pure ratio."""
     text = number(value, digits)
     return text if value is None or unit in ("", "1", "dimensionless") else f"{text}\N{NO-BREAK SPACE}{unit_text(unit)}"
+
+
+def with_error(value: float | None, error: float | None, unit: str, digits: int = 0) -> str:
+    """``0.0011 ± 0.0002 N m``: the error to the last place that counts, the unit once."""
+    if value is None or not error or not math.isfinite(error):
+        return with_unit(value, unit, digits)
+    return f"{number(value, digits)} ± {with_unit(error, unit, 2)}"
+
+
+def inner_title(title: str) -> str:
+    """A title inside a sentence, without what follows its colon."""
+    head = title.split(":")[0].strip()
+    return head if head[:2].isupper() else head[:1].lower() + head[1:]
+
+
+def lens_words(model: str | None) -> str:
+    """A lens model as people call it."""
+    return _LENSES.get(str(model), f"lens model {model}" if model else "lens model of OpenCV")
 
 
 def unit_text(unit: str) -> str:

@@ -17,9 +17,11 @@ class Pack:
     """Collects arrays; `add` returns what the page needs to find one again.
 
     A value is ``zero + step * integer``. The step is a 65,000th of the array's range: 3 micrometres over 200 mm.
+    ``detail`` is the share of the usual number of samples that is kept.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, detail: float = 1.0) -> None:
+        self.detail = detail
         self._parts: list[bytes] = []
         self._size = 0
 
@@ -37,6 +39,10 @@ class Pack:
         self._parts.append(data)
         self._size += len(data)
         return address
+
+    def rows(self, count: int, most: int) -> np.ndarray:
+        """Row numbers, evenly spaced, that keep at most about `most` of `count` rows, fewer at a lower detail."""
+        return stride(count, max(2, round(self.detail * most)))
 
     def base64(self) -> str:
         """Everything added so far."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,21 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from rfea_vision.report import formatting, prose
-from rfea_vision.report.collect import Evidence, Experiment, collect
-from rfea_vision.report.figures import FIGURES
+from rfea_vision.report import formatting, methods, prose
+from rfea_vision.report.collect import Evidence, collect
+from rfea_vision.report.figures import figures_in
+from rfea_vision.report.films import fit_films
 from rfea_vision.report.pack import Pack
 from rfea_vision.report.series import pack_experiment, pack_step, rung_name
+from rfea_vision.report.shown import Shown, errors_of, of_candidate
 
 SIZE_LIMIT_BYTES = 10_000_000
+SERIES_LIMIT_BYTES = 5_500_000
+TEXT_BYTES = 600_000  # style, scripts, sentences and tables of a long ladder
+DETAILS = (1.0, 0.6, 0.35, 0.2, 0.1)  # shares of the usual number of samples
 MOST_PHOTOS = 12
 MOST_CORNERS = 120
-SCRIPTS = ("data", "pen", "plot", "time", "where", "shape", "trust", "camera", "stage", "controls", "main")
+SCRIPTS = ("data", "pen", "plot", "time", "where", "shape", "trust", "fit", "camera", "stage", "controls", "main")
 
 
 def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
@@ -41,29 +46,51 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
     """
     evidence = collect(folder)
     titles = prose.effect_titles(evidence)
-    pack = Pack()
-    experiments = [pack_experiment(experiment, pack) for experiment in evidence.experiments]
+    experiments, rungs, packed = _packed(evidence, titles)
+    calibration = _calibration(evidence)
+    clips = fit_films(evidence.experiments, experiments, _budget(experiments, rungs, calibration, packed))
     manifest = {
         "title": title,
         "experiments": experiments,
-        "rungs": [pack_step(step, evidence, pack, titles) for step in evidence.steps],
-        "calibration": _calibration(evidence),
+        "rungs": rungs,
+        "calibration": calibration,
         "length_mm": _length_mm(evidence),
         "bends": _bends(evidence),
     }
-    packed = pack.base64()
-    clips = _clips(evidence.experiments, experiments, SIZE_LIMIT_BYTES - len(packed) - 700_000)
+    shown = [errors_of(step, evidence) for step in evidence.steps]
     return environment().get_template("page.html.j2").render(
         title=title, bends=_bends(evidence), evidence=evidence, titles=titles, experiments=experiments,
-        commands=commands, figures=FIGURES, checks=_length_checks(evidence),
-        headline=prose.headline(evidence, titles), findings=list(prose.findings(evidence)),
+        commands=commands, figures=figures_in(shown[-1].unit if shown else "mm"),
+        checks=_said_of_runs(evidence, "length_check"), placed=_said_of_runs(evidence, "calibration_sentence"),
+        headline=prose.headline(evidence, titles), findings=list(prose.findings(evidence, titles)),
         tiles=list(prose.tiles(evidence, titles)), last=prose.last_step(evidence),
-        names=[rung_name(step, titles) for step in evidence.steps], scale=ladder_scale(evidence),
-        methods=[prose.methods(evidence, step) for step in evidence.steps],
-        bibtex=prose.BIBTEX, versions=prose.versions(),
+        names=[rung_name(step, titles) for step in evidence.steps], shown=shown, scale=ladder_scale(shown),
+        meanings=prose.parameter_words(evidence, titles), of_candidate=of_candidate,
+        unit=shown[-1].unit if shown else "mm", in_words=lambda text: prose.in_words(text, evidence, titles),
+        ended=prose.how_it_ended(evidence, titles),
+        methods=[methods.methods(evidence, step, titles) for step in evidence.steps],
+        bibtex=methods.BIBTEX, versions=methods.versions(),
         manifest=safe_json(manifest), packed=Markup(packed), clips=clips, style=static("style.css"),
         scripts=Markup("\n").join(static(f"{name}.js") for name in SCRIPTS),
     )  # fmt: skip
+
+
+def _packed(evidence: Evidence, titles: Mapping[str, str]) -> tuple[list[dict[str, Any]], list[dict[str, Any]], str]:
+    """Records of experiments and rungs, and their series; drawn with fewer samples where they would fill the page."""
+    for detail in DETAILS:
+        pack = Pack(detail)
+        experiments = [pack_experiment(experiment, pack) for experiment in evidence.experiments]
+        rungs = [pack_step(step, evidence, pack, titles) for step in evidence.steps]
+        packed = pack.base64()
+        if len(packed) <= SERIES_LIMIT_BYTES:
+            break
+    return experiments, rungs, packed  # pyright: ignore[reportPossiblyUnboundVariable]
+
+
+def _budget(experiments: Any, rungs: Any, calibration: Any, packed: str) -> int:
+    """Characters that are left for films."""
+    records = len(safe_json([experiments, rungs, calibration]))
+    return max(0, SIZE_LIMIT_BYTES - len(packed) - records - TEXT_BYTES)
 
 
 def environment() -> jinja2.Environment:
@@ -76,11 +103,19 @@ def environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
     )
     made.filters |= {
-        "number": formatting.number, "with_unit": formatting.with_unit, "unit": formatting.unit_text,
-        "law": formatting.law, "listing": formatting.listing, "code": formatting.inline_code, "log10": math.log10,
+        "number": formatting.number,
+        "with_unit": formatting.with_unit,
+        "with_error": formatting.with_error,
+        "unit": formatting.unit_text,
+        "lens": formatting.lens_words,
+        "law": formatting.law,
+        "listing": formatting.listing,
+        "code": formatting.inline_code,
+        "log10": math.log10,
+        "titled": lambda effects, titles: [formatting.inner_title(titles.get(e, e)) for e in effects],
         "plain": lambda value: None if value is None else float(value),
         "milli": lambda value: None if value is None else 1000 * float(value),
-    }  # fmt: skip
+    }
     return made
 
 
@@ -111,19 +146,26 @@ def _calibration(evidence: Evidence) -> dict[str, Any]:
     kept = {key: quality[key] for key in ("uncertainty_map", "coverage") if key in quality}
     fields = [
         {key: value[:MOST_CORNERS] if isinstance(value, list) else value for key, value in photo.items()}
+        | {"picture": _picture(evidence, str(photo.get("file", "")))}
         for photo in quality.get("residual_fields", [])[:MOST_PHOTOS]
     ]
     size = [evidence.camera.get("image_width"), evidence.camera.get("image_height")] if evidence.camera else None
     return kept | {"photos": fields, "size": size}
 
 
-def _length_checks(evidence: Evidence) -> list[dict[str, str]]:
-    """What tracking says of the length of the inner side, run by run."""
+def _picture(evidence: Evidence, file: str) -> str | None:
+    """The small copy of a photo, as an address that holds its own data."""
+    data = evidence.photos.get(Path(file).stem)
+    return None if data is None else f"data:image/jpeg;base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def _said_of_runs(evidence: Evidence, key: str) -> list[dict[str, str]]:
+    """A sentence that the measurement has written into its runs, run by run."""
     found = [(e.name, e.recording if e.recording is not None else e.track) for e in evidence.experiments]
     return [
-        {"name": name, "sentence": str(data.attrs["length_check"])}
+        {"name": name, "sentence": str(data.attrs[key])}
         for name, data in found
-        if data is not None and "length_check" in data.attrs
+        if data is not None and data.attrs.get(key)
     ]
 
 
@@ -138,31 +180,9 @@ def _length_mm(evidence: Evidence) -> float | None:
     return None
 
 
-def _clips(
-    experiments: Sequence[Experiment], records: Sequence[dict[str, Any]], budget: int
-) -> list[tuple[str, Markup]]:
-    """Clips as base64, the smallest first, as many as the size limit allows; the others say why they are missing."""
-    chosen = []
-    films = [(e, record) for e, record in zip(experiments, records, strict=True) if e.clip is not None]
-    for experiment, record in sorted(films, key=lambda film: len(film[0].clip or b"")):
-        text = base64.b64encode(experiment.clip or b"").decode("ascii")
-        if len(text) <= budget:
-            budget -= len(text)
-            chosen.append((experiment.name, Markup(text)))
-        else:
-            record["clip"] = None
-            record["why"]["clip"] = (
-                f"The film of {experiment.name} was left out to keep this page below 10 MB; "
-                f"it is in rfea/{experiment.name}/{experiment.clip_info.get('file', 'clip.mp4')}."
-            )
-    return chosen
-
-
-def ladder_scale(evidence: Evidence) -> dict[str, float]:
-    """Ends of the ladder's logarithmic axis, in powers of ten of a millimetre."""
-    values = [evidence.ladder.noise_floor_mm if evidence.ladder else None]
-    for step in evidence.steps:
-        values += [step.rung.train_tip_rmse_mm, step.rung.validate_tip_rmse_mm, step.fit.noise_floor_mm]
+def ladder_scale(shown: Sequence[Shown]) -> dict[str, float]:
+    """Ends of the ladder's logarithmic axis, in powers of ten of its unit."""
+    values = [value for errors in shown for value in (errors.train, errors.validate, errors.floor)]
     known = [math.log10(value) for value in values if value is not None and math.isfinite(value) and value > 0]
     if not known:
         return {"low": -2.0, "high": 1.0}

@@ -1,52 +1,43 @@
-"""The sentences of the page: what was found, and the text for a methods section, all from artefacts."""
+"""The sentences of the page: what was found, in the reader's words, all from artefacts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 
-from rfea_vision.artefacts import Parameter
 from rfea_vision.report.collect import Evidence, Step
-from rfea_vision.report.formatting import listing, number, with_unit
+from rfea_vision.report.formatting import inner_title, number, with_unit
+from rfea_vision.report.shown import errors_of
 
-BIBTEX = r"""@misc{kelageri2018kinematics,
-  title         = {Kinematics and Dynamic Modeling of a Planar Hydraulic Elastomer Actuator},
-  author        = {Momeni Kelageri, Mahdi and Heikkil{\"a}, Mikko and Jokinen, Jarno and Linjama, Matti
-                   and Ghabcheloo, Reza},
-  year          = {2018},
-  eprint        = {1806.04907},
-  archivePrefix = {arXiv}
+# The headline names the effects, the tiles the noise floor, and the diagnosis tells why the search ended: once is enough.
+_SAID_ELSEWHERE = ("The noise floor is", "Stopped because", "Missing from the paper's model, and added")
+
+_PHASES = {
+    "rest": "the rests",
+    "hold": "the holds, while the pressure stands still",
+    "rise": "the rises of the pressure",
+    "fall": "the falls of the pressure",
+    "reversal": "the reversals of the pressure",
+    "ringing": "the ringing after a change of pressure",
 }
-@article{zhang2000flexible,
-  title   = {A Flexible New Technique for Camera Calibration},
-  author  = {Zhang, Zhengyou},
-  journal = {IEEE Transactions on Pattern Analysis and Machine Intelligence},
-  volume  = {22}, number = {11}, pages = {1330--1334}, year = {2000},
-  doi     = {10.1109/34.888718}
+
+# The base model's parameters: values at the rest radius and slopes over the inner radius, and those of the paper's table.
+_MEANINGS = {
+    "k_ref": "bending stiffness of the tube at its rest radius",
+    "k_slope": "change of the stiffness with the inner radius",
+    "b_pos_ref": "damping while the tube bends, at its rest radius",
+    "b_pos_slope": "change of that damping with the inner radius",
+    "b_neg_ref": "damping while the tube straightens, at its rest radius",
+    "b_neg_slope": "change of that damping with the inner radius",
+    "r_hyd": "lever arm of the pressure",
+    "k_0": "stiffness of a joint at inner radius zero",
+    "m_k": "change of the stiffness with the inner radius",
+    "b_0pos": "damping of a joint while it bends, at inner radius zero",
+    "m_bpos": "change of that damping with the inner radius",
+    "b_0neg": "damping of a joint while it straightens, at inner radius zero",
+    "m_bneg": "change of that damping with the inner radius",
 }
-@article{schwarz1978estimating,
-  title   = {Estimating the Dimension of a Model},
-  author  = {Schwarz, Gideon},
-  journal = {The Annals of Statistics},
-  volume  = {6}, number = {2}, pages = {461--464}, year = {1978},
-  doi     = {10.1214/aos/1176344136}
-}"""
-
-# The tiles give the noise floor and the diagnosis tells why the search ended: once is enough.
-_SAID_ELSEWHERE = ("The noise floor is", "Stopped because")
-
-_PACKAGES = (
-    "rfea-vision",
-    "numpy",
-    "scipy",
-    "numba",
-    "sympy",
-    "xarray",
-    "opencv-contrib-python-headless",
-    "av",
-    "scikit-image",
-)
 
 
 @dataclass(frozen=True)
@@ -69,24 +60,12 @@ class Tile:
     section: str = ""
 
 
-def versions() -> dict[str, str]:
-    """Installed versions of the packages that made the artefacts."""
-    found = {}
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
-
-
 def effect_titles(evidence: Evidence) -> dict[str, str]:
     """Effect id -> title, from the laws of the models and the candidates; else the id in words."""
     titles: dict[str, str] = {}
     for step in evidence.steps:
         for candidate in step.diagnosis.candidates if step.diagnosis else []:
-            named = (candidate.model_extra or {}).get("title")
-            titles[candidate.effect] = str(named) if named else titles.get(candidate.effect, _words(candidate.effect))
+            titles[candidate.effect] = candidate.title or titles.get(candidate.effect) or _words(candidate.effect)
         named_effects = [*(step.diagnosis.named if step.diagnosis else []), *step.fit.effects, step.rung.added or ""]
         for effect in named_effects:
             titles.setdefault(effect, _words(effect))
@@ -96,7 +75,7 @@ def effect_titles(evidence: Evidence) -> dict[str, str]:
 
 
 def _words(effect: str) -> str:
-    text = effect.replace("_", " ")
+    text = "more segments in the chain" if effect == "segments" else effect.replace("_", " ")
     return text[:1].upper() + text[1:]
 
 
@@ -112,7 +91,7 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if step is None:
         return "The motion is measured; no model has been fitted yet."
     diagnosis = step.diagnosis
-    added = [_lower(titles[effect]) for effect in _added(evidence)]
+    added = [inner_title(titles[effect]) for effect in _added(evidence)]
     if diagnosis is None:
         return "The model is fitted; what it lacks has not been looked for yet."
     if diagnosis.verdict == "complete":
@@ -126,7 +105,7 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
         )
     if diagnosis.verdict == "unexplained":
         return "Something is missing that no effect in the catalogue explains."
-    named = [_lower(titles[effect]) for effect in diagnosis.named]
+    named = [inner_title(titles[effect]) for effect in diagnosis.named]
     return f"The model still lacks something: {'; '.join(named)}." if named else "The model still lacks an effect."
 
 
@@ -134,14 +113,13 @@ def _added(evidence: Evidence) -> list[str]:
     return [rung.added for rung in evidence.ladder.rungs if rung.added] if evidence.ladder else []
 
 
-def _lower(title: str) -> str:
-    """A title inside a sentence, without what follows its colon."""
-    head = title.split(":")[0].strip()
-    return head if head[:2].isupper() else head[:1].lower() + head[1:]
-
-
-def findings(evidence: Evidence) -> Iterator[Finding]:
+def findings(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Finding]:
     """What the artefacts say in sentences, each with the place of its evidence."""
+    for finding in _findings(evidence):
+        yield Finding(in_words(finding.text, evidence, titles), finding.section, finding.link)
+
+
+def _findings(evidence: Evidence) -> Iterator[Finding]:
     step = last_step(evidence)
     if evidence.ladder:
         for sentence in evidence.ladder.findings:
@@ -161,123 +139,79 @@ def findings(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(reason, "trust", "")
 
 
+def in_words(text: str, evidence: Evidence, titles: Mapping[str, str]) -> str:
+    """A sentence of an artefact with the names of models and added effects as a reader knows them."""
+    for step in evidence.steps:
+        model = "the model of the paper" if not step.fit.effects else _with_effects(step, titles)
+        text = re.sub(rf"\bmodel {re.escape(step.rung.model)}(?![\w+])", model, text)
+    text = re.sub(r"\b[Tt]he phase '(\w+)'", lambda found: _PHASES.get(found[1], found[0]), text)
+    known = {rung.added for rung in evidence.ladder.rungs} if evidence.ladder else set()
+    known |= {effect for step in evidence.steps if step.diagnosis for effect in step.diagnosis.named}
+    for effect in known - {None}:  # a name in brackets stands beside its title already
+        text = re.sub(rf"(?<![\w(+.`]){re.escape(str(effect))}(?![\w.+])", inner_title(titles[str(effect)]), text)
+    return text
+
+
+def _with_effects(step: Step, titles: Mapping[str, str]) -> str:
+    return f"the model with {' and '.join(inner_title(titles.get(e, e)) for e in step.fit.effects)}"
+
+
+def how_it_ended(evidence: Evidence, titles: Mapping[str, str]) -> str:
+    """Why the ladder has no further rung, as one sentence; empty where there is no ladder."""
+    reason = in_words(evidence.ladder.stopped_because, evidence, titles) if evidence.ladder else ""
+    _, _, sentence = reason.partition(": ")
+    if reason.startswith("the verdict is ") and sentence:
+        return f"The search ended here. {_stop(sentence)}"
+    return f"The search ended because {_stop(reason[:1].lower() + reason[1:])}" if reason else ""
+
+
+def parameter_words(evidence: Evidence, titles: Mapping[str, str]) -> dict[str, str]:
+    """What each parameter means; those of an effect are known by its title."""
+    names = {name for step in evidence.steps for name in (*step.fit.parameters, *step.fit.paper_parameters)}
+    return {
+        name: _MEANINGS.get(name) or (titles.get(name.split(".")[0], "").split(":")[0] if "." in name else "")
+        for name in names
+    }
+
+
 def _stop(sentence: str) -> str:
     return sentence if sentence.endswith((".", "!", "?")) else f"{sentence}."
 
 
+def _missing(added: Sequence[str], verdict: str) -> Tile:
+    note = "added to the model of the paper" if added else "nothing had to be added"
+    if verdict == "unexplained":
+        value = "; ".join([*added, "something that is not in the catalogue"] if added else ["Not in the catalogue"])
+        return Tile("Missing physics", value, note="see the residual torque and what it depends on", section="where")
+    if verdict == "missing" and not added:
+        return Tile("Missing physics", "Named, not yet added", note="see the candidates", section="why")
+    return Tile("Missing physics", "; ".join(added) or "None found", note=note, section="why")
+
+
 def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     """The few numbers that a reader takes away."""
-    step = last_step(evidence)
-    ladder = evidence.ladder
-    if ladder and ladder.rungs:
+    step, ladder = last_step(evidence), evidence.ladder
+    climbed = [errors_of(one, evidence) for one in evidence.steps if one.on_ladder]
+    if ladder and climbed:
         added = [titles[effect].split(":")[0] for effect in _added(evidence)]
-        note = "added to the model of the paper" if added else "nothing had to be added"
-        yield Tile("Missing physics", "; ".join(added) or "None found", note=note, section="why")
-        held_out = [rung.validate_tip_rmse_mm for rung in ladder.rungs]
-        rows = held_out if held_out[0] is not None else [rung.train_tip_rmse_mm for rung in ladder.rungs]
-        which = "held-out" if held_out[0] is not None else "training"
-        yield Tile(
-            f"Tip error, {which} runs", with_unit(rows[-1], "mm"), number(rows[0]) if len(rows) > 1 else "",
-            "root mean square", "ladder",
-        )  # fmt: skip
-        test = ladder.test or {}
-        if test.get("tip_rmse_mm") is not None:
-            first = number(test.get("first_model_tip_rmse_mm")) if len(rows) > 1 else ""
-            yield Tile(
-                "Tip error, test run", with_unit(test["tip_rmse_mm"], "mm"), first, "scored once, at the end", "ladder"
-            )
+        yield _missing(added, step.diagnosis.verdict if step and step.diagnosis else "")
+        first, last = climbed[0], climbed[-1]
+        which = "held-out" if first.validate is not None else "training"
+        before = number(first.best) if len(climbed) > 1 else ""
+        yield Tile(f"{last.what}, {which} runs", with_unit(last.best, last.unit), before, "root mean square", "ladder")
+        test, key = ladder.test or {}, "tip_rmse_mm" if last.unit == "mm" else "angle_rmse_deg"
+        if test.get(key) is not None:
+            before = number(test.get(f"first_model_{key}")) if len(climbed) > 1 else ""
+            value = with_unit(test[key], last.unit)
+            yield Tile(f"{last.what}, test run", value, before, "scored once, at the end", "ladder")
     elif step:
-        for role, heading in (("train", "training"), ("validate", "held-out")):
-            metrics = step.fit.metrics.get(role)
-            if metrics:
-                note = metrics.notes.get("tip_rmse_mm", "root mean square")
-                yield Tile(
-                    f"Tip error, {heading} runs", with_unit(metrics.tip_rmse_mm, "mm"), note=note, section="ladder"
-                )
-    if step and step.fit.noise_floor_mm is not None:
-        source = f"from {step.fit.noise_floor_source}" if step.fit.noise_floor_source else "no model can do better"
-        yield Tile("Noise floor", with_unit(step.fit.noise_floor_mm, "mm"), note=source, section="trust")
-
-
-def methods(evidence: Evidence, step: Step) -> list[str]:
-    """Paragraphs for a methods section, about the model of `step`."""
-    paragraphs = [part for part in (_measurement(evidence), _model(step), _selection(evidence), _software()) if part]
-    return paragraphs
-
-
-def _measurement(evidence: Evidence) -> str:
-    runs = [experiment for experiment in evidence.experiments if experiment.recording is not None]
-    text = ""
-    if evidence.camera:
-        camera = evidence.camera
-        rms = camera.get("rms", camera.get("rms_px"))
-        text += (
-            f"The camera ({camera.get('image_width')} x {camera.get('image_height')} pixels) was calibrated with "
-            "the lens model "
-            f"{camera.get('model', 'of OpenCV')} (Zhang 2000); the root mean square reprojection error was "
-            f"{number(rms)} pixels. "
-        )
-    if runs:
-        names = listing(f"{run.name} ({run.role})" for run in runs)
-        text += f"The runs were {names}. "
-        methods_used = sorted(
-            {str(run.recording.attrs.get("sync_method", "")) for run in runs if run.recording is not None} - {""}
-        )
-        if methods_used:
-            text += f"Camera and pressure log were brought onto one clock by {listing(methods_used)}. "
-    if any(run.recording is not None and "midline" in run.recording for run in runs):
-        text += "The centre line was taken from the two sides of the silhouette, with a standard error at every node. "
-    return text.strip()
-
-
-def _model(step: Step) -> str:
-    fit = step.fit
-    effects = f" with {listing(effect.replace('_', ' ') for effect in fit.effects)} added" if fit.effects else ""
-    values = "; ".join(f"{name} = {_estimate(parameter)}" for name, parameter in fit.parameters.items())
-    scores = listing(
-        f"{with_unit(metrics.tip_rmse_mm, 'mm')} ({role})"
-        for role, metrics in fit.metrics.items()
-        if metrics.tip_rmse_mm is not None
-    )
-    text = (
-        f"The motion was modelled by the rigid-segment chain with spring-damper joints of Momeni Kelageri et al. "
-        f"(2018){effects}, "
-        f"with {fit.segments} segments (joints at the {fit.joints} of their arc), fitted to the "
-        f"{fit.observe.replace('_', ' ')} of the "
-        f"training runs by least squares. The fitted values were {values} (standard errors)."
-    )
-    if scores:
-        text += f" The root mean square tip error was {scores}"
-        text += (
-            f"; the noise floor was {with_unit(fit.noise_floor_mm, 'mm')}." if fit.noise_floor_mm is not None else "."
-        )
-    return text
-
-
-def _estimate(parameter: Parameter) -> str:
-    text = with_unit(parameter.value, parameter.unit, 4)
-    if parameter.fixed:
-        return f"{text} (fixed)"
-    return f"{text} ± {with_unit(parameter.stderr, parameter.unit, 2)}" if parameter.stderr else text
-
-
-def _selection(evidence: Evidence) -> str:
-    if not evidence.ladder:
-        return ""
-    added = _added(evidence)
-    chosen = (
-        f"In this way {listing(added)} {'was' if len(added) == 1 else 'were'} added. " if added else "None was added. "
-    )
-    text = (
-        "Effects were added one at a time. One was accepted if it lowered the error on the held-out runs by at "
-        "least 10 % and by at "
-        f"least 0.2 noise floors with physically admissible values; the Bayesian information criterion (Schwarz "
-        f"1978) is given beside it. {chosen}"
-    )
-    if evidence.ladder.test:
-        text += "Test runs took no part in fitting or choosing and were scored once, at the end."
-    return text.strip()
-
-
-def _software() -> str:
-    return "Software: " + ", ".join(f"{name} {number_}" for name, number_ in versions().items()) + "."
+        shown = errors_of(step, evidence)
+        for value, heading in ((shown.train, "training"), (shown.validate, "held-out")):
+            if value is not None:
+                value = with_unit(value, shown.unit)
+                yield Tile(f"{shown.what}, {heading} runs", value, note="root mean square", section="ladder")
+    shown = errors_of(step, evidence) if step else None
+    if step and shown and shown.floor is not None:
+        known = step.fit.noise_floor_source if shown.unit == "mm" else ""
+        source = f"from {known}" if known else "no model can do better"
+        yield Tile("Noise floor", with_unit(shown.floor, shown.unit), note=source, section="trust")

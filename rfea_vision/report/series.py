@@ -10,13 +10,23 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.report.collect import Evidence, Experiment, Step
-from rfea_vision.report.formatting import reason_words
-from rfea_vision.report.pack import Pack, nearest, stride
+from rfea_vision.report.formatting import inner_title, reason_words
+from rfea_vision.report.pack import Pack, nearest
+from rfea_vision.report.shown import errors_of
 
 MOST_SAMPLES = 2400  # rows of a time series
 MOST_COLUMNS = 600  # time steps of a carpet
 MOST_POSES = 900  # tube outlines, one per frame of the clip where there is one
 MOST_LOG = 4000  # samples of the pressure log
+
+_NOUNS = {
+    "midline": "centre line",
+    "elongation": "elongation of its segments",
+    "width": "width of the tube",
+    "hinge_length": "length of the tube's inner side",
+    "seen": "share of the edges that was seen",
+    "blur": "blur of its edges",
+}
 
 Address = dict[str, Any]
 
@@ -30,8 +40,8 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
     if data is None:
         return record
     time = data["time"].values
-    rows, columns = stride(len(time), MOST_SAMPLES), stride(len(time), MOST_COLUMNS)
-    poses = _pose_rows(experiment, data)
+    rows, columns = pack.rows(len(time), MOST_SAMPLES), pack.rows(len(time), MOST_COLUMNS)
+    poses = _pose_rows(experiment, data, pack)
     record |= {"span": [float(time[0]), float(time[-1])], "t": pack.add(time[rows]), "tc": pack.add(time[columns])}
     record |= {"tp": pack.add(time[poses]), "gaps": _gaps(data), "repeat_of": data.attrs.get("repeat_of")}
     wanted: tuple[tuple[str, str, np.ndarray, Sequence[str]], ...] = (
@@ -42,6 +52,9 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
         ("edges", "edges", poses, ()),
         ("elongation", "elongation", columns, ("elongation",)),
         ("elongation_sigma", "elongation_sigma", columns, ()),
+        ("markers", "marker_elongation", columns, ()),
+        ("markers_sigma", "marker_elongation_sigma", columns, ()),
+        ("lamp", "lamp", rows, ()),
         ("width", "width", columns, ("width",)),
         ("hinge", "hinge_length", columns, ("hinge",)),
         ("seen", "seen", rows, ("seen",)),
@@ -51,33 +64,53 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
         if name in data and np.isfinite(data[name].values).any():
             record[key] = pack.add(data[name].values[chosen])
         else:
-            record["why"] |= {
-                about: f"The track of {experiment.name} has no {name.replace('_', ' ')}." for about in complain
-            }
+            record["why"] |= {about: _lacking(experiment.name, name, data) for about in complain}
     if "pressure" in data:
         log_time, pressure = data["log_time"].values, data["pressure"].values
-        kept = stride(len(log_time), MOST_LOG)
+        kept = pack.rows(len(log_time), MOST_LOG)
         record |= {"lt": pack.add(log_time[kept]), "lp": pack.add(pressure[kept])}
         record["p"] = pack.add(pressure[nearest(log_time, time[rows])])
     else:
         record["why"]["pressure"] = f"{experiment.name} has no pressure on its clock yet: run `rfea sync`."
+    if "sync_explained" in data.variables and "sync_offset" in data.variables:
+        explained = data["sync_explained"].values
+        tried = explained != 0  # far from the answer only every fifth offset was tried
+        record["offsets"] = {
+            "ms": pack.add(1000 * data["sync_offset"].values[tried]), "explained": pack.add(explained[tried]),
+            "chosen": 1000 * float(data.attrs.get("offset_s", 0.0)),
+        }  # fmt: skip
+    else:
+        method = str(data.attrs.get("sync_method", "")).replace("_", " ")
+        record["why"]["offsets"] = (
+            f"{experiment.name} was aligned by {method or 'nothing yet'}: only an alignment by motion tries offsets."
+        )
+    if "midline" not in data and "tip" not in data:
+        record["why"]["clip"] = "Only the bend angle was measured, so the tube drawn is the modelled one."
     if experiment.clip is not None:
         record["clip"] = {
             key: experiment.clip_info[key] for key in ("x_min_mm", "y_max_mm", "px_per_mm", "width", "height")
         }
-        record["clip"] |= {"frames": len(experiment.clip_info["times_s"]), "step": _clip_step(experiment)}
+        record["clip"] |= {"frames": len(experiment.clip_info["times_s"]), "step": _clip_step(experiment, pack)}
     return record
 
 
-def _clip_step(experiment: Experiment) -> int:
-    return max(1, -(-len(experiment.clip_info["times_s"]) // MOST_POSES))
+def _lacking(run: str, name: str, data: xr.Dataset) -> str:
+    """Why a series is not there, in the reader's words."""
+    noun = _NOUNS.get(name, name.replace("_", " "))
+    if "tip" not in data and "midline" not in data:
+        return f"{run} has no {noun}: only its bend angle was measured."
+    return f"The track of {run} does not give the {noun}{'' if 'edges' in data else ': it came from another tool'}."
 
 
-def _pose_rows(experiment: Experiment, data: xr.Dataset) -> np.ndarray:
+def _clip_step(experiment: Experiment, pack: Pack) -> int:
+    return max(1, -(-len(experiment.clip_info["times_s"]) // round(pack.detail * MOST_POSES)))
+
+
+def _pose_rows(experiment: Experiment, data: xr.Dataset, pack: Pack) -> np.ndarray:
     """Rows whose outlines are kept: the frames of the clip, found by the camera's clock, or an even choice."""
     if experiment.clip is None:
-        return stride(data.sizes["time"], MOST_POSES // 3)
-    frames = np.asarray(experiment.clip_info["times_s"], dtype=float)[:: _clip_step(experiment)]
+        return pack.rows(data.sizes["time"], MOST_POSES // 3)
+    frames = np.asarray(experiment.clip_info["times_s"], dtype=float)[:: _clip_step(experiment, pack)]
     if experiment.track is not None and experiment.track.sizes["time"] == data.sizes["time"]:
         return nearest(experiment.track["time"].values, frames)
     return nearest(data["time"].values - float(data.attrs.get("offset_s", 0.0)), frames)
@@ -112,8 +145,8 @@ def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str,
         why.setdefault("prediction", f"{experiment.name} {note} by {step.rung.model}.")
         return {"why": why}
     time = data["time"].values
-    kinds = {"series": stride(len(time), MOST_SAMPLES), "carpet": stride(len(time), MOST_COLUMNS)}
-    kinds["pose"] = _pose_rows(experiment, data)
+    kinds = {"series": pack.rows(len(time), MOST_SAMPLES), "carpet": pack.rows(len(time), MOST_COLUMNS)}
+    kinds["pose"] = _pose_rows(experiment, data, pack)
     where = {kind: nearest(modelled["time"].values, time[rows]) for kind, rows in kinds.items()}
     record: dict[str, Any] = {"why": why}
     for key, name, kind in (
@@ -130,6 +163,10 @@ def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str,
             record[key] = pack.add(modelled[name].values[where[kind]])
         else:
             why[key] = f"prediction.nc of {step.rung.model} has no {name.replace('_', ' ')} for {experiment.name}."
+            if key in ("carpet", "gap", "midline") and "midline" not in data:
+                why[key] = (
+                    f"{experiment.name} was measured without a centre line, so its error along the tube is unknown."
+                )
     record |= _error(modelled, data, where["series"], kinds["series"], pack)
     if "error" not in record:
         why["error"] = f"{experiment.name} has neither tip nor bend angle in prediction.nc of {step.rung.model}."
@@ -160,14 +197,15 @@ def _stretches(labels: np.ndarray, time: np.ndarray) -> list[list[Any]]:
 
 def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, str]) -> dict[str, Any]:
     """One rung: what it is called, how well it does, its tables for the bar charts, and its series."""
-    fit, comparison = step.fit, step.comparison
+    fit, comparison, shown = step.fit, step.comparison, errors_of(step, evidence)
     return {
         "model": step.rung.model,
         "name": rung_name(step, titles),
         "ladder": step.on_ladder,
-        "train": step.rung.train_tip_rmse_mm,
-        "validate": step.rung.validate_tip_rmse_mm,
-        "floor": fit.noise_floor_mm,
+        "unit": shown.unit,
+        "train": shown.train,
+        "validate": shown.validate,
+        "floor": shown.floor,
         "phases": comparison.by_phase if comparison else [],
         "pressures": comparison.by_pressure if comparison else [],
         "segments": comparison.by_segment if comparison else [],
@@ -179,6 +217,8 @@ def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, s
         "starts": fit.starts,
         "next": step.next_pressure,
         "study": fit.segments_study,
+        "likelihood": fit.profiles,
+        "seconds": dict(step.study_seconds),
         "why": dict(step.absent),
         "experiments": {e.name: pack_prediction(step, e, pack) for e in evidence.experiments},
     }
@@ -186,8 +226,9 @@ def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, s
 
 def rung_name(step: Step, titles: Mapping[str, str]) -> str:
     """In the reader's words: the paper's model first, then what each rung adds."""
-    if not step.on_ladder:
-        return step.rung.model
-    if step.rung.added is None:
-        return "The model of the paper"
-    return titles[step.rung.added]
+    if step.on_ladder:
+        return titles[step.rung.added] if step.rung.added else "The model of the paper"
+    added = " and ".join(inner_title(titles.get(effect, effect)) for effect in step.fit.effects)
+    name = f"With {added}" if added else "The model of the paper"
+    usual = "+".join(("base", *step.fit.effects))
+    return name if step.rung.model == usual else f"{name} ({step.rung.model})"

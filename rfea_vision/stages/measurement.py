@@ -47,6 +47,7 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
         from rfea_vision.calibration import calibrate as calibrate_camera
         from rfea_vision.calibration import save_calibration
         from rfea_vision.calibration.placing import place_in_plane
+        from rfea_vision.calibration.thumbnails import save_thumbnails
 
         vertical = camera.vertical if isinstance(camera.vertical, str) else "plumb"
         if camera.file is not None:
@@ -70,6 +71,8 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
                 progress=progress,
             )
         save_calibration(path, calibration)
+        if path.parent.name == "calibration":  # the campaign's own camera is the one that the report shows
+            save_thumbnails(path.parent / "photos", camera.photos, camera.plane)
         used = sum(bool(photo.get("used")) for photo in calibration.photos)
         sentence = f"{calibration.model}, RMS {calibration.rms_px:.3f} px, {used} of {len(calibration.photos)} photos"
         if camera.file is not None:

@@ -15,7 +15,10 @@ from rfea_vision.stages.stored import Stored
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
-_ARTEFACTS = ("ladder.json", "calibration/*", "*/camera.yaml", "*/track.nc", "*/recording.nc", "*/clip.*", "models/*/*")
+_ARTEFACTS = (
+    "ladder.json", "calibration/*", "calibration/photos/*", "*/camera.yaml", "*/track.nc", "*/recording.nc", "*/clip.*",
+    "models/*/*",
+)  # fmt: skip
 
 
 def report(work: Workspace) -> Stored[Path]:

@@ -60,7 +60,8 @@ def test_nearest_is_nearest(times: list[float], wanted: float) -> None:
         (None, "–"),
         (math.nan, "–"),
         (1e-300, "1.0·10⁻³⁰⁰"),
-        (9.999, "10.00"),
+        (9.999, "10.0"),
+        (0.0998, "0.10"),
     ],
 )
 def test_numbers_as_people_read_them(value: float | None, text: str) -> None:

@@ -4,6 +4,7 @@ plots.photos = {
   need: () => manifest.calibration.photos.length ? undefined : manifest.calibration.size ? "camera.yaml keeps no residuals of its photos: it came from another tool." : noCalibration(),
   draw(pen) {
     const {photos, size: [w, h]} = manifest.calibration, c = pen.colours, label = 32, gap = 14;
+    photos.forEach(photo => { photo.thumbnail ??= photo.picture ? pictureOf(photo.picture) : null; });
     let columns = 1, k = 0; // the arrangement that shows the photos largest
     for (let n = 1; n <= photos.length; n++) {
       const fits = Math.min((pen.width / n - gap) / w, (pen.height / Math.ceil(photos.length / n) - label) / h);
@@ -14,13 +15,21 @@ plots.photos = {
       const left = (i % columns) * cell.w, top = Math.floor(i / columns) * cell.h;
       pen.text(photo.file.replace(/\.[^.]*$/, ""), left, top + 6, {colour: c.ink, size: 11}); pen.text(`${show(photo.rms_px, 2)} px`, left, top + 19, {size: 11});
       pen.rect(left, top + 27, w * k, h * k, c.sunk);
+      const real = photo.thumbnail?.complete && photo.thumbnail.naturalWidth, [stroke, spot] = real ? ["#ff7a1a", "#ffffff"] : [c.modelled, c.muted];
+      if (real) { pen.image(photo.thumbnail, left, top + 27, w * k, h * k, true); pen.rect(left, top + 27, w * k, h * k, "#101215", 0.45); }
       pen.clip(left, top + 27, w * k, h * k, () => photo.x_px.forEach((x, j) => {
         const px = left + x * k, py = top + 27 + photo.y_px[j] * k;
-        pen.line([px, px + photo.dx_px[j] * stretch], [py, py + photo.dy_px[j] * stretch], c.modelled, 1.2); pen.dot(px, py, 1.1, c.muted);
+        pen.line([px, px + photo.dx_px[j] * stretch], [py, py + photo.dy_px[j] * stretch], stroke, 1.2); pen.dot(px, py, 0.9, spot);
       }));
     });
   },
 };
+function pictureOf(address) {
+  const picture = new Image();
+  picture.addEventListener("load", () => Figure.redraw());
+  picture.src = address;
+  return picture;
+}
 const median = values => [...values].sort((a, b) => a - b)[values.length >> 1];
 
 plots.uncertainty = {
@@ -39,16 +48,17 @@ plots.uncertainty = {
   },
 };
 
-plots.study = {
-  need: modelOnly(r => r.study?.length > 1, "No study over the number of segments: `rfea compare` has not been asked for one."),
+plots.coverage = {
+  need: () => manifest.calibration.coverage ? undefined : manifest.calibration.size ? "camera.yaml does not say where its photos showed the board: it came from another tool." : noCalibration(),
   draw(pen) {
-    const rows = rung().study, c = pen.colours, box = area(pen, {top: 10, bottom: 38}), logs = rows.map(r => Math.log2(r.segments));
-    const keys = [["train_tip_rmse_mm", c.muted], ["validate_tip_rmse_mm", c.modelled]].filter(([key]) => rows.some(r => r[key] !== null && r[key] !== undefined));
-    const x = scale(...padded(extent(logs)), box.left, box.right), y = scale(0, extent(...keys.map(([key]) => rows.map(r => r[key] ?? NaN)))[1] * 1.1, box.bottom, box.top);
-    axisY(pen, box, y, "tip error in mm");
-    pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
-    rows.forEach((r, i) => pen.text(r.segments, x(logs[i]), box.bottom + 5, {align: "center", base: "top"}));
-    pen.text("segments", box.right, pen.height - 1, {align: "right", base: "bottom"});
-    for (const [key, colour] of keys) { pen.line(x.all(logs), rows.map(r => y(r[key] ?? NaN)), colour, 1.5); rows.forEach((r, i) => pen.dot(x(logs[i]), y(r[key] ?? NaN), 3.5, colour, c.paper)); }
+    const {coverage: {counts, x_edges_px: xs, y_edges_px: ys}, size: [w, h]} = manifest.calibration, c = pen.colours, box = area(pen, {left: 8, right: 84, top: 4, bottom: 22});
+    const k = Math.min((box.right - box.left) / w, (box.bottom - box.top) / h), high = Math.max(...counts.flat(), 1), mix = ramp([c.sunk, c.accent]);
+    counts.forEach((row, i) => row.forEach((n, j) => {
+      const [x, y, wide, tall] = [box.left + xs[j] * k, box.top + ys[i] * k, (xs[j + 1] - xs[j]) * k, (ys[i + 1] - ys[i]) * k];
+      pen.rect(x, y, wide - 1, tall - 1, `rgb(${mix(n ? 0.15 + 0.85 * n / high : 0).map(Math.round)})`);
+      if (!n) pen.line([x + 1, x + wide - 2, x + wide - 2, x + 1, x + 1], [y + 1, y + 1, y + tall - 2, y + tall - 2, y + 1], c.modelled, 1.2);
+    }));
+    pen.text(`${w} × ${h} px`, box.left, box.top + h * k + 5, {base: "top"});
+    colourBar(pen, box.left + w * k + 14, box.top, Math.min(120, h * k), mix, 0, high, "corners");
   },
 };

@@ -40,6 +40,8 @@ function showRung() {
   });
   every(".on-rung").forEach(note => { note.textContent = rung() ? `rung ${shown + 1} of ${manifest.rungs.length}: ${rung().name}` : ""; note.classList.toggle("earlier", state.earlier); });
   every("tr[data-choose]").forEach(row => row.classList.toggle("on", Number(row.dataset.choose) === shown));
+  const said = one("#said"), r = rung();
+  if (said && r) said.textContent = `Rung ${shown + 1}, ${r.name}: error ${show(r.validate ?? r.train, 3)} ${r.unit}`;
   const hold = one("#before");
   if (hold) { hold.classList.toggle("on", state.earlier); hold.disabled = state.rung === 0; }
   const count = prediction()?.torque?.shape[1] ?? 1, slider = one("#segment");
@@ -47,7 +49,7 @@ function showRung() {
 }
 
 function showExperiment() {
-  every("[data-experiment]").forEach(tab => { const here = Number(tab.dataset.experiment) === state.experiment; tab.setAttribute("aria-selected", here); tab.tabIndex = here ? 0 : -1; });
+  every("[data-experiment]").forEach(tab => { const here = Number(tab.dataset.experiment) === state.experiment; tab.setAttribute("aria-selected", here); if (here) one("#run")?.setAttribute("aria-labelledby", tab.id); });
   const scrub = one("#scrub"), e = experiment();
   if (scrub && e?.tp) scrub.max = series(e.tp).length - 1;
 }

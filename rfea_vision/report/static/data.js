@@ -80,7 +80,7 @@ const prediction = (of = rung()) => of?.experiments[experiment()?.name];
 function show(value, digits = 3) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (value === 0) return "0";
-  const size = Math.floor(Math.log10(Math.abs(value)));
+  const size = Number(value.toExponential(digits - 1).split("e")[1]); // of the rounded number
   const text = size < -4 || size > 5 ? value.toExponential(digits - 1) : value.toFixed(Math.max(0, digits - 1 - size));
   return text.replace("-", "−");
 }

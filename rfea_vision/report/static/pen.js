@@ -61,7 +61,7 @@ class SvgPen {
     const anchor = {left: "start", center: "middle", right: "end"}[align], shift = {top: size * 0.8, middle: size * 0.35, bottom: -size * 0.2}[base];
     this.parts.push(`<text transform="translate(${SvgPen.n(x)} ${SvgPen.n(y)})${turn ? ` rotate(${turn})` : ""}" y="${SvgPen.n(shift)}" text-anchor="${anchor}" font-size="${size}" fill="${colour}"${bold ? ' font-weight="600"' : ""}>${safe}</text>`);
   }
-  image(picture, x, y, w, h) { this.parts.push(`<image href="${picture.toDataURL("image/png")}" x="${SvgPen.n(x)}" y="${SvgPen.n(y)}" width="${SvgPen.n(w)}" height="${SvgPen.n(h)}" preserveAspectRatio="none" style="image-rendering:pixelated"/>`); }
+  image(picture, x, y, w, h) { this.parts.push(`<image href="${picture.src ?? picture.toDataURL("image/png")}" x="${SvgPen.n(x)}" y="${SvgPen.n(y)}" width="${SvgPen.n(w)}" height="${SvgPen.n(h)}" preserveAspectRatio="none"${picture.src ? "" : ' style="image-rendering:pixelated"'}/>`); }
   clip(x, y, w, h, draw) {
     const id = `clip${SvgPen.count = (SvgPen.count ?? 0) + 1}`;
     this.parts.push(`<clipPath id="${id}"><rect x="${x}" y="${y}" width="${w}" height="${h}"/></clipPath><g clip-path="url(#${id})">`);

@@ -166,6 +166,6 @@ function cells(array, paint) {
 
 function colourBar(pen, x, y, h, paint, low, high, unit) {
   for (let i = 0; i < h; i++) pen.rect(x, y + i, 8, 1.2, `rgb(${paint(1 - i / h).map(Math.round)})`);
-  const digits = Math.max(0, Math.min(6, 1 - Math.floor(Math.log10(high - low || 1)))), end = v => v.toFixed(digits).replace("-", "−");
+  const digits = Math.max(0, Math.min(6, 1 - Math.floor(Math.log10(high - low || 1)))), end = v => v.toFixed(digits).replace(/^-(0\.?0*)$/, "$1").replace("-", "−");
   pen.text(end(high), x + 12, y + 4); pen.text(end(low), x + 12, y + h - 4); pen.text(unit, x + 12, y + h / 2);
 }

@@ -1,33 +1,35 @@
 // Elongation over time and along the tube.
 function stretchLimits() {
-  const [low, high] = extent(series(experiment().elongation), ...manifest.rungs.map(r => series(prediction(r)?.elongation)));
+  const [low, high] = extent(series(experiment().elongation), series(experiment().markers), ...manifest.rungs.map(r => series(prediction(r)?.elongation)));
   return [low, high];
 }
-const halfBox = (pen, part) => {
-  const middle = (pen.height - 30) / 2;
-  return {left: 54, right: pen.width - 74, top: part ? middle + 14 : 18, bottom: part ? pen.height - 30 : middle - 4};
+// Carpets one below the other: measured from the curvature, between markers where there are any, modelled.
+const stretchRows = () => [["measured", series(experiment().elongation)], ...(experiment().markers ? [["measured between markers", series(experiment().markers)]] : []), ["modelled", series(prediction()?.elongation)]];
+const stretchBox = (pen, part) => {
+  const count = stretchRows().length, each = (pen.height - 30) / count;
+  return {left: 54, right: pen.width - 74, top: part * each + 18, bottom: (part + 1) * each - (part === count - 1 ? 0 : 4)};
 };
 plots.elongation = {
   need: needs(measuredNeeds("elongation")),
   draw(pen) {
     const [low, high] = stretchLimits(), c = pen.colours, t = series(experiment().tc), half = (t[t.length - 1] - t[0]) / (2 * (t.length - 1));
-    const rows = [["measured", series(experiment().elongation)], ["modelled", series(prediction()?.elongation)]];
+    const rows = stretchRows();
     rows.forEach(([name, array], part) => {
-      const box = halfBox(pen, part), x = timeScale(box);
-      pen.text(name, box.left, box.top - 3, {base: "bottom", colour: part ? c.modelled : c.measured, bold: true});
+      const box = stretchBox(pen, part), x = timeScale(box), last = part === rows.length - 1;
+      pen.text(name, box.left, box.top - 3, {base: "bottom", colour: last ? c.modelled : c.measured, bold: true});
       if (!array) return pen.text(modelNeeds("elongation")().replaceAll("`", ""), box.left, (box.top + box.bottom) / 2);
       pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => {
         const from = x(t[0] - half);
         pen.image(cells(array, v => brightRamp((v - low) / (high - low || 1))), from, box.top, x(t[t.length - 1] + half) - from, box.bottom - box.top);
       });
       pen.text("clamp", box.left - 7, box.top + 6, {align: "right"}); pen.text("tip", box.left - 7, box.bottom - 6, {align: "right"});
-      if (part) axisX(pen, box, x, "time in s");
+      if (last) axisX(pen, box, x, "time in s");
     });
-    const box = halfBox(pen, 0);
+    const box = stretchBox(pen, 0);
     colourBar(pen, box.right + 14, box.top, Math.min(120, box.bottom - box.top), brightRamp, 100 * low, 100 * high, "%");
   },
-  cursor(pen) { for (const part of [0, 1]) cursorAt(pen, halfBox(pen, part)); },
-  drag(px, py, figure) { setTime(timeScale(halfBox(figure.size(), 0)).back(px)); },
+  cursor(pen) { stretchRows().forEach((_, part) => cursorAt(pen, stretchBox(pen, part))); },
+  drag(px, py, figure) { setTime(timeScale(stretchBox(figure.size(), 0)).back(px)); },
 };
 
 const middles = count => Float64Array.from({length: count}, (_, i) => (i + 0.5) / count);
@@ -51,10 +53,16 @@ plots["profile-now"] = {
     const xs = Array.from(x.all(middles(real.length)));
     if (sigma && real[0] === real[0]) pen.area(xs, percent(y, real.map((v, i) => v - sigma[i])), percent(y, real.map((v, i) => v + sigma[i])), c.measured);
     pen.line(xs, percent(y, real), c.measured, 2.2);
+    const marked = rowOf(series(experiment().markers), times), spread = rowOf(series(experiment().markers_sigma), times);
+    marked?.forEach((v, i) => {
+      const px = x((i + 0.5) / marked.length);
+      if (spread) pen.line([px, px], [y(100 * (v - spread[i])), y(100 * (v + spread[i]))], c.c3, 1.2);
+      if (v === v) pen.dot(px, y(100 * v), 3.2, c.c3, c.paper);
+    });
     if (before) pen.line(x.all(middles(before.length)), percent(y, before), c.earlier, 1.2, [4, 3]);
     if (model) pen.line(x.all(middles(model.length)), percent(y, model), c.modelled, 1.6);
   },
-  readout: () => `at ${show(state.time, 4)} s`,
+  readout: () => `at ${show(state.time, 4)} s${experiment().markers ? " · dots: between markers" : ""}`,
 };
 plots.profiles = {
   need() {

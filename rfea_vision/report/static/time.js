@@ -66,15 +66,16 @@ plots.angle.need = needs(measuredNeeds("angle"));
 
 // Tip error. Its peak near a click is where to jump.
 const errorOf = p => series(p?.error), errorUnit = () => prediction()?.unit ?? "mm";
+const floorNow = () => rung()?.unit === errorUnit() ? rung().floor ?? 0 : 0;
 function errorLimits() {
   const arrays = state.same ? manifest.rungs.map(r => errorOf(prediction(r))) : [errorOf(prediction())];
-  return [0, Math.max(extent(...arrays)[1] || 1, errorUnit() === "mm" ? rung().floor ?? 0 : 0) * 1.05];
+  return [0, Math.max(extent(...arrays)[1] || 1, floorNow()) * 1.05];
 }
 plots.error = timePlot({
   times: frameTimes, modelled: errorOf, unit: errorUnit, limits: errorLimits, label: true,
   extra(pen, box, x, y) {
     for (const place of rung().worst) if (place.experiment === experiment().name) pen.rect(x(place.from_s), box.top, x(place.to_s) - x(place.from_s), box.bottom - box.top, pen.colours.modelled, 0.09);
-    if (rung().floor && errorUnit() === "mm") pen.line([box.left, box.right], [y(rung().floor), y(rung().floor)], pen.colours.good, 1.5, [5, 4]);
+    if (floorNow()) pen.line([box.left, box.right], [y(floorNow()), y(floorNow())], pen.colours.good, 1.5, [5, 4]);
   },
 });
 plots.error.need = needs(modelNeeds("error"));

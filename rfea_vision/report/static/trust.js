@@ -27,17 +27,29 @@ plots.sync = {
   need: needs(measuredNeeds("lp", "pressure"), () => experiment().angle || experiment().tip ? undefined : "Neither angle nor tip was tracked."),
   draw(pen) {
     const box = timeBox(pen), x = timeScale(box), c = pen.colours, e = experiment();
-    const motion = e.angle ? series(e.angle) : column(series(e.tip), 1), pressure = series(e.lp);
-    const stretch = values => scale(...padded(extent(values)), box.bottom, box.top).all(values);
+    const motion = e.angle ? series(e.angle) : column(series(e.tip), 1), pressure = series(e.lp), lamp = series(e.lamp);
+    const stretch = (values, from = box.bottom, to = box.top) => scale(...padded(extent(values)), from, to).all(values), base = lamp ? box.bottom - 26 : box.bottom;
     axisX(pen, box, x, "time in s", {grid: true});
     pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => {
-      pen.line(x.all(series(e.lt)), stretch(pressure), c.muted, 1.4);
-      pen.line(x.all(frameTimes()), stretch(motion), c.measured, 2);
+      pen.line(x.all(series(e.lt)), stretch(pressure, base), c.muted, 1.4);
+      pen.line(x.all(frameTimes()), stretch(motion, base), c.measured, 2);
+      if (lamp) pen.line(x.all(frameTimes()), stretch(lamp, box.bottom - 2, base + 4), c.c5, 1.4);
     });
   },
-  readout: () => `<b>pressure</b> · <b class="m">${experiment().angle ? "bend angle" : "tip y"}</b>`,
+  readout: () => `<b>pressure</b> · <b class="m">${experiment().angle ? "bend angle" : "tip y"}</b>${experiment().lamp ? " · <b class=\"l\">brightness of the lamp</b>" : ""}`,
   cursor(pen) { cursorAt(pen, timeBox(pen)); },
   drag(px, py, figure) { setTime(timeScale(timeBox(figure.size())).back(px)); },
+};
+
+plots.offsets = {
+  need: needs(measuredNeeds("offsets")),
+  draw(pen) {
+    const {ms, explained, chosen} = experiment().offsets, box = area(pen, {top: 10, bottom: 32}), c = pen.colours, x = scale(...padded(extent(series(ms), [chosen]), 0.02), box.left, box.right), y = scale(Math.min(0, extent(series(explained))[0]), 1.05, box.bottom, box.top);
+    axisY(pen, box, y, "share explained", {about: 3}); axisX(pen, box, x, "offset in ms", {about: 4});
+    pen.line([x(chosen), x(chosen)], [box.top, box.bottom], c.modelled, 1.4, [4, 3]);
+    pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => pen.line(x.all(series(ms)), y.all(series(explained)), c.ink, 1.8));
+  },
+  readout: () => `chosen: <b class="f">${show(experiment().offsets.chosen, 3)}</b> ms`,
 };
 
 plots.width = carpet({data: () => series(experiment().width), limit: () => extent(series(experiment().width)), unit: "mm", yLabel: "clamp 0 … tip 1", places: () => [0, 1], paint: () => s => brightRamp(s)});
@@ -56,7 +68,7 @@ plots.correlation = {
         const v = matrix[i][j];
         if (v === null) return;
         pen.rect(left + j * side, top + i * side, side - 1, side - 1, `rgb(${colour((v + 1) / 2).map(Math.round)})`);
-        if (side > 24 && i !== j && Math.abs(v) >= 0.5) pen.text(show(v, 2), left + (j + 0.5) * side, top + (i + 0.5) * side, {align: "center", size: 10, colour: c.ink});
+        if (side > 30 && i !== j && Math.abs(v) >= 0.5) pen.text(show(v, 2), left + (j + 0.5) * side, top + (i + 0.5) * side, {align: "center", size: 10, colour: c.ink});
       });
     });
   },
@@ -77,9 +89,9 @@ plots.steady = {
 plots.starts = {
   need: modelOnly(r => r.starts?.length > 1, "This fit was started once, so there is no waterfall."),
   draw(pen) {
-    const costs = rung().starts.map(s => s.cost).filter(v => v !== null && v !== undefined).sort((a, b) => a - b), box = area(pen, {top: 10, bottom: 38, left: 64}), c = pen.colours;
-    const x = scale(0.5, costs.length + 0.5, box.left, box.right), [best, worst] = extent(costs), y = scale(...padded([best, Math.max(worst, best + 0.01 * Math.abs(best))], 0.1), box.bottom, box.top);
-    axisY(pen, box, y, "final cost"); axisX(pen, box, x, "start, best first", {about: Math.min(8, costs.length)});
+    const found = rung().starts.map(s => s.cost).filter(v => v !== null && v !== undefined).sort((a, b) => a - b), costs = found.map(v => v / (found[0] || 1)), box = area(pen, {top: 10, bottom: 38, left: 64}), c = pen.colours;
+    const x = scale(0.5, costs.length + 0.5, box.left, box.right), [best, worst] = extent(costs), y = scale(...padded([best, Math.max(worst, best + 0.01)], 0.1), box.bottom, box.top);
+    axisY(pen, box, y, "final cost over the best"); axisX(pen, box, x, "start, best first", {about: Math.min(8, costs.length)});
     pen.line(costs.map((_, i) => x(i + 1)), costs.map(v => y(v)), c.hair, 1.2);
     costs.forEach((v, i) => pen.dot(x(i + 1), y(v), 4, c.modelled, c.paper));
   },

@@ -59,13 +59,13 @@ plots.torque = carpet({
 plots.torque.need = needs(modelNeeds("torque"));
 
 // Horizontal bars from a table of the comparison; the ring is the rung before.
-function bars({rows, name, value}) {
+function bars({rows, name, value, none = "No frame of this run was compared."}) {
   return {
     draw(pen) {
       const now = rows(rung()), earlier = rows(rungBefore()) ?? [], c = pen.colours, names = now.map(name);
       const left = Math.min(110, 14 + 6.3 * Math.max(...names.map(n => n.length))), box = area(pen, {left, right: 58, top: 4, bottom: 38});
       const all = state.same ? manifest.rungs.flatMap(r => rows(r) ?? []) : now;
-      const x = scale(0, Math.max(...all.map(value), errorUnit() === "mm" ? rung().floor ?? 0 : 0) * 1.05 || 1, box.left, box.right), pitch = Math.min(30, (box.bottom - box.top) / now.length);
+      const x = scale(0, Math.max(...all.map(value), floorNow()) * 1.05 || 1, box.left, box.right), pitch = Math.min(30, (box.bottom - box.top) / now.length);
       now.forEach((row, i) => {
         const y = box.top + (i + 0.5) * pitch, before = earlier.find(other => name(other) === names[i]);
         pen.text(names[i], box.left - 8, y, {align: "right", colour: c.ink});
@@ -74,20 +74,20 @@ function bars({rows, name, value}) {
         pen.text(show(value(row), 2), pen.width - 6, y, {align: "right", colour: c.ink});
       });
       const bottom = box.top + now.length * pitch;
-      if (rung().floor && errorUnit() === "mm") pen.line([x(rung().floor), x(rung().floor)], [box.top, bottom], c.good, 1.5, [4, 3]);
+      if (floorNow()) pen.line([x(floorNow()), x(floorNow())], [box.top, bottom], c.good, 1.5, [4, 3]);
       axisX(pen, {...box, bottom: bottom + 2}, x, "", {about: 3});
       pen.text(`root mean square in ${errorUnit()}`, box.right, bottom + 22, {align: "right", base: "top"});
     },
     need() {
       if (!rung()) return "No model has been fitted yet.";
-      return rows(rung())?.length ? undefined : rung().why.comparison ?? `The comparison of ${rung().model} has no such table.`;
+      return rows(rung())?.length ? undefined : rung().why.comparison ?? none;
     },
   };
 }
 const here = row => row.experiment === undefined || row.experiment === experiment().name;
 plots.phases = bars({rows: r => r?.phases.filter(here), name: row => row.phase, value: row => row.rmse_mm ?? 0});
 plots.pressures = bars({rows: r => r?.pressures.filter(here), name: row => `${Math.round(row.from_kPa)}–${Math.round(row.to_kPa)} kPa`, value: row => row.rmse_mm ?? 0});
-plots.segments = bars({rows: r => r?.segments.filter(here), name: row => `${show(row.from_sigma, 2)}–${show(row.to_sigma, 2)}`, value: row => row.rmse_mm ?? 0});
+plots.segments = bars({rows: r => r?.segments.filter(here), name: row => `${show(row.from_sigma, 2)}–${show(row.to_sigma, 2)}`, value: row => row.rmse_mm ?? 0, none: "These runs were measured without a centre line, so their error along the tube is unknown."});
 
 // One quantity against another.
 function crossPlot({x, y, xLabel, yLabel, equal = false, dots = false, need}) {

@@ -1,0 +1,147 @@
+"""Text for a methods section, its references and the software's versions, all from artefacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+
+from rfea_vision.artefacts import Parameter
+from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.formatting import inner_title, lens_words, listing, number, with_error, with_unit
+from rfea_vision.report.shown import errors_of
+
+BIBTEX = r"""@misc{kelageri2018kinematics,
+  title         = {Kinematics and Dynamic Modeling of a Planar Hydraulic Elastomer Actuator},
+  author        = {Momeni Kelageri, Mahdi and Heikkil{\"a}, Mikko and Jokinen, Jarno and Linjama, Matti
+                   and Ghabcheloo, Reza},
+  year          = {2018},
+  eprint        = {1806.04907},
+  archivePrefix = {arXiv}
+}
+@article{zhang2000flexible,
+  title   = {A Flexible New Technique for Camera Calibration},
+  author  = {Zhang, Zhengyou},
+  journal = {IEEE Transactions on Pattern Analysis and Machine Intelligence},
+  volume  = {22}, number = {11}, pages = {1330--1334}, year = {2000},
+  doi     = {10.1109/34.888718}
+}
+@article{schwarz1978estimating,
+  title   = {Estimating the Dimension of a Model},
+  author  = {Schwarz, Gideon},
+  journal = {The Annals of Statistics},
+  volume  = {6}, number = {2}, pages = {461--464}, year = {1978},
+  doi     = {10.1214/aos/1176344136}
+}"""
+
+_PACKAGES = (
+    "rfea-vision",
+    "numpy",
+    "scipy",
+    "numba",
+    "sympy",
+    "xarray",
+    "opencv-contrib-python-headless",
+    "av",
+    "scikit-image",
+)
+
+_ROLES = {"train": "training", "validate": "held out", "test": "test"}
+_OBSERVED = {"midline": "centre line", "tip": "tip", "tip_y": "height of the tip", "angle": "bend angle"}
+_CLOCKS = {
+    "motion": "matching the motion to the pressure",
+    "led": "a lamp that both saw",
+    "trigger": "a trigger that the log recorded",
+    "offset": "an offset known beforehand",
+    "common_clock": "recording them on the same clock",
+}
+
+
+def versions() -> dict[str, str]:
+    """Installed versions of the packages that made the artefacts."""
+    found = {}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def methods(evidence: Evidence, step: Step, titles: Mapping[str, str]) -> list[str]:
+    """Paragraphs for a methods section, about the model of `step`."""
+    parts = (_measurement(evidence), _model(evidence, step, titles), _selection(evidence, titles), _software())
+    return [part for part in parts if part]
+
+
+def _measurement(evidence: Evidence) -> str:
+    runs = [experiment for experiment in evidence.experiments if experiment.recording is not None]
+    text = ""
+    if evidence.camera:
+        camera = evidence.camera
+        rms = camera.get("rms", camera.get("rms_px"))
+        text += (
+            f"The camera ({camera.get('image_width')} x {camera.get('image_height')} pixels) was calibrated as a "
+            f"{lens_words(camera.get('model'))} (Zhang 2000); the root mean square reprojection error was "
+            f"{number(rms)} pixels. "
+        )
+    if runs:
+        names = listing(f"{run.name} ({_ROLES.get(run.role, run.role)})" for run in runs)
+        text += f"The runs were {names}. "
+        methods_used = sorted(
+            {str(run.recording.attrs.get("sync_method", "")) for run in runs if run.recording is not None} - {""}
+        )
+        if methods_used:
+            text += f"Camera and pressure log were brought onto one clock by {listing(_CLOCKS.get(m, m) for m in methods_used)}. "
+    if any(run.recording is not None and "midline" in run.recording for run in runs):
+        text += "The centre line was taken from the two sides of the silhouette, with a standard error at every node. "
+    return text.strip()
+
+
+def _model(evidence: Evidence, step: Step, titles: Mapping[str, str]) -> str:
+    fit, shown = step.fit, errors_of(step, evidence)
+    effects = f" with {listing(inner_title(titles[effect]) for effect in fit.effects)} added" if fit.effects else ""
+    values = "; ".join(f"{name} = {_estimate(parameter)}" for name, parameter in fit.parameters.items())
+    key = "tip_rmse_mm" if shown.unit == "mm" else "angle_rmse_deg"
+    scores = listing(
+        f"{with_unit(getattr(metrics, key), shown.unit)} ({_ROLES.get(role, role)})"
+        for role, metrics in fit.metrics.items()
+        if getattr(metrics, key) is not None
+    )
+    text = (
+        f"The motion was modelled by the rigid-segment chain with spring-damper joints of Momeni Kelageri et al. "
+        f"(2018){effects}, with {fit.segments} segments (joints at the {fit.joints} of their arc), fitted to the "
+        f"{_OBSERVED.get(fit.observe, fit.observe)} of the training runs by least squares. "
+        f"The fitted values were {values} (standard errors)."
+    )
+    if scores:
+        text += f" The root mean square {shown.what.lower()} was {scores}"
+        text += f"; the noise floor was {with_unit(shown.floor, shown.unit)}." if shown.floor is not None else "."
+    return text
+
+
+def _estimate(parameter: Parameter) -> str:
+    if parameter.fixed:
+        return f"{with_unit(parameter.value, parameter.unit, 4)} (fixed)"
+    return with_error(parameter.value, parameter.stderr, parameter.unit, 4)
+
+
+def _selection(evidence: Evidence, titles: Mapping[str, str]) -> str:
+    if not evidence.ladder:
+        return ""
+    added = [inner_title(titles[rung.added]) for rung in evidence.ladder.rungs if rung.added]
+    chosen = (
+        f"In this way {listing(added)} {'was' if len(added) == 1 else 'were'} added. " if added else "None was added. "
+    )
+    text = (
+        "Effects were added one at a time. One was accepted if it lowered the error on the held-out runs by at "
+        "least 10 % and by at "
+        f"least 0.2 noise floors with physically admissible values; the Bayesian information criterion (Schwarz "
+        f"1978) is given beside it. {chosen}"
+    )
+    if evidence.ladder.test:
+        text += "Test runs took no part in fitting or choosing and were scored once, at the end."
+    return text.strip()
+
+
+def _software() -> str:
+    return "Software: " + ", ".join(f"{name} {number_}" for name, number_ in versions().items()) + "."

@@ -1,0 +1,39 @@
+"""Which error stands for a model: that of the tip in mm or, where only an angle was measured, that of the angle in deg."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rfea_vision.report.collect import Evidence, Step
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Root mean square errors of one model in ``unit``; ``what`` names them in the reader's words."""
+
+    unit: str
+    what: str
+    train: float | None
+    validate: float | None
+    floor: float | None
+
+    @property
+    def best(self) -> float | None:
+        """The held-out error, else that of training."""
+        return self.validate if self.validate is not None else self.train
+
+
+def errors_of(step: Step, evidence: Evidence) -> Shown:
+    """Return what the page shows as the error of this rung."""
+    rung, diagnosis = step.rung, step.diagnosis
+    tip = (rung.train_tip_rmse_mm, rung.validate_tip_rmse_mm)
+    angle = (rung.train_angle_rmse_deg, rung.validate_angle_rmse_deg)
+    if tip == (None, None) and angle != (None, None):
+        floors = (diagnosis and diagnosis.noise_floor_deg, evidence.ladder and evidence.ladder.noise_floor_deg)
+        return Shown("deg", "Angle error", *angle, next((floor for floor in floors if floor), None))
+    return Shown("mm", "Tip error", *tip, step.fit.noise_floor_mm)
+
+
+def of_candidate(candidate: object, name: str, unit: str) -> float | None:
+    """``predicted``, ``train`` or ``validate`` error of a candidate in the page's unit."""
+    return getattr(candidate, f"{name}_rmse_{unit}", None)
