@@ -73,7 +73,7 @@ def run_case(case: Case) -> dict[str, Any]:
 
     started = time.perf_counter()
     processor = time.process_time()
-    ladder = improve(recordings, actuator, FitOptions(), on_rung=on_rung)
+    ladder = improve(recordings, actuator, FitOptions(), budget_s=3600, on_rung=on_rung)  # no verdict by the clock
     seconds, processor_s = time.perf_counter() - started, time.process_time() - processor
     first, last = rungs[0], rungs[-1]
     reached = ladder.test["tip_rmse_mm"] if ladder.test else None

@@ -23,6 +23,7 @@ from rfea_vision.critique.trials import (
     REFITS,
     Refitted,
     Trials,
+    try_expected,
     try_fresh,
     try_one,
     try_singles,
@@ -55,9 +56,13 @@ def judge(
     where: Sequence[WorstPlace] = (),
     seed: int = 0,
     enough: float = EXPLAINED,
+    expected: Sequence[str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
-    """Diagnose a solved fit: training runs fit, validation runs judge, test runs are not looked at."""
+    """Diagnose a solved fit: training runs fit, validation runs judge, test runs are not looked at.
+
+    `expected` are effects that a diagnosis one rung below named beside the one that was added: they are tried first.
+    """
     steps = 0
 
     def step() -> None:
@@ -75,12 +80,15 @@ def judge(
     left = structure(errors, floor)
     if left >= STRUCTURE_FLOORS and candidates is None and (finer := screen_segments(problem, fitted, floor)):
         screened.append(finer)
-    singles = try_singles(trials, screened) if left >= STRUCTURE_FLOORS else {}
+    hopes = [name for name in expected if any(e.id == name for e in effects)]
+    singles = try_singles(trials, screened, hopes) if left >= STRUCTURE_FLOORS else {}
     alone = any(r.wins and r.reaches for r in singles.values())
-    if left >= FAR and not alone:
+    together = try_expected(trials, screened, singles, hopes) if len(hopes) > 1 and not alone else []
+    if left >= FAR and not alone and not together:
         singles = try_fresh(trials, screened, singles)
         alone = any(r.wins and r.reaches for r in singles.values())
-    together = try_together(trials, singles) if left >= 1.0 and not alone else []
+    if left >= 1.0 and not alone and not together:
+        together = try_together(trials, singles)
     verdict = decide(trials, singles, together)
     following, pressure = None, None
     if verdict.rivals:

@@ -80,6 +80,7 @@ def improve(
     rungs: list[Rung] = []
     floor: float | None = None
     dropped: set[str] = set()
+    expected: list[str] = []
     stopped = f"{MOST_RUNGS} rungs were climbed"
     for index in range(MOST_RUNGS):
         refitted: Mapping[str, Refitted] = {}
@@ -97,6 +98,7 @@ def improve(
                 where=comparison.where,
                 seed=chosen.seed,
                 enough=enough,
+                expected=expected,
             )
             diagnosis, refitted = judgement.diagnosis, judgement.refitted
             if on_rung is not None:
@@ -117,6 +119,7 @@ def improve(
             stopped = f"the time budget of {budget_s:.0f} s is used up; the last diagnosis still names {name}"
             break
         before, added = fitted, name
+        expected = [other for other in diagnosis.named if other != name]
         if index + 1 < len(finished):
             following = finished[index + 1][0]
             fitted = refit_artefact(following, problem)

@@ -191,8 +191,8 @@ def try_one(trials: Trials, name: str) -> Refitted | None:
     return trials.refit(rows[:2]) if rows else None
 
 
-def try_singles(trials: Trials, screened: Sequence[Screened]) -> dict[str, Refitted]:
-    """Refit candidates in the order of the score test, until none that is left could still compete.
+def try_singles(trials: Trials, screened: Sequence[Screened], expected: Sequence[str] = ()) -> dict[str, Refitted]:
+    """Refit candidates, first those expected, then in the order of the score test, until none left could still compete.
 
     A linear step says little about a large misfit, so more are refitted while none explains it; once one does, only
     those whose score comes near are worth the time.
@@ -204,6 +204,9 @@ def try_singles(trials: Trials, screened: Sequence[Screened]) -> dict[str, Refit
     finer = [row for row in screened if row.effect == SEGMENTS]
     if finer and (trial := trials.refit(finer)) is not None:  # what needs no law is tried before any law
         done[SEGMENTS] = trial
+    for name in expected:
+        if name in ranked and (trial := trials.refit(ranked.pop(name))) is not None:
+            done[name] = trial
     for name, rows in ranked.items():
         reached = any(r.reaches and r.wins for r in done.values())
         share = rows[0].explained / max(top, 1e-300)
@@ -213,6 +216,19 @@ def try_singles(trials: Trials, screened: Sequence[Screened]) -> dict[str, Refit
         if trial is not None:
             done[name] = trial
     return done
+
+
+def try_expected(
+    trials: Trials, screened: Sequence[Screened], singles: Mapping[str, Refitted], expected: Sequence[str]
+) -> list[Refitted]:
+    """What an earlier diagnosis named together and is not in the model yet, one after the other; empty if it fails."""
+    last = singles.get(expected[0])
+    for name in expected[1:]:
+        if last is None:
+            break
+        rows = _by_effect(screen(trials.problem, last.fitted, [trials.effect(name)]), least=0.0).get(name)
+        last = trials.refit(rows, last) if rows else None
+    return [last] if last is not None and last.wins and last.reaches else []
 
 
 def try_fresh(trials: Trials, screened: Sequence[Screened], singles: Mapping[str, Refitted]) -> dict[str, Refitted]:
@@ -273,4 +289,14 @@ def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitt
     return found
 
 
-__all__ = ["Refitted", "Trials", "distinct", "offered", "try_fresh", "try_one", "try_singles", "try_together"]
+__all__ = [
+    "Refitted",
+    "Trials",
+    "distinct",
+    "offered",
+    "try_expected",
+    "try_fresh",
+    "try_one",
+    "try_singles",
+    "try_together",
+]
