@@ -25,9 +25,9 @@ from rfea_vision.dynamics.system import (
 )
 
 LARGEST_JOINT_ANGLE = 3.0  # rad; beyond it the chain has wound up
-NEWTON_STEPS = 100
+NEWTON_STEPS = 1000
 PATIENCE = 6  # full Newton steps before the residual is watched
-SMALLEST_PART = 1e-4
+SMALLEST_PART = 1e-7  # a kink that turns within 1e-3 rad/s is that narrow
 
 
 @njit(**INLINE)

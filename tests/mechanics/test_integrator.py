@@ -151,16 +151,23 @@ def test_blow_up_is_a_status_not_a_crash(change, actuator, published):
     assert not motion.ok and motion.status != 0 and motion.message
 
 
-def test_steep_dry_friction_is_solved(actuator, published):
-    """Full Newton jumps for ever between the sides of the kink; shorter steps find the answer."""
+@pytest.mark.parametrize("n", [8, 16])
+@pytest.mark.parametrize("friction", [5e-4, 5e-3])
+def test_steep_dry_friction_is_solved(n, friction, actuator, published):
+    """Full Newton jumps for ever between the sides of the kink; shorter steps find the answer, down to the bound of w."""
+    from rfea_vision.dynamics.parameters import scaled
     from rfea_vision.effects.catalogue import catalogue
 
     time = np.arange(0, 2.0, 1e-3)
     knots = [0, 0.1, 0.5, 0.9, 1.2, 1.4, 1.7, 2.0]
     pressure = np.interp(time, knots, [10e3, 10e3, 180e3, 180e3, 90e3, 90e3, 150e3, 60e3])
     excitation = Excitation.from_log(time, pressure, 0.0, 1.99)
-    for width in (0.005, 0.02):
+    for width in (0.001, 0.005, 0.02):
+        found = []
         for tolerance in (1e-8, 1e-12):
-            model = Model(Chain.tube(actuator, 8), (catalogue()["coulomb"](),), tolerance=tolerance)
-            motion = model.simulate(np.append(published, [5e-4, width]), excitation, np.array([1.9]))
+            model = Model(Chain.tube(actuator, n), (catalogue()["coulomb"](),), tolerance=tolerance)
+            par = np.append(scaled(published, 8, n), [friction, width])
+            motion = model.simulate(par, excitation, np.array([0.9, 1.9]))
             assert motion.ok, (width, tolerance, motion.message)
+            found.append(motion.phi)
+        assert np.abs(found[0] - found[1]).max() < 1e-5
