@@ -141,7 +141,7 @@ def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
             continue
         tip = item.points[:, -1]
         reach = float(np.percentile(np.linalg.norm(tip, axis=1), 99))
-        if not 0.3 * actuator.length < reach < 2.0 * actuator.length:
+        if not 0.1 * actuator.length < reach < 2.0 * actuator.length:
             raise DataError(
                 f"experiment {item.name}: its tip comes {reach * 1e3:.3g} mm from the clamp, the tube is "
                 f"{actuator.length * 1e3:.0f} mm long; check the unit and the origin of the track"

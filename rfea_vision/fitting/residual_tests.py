@@ -63,10 +63,12 @@ def count_jumps(item: Observed, predicted: Predicted) -> int:
     if gap.shape[0] < 12:
         return 0
     bend = np.diff(gap, n=2, axis=0)
-    near = np.diff(item.time[1:]) < 1.5 * np.median(np.diff(item.time))
+    near = np.diff(item.time[1:-1]) < 1.5 * np.median(np.diff(item.time))
     noise = item.sigma[:, -1] if item.has_tip else item.angle_sigma
     scale = np.maximum(np.median(np.abs(bend), axis=0) / 0.6745, np.sqrt(6) * float(np.median(noise)))
-    return int(np.sum(np.any(np.abs(bend) > JUMP * scale, axis=1) & near))
+    # A step in position bends the curve one way and at once the other; a blow only bends it.
+    far = np.minimum(np.abs(bend[1:]), np.abs(bend[:-1])) > JUMP * scale
+    return int(np.sum(np.any(far & (bend[1:] * bend[:-1] < 0), axis=1) & near))
 
 
 def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted]) -> dict[str, Any]:

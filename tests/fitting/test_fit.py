@@ -1,5 +1,6 @@
 """The fit on data from the twin: noise floor reached, parameters found, Jacobian exact, intervals honest, refusals clear."""
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from rfea_vision.fitting import FitOptions, fit_model, predict
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.fit import fit_base, make_model, make_problem, start_vector
 from rfea_vision.fitting.observation import noise_floor_mm, observe_recording, white_noise_mm
+from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
 
 OPTIONS = FitOptions(segments=16, starts=0)
@@ -185,3 +187,43 @@ def test_a_start_too_soft_to_have_a_steady_state_is_stiffened(complete_campaign,
     monkeypatch.setattr(module, "find_plateaus", lambda items: [])
     found = fit_base(problem, options)
     np.testing.assert_allclose(found.par, right.par, rtol=1e-3)
+
+
+def test_the_engine_lets_other_threads_run(complete_campaign):
+    """Two runs share two cores only if the compiled code gives up the interpreter's lock."""
+    recordings, actuator, _ = complete_campaign
+    item = make_problem(recordings, actuator).train[0]
+    model = make_model(actuator, OPTIONS)
+    par = start_vector(model, actuator, 16)
+    model.simulate(par, item.excitation, item.time, range(7))
+    done = threading.Event()
+
+    def work() -> None:
+        model.simulate(par, item.excitation, item.time, range(7))
+        done.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    turns = 0
+    while not done.wait(1e-4):
+        turns += 1
+    thread.join()
+    assert turns > 5
+
+
+def test_a_jump_of_the_track_is_told_from_a_blow(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    item = problem.train[0]
+    model = make_model(actuator, OPTIONS)
+    result = evaluate(model, start_vector(model, actuator, 16), [item], ())
+    assert result is not None
+    predicted = result.predicted[0]
+    clean = replace(item, points=predicted.points.copy())
+    assert count_jumps(clean, predicted) == 0
+    jumped = clean.points.copy()
+    jumped[100:106, -1] += 0.005
+    assert count_jumps(replace(clean, points=jumped), predicted) >= 2
+    blow = clean.points.copy()
+    blow[100:, -1, 0] += 0.5 * (item.time[100:] - item.time[100])  # half a metre per second, at once
+    assert count_jumps(replace(clean, points=blow), predicted) == 0
