@@ -98,8 +98,10 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
         _report_twin(out, _simulate_like(out, like, hidden, choices["seed"], choices["write_truth"]), as_json)
         return
     fixed = {"hidden": hidden, "actuator": Actuator(bends=choices.pop("bends")), "scene": scene}
-    options = paper_campaign(**fixed) if choices.pop("paper") else TwinOptions(**fixed)
     choices["roles"] = _roles(choices.pop("experiments"), choices.pop("roles"))
+    if choices["roles"] is not None:
+        fixed["roles"] = choices["roles"]
+    options = paper_campaign(**fixed) if choices.pop("paper") else TwinOptions(**fixed)
     if choices["drive"] not in (None, "duty"):
         from rfea_vision.drive import read_commands
 

@@ -207,11 +207,12 @@ def paper_campaign(**changes: Any) -> TwinOptions:
         joints=8,
         layout="start",
         roles=("train", "validate"),
-        kinds=("steps", "steps"),
-        peaks_kPa=(270.0, 220.0),
         sync="common_clock",
         step_s=0.00025,
     )
+    roles = changes.get("roles", options.roles)
+    peaks = tuple(270.0 if role == "train" else 220.0 for role in roles)
+    options = replace(options, roles=roles, kinds=("steps",) * len(roles), peaks_kPa=peaks)
     return replace(options, **changes)
 
 
