@@ -60,3 +60,42 @@ def body_inertia(actuator: Actuator, length: ArrayLike) -> FloatArray:
     length = np.asarray(length, dtype=float)
     radii = 3 * (actuator.outer_radius**2 + actuator.inner_radius**2)
     return body_mass(actuator, length) * (radii + length**2) / 12
+
+
+#: Section II as printed, "outer radius 8 mm, inner radius 6 mm": these are diameters (docs/physics.md, erratum 1).
+AS_PRINTED = Actuator(outer_radius=0.008, inner_radius=0.006)
+
+
+def hydraulic_torque(
+    actuator: Actuator,
+    pressure_Pa: ArrayLike,
+    theta: ArrayLike,
+    rest_length: float,
+    r_hyd: float | None = None,
+) -> FloatArray:
+    """Torque of the pressure on a joint (N m), eq. HydraulicTorque with the lever `r_hyd` (m).
+
+    Without `r_hyd` as eqs. HydTorqueAlpha and AlphaR print it, p A R cos(alpha) with alpha = atan(dL / r_o) and
+    R = sqrt(r_o^2 + dL^2): a lever that is r_o for every body length (docs/physics.md, erratum 3).
+    """
+    if r_hyd is None:
+        alpha = np.arctan(rest_length / actuator.outer_radius)
+        r_hyd = float(np.hypot(actuator.outer_radius, rest_length) * np.cos(alpha))
+    return np.asarray(pressure_Pa, dtype=float) * np.pi * inner_radius(actuator, theta, rest_length) ** 2 * r_hyd
+
+
+def potential_energy(
+    actuator: Actuator, theta: ArrayLike, stiffness: ArrayLike, *, gravity: float = 9.80665, as_printed: bool = False
+) -> float:
+    """Energy (J) of springs (N m/rad, per joint) and weight of a chain with its joints at the start of each body.
+
+    theta : (n,) joint angles in rad. With ``as_printed`` eq. PotentialEnergy of the paper, whose weight has a cosine too
+    many; else m g y of each centre of mass (docs/physics.md, erratum 6).
+    """
+    angles = np.asarray(theta, dtype=float)
+    phi, length = np.cumsum(angles), actuator.length / angles.size
+    height = -length * (np.cumsum(np.cos(phi)) - np.cos(phi) / 2)
+    weight = body_mass(actuator, length) * gravity * height
+    if as_printed:
+        weight = weight * np.cos(phi)
+    return float(np.sum(0.5 * np.asarray(stiffness, dtype=float) * angles**2 + weight))

@@ -163,7 +163,9 @@ def test_effect_that_claims_to_dissipate_takes_energy(name, actuator, published)
         model.law.module.body_force(motion, np.full(50, 0.01), par, model._constants, out)
         assert np.all((out[:, :, 0] * motion[:, 2:]).sum(axis=1) < 0)
         return
-    if model.law.has_line:  # the pressure lost is R times the flow: its power, R times the flow squared, is never gained
+    if (
+        model.law.has_line
+    ):  # the pressure lost is R times the flow: its power, R times the flow squared, is never gained
         line, _, _, _ = model._environment(par)
         assert line[0] > 0 and all(spec.lower >= 0 for spec in catalogue()[name].parameters.values())
         return

@@ -3,13 +3,18 @@
 import numpy as np
 import pytest
 
+from rfea_vision.dynamics.inverse import joint_torques
+from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.tube import (
+    AS_PRINTED,
     body_inertia,
     body_mass,
     flow_needed,
     fluid_volume,
     fluid_volume_rate,
+    hydraulic_torque,
     inner_radius,
+    potential_energy,
 )
 
 ARC = 0.155 / 8
@@ -51,12 +56,53 @@ def test_printed_segment_volume_leaves_out_the_volume_at_rest(actuator, theta):
     assert abs(full - printed) > 0.1 * abs(full)
 
 
-def test_variant_with_the_angle_alpha_is_the_outer_radius():
+@pytest.mark.parametrize("bodies", [2, 8, 64])
+def test_variant_with_the_angle_alpha_is_the_outer_radius(actuator, bodies, theta):
     """Eqs. HydTorqueAlpha and AlphaR: R cos(alpha) = r_o for any body length, so nothing is gained by it."""
-    for outer in (0.003, 0.004, 0.01):
-        for length in (0.155 / 2, 0.155 / 8, 0.155 / 64):
-            alpha, radius = np.arctan(length / outer), np.hypot(outer, length)
-            assert radius * np.cos(alpha) == pytest.approx(outer, rel=1e-14)
+    length = actuator.length / bodies
+    variant = hydraulic_torque(actuator, 200e3, theta / bodies, length)
+    assert variant == pytest.approx(
+        hydraulic_torque(actuator, 200e3, theta / bodies, length, actuator.outer_radius), rel=1e-13
+    )
+    assert variant == pytest.approx(200e3 * np.pi * inner_radius(actuator, theta / bodies, length) ** 2 * 0.004)
+
+
+def test_printed_tube_is_the_tube_by_its_diameters(actuator):
+    assert (AS_PRINTED.outer_radius, AS_PRINTED.inner_radius) == (0.008, 0.006)
+    assert (AS_PRINTED.outer_radius / 2, AS_PRINTED.inner_radius / 2) == (actuator.outer_radius, actuator.inner_radius)
+
+
+def test_weight_of_the_chain_is_the_slope_of_its_energy(actuator):
+    """m g y restores: its slope over each joint is the torque that holds the chain. The printed form's is not."""
+    rng, n = np.random.default_rng(3), 5
+    theta, model = rng.uniform(-0.3, 0.5, n), Model(Chain.tube(actuator, n, "start"))
+    phi, still = np.concatenate([[0.0], np.cumsum(theta)])[None], np.zeros((1, n + 1))
+    needed = joint_torques(model, np.zeros(7), phi, still, still, np.zeros((1, n, 1)), np.zeros(1))[0]
+
+    def slope(**options):
+        steps = 1e-6 * np.eye(n)
+        ends = [[potential_energy(actuator, theta + s * d, 0.0, **options) for s in (1, -1)] for d in steps]
+        return np.array([(up - down) / 2e-6 for up, down in ends])
+
+    assert slope() == pytest.approx(needed, rel=1e-6)
+    assert np.abs(slope(as_printed=True) - needed).max() > 0.1 * np.abs(needed).max()
+    spring = potential_energy(actuator, theta, 0.2, gravity=0.0)
+    assert spring == pytest.approx(0.1 * theta @ theta, rel=1e-14)
+
+
+def test_flow_needed_for_a_pressure_trace(actuator, published):
+    """Volume and its rate per segment and in total, along a run: the rate is the slope of the volume."""
+    time = np.arange(0, 0.6, 1e-3)
+    excitation = Excitation(0.0, 1e-3, np.interp(time, [0, 0.1, 0.4, 0.6], [20e3, 20e3, 200e3, 150e3]))
+    motion = Model(Chain.tube(actuator, 8)).simulate(published, excitation, time[:-1])
+    rates = np.diff(motion.rate, axis=1)
+    volume, flow = fluid_volume(actuator, motion.theta, ARC), fluid_volume_rate(actuator, motion.theta, rates, ARC)
+    total = flow_needed(actuator, rates)
+    assert volume.shape == flow.shape == (599, 8) and total.shape == (599,)
+    assert total == pytest.approx(flow.sum(axis=1), rel=1e-10, abs=1e-18)
+    taken = np.sum((total[1:] + total[:-1]) / 2) * 1e-3
+    assert volume[-1].sum() - volume[0].sum() == pytest.approx(taken, rel=1e-4)
+    assert taken > 1e-7  # a tenth of a millilitre and more
 
 
 def test_flow_needed_is_the_volume_rate_of_every_segment(actuator):
