@@ -18,6 +18,7 @@ from rfea_vision.report.formatting import number
 from rfea_vision.report.pack import Pack, nearest, stride
 from rfea_vision.report.page import environment, safe_json, static
 from rfea_vision.report.series import MOST_SAMPLES, rung_name
+from rfea_vision.report.shown import errors_of
 
 PAIR_SCRIPTS = ("data", "pen", "plot", "pair")
 
@@ -44,10 +45,20 @@ def render_index(folders: Sequence[Path], *, title: str = "Campaigns", beside: P
         except (RfeaError, OSError, ValueError) as error:
             rows.append({"name": name, "why": str(error), "steps": [], "experiments": [], "link": None})
     columns = max((len(row["steps"]) for row in rows), default=0)
-    known = [math.log10(v) for row in rows for e in row["experiments"] for v in e["errors"] if v]
+    known = {
+        unit: [
+            math.log10(v)
+            for row in rows
+            if row.get("unit") == unit
+            for e in row["experiments"]
+            for v in e["errors"]
+            if v
+        ]
+        for unit in ("mm", "deg")
+    }
+    scales = {unit: {"low": min(found, default=-2.0), "high": max(found, default=1.0)} for unit, found in known.items()}
     return environment().get_template("index.html.j2").render(
-        title=title, campaigns=rows, columns=columns, style=static("style.css"), low=min(known, default=-2.0),
-        high=max(known, default=1.0),
+        title=title, campaigns=rows, columns=columns, style=static("style.css"), scales=scales,
     )  # fmt: skip
 
 
@@ -59,23 +70,29 @@ def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, A
     for step in steps:
         names |= {key: score.role for key, score in step.fit.experiments.items() if key not in names}
     last = prose.last_step(evidence)
+    shown = errors_of(last, evidence) if last else None
+    unit = shown.unit if shown else "mm"
     return {
         "name": name,
+        "unit": unit,
         "why": next(iter(evidence.absent.values()), "") if not steps else "",
         "headline": prose.headline(evidence, titles),
         "verdict": last.diagnosis.verdict if last and last.diagnosis else "",
-        "floor": last.fit.noise_floor_mm if last else None,
+        "floor": shown.floor if shown else None,
         "link": Path(os.path.relpath(page, beside)).as_posix() if beside is not None and page.exists() else None,
         "steps": [rung_name(step, titles) for step in steps],
         "experiments": [
-            {"name": key, "role": role, "errors": [_error(step, key) for step in steps]} for key, role in names.items()
+            {"name": key, "role": role, "errors": [_error(step, key, unit) for step in steps]}
+            for key, role in names.items()
         ],
     }
 
 
-def _error(step: Step, experiment: str) -> float | None:
+def _error(step: Step, experiment: str, unit: str) -> float | None:
     score = step.fit.experiments.get(experiment)
-    return score.tip_rmse_mm if score else None
+    if score is None:
+        return None
+    return score.tip_rmse_mm if unit == "mm" else score.angle_rmse_deg
 
 
 def render_comparison(first: Path, second: Path, *, names: tuple[str, str] | None = None) -> str:
@@ -107,6 +124,7 @@ def render_comparison(first: Path, second: Path, *, names: tuple[str, str] | Non
             "headline": prose.headline(evidence, prose.effect_titles(evidence)),
             "last": prose.last_step(evidence),
             "evidence": evidence,
+            "shown": [errors_of(step, evidence) for step in evidence.steps],
             "names": [rung_name(step, prose.effect_titles(evidence)) for step in evidence.steps],
         }
         for name, evidence in zip(called, both, strict=True)

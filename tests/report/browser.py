@@ -103,7 +103,7 @@ class Browser:
             time.sleep(0.05)
 
     def key(self, key: str, *, kind: str = "both", shift: bool = False) -> None:
-        code = {" ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}.get(
+        code = {"Tab": 9, " ": 32, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}.get(
             key, ord(key[0].upper())
         )
         common = {"key": key, "windowsVirtualKeyCode": code, "modifiers": 8 if shift else 0}

@@ -196,6 +196,29 @@ def test_everything_has_a_name_for_screen_readers(opened: Browser) -> None:
     assert opened.run("document.querySelectorAll('h1').length") == 1
 
 
+def test_keyboard_reaches_everything_in_reading_order(opened: Browser) -> None:
+    opened.run("document.activeElement.blur(), scrollTo({top: 0, behavior: 'instant'})")
+    visited = []
+    for _ in range(14):
+        opened.key("Tab")
+        visited.append(opened.run("(e => e.id || e.className || e.tagName)(document.activeElement)"))
+    assert visited[:2] == ["skip", "theme"]
+    assert visited.index("keys") < visited.index("rung") < visited.index("before")
+    tabs = opened.run("[...document.querySelectorAll('[role=tab]')].map(t => t.tabIndex)")
+    assert set(tabs) == {0}  # every run, not only the chosen one
+    panel = opened.run(
+        "document.getElementById(document.querySelector('[role=tab]').getAttribute('aria-controls')).role"
+    )
+    assert panel == "tabpanel"
+
+
+def test_a_change_of_rung_is_said_aloud(opened: Browser) -> None:
+    opened.key("2")
+    said = opened.run("document.querySelector('[role=status]').textContent")
+    assert "Rung 2" in said
+    assert "mm" in said
+
+
 def test_prints_every_figure_as_vectors(opened: Browser) -> None:
     pdf = opened.pdf()
     assert pdf.startswith(b"%PDF")

@@ -1,0 +1,180 @@
+"""Degrees where only an angle was measured, words instead of ids, and what gives way when a page grows too large."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import shutil
+from pathlib import Path
+
+import av
+import pytest
+import xarray as xr
+
+from rfea_vision.artefacts import Diagnosis, Ladder, ModelFit, Recording, Track
+from rfea_vision.files import read_dataset, write_datasets
+from rfea_vision.report import page, render, render_index
+from rfea_vision.report.collect import collect
+from rfea_vision.report.films import fit_films
+from rfea_vision.report.prose import effect_titles, how_it_ended, in_words
+from tests.report.sample import RUNGS, write_sample
+from tests.report.test_render import page_of, words
+
+TWO = ("steps-270kPa", "steps-180kPa")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_sample(tmp_path_factory.mktemp("shown") / "rfea", seconds=1.5, video=False, names=TWO)
+
+
+def only_angles(folder: Path) -> None:
+    """Take from a campaign what an inclinometer does not give; its errors become those of the angle."""
+    for path in folder.glob("*/recording.nc"):
+        kept = ["valid", "reason", "bend_angle", "bend_angle_sigma"]
+        Recording(read_dataset(path)[[*kept, "pressure"]]).save(path)
+        Track(read_dataset(path.parent / "track.nc")[kept]).save(path.parent / "track.nc")
+    for rung in RUNGS:
+        room = folder / "models" / rung
+        groups: dict[str | None, xr.Dataset] = {
+            name: read_dataset(room / "prediction.nc", group=name)[["bend_angle", "phase"]] for name in TWO
+        }
+        write_datasets(room / "prediction.nc", groups)
+        fit = ModelFit.load(room / "model.json").model_dump(mode="json")
+        for row in (*fit["metrics"].values(), *fit["experiments"].values()):
+            row |= {key: None for key in row if key.startswith(("tip", "midline"))}
+        ModelFit.model_validate(fit | {"noise_floor_mm": None}).save(room / "model.json")
+        found = Diagnosis.load(room / "diagnosis.json").model_dump(mode="json", by_alias=True)
+        for row in found["candidates"]:
+            row |= {key.replace("_mm", "_deg"): row[key] for key in list(row) if key.endswith("_rmse_mm")}
+            row |= {key: None for key in row if key.endswith("_rmse_mm")}
+        floor = {"noise_floor_mm": None, "noise_floor_deg": 0.0417}
+        Diagnosis.model_validate(found | floor).save(room / "diagnosis.json")
+    ladder = Ladder.load(folder / "ladder.json").model_dump(mode="json")
+    for rung in ladder["rungs"]:
+        for role in ("train", "validate"):
+            rung[f"{role}_angle_rmse_deg"] = rung.pop(f"{role}_tip_rmse_mm")
+            rung[f"{role}_tip_rmse_mm"] = None
+    ladder["test"] = {"angle_rmse_deg": 0.123, "first_model_angle_rmse_deg": 4.56, "experiments": {}}
+    Ladder.model_validate(ladder | {"noise_floor_mm": None, "noise_floor_deg": 0.0417}).save(folder / "ladder.json")
+
+
+def test_an_angle_campaign_is_shown_in_degrees(small: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(small, tmp_path / "tube" / "rfea"))
+    in_mm = page_of(folder)
+    only_angles(folder)
+    html = page_of(folder)
+    text = words(html)
+    assert "Held out, mm" in in_mm
+    assert "Held out, deg" in text
+    assert "Predicted, deg" in text
+    assert "Held out, mm" not in text
+    assert "Tip error" not in text
+    assert "0.042 deg" in text.replace("\N{NO-BREAK SPACE}", " ")
+    assert "off by 0.12 deg , the model of the paper by 4.56 deg" in text.replace("\N{NO-BREAK SPACE}", " ")
+    rungs = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", html, re.S)[1])["rungs"]  # type: ignore[index]
+    assert [rung["unit"] for rung in rungs] == ["deg"] * 3
+    assert rungs[0]["floor"] == 0.0417
+    candidates = html.split('data-csv="candidates-base"')[1].split("</table>")[0]
+    assert candidates.count('class="n strong">–') == 0
+    index = render_index([folder])
+    angle = ModelFit.load(folder / "models" / "base" / "model.json").experiments["steps-270kPa"].angle_rmse_deg
+    assert f"{angle:.2f}" in index
+    assert "errors in deg" in index
+
+
+def test_sentences_of_artefacts_speak_the_readers_words(small: Path) -> None:
+    evidence = collect(small)
+    titles = effect_titles(evidence)
+    assert in_words("The tip of model base is off.", evidence, titles) == "The tip of the model of the paper is off."
+    assert (
+        in_words("The tip of model base+maxwell is off.", evidence, titles)
+        == "The tip of the model with visco-elastic relaxation (Maxwell branch) is off."
+    )
+    made_up = "b_neg_ref had moved to make up for maxwell: 0.1 before."
+    assert "for visco-elastic relaxation (Maxwell branch): 0.1" in in_words(made_up, evidence, titles)
+    assert in_words("creep (maxwell)", evidence, titles) == "creep (maxwell)"
+    assert "falls into the rises of the pressure" in in_words("2 % falls into the phase 'rise'.", evidence, titles)
+    assert how_it_ended(evidence, titles) == "The search ended because what is left is at the noise floor."
+
+
+def test_what_no_effect_explains_is_not_called_nothing(small: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(small, tmp_path / "rfea"))
+    ladder = Ladder.load(folder / "ladder.json").model_dump(mode="json")
+    Ladder.model_validate(ladder | {"rungs": ladder["rungs"][:1]}).save(folder / "ladder.json")
+    for rung in RUNGS[1:]:
+        shutil.rmtree(folder / "models" / rung)
+    found = Diagnosis.load(folder / "models" / "base" / "diagnosis.json").model_dump(mode="json", by_alias=True)
+    changed = found | {"verdict": "unexplained", "named": []}
+    Diagnosis.model_validate(changed).save(folder / "models" / "base" / "diagnosis.json")
+    text = words(page_of(folder))
+    assert "Something is missing that no effect in the catalogue explains." in text
+    assert "Not in the catalogue" in text
+    assert "nothing had to be added" not in text
+
+
+def test_calibration_study_profile_and_runs_left_out_are_told(small: Path) -> None:
+    html = page_of(small)
+    text = words(html)
+    assert "of the tube's length" in text.replace("&#39;", "'")  # an apostrophe comes through OpenCV's YAML
+    assert "10 photos are few" in text
+    assert html.count("data:image/jpeg;base64,") == 9
+    assert "k_ref lies between 0.0831 and 0.0859 N m/rad" in text
+    assert "k_ref moves most when a run is left out" in text
+    assert "pinhole with Brown distortion" in text
+    study = html.split('data-csv="segments-base"')[1].split("</table>")[0]
+    fit = ModelFit.load(small / "models" / "base" / "model.json")
+    assert study.count("<tr") == 1 + len(fit.segments_study)
+    assert f'data-value="{fit.segments_study[0]["validate_tip_y_rmse_mm"]}"' in study
+    assert ">6.4<" in study.replace("6.40", "6.4")  # seconds of 32 segments, from timings.json
+
+
+def test_series_thin_out_before_the_page_grows_too_large(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = re.search(r"id=\"series\">(.*?)</script>", page_of(small), re.S)
+    assert whole is not None
+    monkeypatch.setattr(page, "SERIES_LIMIT_BYTES", len(whole[1]) // 3)
+    html = render(small, title="thin", commands=())
+    thin = re.search(r"id=\"series\">(.*?)</script>", html, re.S)
+    assert thin is not None
+    assert len(thin[1]) <= len(whole[1]) // 3
+    manifest = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", html, re.S)[1])  # type: ignore[index]
+    assert manifest["experiments"][0]["t"]["shape"][0] > 30
+
+
+def test_films_shrink_to_fit(sample: Path) -> None:
+    experiments = collect(sample).experiments
+    records: list[dict] = [{"clip": {}, "why": {}} for _ in experiments]
+    whole = sum(len(e.clip or b"") for e in experiments) * 4 // 3
+    films = fit_films(experiments, records, whole // 2)
+    assert len(films) == len(experiments)
+    assert sum(len(text) for _, text in films) <= whole // 2
+    frames = {e.name: len(e.clip_info["times_s"]) for e in experiments}
+    for name, text in films:
+        with av.open(io.BytesIO(base64.b64decode(text)), "r") as film:
+            assert sum(1 for _ in film.decode(video=0)) == frames[name]
+
+
+def test_a_film_that_cannot_shrink_enough_is_left_out_with_a_word(sample: Path) -> None:
+    experiments = collect(sample).experiments[:1]
+    records: list[dict] = [{"clip": {}, "why": {}}]
+    assert fit_films(experiments, records, 500) == []
+    assert "was left out to keep this page below" in records[0]["why"]["clip"]
+
+
+def luminance(colour: str) -> float:
+    parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("ink", ["ink", "muted", "measured", "modelled-text", "accent", "bad"])
+@pytest.mark.parametrize("paper", ["paper", "sunk", "wash"])
+def test_text_stands_out_from_its_paper(theme: str, ink: str, paper: str) -> None:
+    """Contrast as WCAG 2.1 computes it, 4.5 for text (https://www.w3.org/TR/WCAG21/#contrast-minimum)."""
+    block = page.static("style.css").split(f'[data-theme="{theme}"] {{')[1].split("}")[0]
+    tokens = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
+    high, low = sorted((luminance(tokens[ink]), luminance(tokens[paper])), reverse=True)
+    assert (high + 0.05) / (low + 0.05) >= 4.5
