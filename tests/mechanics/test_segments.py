@@ -37,7 +37,7 @@ def test_exact_and_nested(what, joints, actuator, published, excitation, frames)
 
 
 @pytest.mark.parametrize("joints", ["middle", "start"])
-@pytest.mark.parametrize("n", [1, 2, 64])
+@pytest.mark.parametrize("n", [1, 12])
 def test_each_parameter_is_of_its_joint(n, joints, actuator, published):
     model = Model(Chain.tube(actuator, n, joints), (per_segment("rest_angle", n),), gravity=0.0)
     par = published.copy()
