@@ -72,6 +72,7 @@ def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, A
     last = prose.last_step(evidence)
     shown = errors_of(last, evidence) if last else None
     unit = shown.unit if shown else "mm"
+    tested = (evidence.ladder.test if evidence.ladder else None) or {}
     return {
         "name": name,
         "unit": unit,
@@ -82,16 +83,17 @@ def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, A
         "link": Path(os.path.relpath(page, beside)).as_posix() if beside is not None and page.exists() else None,
         "steps": [rung_name(step, titles) for step in steps],
         "experiments": [
-            {"name": key, "role": role, "errors": [_error(step, key, unit) for step in steps]}
+            {"name": key, "role": role, "errors": [_error(step, key, unit, tested) for step in steps]}
             for key, role in names.items()
         ],
     }
 
 
-def _error(step: Step, experiment: str, unit: str) -> float | None:
+def _error(step: Step, experiment: str, unit: str, tested: Mapping[str, Any]) -> float | None:
+    """Error of one rung on one run; a test run has one on the last rung only, scored at the end."""
     score = step.fit.experiments.get(experiment)
     if score is None:
-        return None
+        return (tested.get("experiments") or {}).get(experiment) if step.rung.model == tested.get("model") else None
     return score.tip_rmse_mm if unit == "mm" else score.angle_rmse_deg
 
 

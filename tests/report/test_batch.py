@@ -31,6 +31,12 @@ def test_index_has_a_row_per_experiment_and_a_column_per_rung(tube_a: Path, tmp_
     assert first is not None
     assert f"{first:.2f}" in html
     assert html.count('<th scope="row">steps-') == 2
+    ladder = json.loads((tube_a / "ladder.json").read_text())
+    run = write_sample(tmp_path / "tube-T" / "rfea", seconds=1.5, video=False)
+    tested = render_index([run])
+    assert ladder["test"]["model"] == RUNGS[-1]
+    row = tested.split('<th scope="row">mixed-250kPa')[1].split("</tr>")[0]
+    assert row.count("–") == len(RUNGS) - 1  # scored once, on the last rung
     assert len(re.findall(r"Rung \d", html)) == 3
     assert 'href="tube-A/rfea/report/index.html"' in html
     assert "tube-B" in html

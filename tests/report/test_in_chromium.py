@@ -197,6 +197,7 @@ def test_everything_has_a_name_for_screen_readers(opened: Browser) -> None:
 
 
 def test_keyboard_reaches_everything_in_reading_order(opened: Browser) -> None:
+    opened.key("2")  # on the first rung there is none before, and its button rests
     opened.run("document.activeElement.blur(), scrollTo({top: 0, behavior: 'instant'})")
     visited = []
     for _ in range(14):

@@ -4,7 +4,6 @@ plots.photos = {
   need: () => manifest.calibration.photos.length ? undefined : manifest.calibration.size ? "camera.yaml keeps no residuals of its photos: it came from another tool." : noCalibration(),
   draw(pen) {
     const {photos, size: [w, h]} = manifest.calibration, c = pen.colours, label = 32, gap = 14;
-    photos.forEach(photo => { photo.thumbnail ??= photo.picture ? pictureOf(photo.picture) : null; });
     let columns = 1, k = 0; // the arrangement that shows the photos largest
     for (let n = 1; n <= photos.length; n++) {
       const fits = Math.min((pen.width / n - gap) / w, (pen.height / Math.ceil(photos.length / n) - label) / h);
@@ -30,6 +29,7 @@ function pictureOf(address) {
   picture.src = address;
   return picture;
 }
+for (const photo of manifest.calibration.photos) photo.thumbnail = photo.picture ? pictureOf(photo.picture) : null; // early, so that paper has them
 const median = values => [...values].sort((a, b) => a - b)[values.length >> 1];
 
 plots.uncertainty = {

@@ -129,7 +129,12 @@ function dressTables() {
   }
 }
 
-// On paper: light colours, every figure as SVG.
+// On paper: light colours, every figure as SVG, drawn as wide as its column is there, so that type keeps its size.
+function paperWidth(element) {
+  if (element.closest(".thirds, .halves")) return 330;
+  if (element.closest(".twothirds")) return element === element.parentElement.firstElementChild ? 450 : 230;
+  return element.closest(".linked") ? 440 : 690;
+}
 let themeBefore = null;
 function toPaper() {
   if (themeBefore !== null) return;
@@ -142,7 +147,7 @@ function toPaper() {
     figure.base.hidden = figure.top.hidden = true;
     if (why) { const note = figure.holder.appendChild(document.createElement("p")); note.className = "why"; note.textContent = why.replaceAll("`", ""); continue; }
     const sheet = document.createElement("div");
-    sheet.className = "sheet"; sheet.innerHTML = figure.svg();
+    sheet.className = "sheet"; sheet.innerHTML = figure.svg(paperWidth(figure.element), parseFloat(figure.element.style.getPropertyValue("--height")));
     figure.holder.append(sheet);
   }
 }

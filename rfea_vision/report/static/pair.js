@@ -41,8 +41,8 @@ plots.steady = pairPlot("pressure in kPa", "bend angle at rest in deg", () => ma
     const order = s.pressure_kPa.map((_, i) => i).sort((a, b) => s.pressure_kPa[a] - s.pressure_kPa[b]), pick = key => order.map(i => s[key][i]);
     return [s.angle_deg && {x: pick("pressure_kPa"), y: pick("angle_deg"), colour: pairColours(c)[k], dots: true}, s.fitted_angle_deg && {x: pick("pressure_kPa"), y: pick("fitted_angle_deg"), colour: pairColours(c)[k]}].filter(Boolean);
   }));
-plots.profiles = pairPlot("clamp 0 … tip 1", "elongation (ratio)", () => manifest.pair.some(s => s.profiles.length) ? undefined : "Neither comparison carries elongation profiles.",
-  c => manifest.pair.flatMap((side, k) => side.profiles.filter(p => p.measured).map(p => ({x: p.position ?? p.measured.map((_, i) => (i + 0.5) / p.measured.length), y: p.measured, colour: pairColours(c)[k]}))));
+plots.profiles = pairPlot("clamp 0 … tip 1", "elongation in %", () => manifest.pair.some(s => s.profiles.length) ? undefined : "Neither comparison carries elongation profiles.",
+  c => manifest.pair.flatMap((side, k) => side.profiles.filter(p => p.measured).map(p => ({x: p.position ?? p.measured.map((_, i) => (i + 0.5) / p.measured.length), y: p.measured.map(v => v === null ? null : 100 * v), colour: pairColours(c)[k]}))));
 
 async function start() {
   await openSeries();

@@ -70,7 +70,7 @@ class Figure {
   get stale() { return this.isStale; }
   refresh() { this.stale = true; Figure.schedule(); }
   paint() {
-    if (!this.visible) return;
+    if (!this.visible || this.holder.querySelector(".sheet")) return; // on paper the sheet stands for the canvas
     if (this.stale) {
       this.stale = false; // before drawing: a drawing that fails must not be tried for ever
       const why = this.plot.need?.();
@@ -100,8 +100,8 @@ class Figure {
     return new CanvasPen(context, width, height, colours());
   }
   size() { return {width: this.holder.clientWidth, height: this.holder.clientHeight}; }
-  svg() {
-    const pen = new SvgPen(this.holder.clientWidth || 720, this.holder.clientHeight || 260, coloursOf(document.getElementById("printed")));
+  svg(width = this.holder.clientWidth || 720, height = this.holder.clientHeight || 260) {
+    const pen = new SvgPen(width, height, coloursOf(document.getElementById("printed")));
     this.plot.draw(pen);
     this.plot.cursor?.(pen);
     return pen.document();
