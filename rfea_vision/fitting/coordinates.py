@@ -19,6 +19,7 @@ from rfea_vision.fitting.observation import Observed
 from rfea_vision.tube import inner_radius
 
 FloatArray = NDArray[np.float64]
+REACH = 1.5
 R_HYD_BOUNDS = (0.003, 0.005)  # m, the paper's: a free r_hyd runs away along k (docs/physics.md 3.10)
 
 
@@ -146,8 +147,9 @@ def build(
     """
     names = model.names
     reference = base_reference(actuator, segments)
-    # The tube does not bend evenly, and a run may overshoot: keep k and b positive to twice the mean angle reached.
-    theta = 2.0 * bend / segments
+    # The tube does not bend evenly: keep k and b positive to half as much again as the mean angle reached. At twice that
+    # angle the paper's own b_neg is negative.
+    theta = REACH * bend / segments
     reach = max(float(inner_radius(actuator, theta, actuator.length / segments)) - actuator.inner_radius, 1e-6)
     pinned, given = dict(fixed or {}), dict(bounds or {})
     offset = np.zeros(len(names)) if held is None else held.copy()

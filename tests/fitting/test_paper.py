@@ -114,3 +114,19 @@ def test_a_modulus_is_that_of_a_ring_that_bends_about_its_side():
     integrand = (tube.outer_radius + radius[:, None] * np.cos(angle)) ** 2 * radius[:, None]
     moment = np.trapezoid(np.trapezoid(integrand, angle, axis=1), radius)
     assert stiffness_per_modulus(tube, 8) == pytest.approx(moment * 8 / tube.length, rel=1e-4)
+
+
+def test_the_papers_own_table_lies_within_the_bounds():
+    import numpy as np
+
+    from rfea_vision.artefacts import Actuator
+    from rfea_vision.dynamics.parameters import PUBLISHED
+    from rfea_vision.fitting import FitOptions
+    from rfea_vision.fitting.coordinates import build
+    from rfea_vision.fitting.fit import make_model
+
+    model = make_model(Actuator(), FitOptions(segments=8, joints="start"))
+    for bend in (0.5, 1.5, 2.2):  # rad; 270 kPa with its overshoot is below the last
+        coordinates = build(model, Actuator(), 8, bend)
+        y = np.linalg.solve(coordinates.matrix, PUBLISHED["8-DoF"].vector())
+        assert np.all(y > coordinates.lower) and np.all(y < coordinates.upper)
