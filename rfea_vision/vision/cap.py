@@ -19,6 +19,14 @@ LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 
 
 @njit(cache=True, nogil=True)
+def cap_contrast(state):
+    """Step in the light at the end, as a share of the one at the edges: 1 where the tube really ends here."""
+    levels = state.levels[2, :CAP_VERTICES]
+    contrast = np.mean(levels[:, 0]) - np.mean(levels[:, 1])
+    return contrast / state.reference[2, 0] if state.reference[2, 0] != 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True)
 def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     """Shift of the tube's end along its axis; None of it is applied here.
 
@@ -61,7 +69,7 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     shift, weight, used = _cap_mean(work, filled, state, half)
     if weight <= 0.0:
         return 0.0, 1.0, 0.0
-    if shape_gain > 0.0:
+    if shape_gain > 0.0 and 0.8 < used / expected < 1.2 and 0.75 < cap_contrast(state) < 1.3:  # a clear view only
         _follow_cap_shape(work, filled, state, half, shape_gain)
     return shift, noise * noise / weight, used / expected
 
@@ -116,14 +124,6 @@ def _follow_cap_shape(work, filled, state, half, gain):
         round_ = state.cap[1] + gain * solution[2] / (half * half)
         state.cap[0] = min(max(tilt, -STEEPEST_TILT), STEEPEST_TILT)
         state.cap[1] = min(max(round_, -ROUNDEST / half), ROUNDEST / half)
-
-
-@njit(cache=True, nogil=True)
-def cap_contrast(state):
-    """Step in the light at the end, as a share of the one at the edges: 1 where the tube really ends here."""
-    levels = state.levels[2, :CAP_VERTICES]
-    contrast = np.mean(levels[:, 0]) - np.mean(levels[:, 1])
-    return contrast / state.reference[2, 0] if state.reference[2, 0] != 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True)

@@ -33,8 +33,8 @@ from rfea_vision.vision.sides import fit_sides, gaps, measure_sides, move_state,
 from rfea_vision.vision.solve import correlation_length
 
 TURNS = 8
-SPARSE = 6  # rows from one station to the next while the curve is still on its way
-LEAST_CAP_CONTRAST = 0.3  # of the light step at the edges
+SPARSE = 3  # rows from one station to the next while the curve is still on its way
+LEAST_CAP_CONTRAST = 0.45  # of the light step at the edges
 
 
 @njit(cache=True, nogil=True)

@@ -18,6 +18,8 @@ LONGEST_GAP = 0.2  # of the length, unseen on both sides
 WIDTH_OFF = 0.2
 LONGEST_END_GAP = 0.06  # the same at the free end: beyond it the curve is only continued
 LEAST_END_CONTRAST = 0.45  # of the light step at the edges near the free end: less is smeared by motion
+RECENT = 9
+LENGTH_JUMP = 0.005  # of the length, against the last frames
 LENGTH_OFF = 0.04
 
 
@@ -29,7 +31,10 @@ class Judge:
         self.hinge_lengths: list[float] = []
         self.expected_mm = scene.length_mm
         self._sample: NDArray[np.uint8] | None = None
-        self._mean = 0.0
+        self.recent: list[float] = []
+        self._jumped = 0
+        self._first: NDArray[np.float64] | None = None
+        self._gain = 1.0
 
     def __call__(self, luma: NDArray[np.uint8], numbers: FloatArray) -> str:
         """Empty if good, else a reason of FORMATS: no_tube, occluded, blurred, width_off, length_off, touches_border."""
@@ -69,10 +74,24 @@ class Judge:
                 return "length_off"
         elif abs(hinge / self.scene.length_mm - 1) > 0.35:
             return "length_off"
+        if self._jumps(hinge):
+            return "length_off"
         if len(self.hinge_lengths) < 200:
             self.hinge_lengths.append(hinge)
             self.expected_mm = float(np.median(self.hinge_lengths))
+        self.recent = [*self.recent[1 - RECENT :], hinge]
+        self._jumped = 0
         return ""
+
+    def _jumps(self, hinge: float) -> bool:
+        """A length unlike that of the last frames: something stands before the end; thrice running it is the tube."""
+        if len(self.recent) < RECENT or self._jumped >= 3:
+            return False
+        middle = float(np.median(self.recent))
+        scatter = 1.4826 * float(np.median(np.abs(np.array(self.recent) - middle)))
+        jumps = abs(hinge - middle) > max(LENGTH_JUMP * middle, 8.0 * scatter)
+        self._jumped += jumps
+        return jumps
 
     @property
     def bend_sign(self) -> float:
@@ -86,13 +105,19 @@ class Judge:
 
     def memory(self) -> dict[str, Any]:
         """Everything that the next judgement depends on."""
-        lengths = {"hinge_lengths": self.hinge_lengths, "expected_mm": self.expected_mm, "mean": self._mean}
-        return lengths | {"sample": self._sample if self._sample is not None else np.zeros((0, 0), np.uint8)}
+        plain = {"hinge_lengths": self.hinge_lengths, "expected_mm": self.expected_mm, "gain": self._gain}
+        plain |= {"recent": self.recent, "jumped": int(self._jumped)}
+        nothing = np.zeros((0, 0), np.uint8)
+        return plain | {
+            "sample": self._sample if self._sample is not None else nothing,
+            "first": self._first if self._first is not None else nothing,
+        }
 
-    def recall(self, plain: dict[str, Any], sample: NDArray[np.uint8]) -> None:
+    def recall(self, plain: dict[str, Any], sample: NDArray[np.uint8], first: FloatArray) -> None:
         """Go on from what `memory` gave."""
         self.hinge_lengths, self.expected_mm = list(plain["hinge_lengths"]), plain["expected_mm"]
-        self._mean, self._sample = plain["mean"], sample
+        self._gain, self._sample, self._first = plain["gain"], sample, first
+        self.recent, self._jumped = list(plain["recent"]), plain["jumped"]
 
     def duplicate(self, luma: NDArray[np.uint8], expected_px: float) -> str:
         """A frame identical to the last one although the tube is moving is a copy written by the recorder."""
@@ -104,6 +129,10 @@ class Judge:
     def brightening(self) -> float:
         """How much brighter the last picture given is than the one before: lamps flicker, exposure drifts."""
         assert self._sample is not None
-        mean, before = float(self._sample.mean()) + 1.0, self._mean
-        self._mean = mean
-        return min(max(mean / before, 0.25), 4.0) if before > 0 else 1.0
+        sample = self._sample[::2, ::2].astype(np.float64) + 1.0
+        if self._first is None:
+            self._first = sample
+        # Pixel by pixel, and the middle of all: what moves through the picture is no change of the light.
+        gain = float(np.clip(np.median(sample / self._first), 0.05, 20.0))
+        ratio, self._gain = gain / self._gain, gain
+        return ratio

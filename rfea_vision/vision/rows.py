@@ -54,6 +54,7 @@ class Rows:
         self._count = 0
         self.covariance_sum = np.zeros((COEFFICIENTS, COEFFICIENTS))  # at unit pixel noise, to be averaged
         self.good = 0
+        self._profiled = False
         self.marked = False  # whether the profiles are worth reading
         self.reasons: list[str] = []
         self._allocate(256)
@@ -75,7 +76,7 @@ class Rows:
             else:
                 new = np.full((capacity, *shape), np.nan, dtype=np.float32 if "variance" in name else np.float64)
             old = self._arrays.get(name)
-            if old is not None:
+            if old is not None and (name != "profile" or self._profiled):
                 new[: self._count] = old[: self._count]
             self._arrays[name] = new
 
@@ -110,7 +111,8 @@ class Rows:
     def saved(self) -> dict[str, FloatArray]:
         """Everything in it but the reasons, for a checkpoint."""
         sums = {"covariance_sum": self.covariance_sum, "good": np.array(self.good)}
-        return {name: values[: self._count] for name, values in self._arrays.items()} | sums
+        kept = {name: values for name, values in self._arrays.items() if name != "profile" or self._profiled}
+        return {name: values[: self._count] for name, values in kept.items()} | sums
 
     def restore(self, saved: dict[str, FloatArray], reasons: list[str]) -> None:
         """Put back what `saved` gave."""
@@ -120,7 +122,9 @@ class Rows:
         self._arrays = {}
         self._allocate(capacity)
         for name, values in self._arrays.items():
-            values[: self._count] = saved[name]
+            if name in saved:
+                self._profiled = self._profiled or name == "profile"
+                values[: self._count] = saved[name]
 
     def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan) -> None:
         """Add a frame."""
@@ -136,6 +140,7 @@ class Rows:
         self._arrays["coefficients"][n] = follower.state.coefficients
         self._arrays["width"][n] = follower.state.width
         if follower.marked and follower.profile is not None:
+            self._profiled = True
             self._arrays["profile"][n] = np.round(256.0 * follower.profile)
         self._arrays["numbers"][n] = follower.work.numbers
         noise = max(float(follower.work.numbers[fitted.NOISE]), 1e-3)

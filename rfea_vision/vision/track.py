@@ -242,7 +242,7 @@ class Follower:
         plain |= {"polarity": self.start.polarity, "score": self.start.score, "marked": self.marked}
         arrays["first_profiles"] = np.array(self.first_profiles).reshape(-1, SAMPLES)
         judged = self.judge.memory()
-        return arrays | {"sample": judged.pop("sample"), "plain": plain | judged}
+        return arrays | {"sample": judged.pop("sample"), "first": judged.pop("first"), "plain": plain | judged}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Go on from what `memory` gave."""
@@ -257,7 +257,7 @@ class Follower:
         self.clamp_errors = memory["clamp_errors"].tolist()
         self.marked, self.first_profiles = plain["marked"], [*memory["first_profiles"]]
         self.last_time, self.missed, self.good = plain["time"], plain["missed"], plain["good"]
-        self.judge.recall(plain, memory["sample"])
+        self.judge.recall(plain, memory["sample"], memory["first"])
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame; returns an empty string, or the reason why it is rejected."""
