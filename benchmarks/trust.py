@@ -83,7 +83,7 @@ def coverage(
         found = intervals(fitted, problem.train, actuator, refine(fitted, problem.train).par).parameters
         for name, value in truth.items():
             interval = found[name].interval_95
-            hits[name] += interval is not None and interval[0] <= value <= interval[1]
+            hits[name] += int(interval is not None and interval[0] <= value <= interval[1])
     return {name: 100 * count / DRAWS for name, count in hits.items()}
 
 
@@ -152,7 +152,7 @@ def run() -> list[dict[str, Any]]:
                     "value": f"{low:.0f} to {high:.0f}",
                     "unit": "%",
                     "target": "90 to 99",
-                    "met": low >= 90 and high <= 99,
+                    "met": bool(low >= 90 and high <= 99),
                     "against": ", ".join(f"{name} {share:.0f}" for name, share in shares.items()),
                 }
             )
