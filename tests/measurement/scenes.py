@@ -178,7 +178,7 @@ def picture(
     image += tube * (look.tube - image)
     for k in range(look.bands):
         at = (k + 0.5) / look.bands + np.array([-0.006, 0.006])
-        i = np.linspace(*(at * (len(shape_.phi) - 1)), 8)
+        i = np.linspace(at[0], at[1], 8) * (len(shape_.phi) - 1)
         sides = [
             np.column_stack([np.interp(i, np.arange(len(line)), line[:, c]) for c in (0, 1)])
             for line in (shape_.inner, shape_.outer)

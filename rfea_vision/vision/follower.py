@@ -1,0 +1,230 @@
+"""From frame to frame: predict, fit, judge, and find the tube again where it was lost."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.vision import fitted
+from rfea_vision.vision.begin import Begin, Scene, begin
+from rfea_vision.vision.cap import CAP_VERTICES
+from rfea_vision.vision.coarse import bend_search
+from rfea_vision.vision.curve import point_and_tangent
+from rfea_vision.vision.ends import End, find_end
+from rfea_vision.vision.follow import fit_frame
+from rfea_vision.vision.judge import Judge
+from rfea_vision.vision.markers import SAMPLES, has_texture, light_along
+
+FloatArray = NDArray[np.float64]
+
+SEARCH_PX = 12.0
+WIDEST_SWING_RAD = 1.2  # more bend or less than in the last frame seen
+FIRST_FRAMES = 30  # frames in which the shape of the tube's end is learned fast
+
+
+@dataclass
+class Follower:
+    """Carries the tube's state from frame to frame."""
+
+    scene: Scene
+
+    def __post_init__(self) -> None:
+        self.work = fitted.new_workspace()
+        self.start: Begin | None = None
+        self.judge = Judge(self.scene)
+        self.state: fitted.State | None = None
+        self.last: FloatArray | None = None  # coefficients of the last good frame
+        self.velocity: FloatArray | None = None  # mm per s
+        self.last_time = 0.0
+        self.missed = 0
+        self.good = 0
+        self.marked = True  # until the first frames say otherwise
+        self.first_profiles: list[FloatArray] = []
+        self.profile: FloatArray | None = None  # light along the tube in the last good frame
+        self.clamp_errors: list[float] = []
+        self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
+
+    def memory(self) -> dict[str, Any]:
+        """Everything that the next frame depends on, for a checkpoint."""
+        if self.start is None or self.state is None or self.last is None:
+            return {"plain": {"found": False}}
+        arrays: dict[str, Any] = {f"state.{name}": values for name, values in self.state._asdict().items()}
+        arrays |= {"last": self.last, "clamps": np.array(self.clamps), "clamp_errors": np.array(self.clamp_errors)}
+        if self.velocity is not None:
+            arrays["velocity"] = self.velocity
+        plain = {"found": True, "time": self.last_time, "missed": self.missed, "good": self.good}
+        plain |= {"base": astuple(self.start.base), "tip": astuple(self.start.tip)}
+        plain |= {"polarity": self.start.polarity, "score": self.start.score, "marked": self.marked}
+        arrays["first_profiles"] = np.array(self.first_profiles).reshape(-1, SAMPLES)
+        judged = self.judge.memory()
+        return arrays | {"sample": judged.pop("sample"), "first": judged.pop("first"), "plain": plain | judged}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Go on from what `memory` gave."""
+        plain = memory["plain"]
+        if not plain["found"]:
+            return
+        self.state = fitted.State(*(memory[f"state.{name}"].copy() for name in fitted.State._fields))
+        base, tip = End(*plain["base"]), End(*plain["tip"])
+        self.start = Begin(self.state, base, tip, plain["polarity"], plain["score"])
+        self.last, self.velocity = memory["last"].copy(), memory.get("velocity")
+        self.clamps = [*memory["clamps"].reshape(-1, 2)]
+        self.clamp_errors = memory["clamp_errors"].tolist()
+        self.marked, self.first_profiles = plain["marked"], [*memory["first_profiles"]]
+        self.last_time, self.missed, self.good = plain["time"], plain["missed"], plain["good"]
+        self.judge.recall(plain, memory["sample"], memory["first"])
+
+    def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
+        """Fit one frame; returns an empty string, or the reason why it is rejected."""
+        if self.start is None:
+            found = begin(luma, self.scene, self.work)
+            if isinstance(found, str):
+                return found
+            self.start, self.state = found, found.state
+            self.last, self.velocity = found.state.coefficients.copy(), None
+        reason = self.judge.duplicate(luma, self._speed_px(time_s))
+        self._brighten(self.judge.brightening())
+        if reason:
+            return reason
+        reason = self._fit_predicted(luma, time_s)
+        if reason and (self._swing_and_fit(luma) == "" or self._find_again(luma) == ""):
+            reason = ""
+        if reason:
+            self.missed += 1
+            assert self.state is not None and self.last is not None
+            self.state.coefficients[:] = self.last
+            return reason
+        self._accept(time_s)
+        self._read_marks(luma)
+        if self.good <= FIRST_FRAMES:
+            self._look_at_clamp(luma)
+        return ""
+
+    def _brighten(self, gain: float) -> None:
+        """Scale what the light is expected to be; the sums of a frame then correct the rest."""
+        assert self.state is not None
+        self.state.levels[:] *= gain
+        self.state.reference[:] *= gain
+
+    def _read_marks(self, luma: NDArray[np.uint8]) -> None:
+        """The light along the tube, as long as the first frames show marks in it."""
+        if not self.marked:
+            return
+        assert self.state is not None
+        profile = np.empty(SAMPLES)
+        light_along(luma, self.scene.camera, self.state.coefficients, self.state.width, profile)
+        self.profile = profile
+        if self.good <= 3:
+            self.first_profiles.append(profile)
+        if self.good == 3:
+            self.marked = has_texture(np.array(self.first_profiles), float(np.median(self.state.reference[:2])))
+
+    def _look_at_clamp(self, luma: NDArray[np.uint8]) -> None:
+        """The clamp does not move: average where it is seen in the first frames."""
+        assert self.state is not None and self.start is not None
+        if self.start.base.kind != "step":
+            return
+        half = float(self.work.numbers[fitted.WIDTH]) / 2
+        contrast = float(np.median(self.state.reference[:2]))
+        end = find_end(
+            luma, self.scene.camera, self.state.coefficients, half, contrast, at_tip=False, beyond_mm=4.0, within_mm=5.0
+        )
+        if end.kind != "step" or abs(end.along_mm) > 1.0:
+            return
+        clamp = self.state.clamp
+        start = point_and_tangent(self.state.coefficients, 0.0)
+        self.clamp_errors.append(end.stderr_mm)
+        self.clamps.append(np.array(start[:2]) - end.along_mm * np.array(start[2:4]))
+        middle = np.median(self.clamps, axis=0)
+        clamp[:2] += float((middle - clamp[:2]) @ clamp[2:]) * clamp[2:]
+
+    def clamp_stderr_mm(self) -> float:
+        """Standard error of the clamp along the tube, from how its places scatter and how its strips disagree."""
+        assert self.start is not None and self.state is not None
+        first = self.start.base.stderr_mm
+        if len(self.clamps) < 4:
+            return first
+        along = np.array(self.clamps) @ self.state.clamp[2:]
+        scatter = 1.25 * along.std() / np.sqrt(len(along))
+        # What all frames share (a shadow, a rough edge) does not average out.
+        shared = max(float(np.median(self.clamp_errors)), 0.03 / self.scene.px_per_mm)
+        return float(np.hypot(scatter, shared))
+
+    def _speed_px(self, time_s: float) -> float:
+        if self.velocity is None:
+            return 0.0
+        step = np.linalg.norm(self.velocity, axis=1).max() * max(time_s - self.last_time, 0.0)
+        return float(step) * self.scene.px_per_mm
+
+    def _fit_predicted(self, luma: NDArray[np.uint8], time_s: float) -> str:
+        assert self.state is not None and self.last is not None
+        saved = [array.copy() for array in self.state]
+        if self.velocity is not None and self.missed == 0:
+            self.state.coefficients[:] = self.last + self.velocity * np.clip(time_s - self.last_time, 0, 0.1)
+        return self._fit(luma, saved, SEARCH_PX * min(1 + self.missed, 3))
+
+    def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:
+        assert self.state is not None
+        gain = 0.3 if self.good < FIRST_FRAMES else 0.02
+        fit_frame(
+            luma,
+            self.scene.camera,
+            self.state,
+            self.work,
+            self.scene.px_per_mm,
+            reach,
+            gain,
+            0.35,
+            self.judge.hinge_mm,
+            self.judge.bend_sign,
+        )
+        reason = self.judge(luma, self.work.numbers)
+        if reason:
+            for array, old in zip(self.state, saved, strict=True):
+                array[:] = old
+        return reason
+
+    def _swing_and_fit(self, luma: NDArray[np.uint8]) -> str:
+        """Look for the last shape bent further, as far as a tube may swing between two frames."""
+        assert self.state is not None and self.last is not None
+        saved = [array.copy() for array in self.state]
+        self.state.coefficients[:] = self.last
+        step = 0.5 * self.scene.half_mm / self.scene.length_mm
+        score = bend_search(luma, self.scene.camera, self.state, self.work, WIDEST_SWING_RAD, step)
+        if score < 0.8:
+            self.state.coefficients[:] = saved[0]
+            return "no_tube"
+        return self._fit(luma, saved, SEARCH_PX)
+
+    def _find_again(self, luma: NDArray[np.uint8]) -> str:
+        """Search the whole picture; the clamp must be where it was."""
+        assert self.state is not None and self.start is not None
+        if self.missed > 4 and self.missed % 10:  # a search of the whole picture takes long
+            return "no_tube"
+        clamp = self.state.clamp.copy()
+        place = np.array([clamp[:2]])
+        found = begin(luma, replace(self.scene, clamp_px=None, tip_px=None), self.work)
+        if isinstance(found, str):
+            return found
+        if np.linalg.norm(found.state.clamp[:2] - place[0]) > 4.0:
+            return "no_tube: another tube"
+        saved = [array.copy() for array in self.state]
+        self.state.coefficients[:] = found.state.coefficients
+        return self._fit(luma, saved, SEARCH_PX)
+
+    def _accept(self, time_s: float) -> None:
+        assert self.state is not None and self.last is not None
+        step = time_s - self.last_time
+        if self.good > 0 and step > 1e-6:
+            velocity = (self.state.coefficients - self.last) / step
+            self.velocity = velocity if self.missed == 0 else None
+        self.last = self.state.coefficients.copy()
+        self.last_time = time_s
+        self.missed = 0
+        self.good += 1
+        if self.good == 3:
+            self.state.reference[:2] = self.state.levels[:2, :, 0] - self.state.levels[:2, :, 1]
+            self.state.reference[2] = np.diff(self.state.levels[2, :CAP_VERTICES].mean(axis=0))[0] * -1.0
