@@ -21,6 +21,7 @@ from rfea_vision.dynamics.sensitivity import (
 )
 from rfea_vision.dynamics.states import relaxed_factors
 from rfea_vision.dynamics.system import (
+    ALLOCATING,
     BETA,
     BLOWN_UP,
     CUBE,
@@ -47,7 +48,7 @@ from rfea_vision.dynamics.system import (
 LARGEST_STEP = 0.3  # rad per Newton step
 
 
-@njit(**INLINE)
+@njit(**ALLOCATING)
 def _derivatives(system, work, out_par, relaxed, dpressure, free, S_phi, S_z):
     """Implicit function theorem at the steady state: writes S_phi (n + 1, p) and S_z (n, m, p)."""
     n, m, p = system.chain.shape[0], system.states, free.size

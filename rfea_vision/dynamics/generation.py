@@ -85,7 +85,7 @@ def _function(
             raise InputError("effect law: a derivative could not be formed; write it with differentiable functions")
     body = _unpack(law, expressions, "        ", per_item)
     return (
-        f"\n@njit(void({signature}), nogil=True, cache=True, error_model='numpy')\n"
+        f"\n@njit(void({signature}), nogil=True, cache=True, error_model='numpy', _nrt=False)\n"
         f"def {name}({arguments}):\n    for j in range({count}):\n{body or '        pass'}\n"
         f"{_assignments(targets, '        ')}\n"
     )

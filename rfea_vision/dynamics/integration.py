@@ -34,6 +34,7 @@ from rfea_vision.dynamics.sensitivity import (
 )
 from rfea_vision.dynamics.system import (
     AL,
+    ALLOCATING,
     CUBE,
     FORCE_LAW,
     INDEX,
@@ -149,7 +150,7 @@ def keep_stage(work, stages, stage, m, s):
             stages.g[stage, j, a] = (work.z[j, a] - work.z_star[j, a]) / s
 
 
-@njit(**INLINE)
+@njit(**ALLOCATING)
 def _start_lanes(system, course, trace):
     """Lanes for the parameters `free`, holding the derivatives of the start."""
     n, m, p = system.chain.shape[0], system.states, course.free.size
@@ -226,6 +227,33 @@ def _read_frame(t, h, old, body, lanes, out_phi, out_om, out_S):
             out_S[i, column] = before + h01 * lanes[b, i, S_PHI + k] + h11 * lanes[b, i, S_OM + k]
 
 
+@njit(**INLINE)
+def _step(laws, system, course, work, stages, derivatives, step, no_drive, no_pressure):
+    """Every stage of one step, with its derivatives. Returns (status, Newton iterations)."""
+    tableau, h, free = course.tableau, course.step_s, course.free
+    count, iterations, w = tableau.shape[0], 0, derivatives.w
+    for stage in range(count):
+        s = start_stage(work, stages, tableau, stage, h)
+        torques = course.drive[step, stage] if course.drive.shape[0] > 0 else no_drive
+        sensed = course.pressure[step, stage]
+        status, used, felt = solve_stage(laws, system, work, sensed, torques, s, course.tolerance)
+        iterations += used
+        if status != OK:
+            return status, iterations
+        if free.size > 0:
+            for b in range(2):
+                w[b] = h * tableau[stage, b] if b < stage else 0.0
+            by_par = course.dpressure[step, stage] if course.dpressure.shape[0] > 0 else no_pressure
+            last = stage == count - 1
+            _sensitivity_stage(laws, system, work, derivatives, felt, by_par, free, s, stage, last)
+        keep_stage(work, stages, stage, system.states, s)
+    if system.states > 0:
+        for j in range(work.z.shape[0]):
+            for a in range(system.states):
+                stages.z_old[j, a] = work.z[j, a]
+    return OK, iterations
+
+
 @njit(types.Tuple((int64, int64, int64))(JOINT_LAW, JOINT_CUBE, FORCE_LAW, SYSTEM, COURSE, TRACE), **OPTIONS)
 def integrate(joint_law, joint_parameters, force_law, system, course, trace):
     """March along the course from the start that `trace` holds, at rest as far as its derivatives go.
@@ -233,9 +261,7 @@ def integrate(joint_law, joint_parameters, force_law, system, course, trace):
     Frames are read off by cubic Hermite interpolation inside each step.
     Returns (status, steps done, Newton iterations).
     """
-    n, m, p = system.chain.shape[0], system.states, course.free.size
-    tableau, h, free = course.tableau, course.step_s, course.free
-    count = tableau.shape[0]
+    n, m, h, count = system.chain.shape[0], system.states, course.step_s, course.tableau.shape[0]
     laws, work = Laws(joint_law, joint_parameters, force_law), allocate(system)
     body = work.body
     stages = Stages(
@@ -246,7 +272,7 @@ def integrate(joint_law, joint_parameters, force_law, system, course, trace):
         trace.z.copy(),
     )
     derivatives = _start_lanes(system, course, trace)
-    lanes, w = derivatives.lanes, derivatives.w
+    lanes = derivatives.lanes
     no_drive, no_pressure = np.zeros(0), np.zeros(0)
     for i in range(n + 1):
         body[i, PHI], body[i, OM] = trace.phi[i], trace.om[i]
@@ -256,23 +282,10 @@ def integrate(joint_law, joint_parameters, force_law, system, course, trace):
             stages.old[i, 0], stages.old[i, 1] = body[i, PHI], body[i, OM]
         for block in range(lanes.shape[0]):
             close_step(lanes[block], lanes.shape[2] // ROWS)
-        for stage in range(count):
-            s = start_stage(work, stages, tableau, stage, h)
-            torques = course.drive[step, stage] if course.drive.shape[0] > 0 else no_drive
-            sensed = course.pressure[step, stage]
-            status, used, felt = solve_stage(laws, system, work, sensed, torques, s, course.tolerance)
-            iterations += used
-            if status != OK:
-                return status, step, iterations
-            if p > 0:
-                for b in range(2):
-                    w[b] = h * tableau[stage, b] if b < stage else 0.0
-                by_par = course.dpressure[step, stage] if course.dpressure.shape[0] > 0 else no_pressure
-                last = stage == count - 1
-                _sensitivity_stage(laws, system, work, derivatives, felt, by_par, free, s, stage, last)
-            keep_stage(work, stages, stage, m, s)
-        if m > 0:
-            stages.z_old[:, :] = work.z
+        status, used = _step(laws, system, course, work, stages, derivatives, step, no_drive, no_pressure)
+        iterations += used
+        if status != OK:
+            return status, step, iterations
         while frame < course.frame_step.size and course.frame_step[frame] <= step:
             t = course.frame_fraction[frame]
             _read_frame(t, h, stages.old, body, lanes, trace.out_phi[frame], trace.out_om[frame], trace.out_S[frame])
