@@ -166,7 +166,7 @@ FIGURES = {
         ),
         Figure(
             "offsets",
-            "Where the clocks agree",
+            "Offsets tried",
             "How much of the motion follows the pressure, over the offset tried. A single sharp peak at the line is a sure "
             "alignment; a second one as high is a doubt.",
             "Share of the motion explained over the offset of the clocks",

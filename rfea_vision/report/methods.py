@@ -134,7 +134,7 @@ def _selection(evidence: Evidence, titles: Mapping[str, str]) -> str:
     )
     text = (
         "Effects were added one at a time. One was accepted if it lowered the error on the held-out runs by at "
-        "least 10 % and by at "
+        "least 10 % and by at "
         f"least 0.2 noise floors with physically admissible values; the Bayesian information criterion (Schwarz "
         f"1978) is given beside it. {chosen}"
     )

@@ -13,6 +13,9 @@ from rfea_vision.report.shown import errors_of
 # The headline names the effects, the tiles the noise floor, and the diagnosis tells why the search ended: once is enough.
 _SAID_ELSEWHERE = ("The noise floor is", "Stopped because", "Missing from the paper's model, and added")
 
+# What was not asked for is said in its own section.
+_NO_FINDING = ("No camera was calibrated", "No ladder yet")
+
 _PHASES = {
     "rest": "the rests",
     "hold": "the holds, while the pressure stands still",
@@ -131,12 +134,13 @@ def _findings(evidence: Evidence) -> Iterator[Finding]:
     if first and first.comparison:
         for sentence in first.comparison.sentences[:2]:
             yield Finding(f"{_stop(sentence)}", "where", "where")
-    if step and step.comparison and step.comparison.elongation.get("sentence"):
+    if step and step.comparison and step.comparison.elongation.get("profiles"):
         yield Finding(str(step.comparison.elongation["sentence"]), "elongation", "elongation")
     if evidence.ladder and evidence.ladder.stopped_because and not (step and step.diagnosis):
         yield Finding(f"The search ended: {evidence.ladder.stopped_because}", "ladder", "ladder")
     for reason in evidence.absent.values():
-        yield Finding(reason, "trust", "")
+        if not reason.startswith(_NO_FINDING):
+            yield Finding(reason, "trust", "")
 
 
 def in_words(text: str, evidence: Evidence, titles: Mapping[str, str]) -> str:
@@ -148,7 +152,7 @@ def in_words(text: str, evidence: Evidence, titles: Mapping[str, str]) -> str:
     known = {rung.added for rung in evidence.ladder.rungs} if evidence.ladder else set()
     known |= {effect for step in evidence.steps if step.diagnosis for effect in step.diagnosis.named}
     for effect in known - {None}:  # a name in brackets stands beside its title already
-        text = re.sub(rf"(?<![\w(+.`]){re.escape(str(effect))}(?![\w.+])", inner_title(titles[str(effect)]), text)
+        text = re.sub(rf"(?<![\w(+.`]){re.escape(str(effect))}(?![\w+]|\.\w)", inner_title(titles[str(effect)]), text)
     return text
 
 

@@ -24,6 +24,7 @@ _NOUNS = {
     "elongation": "elongation of its segments",
     "width": "width of the tube",
     "hinge_length": "length of the tube's inner side",
+    "tip_sigma": "standard error of the tip",
     "seen": "share of the edges that was seen",
     "blur": "blur of its edges",
 }
@@ -46,7 +47,7 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
     record |= {"tp": pack.add(time[poses]), "gaps": _gaps(data), "repeat_of": data.attrs.get("repeat_of")}
     wanted: tuple[tuple[str, str, np.ndarray, Sequence[str]], ...] = (
         ("tip", "tip", rows, ("tip",)),
-        ("tip_sigma", "tip_sigma", rows, ()),
+        ("tip_sigma", "tip_sigma", rows, ("tip_sigma",)),
         ("angle", "bend_angle", rows, ("angle",)),
         ("midline", "midline", poses, ("midline",)),
         ("edges", "edges", poses, ()),

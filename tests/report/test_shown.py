@@ -95,6 +95,10 @@ def test_sentences_of_artefacts_speak_the_readers_words(small: Path) -> None:
     )
     made_up = "b_neg_ref had moved to make up for maxwell: 0.1 before."
     assert "for visco-elastic relaxation (Maxwell branch): 0.1" in in_words(made_up, evidence, titles)
+    assert in_words("The data call for maxwell.", evidence, titles).endswith(
+        "for visco-elastic relaxation (Maxwell branch)."
+    )
+    assert in_words("maxwell.T lies far off", evidence, titles).startswith("maxwell.T")
     assert in_words("creep (maxwell)", evidence, titles) == "creep (maxwell)"
     assert "falls into the rises of the pressure" in in_words("2 % falls into the phase 'rise'.", evidence, titles)
     assert how_it_ended(evidence, titles) == "The search ended because what is left is at the noise floor."

@@ -62,7 +62,7 @@ plots["profile-now"] = {
     if (before) pen.line(x.all(middles(before.length)), percent(y, before), c.earlier, 1.2, [4, 3]);
     if (model) pen.line(x.all(middles(model.length)), percent(y, model), c.modelled, 1.6);
   },
-  readout: () => `at ${show(state.time, 4)} s${experiment().markers ? " · dots: between markers" : ""}`,
+  readout: () => `at ${show(state.time, 4)} s${experiment().markers ? " · dots: markers" : ""}`,
 };
 plots.profiles = {
   need() {
@@ -71,7 +71,7 @@ plots.profiles = {
   },
   draw(pen) {
     const rows = rung().profiles, c = pen.colours, paint = [c.c1, c.c2, c.c3, c.c4, c.c5, c.c6];
-    const [x, y] = profileFrame(pen, extent(...rows.flatMap(row => [row.measured, row.modelled].filter(Boolean))));
+    const [x, y] = profileFrame(pen, extent(...rows.flatMap(row => [row.measured, row.modelled, ...(row.measured && row.sigma ? [-1, 1].map(side => row.measured.map((v, i) => v + side * row.sigma[i])) : [])].filter(Boolean))));
     rows.forEach((row, k) => {
       const colour = paint[k % 6], xs = Array.from(row.position ?? middles((row.measured ?? row.modelled).length), x);
       if (row.measured) {

@@ -36,7 +36,7 @@ plots.sync = {
       if (lamp) pen.line(x.all(frameTimes()), stretch(lamp, box.bottom - 2, base + 4), c.c5, 1.4);
     });
   },
-  readout: () => `<b>pressure</b> · <b class="m">${experiment().angle ? "bend angle" : "tip y"}</b>${experiment().lamp ? " · <b class=\"l\">brightness of the lamp</b>" : ""}`,
+  readout: () => `<b>pressure</b> · <b class="m">${experiment().angle ? "bend angle" : "tip y"}</b>${experiment().lamp ? " · <b class=\"l\">lamp</b>" : ""}`,
   cursor(pen) { cursorAt(pen, timeBox(pen)); },
   drag(px, py, figure) { setTime(timeScale(timeBox(figure.size())).back(px)); },
 };
@@ -49,7 +49,7 @@ plots.offsets = {
     pen.line([x(chosen), x(chosen)], [box.top, box.bottom], c.modelled, 1.4, [4, 3]);
     pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => pen.line(x.all(series(ms)), y.all(series(explained)), c.ink, 1.8));
   },
-  readout: () => `chosen: <b class="f">${show(experiment().offsets.chosen, 3)}</b> ms`,
+  readout: () => `<b class="f">${show(experiment().offsets.chosen, 3)}</b> ms`,
 };
 
 plots.width = carpet({data: () => series(experiment().width), limit: () => extent(series(experiment().width)), unit: "mm", yLabel: "clamp 0 … tip 1", places: () => [0, 1], paint: () => s => brightRamp(s)});
