@@ -102,7 +102,7 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
     calibration_file = calibration_path(work, experiment)
     calibration = work.calibration_of(experiment)
     camera, video = experiment.camera, experiment.video
-    lamp = experiment.sync.led if experiment.sync.method == "led" else None
+    lamp = experiment.sync.box if experiment.sync.method == "led" else None
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
         from rfea_vision.vision import track_frames

@@ -116,7 +116,7 @@ def lamp_window(box: Sequence[float] | None, size: tuple[int, int]) -> tuple[sli
     lines = slice(max(round(y), 0), min(max(round(y + height), round(y) + 1), size[1]))
     if columns.start >= columns.stop or lines.start >= lines.stop:
         raise InputError(
-            f"sync.led: the box {list(box)} lies outside the picture of {size[0]} x {size[1]} px; correct it"
+            f"sync.box: the box {list(box)} lies outside the picture of {size[0]} x {size[1]} px; correct it"
         )
     return lines, columns
 

@@ -80,5 +80,5 @@ def test_the_lamp_is_read_in_every_frame(source, small_lens):
     on = np.arange(40) % 10 < 5
     np.testing.assert_allclose(lamp[on & (np.arange(40) != 25)], 200)
     np.testing.assert_allclose(lamp[~on], 30)
-    with pytest.raises(InputError, match=r"sync\.led"):
+    with pytest.raises(InputError, match=r"sync\.box"):
         track_frames(source, true_calibration(small_lens), Actuator(), lamp_box=(900, 10, 5, 5))
