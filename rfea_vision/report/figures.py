@@ -80,14 +80,14 @@ FIGURES = {
         ),
         Figure(
             "loop-angle",
-            "Bend angle against pressure",
+            "Angle against pressure",
             "An open loop is memory: friction, creep or plain inertia. Both loops should have the same width.",
             "Hysteresis loop of the bend angle against the pressure, measured and modelled",
             300,
         ),
         Figure(
             "loop-tip",
-            "Tip height against pressure",
+            "Height against pressure",
             "The same loop seen at the tip.",
             "Hysteresis loop of the tip height against the pressure, measured and modelled",
             300,
@@ -98,6 +98,14 @@ FIGURES = {
             "Where the tip travels, clamp at (0, 0), at equal scale in x and y.",
             "Path of the tip in x and y, measured and modelled",
             300,
+        ),
+        Figure(
+            "paths",
+            "Path of the tip, training and held out",
+            "All runs of each kind at one scale, clamp at (0, 0): measured in blue, modelled in orange. A model that fits on the "
+            "left and fails on the right has learned the runs, not the tube.",
+            "Path of the tip in x and y for the training runs and the held-out runs, measured and modelled",
+            340,
         ),
         Figure(
             "next",

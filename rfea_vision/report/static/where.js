@@ -151,3 +151,28 @@ plots["torque-cloud"] = crossPlot({
   xLabel: () => ({angle: "bend angle in deg", p: "pressure in kPa", t: "time in s"})[state.against], yLabel: () => "torque in mN m", dots: true,
   need: needs(modelNeeds("torque"), () => state.against === "t" ? undefined : measuredNeeds(state.against, state.against === "p" ? "pressure" : "angle")()),
 });
+
+// The paper's figures: the tip's path at the pressures that were fitted, and beside it at those that were not.
+const rolesShown = () => [["train", "training"], ["validate", "held out"]].map(([role, title]) => [title, manifest.experiments.filter(e => e.role === role && e.tip)]).filter(([, runs]) => runs.length);
+const peakOf = runs => { const logs = runs.map(e => series(e.lp)).filter(Boolean); return logs.length ? `, to ${Math.round(extent(...logs)[1])} kPa` : ""; };
+plots.paths = {
+  need: () => rolesShown().length ? undefined : "No run has a tip: only the bend angle was measured.",
+  draw(pen) {
+    const roles = rolesShown(), c = pen.colours, gap = 30, wide = (pen.width - gap * (roles.length - 1)) / roles.length, now = rung();
+    const tips = roles.flatMap(([, runs]) => runs.flatMap(e => [series(e.tip), series(now?.experiments[e.name]?.tip)]).filter(Boolean));
+    const [rx, ry] = [0, 1].map(k => padded(extent(...tips.map(tip => column(tip, k)))));
+    roles.forEach(([title, runs], i) => {
+      const box = {left: i * (wide + gap) + 54, right: i * (wide + gap) + wide - 8, top: 24, bottom: pen.height - 38};
+      const perPixel = Math.max((rx[1] - rx[0]) / (box.right - box.left), (ry[1] - ry[0]) / (box.bottom - box.top)), grow = (r, pixels) => { const extra = (perPixel * pixels - (r[1] - r[0])) / 2; return [r[0] - extra, r[1] + extra]; };
+      const x = scale(...grow(rx, box.right - box.left), box.left, box.right), y = scale(...grow(ry, box.bottom - box.top), box.bottom, box.top);
+      axisY(pen, box, y, ""); axisX(pen, box, x, "", {grid: true, about: Math.max(2, wide / 110)});
+      pen.text(`${title}: ${runs.length === 1 ? runs[0].name : `${runs.length} runs`}${peakOf(runs)}`, box.left, 10, {colour: c.ink, bold: true});
+      pen.text("x and y in mm", box.right, pen.height - 1, {align: "right", base: "bottom"});
+      for (const e of runs) {
+        const real = series(e.tip), model = series(now?.experiments[e.name]?.tip);
+        pen.line(x.all(column(real, 0)), y.all(column(real, 1)), c.measured, 2.4);
+        if (model) pen.line(x.all(column(model, 0)), y.all(column(model, 1)), c.modelled, 1.3);
+      }
+    });
+  },
+};
