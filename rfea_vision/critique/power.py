@@ -72,6 +72,8 @@ def power_study(
         for column, name in enumerate(row.names):
             shift = _tip_rms(row, column, row.items)
             amplitude = structure / shift if shift > 0 else float("inf")
+            if row.secant > 0:
+                amplitude = float(np.sqrt(row.secant * amplitude))
             key = (row.effect.id, name)
             if amplitude < least.get(key, (float("inf"), {}))[0]:
                 least[key] = (amplitude, row.grid)

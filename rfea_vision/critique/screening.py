@@ -26,6 +26,8 @@ from rfea_vision.fitting.uncertainty import BLOCK_S, _frame_of_row
 
 FloatArray = NDArray[np.float64]
 FRAMES_SCREENED = 400
+#: A slope of which less than this share is left, once base parameters and clocks are projected out, says nothing.
+SWALLOWED = 0.05
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,8 @@ class Sensitivity:
     """Slopes of the residual over the amplitudes of one effect, less what base parameters and clocks can swallow.
 
     jacobian (rows, amplitudes) and residual (rows,) are in standard errors of the measurement; `slices` are the rows of
-    each of `items`.
+    each of `items`. `secant` is the amplitude at which the change was taken where the slope at none at all is swallowed; what
+    is left of it grows with the square of the amplitude. Else it is 0.
     """
 
     effect: Effect
@@ -123,6 +126,7 @@ class Sensitivity:
     residual: FloatArray
     items: tuple[Observed, ...]
     slices: tuple[slice, ...]
+    secant: float = 0.0
 
 
 def sensitivities(
@@ -157,10 +161,22 @@ def sensitivities(
             raw = np.linalg.norm(jacobian, axis=0)
             jacobian = jacobian - q @ (q.T @ jacobian)
             left = np.linalg.norm(jacobian, axis=0)
+            own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
+            secant = 0.0
+            if len(names) == 1 and left[0] <= SWALLOWED * raw[0]:
+                # A lag begins as a mere shift, which a free clock swallows: look at what a little of it does instead.
+                secant = effect.parameters[names[0]].start
+                changed = par.copy()
+                changed[model.names.index(f"{effect.id}.{names[0]}")] = secant
+                moved = evaluate(model, changed, thin, (), fitted.solution.clocks)
+                if moved is None:
+                    continue
+                jacobian = ((moved.residual - result.residual) / secant)[:, None]
+                raw, jacobian = np.linalg.norm(jacobian, axis=0), jacobian - q @ (q.T @ jacobian)
+                left = np.linalg.norm(jacobian, axis=0)
             if np.all(left <= 1e-6 * np.maximum(raw, 1e-300)):
                 continue  # the base parameters swallow it whole
-            own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
-            yield Sensitivity(effect, own_grid, names, jacobian, residual, thin, result.slices)
+            yield Sensitivity(effect, own_grid, names, jacobian, residual, thin, result.slices, secant)
         if progress is not None:
             progress(round_ + 1, len(points))
 
