@@ -158,16 +158,17 @@ const peakOf = runs => { const logs = runs.map(e => series(e.lp)).filter(Boolean
 plots.paths = {
   need: () => rolesShown().length ? undefined : "No run has a tip: only the bend angle was measured.",
   draw(pen) {
-    const roles = rolesShown(), c = pen.colours, gap = 30, wide = (pen.width - gap * (roles.length - 1)) / roles.length, now = rung();
+    const roles = rolesShown(), c = pen.colours, gap = 30, stacked = pen.width < 560, now = rung(); // one below the other on a phone
+    const wide = stacked ? pen.width : (pen.width - gap * (roles.length - 1)) / roles.length, tall = stacked ? pen.height / roles.length : pen.height;
     const tips = roles.flatMap(([, runs]) => runs.flatMap(e => [series(e.tip), series(now?.experiments[e.name]?.tip)]).filter(Boolean));
     const [rx, ry] = [0, 1].map(k => padded(extent(...tips.map(tip => column(tip, k)))));
     roles.forEach(([title, runs], i) => {
-      const box = {left: i * (wide + gap) + 54, right: i * (wide + gap) + wide - 8, top: 24, bottom: pen.height - 38};
+      const left = stacked ? 0 : i * (wide + gap), above = stacked ? i * tall : 0, box = {left: left + 54, right: left + wide - 8, top: above + 24, bottom: above + tall - 38};
       const perPixel = Math.max((rx[1] - rx[0]) / (box.right - box.left), (ry[1] - ry[0]) / (box.bottom - box.top)), grow = (r, pixels) => { const extra = (perPixel * pixels - (r[1] - r[0])) / 2; return [r[0] - extra, r[1] + extra]; };
       const x = scale(...grow(rx, box.right - box.left), box.left, box.right), y = scale(...grow(ry, box.bottom - box.top), box.bottom, box.top);
       axisY(pen, box, y, ""); axisX(pen, box, x, "", {grid: true, about: Math.max(2, wide / 110)});
-      pen.text(`${title}: ${runs.length === 1 ? runs[0].name : `${runs.length} runs`}${peakOf(runs)}`, box.left, 10, {colour: c.ink, bold: true});
-      pen.text("x and y in mm", box.right, pen.height - 1, {align: "right", base: "bottom"});
+      pen.text(`${title}: ${runs.length === 1 ? runs[0].name : `${runs.length} runs`}${peakOf(runs)}`, box.left, above + 10, {colour: c.ink, bold: true});
+      pen.text("x and y in mm", box.right, above + tall - 1, {align: "right", base: "bottom"});
       for (const e of runs) {
         const real = series(e.tip), model = series(now?.experiments[e.name]?.tip);
         pen.line(x.all(column(real, 0)), y.all(column(real, 1)), c.measured, 2.4);
