@@ -49,8 +49,12 @@ class Chain:
             raise InputError(f"segments: {segments} is too few; use at least 1")
         arc = actuator.length / segments
         length = np.full(segments, arc)
+        shift = np.zeros(segments)
         if joints == "middle":
             length[-1] = arc / 2
+            # A curve falls below the straight bodies that stand for it: over the arc of every joint its weight has h^2/24 more
+            # of a lever than theirs. Moving the last centre of mass by h/12 gives that to every joint at once.
+            shift[-1] = arc / 12
             position = (np.arange(segments) + 0.5) / segments
         elif joints == "start":
             position = np.arange(segments) / segments
@@ -59,7 +63,7 @@ class Chain:
         return cls(
             length=length,
             mass=body_mass(actuator, length),
-            along=length / 2,
+            along=length / 2 + shift,
             across=np.zeros(segments),
             inertia=body_inertia(actuator, length),
             force_along=length / 2,

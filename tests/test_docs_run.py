@@ -1,0 +1,60 @@
+"""Every command line that the documents show is run, in the order in which a reader would, on a small campaign."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rfea_vision.cli.root import run
+from rfea_vision.twin import TwinOptions, simulate
+from tests.test_docs import ROOT, blocks, commands
+
+#: What a line is not run for; everything else is.
+LEFT_OUT = {
+    "examples/hidden-effect": "is what `make demo` does",
+    "--video": "films for a minute; the tests of the twin film",
+}
+#: What a page leaves to the reader's choice.
+CHOSEN = {"CAMPAIGN": "tube-A", "MODEL": "base", "OUT": "out"}
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with a small campaign and the files that the pages speak of."""
+    folder = tmp_path_factory.mktemp("desk")
+    options = TwinOptions(
+        hidden={"gravity_tilt.angle": -0.08},
+        seed=7,
+        roles=("train", "validate"),
+        duration_s=2.0,
+        rate_Hz=120.0,
+        joints=10,
+        write_truth=False,
+    )
+    simulate(folder / "tube-A", options)
+    readme = ROOT / "README.md"
+    (folder / "my_effect.py").write_text(blocks(readme, "py")[0], encoding="utf-8")
+    (folder / "valves.csv").write_text(
+        "time_s,supply,drain\n0,0,0\n0.5,1,0\n0.53,0,0\n0.8,0,1\n1,0,0\n", encoding="utf-8"
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        yield folder
+
+
+@pytest.mark.parametrize(("page", "line"), [(p, c) for p, c in commands() if p != "commands.md"])
+def test_every_command_line_of_the_documents_runs(desk, page, line, capsys):
+    for part, why in LEFT_OUT.items():
+        if part in line:
+            pytest.skip(f"{part} {why}")
+    words = [CHOSEN.get(word, word) for word in shlex.split(line)[1:]]
+    if words[0] == "init":
+        words[1] = "another-tube"
+    if words[0] == "simulate":
+        words = [w for w in words if w] + ["--duration", "1s", "--experiments", "1"]
+        words[1] = f"{words[1]}-{len(list(desk.iterdir()))}"
+    code = run(words)
+    assert code == 0, f"{page}: {line}\n{capsys.readouterr().err}"
