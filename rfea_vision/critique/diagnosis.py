@@ -124,6 +124,7 @@ def _diagnosis(
         noise_floor_mm=trials.floor if trials.in_mm else None,
         noise_floor_deg=None if trials.in_mm else trials.floor,
         explained_fraction=verdict.explained,
+        enough=trials.enough,
         warnings=swallowed(trials.problem, trials.before, best.fitted, best.added) if best is not None else [],
     )
 

@@ -86,7 +86,7 @@ def test_two_branches_are_the_sum_of_two(campaign):
 
 def test_a_chain_that_is_too_coarse_is_made_finer(campaign):
     recordings, actuator = campaign()
-    coarse = replace(OPTIONS, segments=2)
+    coarse = replace(OPTIONS, segments=1)
     model = fit_model(recordings, actuator, coarse)
     diagnosis, _ = diagnose(model, recordings)
     finer = next(c for c in diagnosis.candidates if c.effect == "segments")
