@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -199,6 +200,8 @@ def try_singles(trials: Trials, screened: Sequence[Screened], expected: Sequence
     """
     ranked = _by_effect([row for row in screened if row.effect != SEGMENTS])
     top = max((rows[0].explained for rows in ranked.values()), default=0.0)
+    # Where one linear step would not even explain half of the misfit, the order of the score test is worth less.
+    least = 2 if top > 0.5 else 4
     most = REFITS if structure(trials.errors, trials.floor) < FAR else MORE_REFITS
     done: dict[str, Refitted] = {}
     finer = [row for row in screened if row.effect == SEGMENTS]
@@ -210,12 +213,26 @@ def try_singles(trials: Trials, screened: Sequence[Screened], expected: Sequence
     for name, rows in ranked.items():
         reached = any(r.reaches and r.wins for r in done.values())
         share = rows[0].explained / max(top, 1e-300)
-        if len(done) >= most or (len(done) >= 2 and share < (0.6 if reached else 0.1)):
+        if len(done) >= most or (len(done) >= least and share < (0.4 if reached else 0.1)):
             break
         trial = trials.refit(rows)
         if trial is not None:
             done[name] = trial
+    for name in look_alikes(trials, [n for n, r in done.items() if r.reaches and r.wins]):
+        if name in ranked and name not in done and (trial := trials.refit(ranked[name])) is not None:
+            done[name] = trial
     return done
+
+
+def look_alikes(trials: Trials, names: Sequence[str]) -> list[str]:
+    """Effects that are said to be mistaken for one of these, or the other way round: none is named without its rivals."""
+    found = []
+    for name in names:
+        if name == SEGMENTS:
+            continue
+        said = set(re.findall(r"\w+", trials.effect(name).mistaken_for))
+        found += [e.id for e in trials.effects if e.id in said or name in re.findall(r"\w+", e.mistaken_for)]
+    return list(dict.fromkeys(found))
 
 
 def try_expected(
