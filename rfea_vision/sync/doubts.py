@@ -13,7 +13,8 @@ GAP_STEPS = 4.0
 LEAST_GAP_S = 0.03
 APART_S = 0.12  # two offsets nearer than this are one peak
 ALIKE = 1.6  # a rival explains as well if it leaves at most so much more unexplained,
-ALIKE_SHARE = 0.004  # plus this share of the pressure
+ALIKE_SHARE = 0.004  # plus this share of the pressure,
+ALIKE_AT_MOST = 0.02  # and no more than this share of the motion: wind or a missing effect makes no excitation repeat
 SLOW_LOG_HZ = 30.0
 
 
@@ -88,6 +89,7 @@ def _rivals(offsets: FloatArray, own: FloatArray, best: int) -> NDArray[np.intp]
     inner = known[1:-1]
     found = inner[(own[inner] >= own[known[:-2]]) & (own[inner] >= own[known[2:]])]
     alike = (1 - own[found]) <= ALIKE * (1 - own[best]) + ALIKE_SHARE
+    alike &= own[found] >= own[best] - ALIKE_AT_MOST
     return found[alike & (np.abs(offsets[found] - offsets[best]) > APART_S)]
 
 
