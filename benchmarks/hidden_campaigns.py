@@ -21,7 +21,7 @@ from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import FitOptions, carried, make_model
-from rfea_vision.twin import TwinOptions, simulate
+from rfea_vision.twin import BaseParameters, TwinOptions, simulate
 from rfea_vision.twin.draw import (
     Run,
     build_plant,
@@ -32,6 +32,7 @@ from rfea_vision.twin.draw import (
     move,
     posture_at,
 )
+from rfea_vision.twin.options import with_partners
 from rfea_vision.twin.plant import Plant
 
 FloatArray = NDArray[np.float64]
@@ -39,6 +40,7 @@ FloatArray = NDArray[np.float64]
 FOLDER = Path(__file__).parent / "hidden_effects"
 STRENGTHS = FOLDER / "strengths.json"
 NOISE_MM = 0.06
+SEARCH_STEP_S = 0.0025  # the strength is wanted to first order only
 #: First guess of each effect's amplitude at about five noise floors, and the most that is tried.
 AMPLITUDES: dict[str, tuple[float, float]] = {
     "virtual_work.a": (0.6, 1.0),
@@ -199,61 +201,84 @@ def _postures(plant: Plant, run: Run, step_s: float, time_s: FloatArray, hidden:
     return np.asarray(misread_plane(points, hidden), dtype=np.float64)
 
 
-def misfit_floors(case: Case, hidden: dict[str, float]) -> float:
-    """Tip RMSE over the noise floor that the base model would be left with, to first order.
+@dataclass(frozen=True)
+class Yardstick:
+    """What the base model could swallow of a change to the motion: two training runs of a coarse twin without the effect."""
 
-    The change that the effect makes to the motion of a coarse twin, less what the base parameters (and the clock, where
-    it is free) can swallow of it.
-    """
-    options = replace(twin_options(case, hidden, roles=("train", "train")), joints=16, actuator=Actuator())
-    plant, base = build_plant(options)
-    bare = Plant(options.actuator, base, {}, joints=options.joints)
-    runs = draw_runs(options, highest_pressure(plant, options))
-    camera_s = np.asarray(camera_times(options)[::4], dtype=np.float64)
-    model = make_model(options.actuator, FitOptions(segments=options.joints))
-    par = carried(model, options.actuator, options.joints, asdict(base), 8)
-    rows, columns, tips = [], [], []
-    for index, run in enumerate(runs):
-        true_s = run.offset_s + (1 + run.drift) * camera_s
-        said_s = run.claimed_offset_s + camera_s
-        seen = _postures(plant, run, options.step_s, true_s, hidden)
-        without = _postures(bare, run, options.step_s, said_s, {})
-        line = run.programme
-        excitation = Excitation.from_log(
-            np.asarray(line.time_s, float), np.asarray(line.pressure_Pa, float), said_s[0] - 0.25, said_s[-1] + 0.25
-        )
-        motion = model.simulate(par, excitation, said_s, range(7))
-        if not motion.ok:
-            raise DataError(f"{case.key}: the base model cannot be simulated at the true parameters")
-        speed = np.concatenate([motion.sensitivity, motion.rate[:, :, None]], axis=2)
-        moved = replace(motion, sensitivity=speed)
-        _, slopes = model.centre_line(moved, np.linspace(0, 1, 9)[1:])
-        wide = np.zeros((slopes[..., 0].size, 7 + len(runs)))
-        wide[:, :7] = slopes[..., :7].reshape(-1, 7)
-        if options.sync == "motion":
-            wide[:, 7 + index] = slopes[..., 7].ravel()
-        change = seen - without
-        rows.append(change.ravel())
-        columns.append(wide)
-        tips.append(np.tile(np.arange(8) == 7, change.shape[0]).repeat(2))
-    change, jacobian, tip = np.concatenate(rows), np.concatenate(columns), np.concatenate(tips)
-    scale = np.linalg.norm(jacobian, axis=0)
-    jacobian = jacobian[:, scale > 0] / scale[scale > 0]
-    left = change - jacobian @ np.linalg.lstsq(jacobian, change, rcond=1e-10)[0]
-    return float(np.sqrt(1 + 2 * np.mean(left[tip] ** 2) / (2 * NOISE_MM**2)))
+    options: TwinOptions
+    base: BaseParameters
+    runs: list[Run]
+    without: list[FloatArray]
+    slopes: list[FloatArray]
+
+    @staticmethod
+    def of(case: Case) -> Yardstick:
+        """Runs, postures (frames, nodes, 2) in mm and their slopes over the base parameters and time, of one case."""
+        drawn = twin_options(case, {}, roles=("train", "train"))
+        options = replace(drawn, joints=16, step_s=SEARCH_STEP_S, actuator=Actuator())
+        bare, base = build_plant(options)
+        runs = draw_runs(options, highest_pressure(bare, options))
+        camera_s = _camera_s(options)
+        model = make_model(options.actuator, FitOptions(segments=options.joints))
+        par = carried(model, options.actuator, options.joints, asdict(base), 8)
+        without, slopes = [], []
+        for run in runs:
+            said_s = run.claimed_offset_s + camera_s
+            without.append(_postures(bare, run, options.step_s, said_s, {}))
+            line = run.programme
+            excitation = Excitation.from_log(
+                np.asarray(line.time_s, float), np.asarray(line.pressure_Pa, float), said_s[0] - 0.25, said_s[-1] + 0.25
+            )
+            motion = model.simulate(par, excitation, said_s, range(7))
+            if not motion.ok:
+                raise DataError(f"{case.key}: the base model cannot be simulated at the true parameters")
+            speed = np.concatenate([motion.sensitivity, motion.rate[:, :, None]], axis=2)
+            slopes.append(model.centre_line(replace(motion, sensitivity=speed), np.linspace(0, 1, 9)[1:])[1])
+        return Yardstick(options, base, runs, without, slopes)
+
+    def floors(self, hidden: dict[str, float]) -> float:
+        """Tip RMSE over the noise floor that the base model would be left with, to first order.
+
+        The change that the effect makes to the motion, less what the base parameters (and the clock, where it is free)
+        can swallow of it.
+        """
+        options = self.options
+        plant = Plant(options.actuator, self.base, with_partners(hidden), joints=options.joints)
+        camera_s, middle_s = _camera_s(options), options.duration_s / 2
+        rows, columns, tips = [], [], []
+        for index, (run, without, slopes) in enumerate(zip(self.runs, self.without, self.slopes, strict=True)):
+            lost_s = hidden.get("time_offset.dt", 0.0) + hidden.get("clock_drift.d", 0.0) * (camera_s - middle_s)
+            true_s = run.claimed_offset_s + camera_s + lost_s
+            wide = np.zeros((slopes[..., 0].size, 7 + len(self.runs)))
+            wide[:, :7] = slopes[..., :7].reshape(-1, 7)
+            if options.sync == "motion":
+                wide[:, 7 + index] = slopes[..., 7].ravel()
+            change = _postures(plant, run, options.step_s, true_s, hidden) - without
+            rows.append(change.ravel())
+            columns.append(wide)
+            tips.append(np.tile(np.arange(8) == 7, change.shape[0]).repeat(2))
+        change, jacobian, tip = np.concatenate(rows), np.concatenate(columns), np.concatenate(tips)
+        scale = np.linalg.norm(jacobian, axis=0)
+        jacobian = jacobian[:, scale > 0] / scale[scale > 0]
+        left = change - jacobian @ np.linalg.lstsq(jacobian, change, rcond=1e-10)[0]
+        return float(np.sqrt(1 + 2 * np.mean(left[tip] ** 2) / (2 * NOISE_MM**2)))
+
+
+def _camera_s(options: TwinOptions) -> FloatArray:
+    return np.asarray(camera_times(options)[::4], dtype=np.float64)
 
 
 def search_strength(effect: str, case: Case, most_tries: int = 3) -> dict[str, Any]:
     """Hidden parameters of one effect that give the misfit wanted, or the nearest that could be reached."""
     name, guess, most, partners = unit_direction(effect, case.seed)
-    alone = Case((effect,), case.floors, case.seed, case.bends)
+    yardstick = Yardstick.of(Case((effect,), case.floors, case.seed, case.bends))
     structure = float(np.sqrt(max(case.floors**2 / len(case.effects) - 1, 0.1)))
     size = min(abs(guess) * structure / 4.9, most)
     best: dict[str, Any] = {}
     for _ in range(most_tries):
         hidden = {**partners, name: float(np.copysign(size, guess))}
         try:
-            reached = float(np.sqrt(max(misfit_floors(alone, hidden) ** 2 - 1, 1e-4)))
+            reached = float(np.sqrt(max(yardstick.floors(hidden) ** 2 - 1, 1e-4)))
         except DataError:  # too strong to be simulated
             size *= 0.4
             continue
