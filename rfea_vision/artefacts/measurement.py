@@ -160,7 +160,8 @@ class Recording:
 
     ``dataset`` is that of `Track` with ``time`` on the log's clock, plus ``log_time`` (s) and ``pressure`` (log_time)
     in kPa gauge; attributes ``experiment``, ``role``, ``bends``, ``sync_method``, ``offset_s`` (log clock minus camera
-    clock), ``offset_stderr_s``, ``drift_ppm``, ``drift_stderr_ppm``, and optionally ``repeat_of``.
+    clock), ``offset_stderr_s``, ``drift_ppm``, ``drift_stderr_ppm``, and optionally ``repeat_of``. A run that carries the
+    memory of others has ``earlier_pressure`` (earlier_time) too, in kPa before the log begins.
     """
 
     dataset: xr.Dataset

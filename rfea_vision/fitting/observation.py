@@ -223,9 +223,14 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
     angle_sigma = np.maximum(np.where(np.isfinite(angle_sigma), angle_sigma, 0), np.deg2rad(SMALLEST_SIGMA_DEG))
     keep = _without_jumps(points, angle, sigma)
     method = str(data.attrs.get("sync_method", "common_clock"))
-    from_s, unknown_before_s = _beginning(
-        log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
-    )
+    if "earlier_pressure" in data:  # the tube still carries what the runs before did to it
+        log_time = np.concatenate([data["earlier_time"].values, log_time])
+        pressure = np.concatenate([data["earlier_pressure"].values * 1e3, pressure])
+        from_s, unknown_before_s = float(log_time[0]), None
+    else:
+        from_s, unknown_before_s = _beginning(
+            log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
+        )
     excitation = Excitation.from_log(log_time, pressure, from_s, float(time[valid][-1]) + 0.25)
     tip_mm = points[keep, -1] / MM if fractions.size else np.zeros((0, 2))
     return Observed(

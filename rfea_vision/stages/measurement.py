@@ -15,6 +15,7 @@ from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
 from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
+from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.stored import Stored
 
 if TYPE_CHECKING:
@@ -239,6 +240,7 @@ def synchronise(work: Workspace, experiment: ExperimentSpec) -> Stored[Recording
     spec, sync = experiment.pressure, experiment.sync
     path = work.out / experiment.name / "recording.nc"
     log: PressureLog | None = None
+    before = runs_before(work.campaign, experiment)
     also = [work.cache.sha256(work.out / experiment.name / "track.nc")]
     if spec.url is not None:  # a database has no file to hash: its answer counts
         log = read_pressure(spec, experiment.name)
@@ -258,15 +260,18 @@ def synchronise(work: Workspace, experiment: ExperimentSpec) -> Stored[Recording
             channel=sync.channel,
             repeat_of=experiment.repeat_of,
         )
+        recording = with_earlier_pressure(recording, work.campaign, experiment)
         recording.save(path)
         return recording, [path], describe_recording(recording)
 
     return work.run(
         "sync",
         experiment.name,
-        inputs=[spec.file] if spec.file is not None else [],
+        inputs=[log.file for log in (spec, *(run.pressure for run in before)) if log.file is not None],
         also=also,
         options={
+            "before": [[run.name, run.recorded_at, run.pressure] for run in before],
+            "recorded_at": experiment.recorded_at if before else None,
             "pressure": spec,
             "sync": sync,
             "role": experiment.role,
