@@ -92,7 +92,9 @@ def _worst(
         bad = np.flatnonzero(along >= 0.5 * np.nanmax(along))
         low, high = float(sigma[bad[0]]), float(sigma[bad[-1]])
         times = f", {rms / floor:.1f} times the noise floor" if floor else ""
-        where = "at the tip" if low > 0.9 else f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
+        where = f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
+        if low > 0.9:
+            where = "at the tip" if unit == "mm" else "in the bend angle"
         article = {"ringing": "while ringing", "reversal": "at a reversal", "rest": "at rest"}.get(
             label, f"during a {label}"
         )

@@ -17,6 +17,7 @@ from rfea_vision.critique.comparison import compare
 from rfea_vision.critique.diagnosis import Judgement, judge, refit_artefact, refit_named
 from rfea_vision.critique.measures import Errors, delta_bic, errors_of, matters
 from rfea_vision.critique.refinement import SEGMENTS
+from rfea_vision.critique.refinement import TITLE as SEGMENTS_TITLE
 from rfea_vision.critique.torque import with_residual_torque
 from rfea_vision.critique.trials import EXPLAINED, Refitted
 from rfea_vision.errors import DataError
@@ -139,7 +140,7 @@ def improve(
         noise_floor_mm=floor if in_mm else None,
         noise_floor_deg=None if in_mm else floor,
         stopped_because=stopped,
-        findings=_findings(rungs, test, floor, "mm" if in_mm else "deg", stopped),
+        findings=_findings(rungs, _titles(fitted, rungs), test, floor, "mm" if in_mm else "deg", stopped),
     )
 
 
@@ -195,15 +196,26 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]
     }
 
 
+def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
+    """What was added, in words, with the id by which it is asked for."""
+    known = {effect.id: effect.title for effect in last.model.effects} | {SEGMENTS: SEGMENTS_TITLE}
+    return [f"{known[r.added]} ({r.added})" if r.added in known else r.added for r in rungs if r.added]
+
+
 def _findings(
-    rungs: Sequence[Rung], test: dict[str, Any] | None, floor: float | None, unit: str, stopped: str
+    rungs: Sequence[Rung],
+    titles: Sequence[str],
+    test: dict[str, Any] | None,
+    floor: float | None,
+    unit: str,
+    stopped: str,
 ) -> list[str]:
     out = []
     what = "tip error" if unit == "mm" else "error of the bend angle"
     key = "tip_rmse_mm" if unit == "mm" else "angle_rmse_deg"
     added = [r.added for r in rungs if r.added]
     if added:
-        out.append(f"Missing from the paper's model, and added in this order: {', '.join(added)}.")
+        out.append(f"Missing from the paper's model, and added in this order: {', '.join(titles)}.")
     first, last = (getattr(rung, f"validate_{key}") for rung in (rungs[0], rungs[-1]))
     if added and first and last:
         fall = f"fell from {first:.3f} to {last:.3f} {unit} ({first / last:.1f} times)"
