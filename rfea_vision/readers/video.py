@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,7 +25,7 @@ Luma = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class FrameSource(ABC):
-    """A sequence of pictures; iterate for ``(time_s, luma)``, luma (height, width) uint8, valid until the next one.
+    """A sequence of pictures; iterate for ``(time_s, luma)``, luma (height, width) uint8, not to be written to.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class FrameSource(ABC):
         """Time of every frame in s, in display order."""
 
     @abstractmethod
-    def frames(self, start_frame: int = 0) -> Iterator[tuple[float, Luma]]:
+    def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         """Frames from number `start_frame` on."""
 
     def __iter__(self) -> Iterator[tuple[float, Luma]]:
@@ -81,7 +81,7 @@ class VideoSource(FrameSource):
             self._cache["times"] = times
         return self._cache["times"]
 
-    def frames(self, start_frame: int = 0) -> Iterator[tuple[float, Luma]]:
+    def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         """Decode from `start_frame` on; a damaged end stops the sequence, so that what came before is kept."""
         with av.open(str(self.path)) as container:
             stream = container.streams.video[0]
@@ -137,7 +137,7 @@ class FolderSource(FrameSource):
     def times_s(self) -> NDArray[np.float64]:
         return np.array(self.times)
 
-    def frames(self, start_frame: int = 0) -> Iterator[tuple[float, Luma]]:
+    def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         for file, time in zip(self.files[start_frame:], self.times[start_frame:], strict=True):
             luma = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
             if luma is None:

@@ -11,7 +11,7 @@ from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.curve import REFIT, VERTICES, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.edges import INFO, SHIFT, SIDE, U
 from rfea_vision.vision.sides import move_state
-from rfea_vision.vision.solve import fit_shift, residuals_of
+from rfea_vision.vision.solve import cholesky_solve, normal_equations, residuals_of
 
 LONGEST_ARM = 1024  # px to either side of the centre line
 
@@ -26,7 +26,7 @@ def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
     height, width = picture.shape
     count = work.centre.shape[0]
     reach = int(reach_px)
-    profile = np.empty(2 * LONGEST_ARM + 1)
+    profile, means = np.empty(2 * LONGEST_ARM + 1), np.empty(2 * LONGEST_ARM + 1)
     filled = found = asked = 0
     for v in range(4, count, 8):
         cx, cy = project_point(camera, work.centre[v, 0], work.centre[v, 1])
@@ -47,19 +47,16 @@ def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
             profile[k + arm] = float(picture[py, px])
         if not inside_picture:
             continue
-        left = state.reference[0, v]  # the left edge lies on the +normal side
-        right = state.reference[1, v]
+        left = 1.0 / state.reference[0, v]  # the left edge lies on the +normal side
+        right = 1.0 / state.reference[1, v]
         best, best_shift = -1e9, 0
+        for k in range(1, 2 * arm):
+            means[k] = (profile[k - 1] + profile[k] + profile[k + 1]) / 3.0
         for d in range(-reach, reach + 1):
             a = arm + d + half
             b = arm + d - half
-            step_left = (
-                profile[a - 1] + profile[a - 2] + profile[a - 3] - profile[a + 1] - profile[a + 2] - profile[a + 3]
-            ) / 3.0
-            step_right = (
-                profile[b + 1] + profile[b + 2] + profile[b + 3] - profile[b - 1] - profile[b - 2] - profile[b - 3]
-            ) / 3.0
-            score = min(step_left / left, 1.2) + min(step_right / right, 1.2) - 0.005 * abs(d)
+            step_left, step_right = means[a - 2] - means[a + 2], means[b + 2] - means[b - 2]
+            score = min(step_left * left, 1.2) + min(step_right * right, 1.2) - 0.005 * abs(d)
             if score > best:
                 best, best_shift = score, d
         if best > 0.9:
@@ -77,9 +74,15 @@ def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
 def apply_coarse(state, work, filled, px_per_mm):
     """Move the curve by the pseudo-stations of a coarse search; returns the largest shift in px."""
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
+    largest = 0.0
+    for n in range(filled):
+        largest = max(largest, abs(work.stations[n, SHIFT]) * px_per_mm)
+    if largest <= 1.0:  # a pixel and less is found by the edges themselves
+        return largest
     solution = np.zeros(count + width_count)
     for repeat in range(4):
-        solution, _ = fit_shift(work.stations, filled, work.keep, 1.0, np.zeros(width_count), count, 0.5, 1e-4)
+        matrix, right = normal_equations(work.stations, filled, work.keep, 1.0, np.zeros(width_count), count, 0.5, 1e-4)
+        solution = cholesky_solve(matrix, right)
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         limit = max(6.0 / px_per_mm / (repeat + 1), 2.0 / px_per_mm)
         for n in range(filled):

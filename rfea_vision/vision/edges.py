@@ -17,12 +17,13 @@ from numba import njit
 
 from rfea_vision.calibration.projection import project_point
 
-# Tables of the normal distribution function and of its integral, for z in [-6, 6].
-_REACH, _STEPS = 6.0, 3072
+# Normal distribution function, its integral and the density for z in [-6, 6], side by side: small enough to stay in a
+# processor's first cache, and wrong by 4e-6 at most between its steps.
+_REACH, _STEPS = 6.0, 1024
 _Z = np.linspace(-_REACH, _REACH, _STEPS + 1)
 _CDF = np.array([0.5 * math.erfc(-z / math.sqrt(2.0)) for z in _Z])
 _PDF = np.exp(-0.5 * _Z**2) / math.sqrt(2.0 * math.pi)
-_INTEGRAL = _Z * _CDF + _PDF
+_TABLE = np.ascontiguousarray(np.column_stack([_CDF, _Z * _CDF + _PDF, _PDF]))
 _PER_STEP = _STEPS / (2.0 * _REACH)
 
 MAX_STATIONS = 8192
@@ -44,19 +45,21 @@ def _normal_table(z):
     x = (z + _REACH) * _PER_STEP
     i = int(x)
     f = x - i
-    cdf = _CDF[i] + f * (_CDF[i + 1] - _CDF[i])
-    integral = _INTEGRAL[i] + f * (_INTEGRAL[i + 1] - _INTEGRAL[i])
-    pdf = _PDF[i] + f * (_PDF[i + 1] - _PDF[i])
+    cdf = _TABLE[i, 0] + f * (_TABLE[i + 1, 0] - _TABLE[i, 0])
+    integral = _TABLE[i, 1] + f * (_TABLE[i + 1, 1] - _TABLE[i, 1])
+    pdf = _TABLE[i, 2] + f * (_TABLE[i + 1, 2] - _TABLE[i, 2])
     return cdf, integral, pdf
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def cross_edge(picture, along_row, line, place, outward, blur, inside, outside, reach_in, reach_out, sums, result):
+def cross_edge(
+    picture, along_row, line, place, outward, blur, inside, outside, reach_in, reach_out, sums, vertex, result
+):
     """Compare one row (or column) with the edge model.
 
     `place` is where the edge is expected on row (column) `line`; `outward` is +1 or -1. Writes the Newton step in px
     along the line (positive outward), its information per unit noise variance, and the misfit into `result`; adds
-    level and blur statistics to `sums`. Returns False where pixels are missing.
+    level and blur statistics to row `vertex` of `sums`. Returns False where pixels are missing.
     """
     height, width = picture.shape
     limit = width if along_row else height
@@ -68,46 +71,63 @@ def cross_edge(picture, along_row, line, place, outward, blur, inside, outside, 
     if first < 0 or last >= limit:
         return False
     contrast = inside - outside
-    gain = info = misfit = 0.0
-    count = 0
     core = 2.5 * blur + 0.6
     plateau = core + 3.2
     inverse = 1.0 / blur
-    if outward > 0:
-        start, step, stop = first, 1, last + 1
-    else:
-        start, step, stop = last, -1, first - 1
-    x = (start - place) * outward
+    j = first if outward > 0 else last
+    number = last - first + 1
+    x = (j - place) * outward
+    while x < -plateau and number > 0:
+        x += 1.0
+        j += outward
+        number -= 1
+    total = 0.0
+    count = 0
+    while x < -core and number > 0:  # on the tube
+        total += float(picture[line, j]) if along_row else float(picture[j, line])
+        count += 1
+        x += 1.0
+        j += outward
+        number -= 1
+    sums[vertex, SUM_IN] += total
+    sums[vertex, COUNT_IN] += count
+    gain = info = misfit = up = down = 0.0
+    count = 0
     cdf0, integral0, pdf0 = _normal_table((x - 0.5) * inverse)
-    j = start
-    while j != stop:
+    while x <= core and number > 0:  # across the edge
         value = float(picture[line, j]) if along_row else float(picture[j, line])
         cdf1, integral1, pdf1 = _normal_table((x + 0.5) * inverse)
-        if -core <= x <= core:
-            share = 1.0 - blur * (integral1 - integral0)
-            residual = value - outside - contrast * share
-            slope = contrast * (cdf1 - cdf0)
-            by_blur = -contrast * (pdf1 - pdf0)
-            gain += slope * residual
-            info += slope * slope
-            misfit += residual * residual
-            count += 1
-            sums[BLUR_UP] += by_blur * residual
-            sums[BLUR_DOWN] += by_blur * by_blur
-        elif -plateau <= x < 0:
-            sums[SUM_IN] += value
-            sums[COUNT_IN] += 1.0
-        elif 0 < x <= plateau:
-            sums[SUM_OUT] += value
-            sums[COUNT_OUT] += 1.0
+        residual = value - outside - contrast * (1.0 - blur * (integral1 - integral0))
+        slope = contrast * (cdf1 - cdf0)
+        by_blur = -contrast * (pdf1 - pdf0)
+        gain += slope * residual
+        info += slope * slope
+        misfit += residual * residual
+        up += by_blur * residual
+        down += by_blur * by_blur
+        count += 1
         cdf0, integral0, pdf0 = cdf1, integral1, pdf1
         x += 1.0
-        j += step
-    if info < 1e-9 or count == 0:
+        j += outward
+        number -= 1
+    sums[vertex, BLUR_UP] += up
+    sums[vertex, BLUR_DOWN] += down
+    across = count
+    total = 0.0
+    count = 0
+    while x <= plateau and number > 0:  # beyond it
+        total += float(picture[line, j]) if along_row else float(picture[j, line])
+        count += 1
+        x += 1.0
+        j += outward
+        number -= 1
+    sums[vertex, SUM_OUT] += total
+    sums[vertex, COUNT_OUT] += count
+    if info < 1e-9 or across == 0:
         return False
     result[0] = gain / info
     result[1] = info
-    result[2] = max(misfit - gain * gain / info, 0.0) / count
+    result[2] = max(misfit - gain * gain / info, 0.0) / across
     return True
 
 
@@ -184,7 +204,8 @@ def measure_polyline(
                     levels[vertex, 1],
                     inner,
                     reach,
-                    sums[vertex],
+                    sums,
+                    vertex,
                     result,
                 ):
                     continue

@@ -67,7 +67,9 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
     from_u = _margin_px(camera, state, 0.0, px_per_mm) / px_per_mm / max(length, 1.0)
     to_u = 1.0 - _margin_px(camera, state, 1.0, px_per_mm) / px_per_mm / max(length, 1.0)
     sparse = max(1, min(SPARSE, int(length * px_per_mm / 100.0)))
-    noise, cap_used, whole = 3.0, 0.0, False
+    # Where the coarse search sees no error in the prediction, every row is taken at once: most frames need no more.
+    whole = filled >= 6 and numbers[INNOVATION] == 0.0
+    noise, cap_used = 3.0, 0.0
     enough = 0.2
     if numbers[INNOVATION] > 3.0:  # on the way here the end's blur was read from anything but the end
         enough = 0.06
@@ -76,7 +78,7 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
         stride = 1 if whole else sparse
         filled, length = measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
         wide = (6.0 if turn == 0 else 2.5) / px_per_mm
-        solution, covariance, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise)
+        solution, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise, whole)
         numbers[USED] = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
         if kept < 20 or not _plausible(work.half_width) or not np.all(np.isfinite(solution)):
             numbers[LENGTH] = 0.0
@@ -91,13 +93,15 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
         move_state(state, solution, 0.0)
         if turn == 0 or cap_used <= 0.3 or cap_contrast(state) < LEAST_CAP_CONTRAST:
             _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, bend_sign)
-        moved, cap_used = _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain * whole, blur_limit)
+        looks = 2 if turn == 0 else 1  # the first look reads the light of this frame, the second the place
+        moved, cap_used = _fit_end(
+            picture, camera, state, work, px_per_mm, noise, shape_gain * whole, blur_limit, looks
+        )
         largest = max(largest, moved) * px_per_mm
-        work.covariance[:] = covariance
         numbers[LAST_STEP] = largest
-        if whole and largest < enough:
+        if whole and largest < (0.75 * enough if turn == 0 else enough):
             break
-        whole = whole or largest < 0.3 or turn >= 4
+        whole = whole or largest < 0.8 or turn >= 4
     numbers[LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     numbers[BEND] = turning(work.normal)
     numbers[TIP_X], numbers[TIP_Y] = project_point(camera, work.centre[VERTICES - 1, 0], work.centre[VERTICES - 1, 1])
@@ -125,11 +129,11 @@ def _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, b
 
 
 @njit(cache=True, nogil=True)
-def _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain, blur_limit):
+def _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain, blur_limit, looks):
     """Put the end of the curve on the end of the tube; returns how far it went in mm, and the share of the cap seen."""
     shift = variance = used = 0.0
-    for again in range(2):  # the first look reads the light of this frame, the second the place
-        gain = shape_gain if again else 0.0
+    for look in range(looks):
+        gain = shape_gain if look == looks - 1 else 0.0
         shift, variance, used = measure_cap(picture, camera, state, work, px_per_mm, noise, gain)
         cap_levels(state, work, blur_limit)
     work.numbers[TIP_VARIANCE] = variance

@@ -85,10 +85,11 @@ class Follower:
                 return found
             self.start, self.state = found, found.state
             self.last, self.velocity = found.state.coefficients.copy(), None
-        reason = self.judge.duplicate(luma, self._speed_px(time_s))
-        self._brighten(self.judge.brightening())
-        if reason:
-            return reason
+        if self.judge.repeated(luma):
+            if self._speed_px(time_s) > 0.5:  # although the tube is moving: a copy written by the recorder
+                return "duplicate"
+        else:
+            self._brighten(self.judge.brightening())
         reason = self._fit_predicted(luma, time_s)
         if reason and (self._swing_and_fit(luma) == "" or self._find_again(luma) == ""):
             reason = ""
@@ -163,7 +164,7 @@ class Follower:
         assert self.state is not None and self.last is not None
         saved = [array.copy() for array in self.state]
         if self.velocity is not None and self.missed == 0:
-            self.state.coefficients[:] = self.last + self.velocity * np.clip(time_s - self.last_time, 0, 0.1)
+            self.state.coefficients[:] = self.last + self.velocity * min(max(time_s - self.last_time, 0.0), 0.1)
         return self._fit(luma, saved, SEARCH_PX * min(1 + self.missed, 3))
 
     def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:

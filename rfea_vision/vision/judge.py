@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from statistics import median
 from typing import Any
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from rfea_vision.vision import fitted
@@ -21,6 +23,29 @@ LEAST_END_CONTRAST = 0.45  # of the light step at the edges near the free end: l
 RECENT = 9
 LENGTH_JUMP = 0.005  # of the length, against the last frames
 LENGTH_OFF = 0.04
+ROWS, COLUMNS = 11, 8  # of these, one picture row and column each is compared with those of the frame before
+
+
+@njit(cache=True, nogil=True)
+def _sampled(picture, sample):
+    """Put some of the picture's pixels into `sample`; returns whether they are those that were there."""
+    same = True
+    for i in range(sample.shape[0]):
+        for j in range(sample.shape[1]):
+            value = picture[ROWS * i, COLUMNS * j]
+            same &= sample[i, j] == value
+            sample[i, j] = value
+    return same
+
+
+@njit(cache=True, nogil=True)
+def _gain(sample, first):
+    """Median over pixels, every second row and column of `sample`, of its light over that of `first`."""
+    ratio = np.empty(first.size)
+    for i in range(first.shape[0]):
+        for j in range(first.shape[1]):
+            ratio[i * first.shape[1] + j] = (sample[2 * i, 2 * j] + 1.0) / first[i, j]
+    return np.median(ratio)
 
 
 class Judge:
@@ -78,7 +103,7 @@ class Judge:
             return "length_off"
         if len(self.hinge_lengths) < 200:
             self.hinge_lengths.append(hinge)
-            self.expected_mm = float(np.median(self.hinge_lengths))
+            self.expected_mm = median(self.hinge_lengths)
         self.recent = [*self.recent[1 - RECENT :], hinge]
         self._jumped = 0
         return ""
@@ -87,8 +112,8 @@ class Judge:
         """A length unlike that of the last frames: something stands before the end; thrice running it is the tube."""
         if len(self.recent) < RECENT or self._jumped >= 3:
             return False
-        middle = float(np.median(self.recent))
-        scatter = 1.4826 * float(np.median(np.abs(np.array(self.recent) - middle)))
+        middle = median(self.recent)
+        scatter = 1.4826 * median(abs(value - middle) for value in self.recent)
         jumps = abs(hinge - middle) > max(LENGTH_JUMP * middle, 8.0 * scatter)
         self._jumped += jumps
         return jumps
@@ -119,20 +144,19 @@ class Judge:
         self._gain, self._sample, self._first = plain["gain"], sample, first
         self.recent, self._jumped = list(plain["recent"]), plain["jumped"]
 
-    def duplicate(self, luma: NDArray[np.uint8], expected_px: float) -> str:
-        """A frame identical to the last one although the tube is moving is a copy written by the recorder."""
-        sample = np.ascontiguousarray(luma[::11, ::8])
-        same = self._sample is not None and np.array_equal(sample, self._sample)
-        self._sample = sample
-        return "duplicate" if same and expected_px > 0.5 else ""
+    def repeated(self, luma: NDArray[np.uint8]) -> bool:
+        """Whether a picture is identical to the last one given."""
+        if self._sample is None or self._sample.size == 0:
+            self._sample = np.ascontiguousarray(luma[::ROWS, ::COLUMNS])
+            return False
+        return _sampled(luma, self._sample)
 
     def brightening(self) -> float:
         """How much brighter the last picture given is than the one before: lamps flicker, exposure drifts."""
         assert self._sample is not None
-        sample = self._sample[::2, ::2].astype(np.float64) + 1.0
         if self._first is None:
-            self._first = sample
+            self._first = self._sample[::2, ::2].astype(np.float64) + 1.0
         # Pixel by pixel, and the middle of all: what moves through the picture is no change of the light.
-        gain = float(np.clip(np.median(sample / self._first), 0.05, 20.0))
+        gain = min(max(_gain(self._sample, self._first), 0.05), 20.0)
         ratio, self._gain = gain / self._gain, gain
         return ratio

@@ -10,7 +10,14 @@ from numba import njit
 from rfea_vision.vision.curve import REFIT, VERTEX_U, VERTICES, moved_curve, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.edges import BLUR_DOWN, BLUR_UP, INFO, MISFIT, SHIFT, SIDE, U, measure_polyline, smooth_levels
 from rfea_vision.vision.fitted import END_GAP, LONGEST_GAP, ONE_SIDED
-from rfea_vision.vision.solve import PRIOR_BEND_MM, PRIOR_WIDTH_MM, fit_shift, residuals_of
+from rfea_vision.vision.solve import (
+    PRIOR_BEND_MM,
+    PRIOR_WIDTH_MM,
+    cholesky_inverse,
+    cholesky_solve,
+    normal_equations,
+    residuals_of,
+)
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
 
@@ -95,40 +102,41 @@ def robust_scale(work, filled):
 
 
 @njit(cache=True, nogil=True)
-def fit_sides(state, work, filled, wide_mm, least_contrast, assumed):
-    """Robust fit of shift and widening: all, then without outliers. Returns solution, covariance, noise, kept."""
+def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covariance):
+    """Robust fit of shift and widening: all, then without outliers. Returns solution, noise, kept.
+
+    The covariance lands in `work.covariance`, where it is asked for.
+    """
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
     for n in range(filled):
         work.residual[n] = work.stations[n, SHIFT]
     kept = select(state, work, filled, wide_mm, least_contrast)
     solution = np.zeros(count + width_count)
-    covariance = np.zeros((count + width_count, count + width_count))
     noise = assumed
     if kept < 20:
-        return solution, covariance, noise, kept
+        return solution, noise, kept
     for repeat in range(2):
-        solution, covariance = fit_shift(
-            work.stations,
-            filled,
-            work.keep,
-            max(noise * noise, 0.25),
-            state.width,
-            count,
-            PRIOR_BEND_MM,
-            PRIOR_WIDTH_MM,
+        variance = max(noise * noise, 0.25)
+        matrix, right = normal_equations(
+            work.stations, filled, work.keep, variance, state.width, count, PRIOR_BEND_MM, PRIOR_WIDTH_MM
         )
+        solution = cholesky_solve(matrix, right)
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         noise = max(robust_scale(work, filled), 0.3)
+        before = kept
         if repeat == 0:
-            before, kept = kept, 0
+            kept = 0
             for n in range(filled):
                 if work.keep[n]:
                     work.keep[n] = abs(work.residual[n]) * math.sqrt(work.stations[n, INFO]) < 4.5 * noise
                     kept += work.keep[n]
-            if kept == before:
-                covariance *= noise * noise / max(assumed * assumed, 0.25)
-                break
-    return solution, covariance, noise, kept
+        if repeat == 1 or kept == before:
+            if with_covariance:
+                work.covariance[:] = cholesky_inverse(matrix)
+                if repeat == 0:
+                    work.covariance[:] *= noise * noise / variance
+            break
+    return solution, noise, kept
 
 
 @njit(cache=True, nogil=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -46,42 +48,70 @@ def cholesky_inverse(matrix):
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def fit_shift(stations, filled, keep, variance, width, count, prior_bend, prior_width):
-    """Fit shift(u) (count coefficients) and widening(u) (width_count) to the kept stations.
+def cholesky_solve(matrix, right):
+    """Solution of a symmetric positive definite system; a pivot that vanishes is treated as infinite."""
+    n = matrix.shape[0]
+    low = np.zeros((n, n))
+    out = np.empty(n)
+    for i in range(n):
+        value = right[i]
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= low[i, k] * low[j, k]
+            if i == j:
+                low[i, i] = np.sqrt(total) if total > 1e-12 else 1e6
+            else:
+                low[i, j] = total / low[j, j]
+                value -= low[i, j] * out[j]
+        out[i] = value / low[i, i]
+    for i in range(n - 1, -1, -1):
+        out[i] /= low[i, i]
+        for j in range(i):
+            out[j] -= low[i, j] * out[i]
+    return out
+
+
+# The four pieces of the basis as polynomials in the place t within a span: B_k(t) = sum over p of BASIS[k, p] t^p.
+BASIS = np.array([[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]]) / 6.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def normal_equations(stations, filled, keep, variance, width, count, prior_bend, prior_width):
+    """Matrix and right-hand side for shift(u) (count coefficients) and widening(u) (width_count) of the kept stations.
 
     A station of side s sees s * shift + widening along its outward normal. The prior bends the shift little, and the
-    half width that results, `width` (width_count,) plus widening, even less. Returns the coefficients (count +
-    width_count), and the covariance for `variance` (grey levels^2).
+    half width that results, `width` (width_count,) plus widening, even less. `variance` is that of the grey levels;
+    the inverse of the matrix is the covariance. The spans of the widening are whole numbers of spans of the shift, so
+    that within one of these both are cubics in t, and the sums of t^p over its stations are all that is needed.
     """
     width_count = width.shape[0]
-    size = count + width_count
+    size, spans = count + width_count, count - 3
+    wider = spans // (width_count - 3)
     matrix = np.zeros((size, size))
     right = np.zeros(size)
-    w = np.empty(4)
-    h = np.empty(4)
-    row = np.empty(8)
-    where = np.empty(8, dtype=np.int64)
+    powers = np.zeros((spans, 2, 7))  # weights times t^p: of both sides together, and of one minus the other
+    values = np.zeros((spans, 2, 4))  # the same times the station's shift
     for n in range(filled):
         if not keep[n]:
             continue
-        weight = stations[n, INFO] / variance
-        i = basis_at(stations[n, U], count, w)
-        j = basis_at(stations[n, U], width_count, h)
-        side = stations[n, SIDE]
-        for k in range(4):
-            row[k], where[k] = side * w[k], i + k
-            row[4 + k], where[4 + k] = h[k], count + j + k
-        value = weight * stations[n, SHIFT]
-        for k in range(8):
-            weighted = weight * row[k]
-            right[where[k]] += value * row[k]
-            for m in range(k + 1):
-                matrix[where[k], where[m]] += weighted * row[m]
-    for i in range(size):
-        for j in range(i):
-            total = matrix[i, j] + matrix[j, i]
-            matrix[i, j] = total
-            matrix[j, i] = total
+        x = stations[n, U] * spans
+        i = min(max(math.floor(x), 0), spans - 1)
+        t = x - i
+        term = stations[n, INFO] / variance
+        side, shift = stations[n, SIDE], stations[n, SHIFT]
+        for p in range(7):
+            powers[i, 0, p] += term
+            powers[i, 1, p] += side * term
+            if p < 4:
+                values[i, 0, p] += term * shift
+                values[i, 1, p] += side * term * shift
+            term *= t
+    cubics = np.empty((8, 4))
+    cubics[:4] = BASIS
+    for i in range(spans):
+        _stretched(cubics[4:], (i % wider) / wider, 1.0 / wider)
+        _add_span(cubics, powers[i], values[i], matrix, right, i, count + i // wider)
     _add_prior(matrix, 0, count, 1.0 / prior_bend**2)
     strength = 1.0 / prior_width**2
     _add_prior(matrix, count, width_count, strength)
@@ -92,8 +122,37 @@ def fit_shift(stations, filled, keep, variance, width, count, prior_bend, prior_
         right[count + i + 2] -= bend
     for i in range(count, size):
         matrix[i, i] += 1.0 / (10.0 * prior_width) ** 2
-    covariance = cholesky_inverse(matrix)
-    return covariance @ right, covariance
+    return matrix, right
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def _stretched(out, start, scale):
+    """Fill `out` (4, 4) with the basis at start + scale t, as polynomials in t."""
+    for k in range(4):
+        a, b, c, d = BASIS[k, 0], BASIS[k, 1], BASIS[k, 2], BASIS[k, 3]
+        out[k, 0] = a + start * (b + start * (c + start * d))
+        out[k, 1] = scale * (b + start * (2.0 * c + 3.0 * start * d))
+        out[k, 2] = scale * scale * (c + 3.0 * start * d)
+        out[k, 3] = scale * scale * scale * d
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def _add_span(cubics, powers, values, matrix, right, i, j):
+    """Add one span's stations to its unknowns: i to i + 3 of the shift, j to j + 3 of the widening."""
+    for k in range(8):
+        row = i + k if k < 4 else j + k - 4
+        for p in range(4):  # the sides pull the shift one way each, and the widening both ways
+            right[row] += cubics[k, p] * values[1 if k < 4 else 0, p]
+        for m in range(k + 1):
+            column = i + m if m < 4 else j + m - 4
+            mixed = 1 if (k < 4) != (m < 4) else 0
+            total = 0.0
+            for p in range(4):
+                for q in range(4):
+                    total += cubics[k, p] * cubics[m, q] * powers[mixed, p + q]
+            matrix[row, column] += total
+            if m < k:
+                matrix[column, row] += total
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})

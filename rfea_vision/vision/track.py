@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts import Actuator, Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.begin import Scene, scale_at
 from rfea_vision.vision.checkpoint import Checkpoint
@@ -24,6 +26,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 
 GIVE_UP_AFTER = 400  # frames without any tube before the search is called off
+PIXELS_AHEAD = 16_000_000
 
 
 def track_frames(
@@ -75,14 +78,15 @@ def track_frames(
     kept = Checkpoint(checkpoint, source.path, scene, vertical, lamp_box, nodes, segments, scene.camera)
     begun = kept.load(rows, follower)
     total = source.frame_count or 0
-    for done, (time_s, luma) in enumerate(source.frames(begun), begun):
-        reason = follower.next(luma, time_s)
-        rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
-        if follower.start is None and done >= GIVE_UP_AFTER:
-            break
-        kept.keep(rows, follower)
-        if progress is not None and (done % 8 == 0 or done + 1 == total):
-            progress(done + 1, max(total, done + 1))
+    with closing(read_ahead(source.frames(begun), frames_ahead(source.size))) as frames:
+        for done, (time_s, luma) in enumerate(frames, begun):
+            reason = follower.next(luma, time_s)
+            rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
+            if follower.start is None and done >= GIVE_UP_AFTER:
+                break
+            kept.keep(rows, follower)
+            if progress is not None and (done % 8 == 0 or done + 1 == total):
+                progress(done + 1, max(total, done + 1))
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or not rows.any_valid:
@@ -99,6 +103,11 @@ def track_frames(
     track = Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
     kept.remove()
     return track
+
+
+def frames_ahead(size: tuple[int, int]) -> int:
+    """How many pictures may wait: enough to even out what frames take, of large pictures few."""
+    return max(2, min(8, PIXELS_AHEAD // max(size[0] * size[1], 1)))
 
 
 def lamp_window(box: Sequence[float] | None, size: tuple[int, int]) -> tuple[slice, slice] | None:

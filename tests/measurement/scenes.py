@@ -159,6 +159,10 @@ class Look:
     busy: float = 0.0
     hose_mm: float | None = None
     bands: int = 0  # dark bands painted on the tube
+    band_mm: tuple[float, float] | None = None  # one more, from and to this far along the tube
+    ferrule: tuple[float, float] | None = None  # a sleeve on the tube's end: its length in mm, and its width in tubes
+    highlight: tuple[float, float, float] | None = None  # a stripe along the tube, from and to in radii; its level
+    shadow: float = 0.0  # share of the light that the shadow of a thing in front takes away, with a hard edge
 
 
 def picture(
@@ -172,18 +176,21 @@ def picture(
         texture = cv2.GaussianBlur(texture, (0, 0), 4)
         image += look.busy * texture / texture.std()
     outline = np.vstack([shape_.inner[::4], shape_.outer[::-4]])
+    if look.ferrule is not None:
+        outline = _with_sleeve(shape_, *look.ferrule)
     if look.clamp is not None:  # the tube goes on inside the clamp
         outline = np.vstack([shape_.inner[0] + [0, 5.0], outline, shape_.outer[0] + [0, 5.0]])
     tube = coverage(lens.project(outline), lens.size)
     image += tube * (look.tube - image)
-    for k in range(look.bands):
-        at = (k + 0.5) / look.bands + np.array([-0.006, 0.006])
-        i = np.linspace(at[0], at[1], 8) * (len(shape_.phi) - 1)
-        sides = [
-            np.column_stack([np.interp(i, np.arange(len(line)), line[:, c]) for c in (0, 1)])
-            for line in (shape_.inner, shape_.outer)
-        ]
-        image += coverage(lens.project(np.vstack([sides[0], sides[1][::-1]])), lens.size) * 0.35 * (20.0 - look.tube)
+    bands = [(k + 0.5) / look.bands + np.array([-0.006, 0.006]) for k in range(look.bands)]
+    if look.band_mm is not None:
+        bands.append(np.array(look.band_mm) / 155.0)
+    for at in bands:
+        band = _stripe(shape_, at, (-1.0, 1.0))
+        image += coverage(lens.project(band), lens.size) * 0.35 * (20.0 - look.tube)
+    if look.highlight is not None:
+        stripe = _stripe(shape_, np.array([0.0, 1.0]), look.highlight[:2], 300)
+        image += coverage(lens.project(stripe), lens.size) * (look.highlight[2] - look.tube)
     if look.clamp is not None:
         a, b = look.clamp_width_mm / 2, look.clamp_height_mm
         corners = np.array([[-a, 0], [a, 0], [a, b], [-a, b]])
@@ -196,12 +203,47 @@ def picture(
     if look.uneven:
         yy, xx = np.mgrid[0:h, 0:w]
         image *= 1 + look.uneven * (xx / w - 0.5) + 0.5 * look.uneven * np.sin(3 * yy / h)
+    if look.shadow:  # as wide as a hand, across tube and wall alike
+        yy, xx = np.mgrid[0:h, 0:w]
+        image[(yy + 0.3 * xx > 0.45 * h) & (yy + 0.3 * xx < 0.62 * h)] *= 1 - look.shadow
     image *= gain
     if look.blur_px:
         image = cv2.GaussianBlur(image, (0, 0), look.blur_px)
     if not rounded:
         return image
     return np.clip(np.round(image + rng.normal(0, look.noise, image.shape)), 0, 255).astype(np.uint8)
+
+
+def _stripe(shape_: Shape, along: np.ndarray, across: tuple[float, float], count: int = 8) -> np.ndarray:
+    """Outline of the part of the tube between two shares of its length and two offsets in radii."""
+    i = np.linspace(along[0], along[1], count) * (len(shape_.phi) - 1)
+    sides = [
+        np.column_stack([np.interp(i, np.arange(len(line)), line[:, c]) for c in (0, 1)])
+        for line in (shape_.inner, shape_.outer)
+    ]
+    low, high = (sides[0] + 0.5 * (q + 1) * (sides[1] - sides[0]) for q in across)
+    return np.vstack([low, high[::-1]])
+
+
+def _with_sleeve(shape_: Shape, length_mm: float, wide: float) -> np.ndarray:
+    """Outline of a tube that is `wide` times as wide over the last `length_mm`."""
+    n = len(shape_.phi)
+    extra = np.where(np.arange(n) >= n * (1 - length_mm / 155.0), wide - 1, 0.0)[:, None]
+    across = shape_.outer - shape_.inner
+    return np.vstack([(shape_.inner - 0.5 * extra * across)[::2], (shape_.outer + 0.5 * extra * across)[::-2]])
+
+
+def smeared_film(lens: Lens, look: Look, angle_of, times, exposure_s: float, *, seed: int = 0, steps: int = 8):
+    """Render what a shutter that is open for `exposure_s` around each time sees; returns pictures, times, shapes."""
+    rng = np.random.default_rng(seed)
+    quiet = replace(look, noise=0.0)
+    pictures, shapes = [], []
+    for t in times:
+        open_at = t + exposure_s * ((np.arange(steps) + 0.5) / steps - 0.5)
+        mean = np.mean([picture(shape(a), lens, quiet, rng, rounded=False) for a in angle_of(open_at)], axis=0)
+        pictures.append(np.clip(np.round(mean + rng.normal(0, look.noise, mean.shape)), 0, 255).astype(np.uint8))
+        shapes.append(shape(float(angle_of(np.array([t]))[0])))
+    return pictures, np.asarray(times), shapes
 
 
 def board_picture(
