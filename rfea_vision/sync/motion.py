@@ -6,22 +6,33 @@ most of the logged pressure. Stiffness, damping and inertia are free coefficient
 the model that is fitted later. Both sides pass the same zero-phase filter. What the regression cannot tell from an
 offset is a line that delays the pressure itself.
 
-Noise in the track makes its derivatives, and so the coefficients, a little wrong, which leans on the offset. The lean
-is measured by adding the track's own noise a second time, and taken off (Cook and Stefanski, J. Am. Stat. Assoc. 89,
-1994, 1314).
+Where the tube's law lacks something that the data show, a term of `sections.SUPPLEMENTS` is added. The regression
+itself, with the noise of its terms and its errors, is `rfea_vision.sync.regression`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
 from rfea_vision.sync.doubts import check_direction, gaps_of, log_notes, outside_gaps, repetition
-from rfea_vision.sync.sections import Motion, motion_of, terms
+from rfea_vision.sync.regression import (
+    DRIFT,
+    FIRST_TERM,
+    OFFSET,
+    Moments,
+    choose,
+    moments,
+    no_more_noise_than_rest,
+    standard_error,
+)
+from rfea_vision.sync.sections import SUPPLEMENTS, Motion, motion_of, supplements, terms
 
 FloatArray = NDArray[np.float64]
 
@@ -33,8 +44,8 @@ BETWEEN_SAMPLES = 1.2  # s^-1: times the square of the log's step, as a standard
 FILTER_REACH_S = 0.15
 LEAST_SWING_DEG = 1.0
 LEAST_EXPLAINED = 0.5
-PARTS = 6
-REPLICATES = 6
+MOST_REPLICATES, REPLICATED_SAMPLES = 16, 24_000
+DIFFERENCE = 8  # order of the differences in time that hold noise and hardly any motion
 
 
 @dataclass(frozen=True)
@@ -114,44 +125,61 @@ class Seen:
         """Resample, smooth, and form the terms; `highest_Hz` is what the log can follow."""
         time = motion.time_s
         rate = 1.0 / float(np.median(np.diff(time)))
+        high = max(min(HIGH_HZ, 0.15 * rate, highest_Hz), 2 * LOW_HZ)
         grid = np.arange(time[0], time[-1], 1.0 / rate)
         raw = np.column_stack([np.interp(grid, time, column) for column in motion.amplitudes.T])
-        after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
-        solid = (time[after] - time[after - 1]) < 2.5 / rate
+        solid = np.ones(len(grid), dtype=bool)
+        gap = np.diff(time) > max(2.5 / rate, 0.12 / high)
+        for begin, end in zip(time[:-1][gap], time[1:][gap], strict=True):
+            solid &= (grid < begin - 0.3 / high) | (grid > end + 0.3 / high)
         edge = round(min(0.08 * len(grid), 0.12 * rate))
         solid[:edge] = solid[len(grid) - edge :] = False
-        high = max(min(HIGH_HZ, 0.15 * rate, highest_Hz), 2 * LOW_HZ)
-        return Seen(motion, grid, raw, solid, rate, high, _terms(motion, raw, rate, high))
+        smooth = gauss(raw, rate, 2 * high)
+        formed = np.stack([band(section, rate, high) for section in terms(motion, smooth, rate)])
+        return Seen(motion, grid, raw, solid, rate, high, formed)
 
-    def with_more_noise(self, seed: int) -> FloatArray:
-        """Terms after the track's own noise (from fourth differences in time) has been added once more."""
-        differences = np.diff(self.raw, n=4, axis=0)
-        covariance = differences.T @ differences / len(differences) / 70.0
+    def columns(self, raw: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
+        """Terms and supplements (sections, samples of `use`, terms), without their slow part within `use`."""
+        smooth = gauss(raw, self.rate, 2 * self.high)
+        every = np.concatenate(
+            [terms(self.motion, smooth, self.rate), supplements(self.motion, smooth, self.rate)], axis=2
+        )
+        return np.stack([without_slow(gauss(section, self.rate, self.high), use, self.rate) for section in every])
+
+    def noises(self, use: NDArray[np.bool_], own: FloatArray) -> FloatArray:
+        """What the track's own noise, once more added, changes in the columns: (R, sections, n, terms)."""
+        differences = np.diff(self.raw, n=DIFFERENCE, axis=0)
+        covariance = differences.T @ differences / len(differences) / comb(2 * DIFFERENCE, DIFFERENCE)
         values, vectors = np.linalg.eigh(covariance)
-        noise = np.random.default_rng(seed).normal(size=self.raw.shape) * np.sqrt(np.maximum(values, 0)) @ vectors.T
-        return _terms(self.motion, self.raw + noise, self.rate, self.high)
-
-
-def _terms(motion: Motion, raw: FloatArray, rate: float, high: float) -> FloatArray:
-    formed = terms(motion, gauss(raw, rate, 2 * high), rate)
-    return np.stack([band(section, rate, high) for section in formed])
+        spread = vectors * np.sqrt(np.maximum(values, 0))
+        generator = np.random.default_rng(0)
+        count = int(np.clip(REPLICATED_SAMPLES / len(self.grid), 2, MOST_REPLICATES))
+        drawn = (generator.normal(size=self.raw.shape) @ spread.T for _ in range(count))
+        return np.stack([self.columns(self.raw + noise, use) - own for noise in drawn])
 
 
 def gauss(values: FloatArray, rate: float, cut_Hz: float) -> FloatArray:
     """Gaussian low-pass along axis 0, zero phase, half power at `cut_Hz`."""
     sigma = np.sqrt(np.log(2)) / (2 * np.pi * cut_Hz) * rate
-    reach = int(np.ceil(4.5 * sigma)) + 1
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    kernel /= kernel.sum()
-    padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), mode="edge")
-    flat = padded.reshape(len(padded), -1)
-    smooth = np.column_stack([np.convolve(column, kernel, "valid") for column in flat.T])
-    return np.asarray(smooth, dtype=float).reshape(values.shape)
+    return np.asarray(gaussian_filter1d(values, sigma, axis=0, mode="nearest", truncate=4.5), dtype=float)
 
 
 def band(values: FloatArray, rate: float, high: float) -> FloatArray:
     """Band-pass from LOW_HZ to `high`, zero phase."""
     return gauss(values, rate, high) - gauss(values, rate, LOW_HZ)
+
+
+def without_slow(values: FloatArray, use: NDArray[np.bool_], rate: float) -> FloatArray:
+    """Take off the weighted mean of the samples of `use` about each, and return those samples.
+
+    Nothing outside of `use` enters, so that whatever holds between columns sample by sample holds between the results:
+    beyond the ends of a film the log goes on and the film does not.
+    """
+    sigma = np.sqrt(np.log(2)) / (2 * np.pi * LOW_HZ) * rate
+    weight = use.astype(float).reshape((-1,) + (1,) * (values.ndim - 1))
+    kind = {"axis": 0, "mode": "constant", "truncate": 4.5}
+    slow = gaussian_filter1d(values * weight, sigma, **kind)[use] / gaussian_filter1d(weight, sigma, **kind)[use]
+    return np.asarray(values[use] - slow, dtype=float)
 
 
 class Target:
@@ -162,17 +190,20 @@ class Target:
         self.time = np.arange(time[0], time[-1], step)
         raw = np.interp(self.time, time, pressure)
         # The amplitudes were smoothed once before the terms were formed, and so is the pressure.
-        self.values = band(gauss(raw, 1 / step, 2 * high), 1 / step, high)
-        self.slope = np.gradient(self.values, self.time)
+        self.smooth = gauss(gauss(raw, 1 / step, 2 * high), 1 / step, high)
+        self.smooth_slope = np.gradient(self.smooth, self.time)
+        self.values = self.smooth - gauss(gauss(raw, 1 / step, 2 * high), 1 / step, LOW_HZ)
         self.first, self.last = self.time[0] + 0.1, self.time[-1] - 0.1
         self.gaps = gaps_of(time)
 
-    def at(self, times: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Pressure, its slope, and where the log covers `times`."""
-        inside = (times >= self.first) & (times <= self.last)
-        if len(self.gaps):
-            inside &= outside_gaps(times, self.gaps, FILTER_REACH_S)
-        return np.interp(times, self.time, self.values), np.interp(times, self.time, self.slope), inside
+    def inside(self, times: FloatArray) -> NDArray[np.bool_]:
+        """Where the log covers `times`."""
+        covered = (times >= self.first) & (times <= self.last)
+        return covered & outside_gaps(times, self.gaps, FILTER_REACH_S) if len(self.gaps) else covered
+
+    def at(self, times: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Band-passed pressure, and where the log covers `times`."""
+        return np.interp(times, self.time, self.values), self.inside(times)
 
 
 def search(seen: Seen, target: Target) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -190,7 +221,7 @@ def search(seen: Seen, target: Target) -> tuple[FloatArray, FloatArray, FloatArr
     overall = float(np.mean(target.values**2))
     shares, own = np.zeros(len(offsets)), np.zeros(len(offsets))
     for k, offset in enumerate(offsets):
-        values, _, inside = target.at(grid + offset)
+        values, inside = target.at(grid + offset)
         use = solid & inside
         if use.sum() < 4 * x.shape[2] or np.mean(values[use] ** 2) < 0.05 * overall:
             continue
@@ -218,67 +249,57 @@ def _projector(x: FloatArray) -> FloatArray:
 
 
 def refine(seen: Seen, target: Target, offset: float, curve: tuple[FloatArray, FloatArray]) -> Alignment:
-    """Newton steps to the best offset, the lean from noise, standard errors, and the drift."""
-    offset = _newton(seen, seen.terms, target, offset)
-    values, slope, inside = target.at(seen.grid + offset)
-    use = seen.solid & inside
-    lean = [_newton(seen, seen.with_more_noise(seed), target, offset) - offset for seed in range(REPLICATES)]
-    bias = float(np.mean(lean))
-    _, covariance, explained = _step(seen.terms, values, slope, use, None)
-    error = max(float(np.sqrt(covariance[0, 0])), _leaving_out(seen.terms, values, slope, use))
-    # Taking the lean off is itself uncertain: by its scatter, and by half of its size for being only first order.
-    error = float(np.sqrt(error**2 + np.var(lean) / REPLICATES + (0.5 * bias) ** 2))
-    middle = float(seen.grid[use].mean())
-    both, both_covariance, _ = _step(seen.terms, values, slope, use, seen.grid - middle)
-    drift_error = float(np.sqrt(both_covariance[1, 1]))
-    drift, note = 0.0, ""
-    if abs(both[1]) > 4 * drift_error and abs(both[1]) > 20e-6 and drift_error < 50e-6:
-        drift, note = float(both[1]), "drift taken into account"
-    return Alignment(offset - bias - drift * middle, error, 1e6 * drift, 1e6 * drift_error, explained, curve, note)
+    """Newton steps to the best offset, its standard error, and the drift."""
+    use = seen.solid & target.inside(seen.grid + offset - COARSE_S) & target.inside(seen.grid + offset + COARSE_S)
+    columns = seen.columns(seen.raw, use)
+    noises = seen.noises(use, columns)
+    extra = list(range(FIRST_TERM + columns.shape[2] - len(SUPPLEMENTS), FIRST_TERM + columns.shape[2]))
+    chosen = [OFFSET, *range(FIRST_TERM, extra[0])]
+    offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
+    noises *= np.sqrt(no_more_noise_than_rest(found, chosen))
+    for _ in range(2):  # what is lacking shifts the offset, and the offset what is lacking
+        offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
+        chosen = choose(found, [OFFSET, *range(FIRST_TERM, extra[0])], extra)
+    offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
+    error = standard_error(found, chosen, extra)
+    both = [OFFSET, DRIFT, *chosen[1:]]
+    drift_error = standard_error(found, both, extra, DRIFT)
+    change = found.solve(both)[:2] / found.scale[:2]
+    middle, drift, note = float(seen.grid[use].mean()), 0.0, ""
+    if abs(change[1]) > 4 * drift_error and abs(change[1]) > 20e-6 and drift_error < 50e-6:
+        drift, note = float(change[1]), "drift taken into account"
+        offset = offset + float(change[0]) - drift * middle
+        error = float(np.hypot(standard_error(found, both, extra), middle * drift_error))
+    explained = 1.0 - found.rest(chosen)[0] / max(found.power, 1e-12)
+    return Alignment(offset, error, 1e6 * drift, 1e6 * drift_error, explained, curve, note)
 
 
-def _newton(seen: Seen, x: FloatArray, target: Target, offset: float) -> float:
-    for _ in range(15):
-        values, slope, inside = target.at(seen.grid + offset)
-        change = float(np.clip(_step(x, values, slope, seen.solid & inside, None)[0][0], -0.015, 0.015))
-        offset += change
-        if abs(change) < 1e-7:
+def _newton(
+    seen: Seen,
+    target: Target,
+    offset: float,
+    use: NDArray[np.bool_],
+    columns: FloatArray,
+    noises: FloatArray,
+    chosen: list[int],
+) -> tuple[float, Moments]:
+    """Best offset for the chosen columns, and the sums there."""
+    times = seen.grid[use]
+    sections = len(columns)
+    for last in range(15):
+        shifted = seen.grid + offset
+        pressure = without_slow(np.interp(shifted, target.time, target.smooth), use, seen.rate)
+        slope = np.interp(shifted, target.time, target.smooth_slope)
+        moving = np.column_stack(
+            [
+                without_slow(-slope, use, seen.rate),
+                without_slow(-slope * (seen.grid - times.mean()), use, seen.rate),
+            ]
+        )
+        every = np.concatenate([np.broadcast_to(moving, (sections, *moving.shape)), columns], axis=2)
+        found = moments(every, noises, pressure, seen.rate)
+        change = float(np.clip(found.solve(chosen)[0] / found.scale[OFFSET], -0.015, 0.015))
+        if abs(change) < 1e-7 or last == 14:
             break
-    return offset
-
-
-def _step(x: FloatArray, values: FloatArray, slope: FloatArray, use: NDArray[np.bool_], centred: FloatArray | None):
-    """Change of offset (and drift) beside all coefficients; its covariance for residuals alike in time; explained share."""
-    own = [-slope[use]] if centred is None else [-slope[use], -slope[use] * centred[use]]
-    y = values[use]
-    blocks = np.stack([np.column_stack([*own, section[use]]) for section in x])  # (sections, n, columns)
-    scale = np.sqrt(np.sum(blocks**2, axis=(0, 1))) + 1e-12
-    blocks /= scale
-    inverse = np.linalg.pinv(np.einsum("sni,snj->ij", blocks, blocks, optimize=True), rcond=1e-11, hermitian=True)
-    solution = inverse @ (blocks.sum(axis=0).T @ y)
-    residuals = y - blocks @ solution  # (sections, n)
-    # Sections at one time share their error, and so do neighbouring times (Newey and West).
-    scores = np.sum(blocks * residuals[..., None], axis=0)
-    lags = min(int(3 * np.sqrt(len(y))), len(y) // 4)
-    middle = scores.T @ scores
-    for lag in range(1, lags + 1):
-        cross = scores[lag:].T @ scores[:-lag]
-        middle += (1 - lag / (lags + 1)) * (cross + cross.T)
-    n = len(own)
-    covariance = (inverse @ middle @ inverse)[:n, :n] / scale[:n, None] / scale[None, :n]
-    explained = 1.0 - float(np.sum(residuals**2)) / len(x) / max(float(y @ y), 1e-12)
-    return solution[:n] / scale[:n], covariance, explained
-
-
-def _leaving_out(x: FloatArray, values: FloatArray, slope: FloatArray, use: NDArray[np.bool_]) -> float:
-    """Standard error from leaving out one stretch at a time (jackknife)."""
-    found = []
-    for part in np.array_split(np.flatnonzero(use), PARTS):
-        rest = use.copy()
-        rest[part] = False
-        if rest.sum() > 4 * x.shape[2]:
-            found.append(float(_step(x, values, slope, rest, None)[0][0]))
-    if len(found) < 3:
-        return 0.0
-    spread = np.array(found) - np.mean(found)
-    return float(np.sqrt((len(found) - 1) / len(found) * np.sum(spread**2)))
+        offset += change
+    return offset, found

@@ -8,6 +8,12 @@ its weight and its inertia. The last is known from the picture up to one factor,
 
 with q the bend of a short section, M the moment of an even tube about it and M_tip that of a point mass at the tip.
 The powers of q stand for a bore that changes with the bend. All sections share the coefficients.
+
+The tube's mass lies on the line that keeps its length, which the picture shows only beside the centre line: that grows
+by the tube's radius times the bend, and by this the radius is known.
+
+What a tube may have beside this (`SUPPLEMENTS`): damping that varies along it, friction, damping quadratic in the
+speed, creep, hysteresis. Each is a column of its own, and is taken in only where the data ask for it.
 """
 
 from __future__ import annotations
@@ -16,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from rfea_vision.artefacts import Track
 
@@ -25,14 +32,18 @@ MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry lit
 SECTIONS = 4
 PIECES = 4  # pieces per section, for the integrals
 GRAVITY = 9.81
-ONLY_ANGLE_TERMS = 9
+SUPPLEMENTS = ("profile", "friction", "quadratic damping", "creep", "hysteresis")
+FRICTION_WIDTH = 0.15  # of the speed's root mean square
+HYSTERESIS_WIDTH = 0.1  # of the swing
+CREEP_S = 0.5
+MOST_RADIUS = 0.15  # of the length: what the centre line may grow per radian
 
 
 @dataclass(frozen=True)
 class Motion:
     """Amplitudes (n, m) of the motion at times (n,) s: of modes of the tangent angle, or one angle alone.
 
-    `length_m` is the length of the centre line; `modal` tells whether the whole shape is known.
+    `length_m` is the length of the line that keeps it; `modal` tells whether the whole shape is known.
     """
 
     time_s: FloatArray
@@ -58,11 +69,7 @@ def motion_of(track: Track, bends: str) -> Motion:
     sign = 1.0 if bends == "left" else -1.0
     length, modal = 1.0, False
     if "midline" in dataset:
-        step = np.diff(dataset["midline"].values[valid], axis=1)
-        angle = np.unwrap(np.arctan2(-sign * step[..., 0], -step[..., 1]), axis=1)
-        length = float(np.nanmean(np.linalg.norm(step, axis=-1).sum(axis=1))) * 1e-3
-        places = (np.arange(angle.shape[1]) + 0.5) / angle.shape[1]
-        found = angle @ np.linalg.pinv(_legendre(places)).T
+        found, length = _modes(dataset["midline"].values[valid] * 1e-3, sign)
         modal = True
     elif "bend_angle" in dataset:
         found = np.radians(dataset["bend_angle"].values[valid])[:, None]
@@ -75,6 +82,27 @@ def motion_of(track: Track, bends: str) -> Motion:
     first = np.concatenate([[True], np.diff(time) > 1e-9])
     found = found[first] if modal else np.unwrap(found[first], axis=0)
     return Motion(time[first], np.asarray(found, dtype=float), length, modal)
+
+
+def _modes(midline_m: FloatArray, sign: float) -> tuple[FloatArray, float]:
+    """Amplitudes (n, m) of the tangent's angle along the line that keeps its length, and its length."""
+    step = np.diff(midline_m, axis=1)
+    angle = np.unwrap(np.arctan2(-sign * step[..., 0], -step[..., 1]), axis=1)
+    places = (np.arange(angle.shape[1]) + 0.5) / angle.shape[1]
+    bend = angle @ np.linalg.pinv(_legendre(places)).sum(axis=0)  # at the tip, where every mode is 1
+    length = np.linalg.norm(step, axis=-1).sum(axis=1)
+    good = np.isfinite(bend) & np.isfinite(length)
+    if not good.any():
+        return np.full((len(angle), MODES + 1), np.nan), np.nan
+    about = bend[good] - bend[good].mean()
+    radius = float(about @ length[good]) / max(float(about @ about), 1e-12)
+    radius = float(np.clip(radius, 0.0, MOST_RADIUS * length[good].mean()))
+    kept = length - radius * bend
+    along = (length[:, None] * places - radius * angle) / kept[:, None]
+    design = _legendre(np.where(np.isfinite(along), along, places))
+    normal = np.einsum("tki,tkj->tij", design, design)
+    right = np.einsum("tki,tk->ti", design, angle)
+    return np.linalg.solve(normal, right[..., None])[..., 0], float(kept[good].mean())
 
 
 def _legendre(places: FloatArray) -> FloatArray:
@@ -90,6 +118,39 @@ def derivative(values: FloatArray, rate: float) -> FloatArray:
 def terms(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
     """Terms (sections, n, terms) from smooth, evenly sampled amplitudes (n, m)."""
     return _section_terms(motion, amplitudes, rate) if motion.modal else _angle_terms(amplitudes[:, 0], rate)[None]
+
+
+def supplements(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+    """Terms (sections, n, 5) of `SUPPLEMENTS`, in their order; 0 where one angle cannot show them."""
+    if motion.modal:
+        angle = amplitudes @ _legendre(np.linspace(0, 1, SECTIONS + 1)).T
+        bends = np.diff(angle, axis=1)
+        places = 2 * (np.arange(SECTIONS) + 0.5) / SECTIONS - 1
+    else:
+        bends, places = amplitudes[:, :1], np.zeros(1)
+    speed = derivative(bends, rate)
+    mean_speed = float(np.sqrt(np.mean(speed.mean(axis=1) ** 2))) + 1e-12
+    swing = float(np.ptp(bends.mean(axis=1))) + 1e-12
+    decay = np.exp(-1 / (CREEP_S * rate))
+    crept = lfilter([1 - decay], [1.0, -decay], bends, axis=0, zi=decay * bends[:1])[0]
+    columns = [
+        speed * places,
+        np.tanh(speed / (FRICTION_WIDTH * mean_speed)),
+        speed * np.abs(speed),
+        crept,
+        _lagging(bends, HYSTERESIS_WIDTH * swing),
+    ]
+    return np.moveaxis(np.stack(columns, axis=-1), 1, 0)
+
+
+def _lagging(bends: FloatArray, width: float) -> FloatArray:
+    """Rate-independent hysteresis: after a reversal the sign of the motion is reached again within `width` (Dahl)."""
+    change = np.diff(bends, axis=0)
+    direction, kept = np.sign(change), np.exp(-np.abs(change) / width)
+    out = np.zeros_like(bends)
+    for k in range(len(change)):
+        out[k + 1] = direction[k] + (out[k] - direction[k]) * kept[k]
+    return out
 
 
 def _angle_terms(angle: FloatArray, rate: float) -> FloatArray:

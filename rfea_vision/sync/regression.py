@@ -1,0 +1,125 @@
+"""Least squares for an offset beside the coefficients of a law, where the law's terms carry the track's noise.
+
+Noise in the terms would shrink the coefficients and lean on the offset. What it adds to the normal equations is
+measured by adding the track's own noise a second time, and taken out of them (Fuller, Measurement Error Models, 1987,
+ch. 2.2). Beside the law every column of `supplements` may enter: one that leaves at least a twentieth less
+unexplained, for as long as the track's noise does not account for what is left.
+
+The error is that of leaving out one stretch at a time (jackknife), at the quantile of Student's t for so many
+stretches. Where noise does not explain all of what is left, as much as this is the share of what one more supplement
+would move is added.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+FloatArray = NDArray[np.float64]
+
+OFFSET, DRIFT, FIRST_TERM = 0, 1, 2  # columns
+LEAST_GAIN = 0.05  # of what is unexplained
+NOISE_ACCOUNTS = 1.15  # a rest at most so many times the noise needs no supplement
+STRETCH_S = 0.3
+FEWEST, MOST = 6, 20  # stretches
+TINY = 1e-11
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Sums over each of P stretches for C columns (offset, drift, terms), every column of unit norm before `scale`.
+
+    Attributes
+    ----------
+    gram, noise : (P, C, C) products of columns, and what the track's noise adds to them
+    right : (P, C) products with the pressure
+    power : its own square
+    scale : (C,) norm of every column
+    """
+
+    gram: FloatArray
+    noise: FloatArray
+    right: FloatArray
+    power: float
+    scale: FloatArray
+
+    def solve(self, columns: list[int], without: int | None = None) -> FloatArray:
+        """Coefficients of `columns`, all stretches together or all but one."""
+        keep = np.arange(len(self.gram)) != (-1 if without is None else without)
+        pick = np.ix_(columns, columns)
+        values, vectors = np.linalg.eigh((self.gram[keep].sum(0) - self.noise[keep].sum(0))[pick])
+        known = values > TINY * values[-1]
+        right = vectors[:, known].T @ self.right[keep].sum(0)[columns]
+        return vectors[:, known] @ (right / values[known])
+
+    def rest(self, columns: list[int]) -> tuple[float, float]:
+        """What is unexplained (sum of squares), and how much of this the track's noise makes."""
+        pick, solution = np.ix_(columns, columns), self.solve(columns)
+        explained = 2 * solution @ self.right.sum(0)[columns] - solution @ self.gram.sum(0)[pick] @ solution
+        made = float(solution @ self.noise.sum(0)[pick] @ solution)
+        return max(self.power - float(explained), 0.0), made
+
+
+def moments(columns: FloatArray, noises: FloatArray, pressure: FloatArray, rate: float) -> Moments:
+    """Sums from columns (sections, n, C), replicates of the terms' noise (R, sections, n, C - 2), pressure (n,)."""
+    sections, n, count = columns.shape
+    scale = np.sqrt(np.sum(columns**2, axis=(0, 1))) + 1e-12
+    unit, small = columns / scale, noises / scale[FIRST_TERM:]
+    stretches = np.array_split(np.arange(n), int(np.clip(n / rate / STRETCH_S, FEWEST, MOST)))
+    gram, right = np.zeros((len(stretches), count, count)), np.zeros((len(stretches), count))
+    noise = np.zeros_like(gram)
+    for k, part in enumerate(stretches):
+        own = unit[:, part].reshape(-1, count)
+        of_noise = small[:, :, part].reshape(-1, count - FIRST_TERM)
+        gram[k] = own.T @ own
+        noise[k, FIRST_TERM:, FIRST_TERM:] = of_noise.T @ of_noise / len(noises)
+        right[k] = unit[:, part].sum(axis=0).T @ pressure[part]
+    return Moments(gram, noise, right, sections * float(pressure @ pressure), scale)
+
+
+def no_more_noise_than_rest(found: Moments, columns: list[int]) -> float:
+    """Factor of the noise, at most 1: what high frequencies call noise can be motion that the frames hardly resolve."""
+    factor = 1.0
+    for _ in range(4):
+        scaled = Moments(found.gram, factor * found.noise, found.right, found.power, found.scale)
+        rest, made = scaled.rest(columns)
+        if rest >= made:
+            break
+        factor *= max(rest / made, 0.05)
+    return factor
+
+
+def choose(found: Moments, law: list[int], supplements: list[int]) -> list[int]:
+    """Columns of the law and of the supplements that the data ask for."""
+    chosen = list(law)
+    left = [k for k in supplements if found.scale[k] > 1e-9]
+    while left:
+        rest, made = found.rest(chosen)
+        if rest <= NOISE_ACCOUNTS * made:
+            break
+        rests = [found.rest([*chosen, k])[0] for k in left]
+        best = int(np.argmin(rests))
+        if rests[best] > (1 - LEAST_GAIN) * rest:
+            break
+        chosen.append(left.pop(best))
+    return chosen
+
+
+def standard_error(found: Moments, columns: list[int], supplements: list[int], which: int = OFFSET) -> float:
+    """Standard error of the coefficient `which`, from stretches and from what the law may lack."""
+    place = columns.index(which)
+    count = len(found.gram)
+    left_out = np.array([found.solve(columns, without=k)[place] for k in range(count)])
+    spread = float(np.sum((left_out - left_out.mean()) ** 2)) * (count - 1) / count
+    error = np.sqrt(spread) * float(student.ppf(0.975, count - 1)) / 1.96
+    rest, made = found.rest(columns)
+    others = [k for k in supplements if k not in columns and found.scale[k] > 1e-9]
+    if not others or rest <= 0:
+        return float(error) / float(found.scale[which])
+    now = found.solve(columns)[place]
+    moved = np.array([found.solve([*columns, k])[place] - now for k in others])
+    unaccounted = max(1.0 - made / rest, 0.0)
+    return float(np.sqrt(error**2 + unaccounted * np.mean(moved**2))) / float(found.scale[which])
