@@ -13,7 +13,8 @@ The tube's mass lies on the line that keeps its length, which the picture shows 
 by the tube's radius times the bend, and by this the radius is known.
 
 What a tube may have beside this (`SUPPLEMENTS`): damping that varies along it, friction, damping quadratic in the
-speed, creep, hysteresis. Each is a column of its own, and is taken in only where the data ask for it.
+speed, creep, hysteresis, drag of the air or water about it. Each is a column of its own, and is taken in only where
+the data ask for it.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry lit
 SECTIONS = 4
 PIECES = 4  # pieces per section, for the integrals
 GRAVITY = 9.81
-SUPPLEMENTS = ("profile", "friction", "quadratic damping", "creep", "hysteresis")
+SUPPLEMENTS = ("profile", "friction", "quadratic damping", "creep", "hysteresis", "drag")
 FRICTION_WIDTH = 0.15  # of the speed's root mean square
 HYSTERESIS_WIDTH = 0.1  # of the swing
 CREEP_S = 0.5
@@ -121,13 +122,14 @@ def terms(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
 
 
 def supplements(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
-    """Terms (sections, n, 5) of `SUPPLEMENTS`, in their order; 0 where one angle cannot show them."""
+    """Terms (sections, n, 6) of `SUPPLEMENTS`, in their order; 0 where one angle cannot show them."""
     if motion.modal:
         angle = amplitudes @ _legendre(np.linspace(0, 1, SECTIONS + 1)).T
         bends = np.diff(angle, axis=1)
         places = 2 * (np.arange(SECTIONS) + 0.5) / SECTIONS - 1
     else:
         bends, places = amplitudes[:, :1], np.zeros(1)
+    drag = _drag(motion, amplitudes, rate) if motion.modal else np.zeros_like(bends)
     speed = derivative(bends, rate)
     mean_speed = float(np.sqrt(np.mean(speed.mean(axis=1) ** 2))) + 1e-12
     swing = float(np.ptp(bends.mean(axis=1))) + 1e-12
@@ -139,6 +141,7 @@ def supplements(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArr
         speed * np.abs(speed),
         crept,
         _lagging(bends, HYSTERESIS_WIDTH * swing),
+        drag,
     ]
     return np.moveaxis(np.stack(columns, axis=-1), 1, 0)
 
@@ -161,13 +164,33 @@ def _angle_terms(angle: FloatArray, rate: float) -> FloatArray:
     return np.column_stack([angle, angle**2, angle**3, up, down, angle * speed, push, angle * push, speed**2])
 
 
-def _section_terms(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+def _places(motion: Motion, amplitudes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Angles (n, k) and places (n, k, 2) m at the ends of all pieces, and the length of a piece."""
     count = SECTIONS * PIECES
     angle = amplitudes @ _legendre(np.linspace(0, 1, count + 1)).T
     piece = motion.length_m / count
     middle = 0.5 * (angle[:, 1:] + angle[:, :-1])
     steps = np.stack([-np.sin(middle), -np.cos(middle)], axis=-1) * piece
     place = np.concatenate([np.zeros((len(angle), 1, 2)), np.cumsum(steps, axis=1)], axis=1)
+    return angle, place, piece
+
+
+def _moment(arm: FloatArray, force: FloatArray) -> FloatArray:
+    """Moment (n,) against the bend, of forces (n, k, 2) at the ends of arms (n, k, 2)."""
+    return -np.sum(arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0], axis=1)
+
+
+def _drag(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+    """Moment (n, sections) of a drag that grows with the square of the speed of everything beyond a section."""
+    _, place, piece = _places(motion, amplitudes)
+    speed = derivative(place, rate)
+    force = speed * np.linalg.norm(speed, axis=-1, keepdims=True)
+    middles = PIECES * np.arange(SECTIONS) + PIECES // 2
+    return np.column_stack([_moment(place[:, k:] - place[:, k : k + 1], force[:, k:]) * piece for k in middles])
+
+
+def _section_terms(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+    angle, place, piece = _places(motion, amplitudes)
     pull = derivative(derivative(place, rate), rate)
     pull[..., 1] += GRAVITY
     centres, pulls = 0.5 * (place[:, 1:] + place[:, :-1]), 0.5 * (pull[:, 1:] + pull[:, :-1])
@@ -175,10 +198,8 @@ def _section_terms(motion: Motion, amplitudes: FloatArray, rate: float) -> Float
     for section in range(SECTIONS):
         k = PIECES * section + PIECES // 2
         q = angle[:, PIECES * (section + 1)] - angle[:, PIECES * section]
-        arm = centres[:, k:] - place[:, k : k + 1]
-        moment = -np.sum(arm[..., 0] * pulls[:, k:, 1] - arm[..., 1] * pulls[:, k:, 0], axis=1) * piece
-        arm_tip = place[:, -1] - place[:, k]
-        of_tip = -(arm_tip[:, 0] * pull[:, -1, 1] - arm_tip[:, 1] * pull[:, -1, 0])
+        moment = _moment(centres[:, k:] - place[:, k : k + 1], pulls[:, k:]) * piece
+        of_tip = _moment(place[:, -1:] - place[:, k : k + 1], pull[:, -1:])
         speed = derivative(q, rate)
         sigma = 2 * (section + 0.5) / SECTIONS - 1
         up, down = np.maximum(speed, 0), np.minimum(speed, 0)
