@@ -23,10 +23,8 @@ NOISE_MM = 0.03  # white, of every node: more than a tracked midline has after s
 EFFECTS = (
     {"maxwell.k1": 0.05},
     {"hysteresis.tau_h": 5e-4},
-    {"payload.m": 2e-3},
     {"damping_profile.a1": 0.4},
     {"coulomb.tau_c": 3e-4},
-    {"drag.c": 200.0},
 )
 
 

@@ -81,15 +81,27 @@ def moments(columns: FloatArray, noises: FloatArray, pressure: FloatArray, rate:
 
 
 def no_more_noise_than_rest(found: Moments, columns: list[int]) -> float:
-    """Factor of the noise, at most 1: what high frequencies call noise can be motion that the frames hardly resolve."""
-    factor = 1.0
-    for _ in range(4):
-        scaled = Moments(found.gram, factor * found.noise, found.right, found.power, found.scale)
-        rest, made = scaled.rest(columns)
-        if rest >= made:
-            break
-        factor *= max(rest / made, 0.05)
-    return factor
+    """Factor of the noise, at most 1: what high frequencies call noise can be motion that the frames hardly resolve.
+
+    The largest at which the normal equations stay positive and noise makes no more than what is unexplained.
+    """
+    gram, noise, right = (part.sum(0) for part in (found.gram, found.noise, found.right))
+    pick = np.ix_(columns, columns)
+
+    def possible(factor: float) -> bool:
+        values, vectors = np.linalg.eigh((gram - factor * noise)[pick])
+        if values[0] < -TINY * values[-1]:
+            return False
+        known = values > TINY * values[-1]
+        return bool(np.sum((vectors[:, known].T @ right[columns]) ** 2 / values[known]) <= found.power)
+
+    if possible(1.0):
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if possible(middle) else (low, middle)
+    return low
 
 
 def choose(found: Moments, law: list[int], supplements: list[int]) -> list[int]:
