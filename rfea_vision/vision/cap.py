@@ -15,6 +15,8 @@ CAP_VERTICES = 33
 CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured
 STEEPEST_TILT = 0.5  # of the end against the cross-section
 ROUNDEST = 1.0  # sagitta of the end over the half width; a half circle fitted on CAP_REACH has 0.6
+EVEN_CAP = 1.5  # how much stations across the end may disagree, in units of their noise, squared
+CAP_PARTS = 3.0
 LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 
 
@@ -66,12 +68,16 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     expected = 2.0 * CAP_REACH * half * px_per_mm * max(abs(tx), abs(ty))
     if filled < 4:
         return 0.0, 1.0, 0.0
-    shift, weight, used = _cap_mean(work, filled, state, half)
+    shift, weight, used, spread = _cap_mean(work, filled, state, half)
     if weight <= 0.0:
         return 0.0, 1.0, 0.0
     if shape_gain > 0.0 and 0.8 < used / expected < 1.2 and 0.75 < cap_contrast(state) < 1.3:  # a clear view only
         _follow_cap_shape(work, filled, state, half, shape_gain)
-    return shift, noise * noise / weight, used / expected
+    # Where the end is not one clear edge (a highlight runs into it), its stations disagree by more than their noise, and
+    # neighbours do so together: there are no more than a few independent ones.
+    disagreement = max(spread - EVEN_CAP * noise * noise * (used - 1.0), 0.0) / (weight * CAP_PARTS)
+    own = _not_a_step(work, filled, levels, blurs, noise) / px_per_mm
+    return shift, noise * noise / weight + disagreement + own * own, used / expected
 
 
 @njit(cache=True, nogil=True)
@@ -79,7 +85,7 @@ def _cap_mean(work, filled, state, half):
     levels = state.levels[2, :CAP_VERTICES]
     contrast = abs(np.mean(levels[:, 0]) - np.mean(levels[:, 1]))
     limit = 1e9
-    shift = weight = 0.0
+    shift = weight = spread = 0.0
     used = 0
     for _ in range(3):
         total = weight = 0.0
@@ -100,7 +106,20 @@ def _cap_mean(work, filled, state, half):
             if work.keep[n]:
                 spread += work.stations[n, INFO] * (work.stations[n, SHIFT] - shift) ** 2
         limit = max(4.0 * math.sqrt(spread / weight), 0.05 * half)
-    return shift, weight, used
+    return shift, weight, used, spread
+
+
+@njit(cache=True, nogil=True)
+def _not_a_step(work, filled, levels, blurs, noise):
+    """How far in px the end may be from its place because it does not look like a blurred step (a band just before it)."""
+    missed = number = 0.0
+    for n in range(filled):
+        if work.keep[n]:
+            missed += work.stations[n, MISFIT]
+            number += 1.0
+    contrast = np.mean(levels[:, 0]) - np.mean(levels[:, 1])
+    beyond = max(missed / max(number, 1.0) - EVEN_CAP * noise * noise, 0.0)
+    return 1.5 * math.sqrt(beyond / max(contrast * contrast, 1.0)) * (2.5 * np.mean(blurs) + 0.6)
 
 
 @njit(cache=True, nogil=True)

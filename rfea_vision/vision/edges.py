@@ -28,8 +28,8 @@ _PER_STEP = _STEPS / (2.0 * _REACH)
 
 MAX_STATIONS = 8192
 # Columns of the station table.
-U, SIDE, SHIFT, INFO, MISFIT, VERTEX = 0, 1, 2, 3, 4, 5
-STATION_COLUMNS = 6
+U, SIDE, SHIFT, INFO, MISFIT, VERTEX, LIGHT = 0, 1, 2, 3, 4, 5, 6
+STATION_COLUMNS = 7
 # Columns of the level sums, per side and vertex.
 SUM_IN, COUNT_IN, SUM_OUT, COUNT_OUT, BLUR_UP, BLUR_DOWN = 0, 1, 2, 3, 4, 5
 LEVEL_COLUMNS = 6
@@ -58,8 +58,9 @@ def cross_edge(
     """Compare one row (or column) with the edge model.
 
     `place` is where the edge is expected on row (column) `line`; `outward` is +1 or -1. Writes the Newton step in px
-    along the line (positive outward), its information per unit noise variance, and the misfit into `result`; adds
-    level and blur statistics to row `vertex` of `sums`. Returns False where pixels are missing.
+    along the line (positive outward), its information per unit noise variance, the misfit, and how much lighter than
+    `inside` the tube is here into `result`; adds level and blur statistics to row `vertex` of `sums`. Returns False
+    where pixels are missing.
     """
     height, width = picture.shape
     limit = width if along_row else height
@@ -91,6 +92,7 @@ def cross_edge(
         number -= 1
     sums[vertex, SUM_IN] += total
     sums[vertex, COUNT_IN] += count
+    result[3] = total / count - inside if count > 0 else 0.0
     gain = info = misfit = up = down = 0.0
     count = 0
     cdf0, integral0, pdf0 = _normal_table((x - 0.5) * inverse)
@@ -148,7 +150,7 @@ def measure_polyline(
     sums : (V, 6) level and blur statistics, added to
     """
     count = points.shape[0]
-    result = np.empty(3)
+    result = np.empty(4)
     px0, py0 = project_point(camera, points[0, 0], points[0, 1])
     tip_x, tip_y = project_point(camera, points[0, 0] + 0.5 * outward[0, 0], points[0, 1] + 0.5 * outward[0, 1])
     ox0, oy0 = 2.0 * (tip_x - px0), 2.0 * (tip_y - py0)
@@ -221,6 +223,7 @@ def measure_polyline(
                 stations[filled, INFO] = result[1] * per_mm * per_mm
                 stations[filled, MISFIT] = result[2]
                 stations[filled, VERTEX] = vertex
+                stations[filled, LIGHT] = result[3]
                 filled += 1
         px0, py0, ox0, oy0 = px1, py1, ox1, oy1
     return filled

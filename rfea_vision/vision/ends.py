@@ -171,17 +171,19 @@ def _end_at(
     s: FloatArray, means: FloatArray, size: FloatArray, k: NDArray[np.int64], peak: int, m: int, at_tip: bool
 ) -> End:
     """Place of the step at `peak`, over all strips that show it; what they disagree about is its standard error."""
-    places, weights = [], []
+    places, weights, doubts = [], [], []
     for channel in range(1 if at_tip else 3):
         near = slice(max(peak - m // 2, 0), peak + m // 2 + 1)
         if size[near, channel].max() > LEAST_STEP:
             centre = k[near.start + int(size[near, channel].argmax())]
-            places.append(_crossing(s, means[:, channel], centre, m))
+            place, doubt = _crossing(s, means[:, channel], centre, m)
+            places.append(place)
+            doubts.append(doubt)
             weights.append(float(size[near, channel].max()))
     # Of three strips the middle one: a mark on the tube, or a shadow beside it, spoils one of them.
     place = float(np.median(places) if len(places) == 3 else np.average(places, weights=weights))
     spread = float(np.ptp(places)) / 2 if len(places) > 1 else 0.01
-    return End(place, max(spread / np.sqrt(len(places)), 0.01), "step")
+    return End(place, max(spread / np.sqrt(len(places)), float(np.median(doubts)), 0.01), "step")
 
 
 def choose_ends(
@@ -208,11 +210,18 @@ def _sliding_max(values: FloatArray, half: int) -> FloatArray:
     return np.asarray(cv2.dilate(values.reshape(-1, 1), kernel), dtype=float).ravel()
 
 
-def _crossing(s: FloatArray, values: FloatArray, centre: int, m: int) -> float:
-    """Place of a step from the area under its profile: exact for any symmetric blur."""
+def _crossing(s: FloatArray, values: FloatArray, centre: int, m: int) -> tuple[float, float]:
+    """Place of a step from the area under its profile: exact for any symmetric blur; and the doubt about it.
+
+    The area rests on level light to either side. Where it is not level (a band, a shadow), the place is off by about
+    the share of the step by which the light varies there, times the reach that is summed.
+    """
     low, high = max(centre - 2 * m, 0), min(centre + 2 * m, len(s) - 1)
-    before = values[low : centre - m // 2].mean()
-    after = values[centre + m // 2 : high].mean()
+    inner, outer = values[low : centre - m // 2], values[centre + m // 2 : high]
+    before, after = inner.mean(), outer.mean()
+    height = after - before if abs(after - before) > 1e-9 else 1e-9
     window = slice(max(centre - m, 0), centre + m + 1)
-    share = (values[window] - before) / (after - before if abs(after - before) > 1e-9 else 1e-9)
-    return float(s[window][-1] + STEP_MM / 2 - STEP_MM * share.sum())
+    share = (values[window] - before) / height
+    far = values[max(centre - 4 * m, 0) : max(centre - m, 1)]  # a band that fills the window is seen from farther off
+    uneven = float(np.hypot(np.std(far), np.std(outer[len(outer) // 3 :])) / abs(height))
+    return float(s[window][-1] + STEP_MM / 2 - STEP_MM * share.sum()), uneven * m * STEP_MM

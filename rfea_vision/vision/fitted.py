@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
     INFLATION,
     USED,
     INNOVATION,
-    MISFIT_RATIO,
+    PROFILE,
     BLUR,
     CONTRAST,
     ONE_SIDED,
@@ -34,8 +34,13 @@ FloatArray = NDArray[np.float64]
     TIP_Y,
     CAP_CONTRAST,
     END_GAP,
-) = range(20)
-NUMBERS = 20
+    END_BLUR,
+    SMEAR,
+    SATURATED,
+    END_LONE,
+    END_ODD,
+) = range(25)
+NUMBERS = 25
 
 
 class State(NamedTuple):
@@ -66,6 +71,7 @@ class Workspace(NamedTuple):
     stations: FloatArray
     residual: FloatArray
     keep: NDArray[np.bool_]
+    odd: NDArray[np.bool_]
     sums: FloatArray
     numbers: FloatArray
     covariance: FloatArray
@@ -82,6 +88,7 @@ def new_workspace() -> Workspace:
         np.empty((VERTICES, 2)),
         np.zeros((MAX_STATIONS, STATION_COLUMNS)),
         np.empty(MAX_STATIONS),
+        np.zeros(MAX_STATIONS, dtype=np.bool_),
         np.zeros(MAX_STATIONS, dtype=np.bool_),
         np.zeros((3, VERTICES, LEVEL_COLUMNS)),
         np.zeros(NUMBERS),

@@ -17,11 +17,15 @@ from rfea_vision.vision.fitted import (
     CAP_CONTRAST,
     CAP_USED,
     CONTRAST,
+    END_BLUR,
     INFLATION,
     INNOVATION,
     LAST_STEP,
     LENGTH,
     NOISE,
+    PROFILE,
+    SATURATED,
+    SMEAR,
     TIP_SHIFT,
     TIP_VARIANCE,
     TIP_X,
@@ -29,7 +33,7 @@ from rfea_vision.vision.fitted import (
     USED,
     WIDTH,
 )
-from rfea_vision.vision.sides import fit_sides, gaps, measure_sides, move_state, update_levels
+from rfea_vision.vision.sides import fit_sides, gaps, measure_sides, move_state, profile_error, update_levels
 from rfea_vision.vision.solve import correlation_length
 
 TURNS = 8
@@ -85,6 +89,7 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
             return
         if whole:
             numbers[INFLATION] = correlation_length(work.stations, filled, work.keep, work.residual)
+            numbers[PROFILE] = profile_error(state, work, filled, noise)
             gaps(work, filled, numbers, to_u)
         update_levels(state, work, 1.0 if turn == 0 else 0.5, blur_limit, px_per_vertex)
         largest = 0.0
@@ -111,6 +116,10 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
     numbers[CAP_CONTRAST] = cap_contrast(state)
     numbers[CONTRAST] = _outer_contrast(state)
     numbers[BLUR] = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
+    numbers[END_BLUR] = np.mean(state.blurs[0, 7 * VERTICES // 8 :])
+    # A picture taken while the tube moves by s has the blur of a box of that width on top of the lens's own.
+    numbers[SMEAR] = math.sqrt(12.0 * max(numbers[END_BLUR] ** 2 - np.mean(state.blurs[0, : VERTICES // 8]) ** 2, 0.0))
+    numbers[SATURATED] = _saturated(state)
 
 
 @njit(cache=True, nogil=True)
@@ -156,6 +165,17 @@ def _outer_contrast(state):
         then = np.mean(state.reference[s, from_v:])
         total = max(total, now / then if then != 0.0 else 0.0)
     return total
+
+
+@njit(cache=True, nogil=True)
+def _saturated(state):
+    """1 where the light on the tube or beside it is as bright, or as dark, as the camera can tell; else 0."""
+    for s in range(2):
+        for k in range(2):
+            level = np.median(state.levels[s, :, k])
+            if level > 253.0 or level < 1.0:
+                return 1.0
+    return 0.0
 
 
 @njit(cache=True, nogil=True)

@@ -22,6 +22,7 @@ FloatArray = NDArray[np.float64]
 
 SEARCH_PX = 12.0
 WIDEST_SWING_RAD = 1.2  # more bend or less than in the last frame seen
+CLAMP_NEAR_MM = 1.0  # how far from the first one the clamp is believed in later frames
 FIRST_FRAMES = 30  # frames in which the shape of the tube's end is learned fast
 
 
@@ -91,7 +92,8 @@ class Follower:
         else:
             self._brighten(self.judge.brightening())
         reason = self._fit_predicted(luma, time_s)
-        if reason and (self._swing_and_fit(luma) == "" or self._find_again(luma) == ""):
+        elsewhere = reason not in ("", "width_off")  # a tube that is found, but has the wrong width, is not looked for
+        if elsewhere and (self._swing_and_fit(luma) == "" or self._find_again(luma) == ""):
             reason = ""
         if reason:
             self.missed += 1
@@ -133,7 +135,7 @@ class Follower:
         end = find_end(
             luma, self.scene.camera, self.state.coefficients, half, contrast, at_tip=False, beyond_mm=4.0, within_mm=5.0
         )
-        if end.kind != "step" or abs(end.along_mm) > 1.0:
+        if end.kind != "step" or abs(end.along_mm) > CLAMP_NEAR_MM:
             return
         clamp = self.state.clamp
         start = point_and_tangent(self.state.coefficients, 0.0)
@@ -147,7 +149,8 @@ class Follower:
         assert self.start is not None and self.state is not None
         first = self.start.base.stderr_mm
         if len(self.clamps) < 4:
-            return first
+            # A clamp that was taken from a step in the light, and is not seen there again, may be anything near it.
+            return max(first, CLAMP_NEAR_MM) if self.start.base.kind == "step" and self.good > 8 else first
         along = np.array(self.clamps) @ self.state.clamp[2:]
         scatter = 1.25 * along.std() / np.sqrt(len(along))
         # What all frames share (a shadow, a rough edge) does not average out.

@@ -19,10 +19,13 @@ LEAST_USED = 0.45  # share of the edges that must be seen
 LONGEST_GAP = 0.2  # of the length, unseen on both sides
 WIDTH_OFF = 0.2
 LONGEST_END_GAP = 0.06  # the same at the free end: beyond it the curve is only continued
+LONGEST_LONE_END = 0.02  # the same seen from one side, or wider or narrower than the tube
 LEAST_END_CONTRAST = 0.45  # of the light step at the edges near the free end: less is smeared by motion
 RECENT = 9
 LENGTH_JUMP = 0.005  # of the length, against the last frames
 LENGTH_OFF = 0.04
+GIVEN_LENGTH_OFF = 0.35  # the same against the length that was given
+FIRST_LENGTHS_OFF = 0.06  # the same while only a few frames were seen
 ROWS, COLUMNS = 11, 8  # of these, one picture row and column each is compared with those of the frame before
 
 
@@ -72,12 +75,15 @@ class Judge:
         ):
             return "touches_border"
         used = numbers[fitted.USED]
-        if numbers[fitted.BLUR] > 0.27 * half_px:
+        if max(numbers[fitted.BLUR], numbers[fitted.END_BLUR]) > 0.27 * half_px:
             return "blurred"
         if used < LEAST_USED or numbers[fitted.LENGTH] == 0:
             return "no_tube" if used < 0.2 else "occluded"
         if numbers[fitted.LONGEST_GAP] > LONGEST_GAP or numbers[fitted.END_GAP] > LONGEST_END_GAP:
             return "occluded"
+        if numbers[fitted.END_LONE] > LONGEST_LONE_END:  # one edge alone draws the end to its side
+            # Of a tube that was seen well before, something in front hides the end.
+            return "width_off" if numbers[fitted.END_ODD] > 0 and len(self.recent) < RECENT else "occluded"
         if numbers[fitted.CONTRAST] < LEAST_END_CONTRAST:
             return "blurred"
         if abs(numbers[fitted.WIDTH] / (2 * self.scene.half_mm) - 1) > WIDTH_OFF:
@@ -93,11 +99,9 @@ class Judge:
     def _length(self, numbers: FloatArray) -> str:
         """The inextensible side keeps its length: centre line minus half width times the bend."""
         hinge = float(numbers[fitted.LENGTH] - self.scene.half_mm * self.bend_sign * numbers[fitted.BEND])
-        if len(self.hinge_lengths) >= 5:
-            expected = self.expected_mm
-            if abs(hinge / expected - 1) > LENGTH_OFF:
-                return "length_off"
-        elif abs(hinge / self.scene.length_mm - 1) > 0.35:
+        seen = len(self.hinge_lengths)
+        limit = LENGTH_OFF if seen >= 5 else FIRST_LENGTHS_OFF if seen else GIVEN_LENGTH_OFF
+        if abs(hinge / self.expected_mm - 1) > limit:
             return "length_off"
         if self._jumps(hinge):
             return "length_off"

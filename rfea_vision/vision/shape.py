@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numba import njit
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Calibration
@@ -15,6 +14,8 @@ from rfea_vision.calibration.projection import project
 from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
+from rfea_vision.vision.doubts import Doubts, doubts
+from rfea_vision.vision.elongation import angles, elongation_of
 from rfea_vision.vision.markers import marker_elongation
 from rfea_vision.vision.rows import Rows
 from rfea_vision.vision.smooth import Smoothed, smooth
@@ -22,7 +23,6 @@ from rfea_vision.vision.systematic import CalibrationError
 
 FloatArray = NDArray[np.float64]
 
-FINE = 257
 ORIGIN_LATERAL_PX = 0.02  # what an edge of unknown blur leaves, the same in all frames
 STRAIGHTEST_SHARE = 0.1
 PART = 1024  # frames derived at a time
@@ -52,6 +52,8 @@ def build_dataset(
     to_rig = np.array([[-down[1], down[0]], [-down[0], -down[1]]])  # rows: camera-right, up
     calibrated = CalibrationError(calibration, scene.camera, coefficients, origin)
     width = rows["width"][valid] @ basis_matrix(np.linspace(0, 1, rows.nodes), WIDTH_COEFFICIENTS).T
+    doubted = doubts(rows["numbers"][valid], scene.half_mm, scene.px_per_mm)
+    started = _start_stderr(coefficients, smoothed.variance[:, rows.part("node")][:, 0], scene.px_per_mm)
     view = View(
         origin,
         to_rig,
@@ -60,7 +62,8 @@ def build_dataset(
         float(np.median(width)),
         calibrated,
         origin_sigma,
-        _start_stderr(coefficients, smoothed.variance[:, rows.part("node")][:, 0], scene.px_per_mm),
+        float(np.hypot(doubted.shared_across, started)),
+        doubted,
     )
     data = _in_parts(rows, valid, smoothed, view)
     marks: dict[str, Any] = {
@@ -72,7 +75,11 @@ def build_dataset(
         marks = marked.attributes
         data["marker_elongation"] = (("time", "segment"), marked.elongation)
         data["marker_elongation_sigma"] = (("time", "segment"), marked.sigma)
-    variables: dict[str, Any] = {name: (dims, _spread(values, valid)) for name, (dims, values) in data.items()}
+    length_check = _length_check(data, scene)
+    variables: dict[str, Any] = {}
+    for name in list(data):  # one at a time, so that little of a long recording is in memory twice
+        dims, values = data.pop(name)
+        variables[name] = (dims, _spread(values, valid))
     time = rows["time"]
     reason = np.array([text.split(":")[0] for text in rows.reasons], dtype=object).astype(str)
     variables["valid"] = (("time",), valid.astype(np.int8))
@@ -118,7 +125,7 @@ def build_dataset(
         "origin_sigma_along_mm": view.origin_sigma,
         "origin_sigma_across_mm": view.lateral_sigma,
         "origin_sigma_note": "shared by all frames and part of tip_sigma and midline_sigma: along and across the tube at its clamp",
-        **_length_check(data, scene),
+        **length_check,
         **marks,
         **attributes,
     }
@@ -173,6 +180,7 @@ class View:
     calibrated: CalibrationError
     origin_sigma: float
     lateral_sigma: float
+    doubted: Doubts
 
 
 def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: float) -> float:
@@ -211,6 +219,8 @@ def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: sli
     numbers, coefficients = rows["numbers"][frames], smoothed.coefficients[part]
     variance = {name: smoothed.variance[part, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
     nodes = np.linspace(0, 1, rows.nodes)
+    doubted = view.doubted
+    doubted = Doubts(doubted.across[part], doubted.smear[part], doubted.beyond[part])
     points = np.matmul(basis_matrix(nodes, COEFFICIENTS), coefficients)
     slope = np.matmul(basis_matrix(nodes, COEFFICIENTS, 1), coefficients)
     second = np.matmul(basis_matrix(nodes, COEFFICIENTS, 2), coefficients)
@@ -224,6 +234,8 @@ def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: sli
     by_calibration = np.einsum("ktuc,tuc->ktu", calibrated.displacement(points), left)
     node_sigma = np.sqrt(
         node_noise**2
+        + doubted.across[:, None] ** 2
+        + (doubted.smear[:, None] * nodes) ** 2
         + np.sum(by_calibration**2, axis=0)
         + origin_sigma**2 * left[..., 1] ** 2
         + lateral**2 * left[..., 0] ** 2
@@ -232,7 +244,7 @@ def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: sli
     curvature_sigma = np.sqrt(variance["bend2"]) / length[:, None] ** 2
     width_noise = np.sqrt(inflation * rows["width_variance"][frames].astype(float))
     bend, bend_noise, bend_sigma = _bend(coefficients, to_rig, sign, variance["tip_slope"], length, calibrated)
-    elongation, elongation_noise, elongation_sigma, hinge = _elongation(
+    elongation, elongation_noise, elongation_sigma, hinge = elongation_of(
         rows.segments, coefficients, sign, variance["joint"], length, view.half_mm, calibrated
     )
     tip, tip_noise, tip_sigma = _tip(
@@ -244,8 +256,8 @@ def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: sli
         numbers,
         node_noise[:, -1],
         calibrated,
-        origin_sigma,
-        lateral,
+        (origin_sigma, lateral),
+        doubted,
     )
     inner, outer = points - sign * half[..., None] * left, points + sign * half[..., None] * left
     rig = lambda p: (p - origin) @ to_rig.T  # noqa: E731
@@ -276,17 +288,11 @@ def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: sli
     }
 
 
-def _angles(coefficients: FloatArray, sign: float, u: FloatArray) -> FloatArray:
-    """Unwrapped tangent angle at `u` in the plane frame, from straight down, positive towards the bend, (t, len(u))."""
-    slope = np.matmul(basis_matrix(u, COEFFICIENTS, 1), coefficients)
-    return np.unwrap(np.arctan2(-sign * slope[..., 0], -slope[..., 1]), axis=1)
-
-
 def _bend(coefficients, to_rig, sign, variance, length, calibrated):
     u = np.linspace(0, 1, 65)
     down_plane = -to_rig[1]
     turned = np.arctan2(-sign * down_plane[0], -down_plane[1])
-    angle = _angles(coefficients, sign, u) - turned
+    angle = angles(coefficients, sign, u) - turned
     angle -= 2 * np.pi * np.round(angle[:, :1] / (2 * np.pi))
     noise = np.sqrt(variance[:, 0]) / length
     ends = np.matmul(basis_matrix(np.array([1.0]), COEFFICIENTS), coefficients)[:, 0]
@@ -296,62 +302,30 @@ def _bend(coefficients, to_rig, sign, variance, length, calibrated):
     return angle[:, -1], noise, np.sqrt(noise**2 + systematic)
 
 
-@njit(cache=True, nogil=True)
-def _centre_over_hinge(hinge, centre, segments):
-    """Centre-line length over hinge-side length minus one, (t, segments), for parts even along the hinge side."""
-    frames, fine = hinge.shape
-    out = np.empty((frames, segments))
-    for t in range(frames):
-        k = 0
-        before = 0.0
-        part = hinge[t, fine - 1] / segments
-        for j in range(segments):
-            target = part * (j + 1)
-            while k < fine - 2 and hinge[t, k + 1] < target:
-                k += 1
-            share = (target - hinge[t, k]) / max(hinge[t, k + 1] - hinge[t, k], 1e-12)
-            here = centre[t, k] + share * (centre[t, k + 1] - centre[t, k])
-            out[t, j] = (here - before) / part - 1.0
-            before = here
-    return out
-
-
-def _elongation(segments, coefficients, sign, variance, length, radius, calibrated):
-    """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
-    u = np.linspace(0, 1, FINE)
-    speed = np.linalg.norm(np.matmul(basis_matrix(u, COEFFICIENTS, 1), coefficients), axis=-1)
-    centre = np.concatenate(
-        [np.zeros((len(speed), 1)), np.cumsum(0.5 * (speed[:, 1:] + speed[:, :-1]), axis=1) / (FINE - 1)], axis=1
-    )
-    angle = _angles(coefficients, sign, u)
-    hinge = centre - radius * (angle - angle[:, :1])
-    out = _centre_over_hinge(hinge, centre, segments)
-    step = hinge[:, -1:] / segments
-    noise = radius * np.sqrt(variance) / length[:, None] / step
-    at = np.matmul(basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS), coefficients)
-    slope = np.matmul(basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS, 1), coefficients)
-    tangent = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
-    turning = np.diff(calibrated.rotation(at, tangent), axis=-1)
-    systematic = np.sum((radius * turning / step[None]) ** 2, axis=0)
-    return out, noise, np.sqrt(noise**2 + systematic), hinge[:, -1]
-
-
-def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, calibrated, origin_sigma, lateral_sigma):
+def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, calibrated, start, doubted):
     axial = np.sqrt(inflation * numbers[:, fitted.TIP_VARIANCE])
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    covariance = (
-        axial[:, None, None] ** 2 * tangent[:, :, None] * tangent[:, None, :]
-        + normal_noise[:, None, None] ** 2 * normal[:, :, None] * normal[:, None, :]
-    )
-    noise = np.einsum("ic,tcd,id->ti", to_rig, covariance, to_rig)
+
+    def seen_in_rig(along: FloatArray, across: FloatArray) -> FloatArray:
+        """Variances (t, 2) in x and y of errors along and across the tube."""
+        covariance = (
+            along[:, None, None] ** 2 * tangent[:, :, None] * tangent[:, None, :]
+            + across[:, None, None] ** 2 * normal[:, :, None] * normal[:, None, :]
+        )
+        return np.einsum("ic,tcd,id->ti", to_rig, covariance, to_rig)
+
+    noise = seen_in_rig(axial, normal_noise)
     moved = calibrated.displacement(tip_plane) @ to_rig.T
-    total = noise + np.sum(moved**2, axis=0)
-    total[:, 1] += origin_sigma**2
-    total[:, 0] += lateral_sigma**2
+    doubtful = seen_in_rig(np.hypot(doubted.beyond, doubted.smear), np.hypot(doubted.across, doubted.smear))
+    total = noise + doubtful + np.sum(moved**2, axis=0)
+    total[:, 1] += start[0] ** 2
+    total[:, 0] += start[1] ** 2
     return (tip_plane - origin) @ to_rig.T, np.sqrt(noise), np.sqrt(total)
 
 
 def _spread(values: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+    if valid.all():
+        return values
     out = np.full((len(valid), *values.shape[1:]), np.nan, dtype=values.dtype)
     out[valid] = values
     return out

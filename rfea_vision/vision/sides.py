@@ -8,8 +8,19 @@ import numpy as np
 from numba import njit
 
 from rfea_vision.vision.curve import REFIT, VERTEX_U, VERTICES, moved_curve, point_and_tangent, value_at, vertices_of
-from rfea_vision.vision.edges import BLUR_DOWN, BLUR_UP, INFO, MISFIT, SHIFT, SIDE, U, measure_polyline, smooth_levels
-from rfea_vision.vision.fitted import END_GAP, LONGEST_GAP, ONE_SIDED
+from rfea_vision.vision.edges import (
+    BLUR_DOWN,
+    BLUR_UP,
+    INFO,
+    LIGHT,
+    MISFIT,
+    SHIFT,
+    SIDE,
+    U,
+    measure_polyline,
+    smooth_levels,
+)
+from rfea_vision.vision.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, ONE_SIDED
 from rfea_vision.vision.solve import (
     PRIOR_BEND_MM,
     PRIOR_WIDTH_MM,
@@ -20,6 +31,8 @@ from rfea_vision.vision.solve import (
 )
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
+SECTIONS = 64  # along the tube
+UNEVEN_LIGHT = 0.1  # of the light step at the edge: how much a place on the tube may differ from its surroundings
 
 
 @njit(cache=True, nogil=True)
@@ -72,8 +85,19 @@ def update_levels(state, work, fresh, blur_limit, px_per_vertex):
 
 
 @njit(cache=True, nogil=True)
-def select(state, work, filled, limit_mm, least_contrast):
-    """Mark the stations that agree with the reference contrast and lie within `limit_mm` of their fit."""
+def select(state, work, filled, limit_mm, least_contrast, noise):
+    """Mark the stations that agree with the reference contrast and lie within `limit_mm` of their fit.
+
+    Where the tube is lighter or darker than around (a shadow's rim, a band, something in front), the levels of the
+    edge model belong to neither, and the edge would be read beside its place.
+    """
+    lighter, number = np.zeros(2), np.zeros(2)
+    for n in range(filled):
+        side = 0 if work.stations[n, SIDE] > 0 else 1
+        lighter[side] += work.stations[n, LIGHT]
+        number[side] += 1.0
+    for side in range(2):
+        lighter[side] /= max(number[side], 1.0)
     kept = 0
     for n in range(filled):
         side = 0 if work.stations[n, SIDE] > 0 else 1
@@ -83,9 +107,36 @@ def select(state, work, filled, limit_mm, least_contrast):
         reference = state.reference[side, v]
         good = contrast * reference > 0 and abs(contrast) > least_contrast * abs(reference)
         good = good and work.stations[n, MISFIT] < 0.09 * contrast * contrast + 400.0
-        good = good and abs(work.residual[n]) < limit_mm
-        work.keep[n] = good
-        kept += good
+        good = good and abs(work.stations[n, LIGHT] - lighter[side]) < UNEVEN_LIGHT * abs(contrast) + 2.0 * noise
+        work.odd[n] = good and not abs(work.residual[n]) < limit_mm
+        work.keep[n] = good and not work.odd[n]
+        kept += work.keep[n]
+    return kept
+
+
+@njit(cache=True, nogil=True)
+def drop_odd_sections(work, filled):
+    """Where one edge is clear and not where a tube of this width has it, the other does not count either.
+
+    A sleeve on the tube, or another body beside it: one edge alone would draw the centre line to its side. Returns
+    how many stations are left.
+    """
+    odd, even = np.zeros((2, SECTIONS)), np.zeros((2, SECTIONS))
+    for n in range(filled):
+        if work.odd[n] or work.keep[n]:
+            side = 0 if work.stations[n, SIDE] > 0 else 1
+            k = min(max(int(work.stations[n, U] * SECTIONS), 0), SECTIONS - 1)
+            if work.odd[n]:
+                odd[side, k] += 1.0
+            else:
+                even[side, k] += 1.0
+    kept = 0
+    for n in range(filled):
+        k = min(max(int(work.stations[n, U] * SECTIONS), 0), SECTIONS - 1)
+        for side in range(2):
+            if odd[side, k] > max(even[side, k], 2.0):
+                work.keep[n] = False
+        kept += work.keep[n]
     return kept
 
 
@@ -110,7 +161,8 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
     for n in range(filled):
         work.residual[n] = work.stations[n, SHIFT]
-    kept = select(state, work, filled, wide_mm, least_contrast)
+    select(state, work, filled, wide_mm, least_contrast, assumed)
+    kept = drop_odd_sections(work, filled)
     solution = np.zeros(count + width_count)
     noise = assumed
     if kept < 20:
@@ -125,11 +177,11 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
         noise = max(robust_scale(work, filled), 0.3)
         before = kept
         if repeat == 0:
-            kept = 0
             for n in range(filled):
                 if work.keep[n]:
                     work.keep[n] = abs(work.residual[n]) * math.sqrt(work.stations[n, INFO]) < 4.5 * noise
-                    kept += work.keep[n]
+                    work.odd[n] = work.odd[n] or not work.keep[n]
+            kept = drop_odd_sections(work, filled)
         if repeat == 1 or kept == before:
             if with_covariance:
                 work.covariance[:] = cholesky_inverse(matrix)
@@ -155,15 +207,44 @@ def move_state(state, solution, beyond_mm):
 
 
 @njit(cache=True, nogil=True)
-def gaps(work, filled, numbers, to_u):
-    """Longest stretch of u without a kept station on either side, the one at the free end, the share seen from one side."""
-    bins = 64
-    seen = np.zeros((2, bins))
+def profile_error(state, work, filled, noise):
+    """How far in px both edges together may be from their places because they do not look like a blurred step.
+
+    The noise of the picture is known from how the places scatter; what the pixels across an edge miss the model by
+    beyond it is the edge's own: a highlight, a shadow beside it, a second edge. It moves the middle of the tube by half
+    of what it moves either edge, and an edge by about the share of the light step that is missed times its width.
+    """
+    missed, number = np.zeros(2), np.zeros(2)
     for n in range(filled):
         if work.keep[n]:
-            k = min(max(int(work.stations[n, U] * bins), 0), bins - 1)
+            side = 0 if work.stations[n, SIDE] > 0 else 1
+            missed[side] += work.stations[n, MISFIT]
+            number[side] += 1.0
+    total = 0.0
+    for side in range(2):
+        if number[side] > 0.0:
+            contrast = np.mean(state.levels[side, :, 0] - state.levels[side, :, 1])
+            beyond = max(missed[side] / number[side] - noise * noise, 0.0)
+            total += beyond / max(contrast * contrast, 1.0)
+    return 0.5 * math.sqrt(total) * (2.5 * np.mean(state.blurs[0]) + 0.6)
+
+
+@njit(cache=True, nogil=True)
+def gaps(work, filled, numbers, to_u):
+    """Stretches of u without kept stations: the longest without any, those at the free end, the share seen from one side.
+
+    At the free end: how much is not seen at all, how much not from both sides, and how much of the latter shows clear
+    edges that are not where those of the tube should be.
+    """
+    bins = SECTIONS
+    seen, odd = np.zeros((2, bins)), np.zeros(bins)
+    for n in range(filled):
+        k = min(max(int(work.stations[n, U] * bins), 0), bins - 1)
+        if work.keep[n]:
             seen[0 if work.stations[n, SIDE] > 0 else 1, k] += 1
-    run = longest = one = 0
+        elif work.odd[n]:
+            odd[k] += 1
+    run = longest = one = lone = strange = 0
     for k in range(bins):
         left, right = seen[0, k] > 0, seen[1, k] > 0
         if not (left or right):
@@ -172,6 +253,11 @@ def gaps(work, filled, numbers, to_u):
         else:
             run = 0
             one += left != right
+        lone = 0 if left and right else lone + 1
+        strange = 0 if left and right else strange + (odd[k] > 2)
+    hidden = 1.0 - to_u
     numbers[LONGEST_GAP] = longest / bins
-    numbers[END_GAP] = max(run / bins - (1.0 - to_u), 0.0)
+    numbers[END_GAP] = max(run / bins - hidden, 0.0)
+    numbers[END_LONE] = max(lone / bins - hidden, 0.0)
+    numbers[END_ODD] = strange / bins
     numbers[ONE_SIDED] = one / bins

@@ -121,3 +121,31 @@ def test_memory_source_times_are_kept(small_lens):
     pictures, _, _ = film(small_lens, Look(), [0.0, 0.0])
     track = track_frames(memory_source(pictures, [0.5, 0.75]), true_calibration(small_lens), Actuator())
     np.testing.assert_array_equal(track.time_s, [0.5, 0.75])
+
+
+def turn_on_display(path, clockwise: int) -> None:
+    """Write into an MP4's track header by how many quarter turns a player turns the pictures, as phones do."""
+    matrix = {1: (0, 1, -1, 0), 2: (-1, 0, 0, -1), 3: (0, -1, 1, 0)}[clockwise]
+    content = bytearray(path.read_bytes())
+    at = content.index(b"tkhd") + 4 + 40  # ISO 14496-12: the matrix follows 40 bytes of a header of version 0
+    assert content[at - 40] == 0
+    for place, value in zip((0, 4, 12, 16), matrix, strict=True):
+        content[at + place : at + place + 4] = int(value * 65536).to_bytes(4, "big", signed=True)
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("clockwise", [1, 3])
+def test_a_phone_held_upright_is_tracked_as_it_is_shown(tmp_path, small_lens, clockwise):
+    pictures, times, shapes = film(small_lens, Look(), bending(np.arange(12) / 60), rate_Hz=60)
+    path = tmp_path / "v.mp4"
+    write(path, [np.rot90(picture, clockwise).copy() for picture in pictures], np.round(1000 * times))
+    turn_on_display(path, clockwise)
+    source = open_video(path)
+    assert source.size == small_lens.size
+    shown = source.frame(0).ravel()
+    alike = np.corrcoef(shown, pictures[0].ravel())[0, 1]
+    assert alike > 0.9 > np.corrcoef(shown, pictures[0][::-1, ::-1].ravel())[0, 1] + 0.3
+    track = track_frames(source, true_calibration(small_lens), Actuator())
+    assert track.valid.all()
+    tip = track.dataset["tip"].values - np.array([s.tip for s in shapes])
+    assert np.sqrt(np.mean(np.sum(tip**2, axis=1))) < 0.15
