@@ -67,7 +67,7 @@ _DEMO = "hidden-effect"
     multiple=True,
     metavar="NAME[=VALUE]",
     help="Make the pictures hard: light, dark, busy, uneven, flicker, hose, landscape, vfr, slow-motion, dropped, "
-    "duplicated; may be repeated.",
+    "duplicated, highlight, shadow, bright, shutter, band, sleeve; may be repeated.",
 )
 @click.option(
     "--like",

@@ -140,7 +140,7 @@ class Posture:
     clamp_angle: FloatArray
     mirrored: bool
 
-    def line(self, fraction: FloatArray, offset: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    def line(self, fraction: FloatArray, offset: float | FloatArray = 0.0) -> tuple[FloatArray, FloatArray]:
         """Points (T, k, 2) in mm, camera-right x, and tangent angles (T, k) in rad, positive towards the bend."""
         points, phi = line_at(self.angles, self.lengths, fraction, self.outer_radius, offset, self.clamp_angle)
         points *= 1e3

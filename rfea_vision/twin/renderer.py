@@ -1,7 +1,7 @@
 """Pictures of the tube, with everything a real camera adds.
 
 The silhouette in the plane of motion is drawn by exact coverage, then blurred, lit unevenly and given sensor noise.
-What is left out: motion blur (the shutter is taken as instantaneous), shadows, and the depth of the round tube.
+The shutter is instantaneous unless the scene says otherwise. What is left out: the shadow and the depth of the round tube.
 """
 
 from __future__ import annotations
@@ -25,6 +25,9 @@ Picture = NDArray[np.floating]
 SAMPLES = 400  # of each edge of the tube: chords 0.4 mm long, 0.002 px from the arc
 NOISE_FRAMES = 31
 HOSE_LEVEL = 95.0
+SLEEVE_WIDE = 1.4
+BAND_MM = 2.0
+SHUTTER_STEPS = 7
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,11 @@ class Scene:
     pattern : (height, width) grey levels of clutter on the wall, or None
     hose_mm : (k, 2) outline in the plane of motion of what hangs before the tube, or None
     flicker : amplitude of the lamps' brightness at 100 Hz, as a share
+    shade : (height, width) share of the light that a shadow leaves while filming, or None
+    bright : factor of the light while filming
+    shutter : share of the time between frames for which the shutter is open
+    band : where below the clamp a painted band begins, mm; 0 for none
+    sleeve : length in mm of a sleeve on the tube's end
     """
 
     wall: float
@@ -54,6 +62,11 @@ class Scene:
     pattern: Picture | None = None
     hose_mm: FloatArray | None = None
     flicker: float = 0.0
+    shade: Picture | None = None
+    bright: float = 1.0
+    shutter: float = 0.0
+    band: float = 0.0
+    sleeve: float = 0.0
 
 
 def draw_scene(
@@ -87,22 +100,47 @@ def _uneven_light(width: int, height: int, generator: np.random.Generator) -> Pi
     return light.astype(np.float32)
 
 
-def tube_outline_mm(posture: Posture, extend_mm: float, inset: float = 1.0) -> FloatArray:
+def tube_outline_mm(posture: Posture, extend_mm: float, inset: float = 1.0, sleeve_mm: float = 0.0) -> FloatArray:
     """Outline of the tube in every frame, (T, 2 SAMPLES + 2, 2) in mm: one edge down, across the tip, the other up.
 
     Parameters
     ----------
     extend_mm : by how much the outline reaches into the clamp
     inset : distance of the edges from the centre line, in outer radii
+    sleeve_mm : length of a wider sleeve on the tube's end
     """
     fraction = np.linspace(0.0, 1.0, SAMPLES)
-    outer, _ = posture.line(fraction, inset)
-    inner, _ = posture.line(fraction, -inset)
+    on_sleeve = fraction > 1 - sleeve_mm / (1e3 * float(np.sum(posture.lengths)))
+    edge = inset * np.where(on_sleeve, SLEEVE_WIDE, 1.0)[None, :, None]
+    outer, _ = posture.line(fraction, edge)
+    inner, _ = posture.line(fraction, -edge)
     up = np.array([0.0, extend_mm])
     return np.concatenate(
         [outer[:, :1] + up, outer, inner[:, ::-1], inner[:, :1] + up],
         axis=1,
     )
+
+
+def _band_mm(posture: Posture, begin_mm: float) -> FloatArray:
+    """Outline of a painted band in every frame, (T, 16, 2) in mm."""
+    fraction = np.linspace(begin_mm, begin_mm + BAND_MM, 8) / (1e3 * float(np.sum(posture.lengths)))
+    outer, _ = posture.line(fraction, 1.0)
+    inner, _ = posture.line(fraction, -1.0)
+    return np.concatenate([outer, inner[:, ::-1]], axis=1)
+
+
+def _while_open(outlines: FloatArray, index: int, shutter: float) -> list[FloatArray]:
+    """Outlines (k, 2) while the shutter is open around frame `index`: the motion through the frames beside it."""
+    here = outlines[index]
+    if not shutter:
+        return [here]
+    before, after = outlines[max(index - 1, 0)], outlines[min(index + 1, len(outlines) - 1)]
+    steps = shutter * ((np.arange(SHUTTER_STEPS) + 0.5) / SHUTTER_STEPS - 0.5)
+    return [here + 0.5 * step * (after - before) + 0.5 * step**2 * (after - 2 * here + before) for step in steps]
+
+
+def _mean_coverage(outlines: list[FloatArray], left: int, top: int, size: tuple[int, int]) -> Picture:
+    return np.mean([coverage([outline], left, top, *size) for outline in outlines], axis=0)
 
 
 def frames(
@@ -111,30 +149,37 @@ def frames(
     """Yield the picture of every posture; `times_s` are those of the frames, for lamps that flicker."""
     width, height = camera.width, camera.height
     block = coverage([camera.project_plane(finely(scene.clamp_mm))], 0, 0, width, height)
-    wall = (scene.wall if scene.pattern is None else scene.wall + scene.pattern) * scene.light
-    sharp = wall + (scene.clamp * scene.light - wall) * block
+    light = scene.light if scene.shade is None else scene.light * scene.shade
+    wall = (scene.wall if scene.pattern is None else scene.wall + scene.pattern) * light
+    sharp = wall + (scene.clamp * light - wall) * block
     hidden = np.zeros_like(block)
     if scene.hose_mm is not None:
         hidden = coverage([camera.project_plane(finely(scene.hose_mm))], 0, 0, width, height)
-    before = HOSE_LEVEL * scene.light
+    before = HOSE_LEVEL * light
     still = blurred(sharp + hidden * (before - sharp), scene.blur_px)
     gain = 1 + scene.flicker * np.sin(2 * np.pi * MAINS_HZ * times_s + generator.uniform(0, 2 * np.pi))
+    gain = gain * scene.bright
     noise = (scene.noise * generator.standard_normal((NOISE_FRAMES, height, width))).astype(np.float32)
-    tube = camera.project_plane(tube_outline_mm(posture, 3.0))
+    tube = camera.project_plane(tube_outline_mm(posture, 3.0, sleeve_mm=scene.sleeve))
     stripe = camera.project_plane(tube_outline_mm(posture, 3.0, 0.45))
+    bands = camera.project_plane(_band_mm(posture, scene.band)) if scene.band else None
     margin = int(np.ceil(5 * scene.blur_px)) + 2
     order = _noise_order(tube.shape[0], generator)
     for index in range(tube.shape[0]):
-        left, top = np.maximum(np.floor(tube[index].min(axis=0)).astype(int) - margin, 0)
-        right, bottom = np.minimum(np.ceil(tube[index].max(axis=0)).astype(int) + margin, (width, height))
+        seen = _while_open(tube, index, scene.shutter)
+        left, top = np.maximum(np.floor(np.min(seen, axis=(0, 1))).astype(int) - margin, 0)
+        right, bottom = np.minimum(np.ceil(np.max(seen, axis=(0, 1))).astype(int) + margin, (width, height))
         size = (int(right - left), int(bottom - top))
-        body = coverage([tube[index]], left, top, *size)
-        shine = coverage([stripe[index]], left, top, *size)
+        body = _mean_coverage(seen, left, top, size)
+        shine = _mean_coverage(_while_open(stripe, index, scene.shutter), left, top, size)
         window = (slice(top, bottom), slice(left, right))
         free = 1 - block[window]
         surface = scene.tube + (scene.highlight - scene.tube) * shine
+        if bands is not None:
+            painted = 0.5 * (scene.tube + scene.wall)
+            surface = surface + (painted - surface) * coverage([bands[index]], left, top, *size)
         # Where clamp and tube share a pixel, the tube takes the wall's part of it, not the clamp's.
-        patch = sharp[window] + body * free * (surface * scene.light[window] - wall[window])
+        patch = sharp[window] + body * free * (surface * light[window] - wall[window])
         patch = patch + hidden[window] * (before[window] - patch)
         # what lies within the blur of the window's rim is still background
         inner = blurred(patch, scene.blur_px)

@@ -42,7 +42,7 @@ def line_at(
     lengths: FloatArray,
     fraction: FloatArray,
     outer_radius: FloatArray,
-    offset: float = 0.0,
+    offset: float | FloatArray = 0.0,
     clamp_angle: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Points on the tube at fractions of the centre line's length.

@@ -33,6 +33,12 @@ class Stress:
     vfr : frames at uneven times, as phones take them
     slow_motion : a container that plays at 30 frames/s what was recorded faster
     dropped, duplicated : share of frames that are missing, or show the frame before
+    highlight : grey levels by which a stripe along the tube is lighter (of a dark tube) or darker
+    shadow : share of the light that the shadow of a thing in front takes away, with a hard edge
+    bright : factor of the light when filming; beyond about 1.2 the camera cannot tell the lightest surfaces apart
+    shutter : share of the time between frames for which the shutter is open
+    band : a band 2 mm wide is painted on the tube this many mm below the clamp
+    sleeve : a sleeve of this length in mm, 1.4 times as wide as the tube, sits on its end
     """
 
     light: bool = False
@@ -46,9 +52,18 @@ class Stress:
     slow_motion: bool = False
     dropped: float = 0.0
     duplicated: float = 0.0
+    highlight: float = 0.0
+    shadow: float = 0.0
+    bright: float = 1.0
+    shutter: float = 0.0
+    band: float = 0.0
+    sleeve: float = 0.0
 
 
 _USUAL = {"busy": 12.0, "uneven": 0.3, "flicker": 0.05, "hose": 6.0, "dropped": 0.02, "duplicated": 0.02}
+_USUAL |= {"highlight": 60.0, "shadow": 0.5, "bright": 1.5, "shutter": 0.5, "band": 1.0, "sleeve": 8.0}
+_MOST: dict[str, float] = {"uneven": 0.5, "flicker": 0.5, "dropped": 0.5, "duplicated": 0.5}
+_MOST |= {"highlight": 150.0, "shadow": 0.9, "bright": 4.0, "shutter": 1.0}
 
 
 def parse_scene(items: Iterable[str]) -> Stress:
@@ -75,7 +90,7 @@ def parse_scene(items: Iterable[str]) -> Stress:
             value = float(text) if separator else _USUAL[name]
         except ValueError:
             value = float("nan")
-        most = 0.5 if name in ("uneven", "flicker", "dropped", "duplicated") else 60.0
+        most = _MOST.get(name, 60.0)
         if not 0 <= value <= most:
             raise InputError(
                 f"--scene {item}: '{text}' is not a number from 0 to {most:g}; write --scene {name}={_USUAL[name]:g}"
@@ -129,3 +144,10 @@ def hose_mm(width: float, lower: FloatArray, upper: FloatArray, generator: np.ra
     left, right = lower[0] - span[0], upper[0] + span[0]
     low = [level + slope * left, level + slope * right]
     return np.array([[left, low[0]], [right, low[1]], [right, low[1] + width], [left, low[0] + width]])
+
+
+def shadow_of(share: float, width: int, height: int) -> FloatArray:
+    """Share of the light that is left, (height, width): a slanting stripe of the picture lies in the shadow."""
+    x, y = np.meshgrid(np.arange(width) / width, np.arange(height) / height)
+    shaded = np.abs(y + 0.2 * x - 0.5) < 0.09
+    return np.where(shaded, 1.0 - share, 1.0).astype(np.float32)

@@ -19,7 +19,7 @@ from rfea_vision.twin.coverage import coverage
 from rfea_vision.twin.draw import Posture, camera_times, misread_plane
 from rfea_vision.twin.options import TwinOptions
 from rfea_vision.twin.renderer import Scene, blurred, draw_scene, finely, frames
-from rfea_vision.twin.stress import SLOW_MOTION_HZ, hose_mm, shown_frames, wall_pattern
+from rfea_vision.twin.stress import SLOW_MOTION_HZ, hose_mm, shadow_of, shown_frames, wall_pattern
 
 FloatArray = NDArray[np.floating]
 
@@ -170,7 +170,19 @@ class Studio:
             scene = replace(scene, pattern=wall_pattern(width, height, stress.busy, generator))
         if stress.hose:
             scene = replace(scene, hose_mm=hose_mm(stress.hose, self.lower, self.upper, generator))
-        return replace(scene, flicker=stress.flicker)
+        if stress.highlight:
+            towards = 1.0 if scene.wall > scene.tube else -1.0
+            scene = replace(scene, highlight=scene.tube + towards * stress.highlight)
+        shade = shadow_of(stress.shadow, width, height) if stress.shadow else None
+        return replace(
+            scene,
+            flicker=stress.flicker,
+            shade=shade,
+            bright=stress.bright,
+            shutter=stress.shutter,
+            band=stress.band,
+            sleeve=stress.sleeve,
+        )
 
     def write_calibration(self, folder: Path) -> dict[str, Any]:
         """Write the photos; return the campaign's ``camera`` section."""

@@ -1,6 +1,7 @@
 """Hard scenes: what is asked for is in the pictures, the time stamps and the files."""
 
 from dataclasses import replace
+from itertools import islice
 
 import av
 import numpy as np
@@ -10,7 +11,7 @@ import yaml
 from rfea_vision.errors import InputError
 from rfea_vision.readers.video import open_video
 from rfea_vision.twin import Stress, TwinOptions, parse_scene, simulate
-from rfea_vision.twin.draw import build_plant, camera_times, draw_runs, highest_pressure, move, posture_at
+from rfea_vision.twin.draw import Posture, build_plant, camera_times, draw_runs, highest_pressure, move, posture_at
 from rfea_vision.twin.renderer import frames
 from rfea_vision.twin.stress import shown_frames
 from rfea_vision.twin.studio import Studio
@@ -106,3 +107,38 @@ def test_slow_motion_says_its_rate_and_repeats_are_true(tmp_path):
     again = np.flatnonzero(expected != np.arange(24))
     assert len(again) >= 3
     assert all(np.abs(shown[k] - shown[k - 1]).max() < 12 for k in again)
+
+
+def test_light_and_paint_are_where_they_were_asked_for(plain):
+    studio, film = plain
+    still = film[0]
+    lit = pictures(Stress(dark=True, highlight=80.0))[1][0] - still
+    assert 50 < lit.max() < 110 and np.mean(np.abs(lit) > 40) < 0.04
+    shaded = pictures(Stress(dark=True, shadow=0.5))[1][0] / still
+    assert 0.1 < np.mean(shaded < 0.65) < 0.3
+    assert np.mean(pictures(Stress(dark=True, bright=2.0))[1][0] == 255) > 0.5 > np.mean(still == 255)
+    for scene, below_mm in ((Stress(dark=True, band=20.0), 21.0), (Stress(dark=True, sleeve=10.0), None)):
+        change = np.abs(pictures(scene)[1][0] - still)
+        rows, columns = np.nonzero(change > 30)
+        assert 3 < len(rows) < 400
+        if below_mm is not None:
+            place = studio.camera.project_plane(np.array([[0.0, -below_mm]]))[0]
+            assert np.hypot(np.mean(columns) - place[0], np.mean(rows) - place[1]) < 6
+
+
+def test_an_open_shutter_smears_what_moves_and_nothing_else(plain):
+    studio, _ = plain
+    arcs = np.full(6, 0.02)
+    posture = Posture(
+        np.arange(3)[:, None] * arcs, np.full(6, 0.155 / 6), np.full(3, 0.004), np.zeros(3), mirrored=False
+    )
+    still, smeared = (
+        next(islice(frames(studio.camera, scene, posture, np.random.default_rng(0), np.arange(3) / 30), 1, 2)).astype(
+            float
+        )
+        for scene in (studio.scene, replace(studio.scene, shutter=1.0))
+    )
+    off = np.abs(smeared - still)
+    clamp, tip = (studio.camera.project_plane(posture.line(np.array([u]))[0][1])[0] for u in (0.05, 0.95))
+    near = [off[round(y) - 8 : round(y) + 9, round(x) - 12 : round(x) + 13].max() for x, y in (clamp, tip)]
+    assert near[0] < 25 < 50 < near[1]
