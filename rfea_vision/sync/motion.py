@@ -32,7 +32,15 @@ from rfea_vision.sync.regression import (
     no_more_noise_than_rest,
     standard_error,
 )
-from rfea_vision.sync.sections import SUPPLEMENTS, Motion, motion_of, supplements, terms
+from rfea_vision.sync.sections import (
+    ANGLE_INERTIA,
+    ANGLE_STIFFNESS,
+    SUPPLEMENTS,
+    Motion,
+    motion_of,
+    supplements,
+    terms,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +52,9 @@ BETWEEN_SAMPLES = 1.2  # s^-1: times the square of the log's step, as a standard
 FILTER_REACH_S = 0.15
 LEAST_SWING_DEG = 1.0
 LEAST_EXPLAINED = 0.5
+SLOWEST_RAD_S = 10.0
 MOST_REPLICATES, REPLICATED_SAMPLES = 16, 24_000
+ONE_ANGLE = "one angle does not show the tube's shape: the bend's own delay along the tube is within the error"
 DIFFERENCE = 8  # order of the differences in time that hold noise and hardly any motion
 
 
@@ -270,8 +280,24 @@ def refine(seen: Seen, target: Target, offset: float, curve: tuple[FloatArray, F
         drift, note = float(change[1]), "drift taken into account"
         offset = offset + float(change[0]) - drift * middle
         error = float(np.hypot(standard_error(found, both, extra), middle * drift_error))
+    if not seen.motion.modal:
+        error = float(np.hypot(error, _lag_of_one_angle(found)))
+        note = f"{note}; {ONE_ANGLE}" if note else ONE_ANGLE
     explained = 1.0 - found.rest(chosen)[0] / max(found.power, 1e-12)
     return Alignment(offset, error, 1e6 * drift, 1e6 * drift_error, explained, curve, note)
+
+
+def _lag_of_one_angle(found: Moments) -> float:
+    """Standard error, s, of the time by which one angle lags beyond what its own stiffness and inertia tell.
+
+    The bend takes its time along the tube, which one angle does not show: anything from nothing to the inverse of the
+    first natural frequency, the tangent at the tip more than the chord.
+    """
+    columns = [OFFSET, *range(FIRST_TERM, FIRST_TERM + ANGLE_INERTIA + 1)]
+    solution = found.solve(columns) / found.scale[columns]
+    stiffness, inertia = solution[1 + ANGLE_STIFFNESS], solution[1 + ANGLE_INERTIA]
+    first = float(np.sqrt(stiffness / inertia)) if stiffness * inertia > 0 else SLOWEST_RAD_S
+    return 1.0 / (np.sqrt(12) * max(first, SLOWEST_RAD_S))
 
 
 def _newton(

@@ -37,6 +37,7 @@ SUPPLEMENTS = ("profile", "friction", "quadratic damping", "creep", "hysteresis"
 FRICTION_WIDTH = 0.15  # of the speed's root mean square
 HYSTERESIS_WIDTH = 0.1  # of the swing
 CREEP_S = 0.5
+ANGLE_STIFFNESS, ANGLE_INERTIA = 0, 6  # places among the terms of one angle
 MOST_RADIUS = 0.15  # of the length: what the centre line may grow per radian
 
 

@@ -44,17 +44,14 @@ def test_motion_finds_the_offset_within_a_millisecond(offset_s):
     recording = synchronise(track, log, experiment="a", role="train", bends="left")
     found, error = recording.dataset.attrs["offset_s"], recording.dataset.attrs["offset_stderr_s"]
     assert abs(found - offset_s) < 0.001
-    assert 0 < error < 0.002
+    assert 0.005 < error < 0.03  # one angle does not show the delay along a real tube
     np.testing.assert_allclose(recording.time_s - track.time_s, found, atol=1e-4)
 
 
-def test_the_claimed_error_is_honest():
-    z = []
-    for seed in range(12):
-        track, log = made(0.05, noise_deg=0.05, seed=seed)
-        a = synchronise(track, log, experiment="a", role="train", bends="left").dataset.attrs
-        z.append((a["offset_s"] - 0.05) / a["offset_stderr_s"])
-    assert np.mean(np.abs(z) < 2.5) > 0.8
+def test_one_angle_says_what_it_cannot_show():
+    track, log = made(0.05, noise_deg=0.05)
+    found = synchronise(track, log, experiment="a", role="train", bends="left").dataset.attrs
+    assert "one angle does not show the tube's shape" in found["sync_notes"]
 
 
 def test_offset_common_clock_and_trigger():

@@ -103,3 +103,13 @@ def test_a_film_that_ends_while_the_tube_moves(tmp_path, hidden):
     error = found["offset_s"] - known["offset_s"]
     assert abs(error) < 4e-4
     assert abs(error) < 3 * found["offset_stderr_s"] < 1.5e-3
+
+
+def test_a_tangent_alone_has_an_error_that_holds_the_delay_along_the_tube(tmp_path):
+    options = TwinOptions(seed=300, joints=6, roles=("train",), kinds=("steps",), observe="angle", duration_s=4.0)
+    folder = tmp_path / "twin"
+    (run, known), *_ = simulate(folder, options)["experiments"].items()
+    track = read_track(folder / run / "track.csv", bends="left")
+    log = read_pressure(PressureSpec(file=folder / run / "pressure.csv", folder=folder))
+    found = synchronise(track, log, experiment=run, role="train", bends="left").dataset.attrs
+    assert abs(found["offset_s"] - known["offset_s"]) < 2 * found["offset_stderr_s"]
