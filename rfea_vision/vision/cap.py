@@ -15,7 +15,9 @@ CAP_VERTICES = 33
 CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured
 STEEPEST_TILT = 0.5  # of the end against the cross-section
 ROUNDEST = 1.0  # sagitta of the end over the half width; a half circle fitted on CAP_REACH has 0.6
-EVEN_CAP = 1.5  # how much stations across the end may disagree, in units of their noise, squared
+CLEAR_CAP = 0.08  # of its light step: by how much even a clear end, with its corners, is not a blurred step
+UNLIKELY = 6.0  # standard errors by which a sum of squares must exceed its mean to say anything
+PIXELS_ACROSS = 4.0  # of an edge, that tell its fit
 CAP_PARTS = 3.0
 LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 
@@ -75,7 +77,8 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
         _follow_cap_shape(work, filled, state, half, shape_gain)
     # Where the end is not one clear edge (a highlight runs into it), its stations disagree by more than their noise, and
     # neighbours do so together: there are no more than a few independent ones.
-    disagreement = max(spread - EVEN_CAP * noise * noise * (used - 1.0), 0.0) / (weight * CAP_PARTS)
+    beyond_chance = 1.0 + UNLIKELY * math.sqrt(2.0 / max(used - 1.0, 1.0))
+    disagreement = max(spread - beyond_chance * noise * noise * (used - 1.0), 0.0) / (weight * CAP_PARTS)
     own = _not_a_step(work, filled, levels, blurs, noise) / px_per_mm
     return shift, noise * noise / weight + disagreement + own * own, used / expected
 
@@ -118,7 +121,9 @@ def _not_a_step(work, filled, levels, blurs, noise):
             missed += work.stations[n, MISFIT]
             number += 1.0
     contrast = np.mean(levels[:, 0]) - np.mean(levels[:, 1])
-    beyond = max(missed / max(number, 1.0) - EVEN_CAP * noise * noise, 0.0)
+    chance = 1.0 + UNLIKELY * math.sqrt(2.0 / max(PIXELS_ACROSS * number, 1.0))
+    clear = chance * noise * noise + (CLEAR_CAP * contrast) ** 2
+    beyond = max(missed / max(number, 1.0) - clear, 0.0)
     return 1.5 * math.sqrt(beyond / max(contrast * contrast, 1.0)) * (2.5 * np.mean(blurs) + 0.6)
 
 

@@ -118,7 +118,9 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
     numbers[BLUR] = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
     numbers[END_BLUR] = np.mean(state.blurs[0, 7 * VERTICES // 8 :])
     # A picture taken while the tube moves by s has the blur of a box of that width on top of the lens's own.
-    numbers[SMEAR] = math.sqrt(12.0 * max(numbers[END_BLUR] ** 2 - np.mean(state.blurs[0, : VERTICES // 8]) ** 2, 0.0))
+    numbers[SMEAR] = math.sqrt(
+        12.0 * max(numbers[END_BLUR] ** 2 - (1.1 * np.mean(state.blurs[0, : VERTICES // 8])) ** 2, 0.0)
+    )
     numbers[SATURATED] = _saturated(state)
 
 

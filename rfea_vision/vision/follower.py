@@ -154,7 +154,7 @@ class Follower:
         along = np.array(self.clamps) @ self.state.clamp[2:]
         scatter = 1.25 * along.std() / np.sqrt(len(along))
         # What all frames share (a shadow, a rough edge) does not average out.
-        shared = max(float(np.median(self.clamp_errors)), 0.03 / self.scene.px_per_mm)
+        shared = max(float(np.median(self.clamp_errors)), 0.02 / self.scene.px_per_mm)
         return float(np.hypot(scatter, shared))
 
     def _speed_px(self, time_s: float) -> float:

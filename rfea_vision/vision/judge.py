@@ -81,9 +81,10 @@ class Judge:
             return "no_tube" if used < 0.2 else "occluded"
         if numbers[fitted.LONGEST_GAP] > LONGEST_GAP or numbers[fitted.END_GAP] > LONGEST_END_GAP:
             return "occluded"
-        if numbers[fitted.END_LONE] > LONGEST_LONE_END:  # one edge alone draws the end to its side
-            # Of a tube that was seen well before, something in front hides the end.
-            return "width_off" if numbers[fitted.END_ODD] > 0 and len(self.recent) < RECENT else "occluded"
+        strange = numbers[fitted.END_ODD] > 0
+        if max(numbers[fitted.END_LONE], strange * numbers[fitted.END_GAP]) > LONGEST_LONE_END:
+            # One edge alone draws the end to its side. Of a tube that was seen well before, something hides the end.
+            return "width_off" if strange and len(self.recent) < RECENT else "occluded"
         if numbers[fitted.CONTRAST] < LEAST_END_CONTRAST:
             return "blurred"
         if abs(numbers[fitted.WIDTH] / (2 * self.scene.half_mm) - 1) > WIDTH_OFF:

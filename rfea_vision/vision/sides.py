@@ -224,7 +224,8 @@ def profile_error(state, work, filled, noise):
     for side in range(2):
         if number[side] > 0.0:
             contrast = np.mean(state.levels[side, :, 0] - state.levels[side, :, 1])
-            beyond = max(missed[side] / number[side] - noise * noise, 0.0)
+            chance = 1.0 + 4.0 * math.sqrt(2.0 / (4.0 * number[side]))  # four pixels each tell how well it fits
+            beyond = max(missed[side] / number[side] - chance * noise * noise, 0.0)
             total += beyond / max(contrast * contrast, 1.0)
     return 0.5 * math.sqrt(total) * (2.5 * np.mean(state.blurs[0]) + 0.6)
 
@@ -233,8 +234,8 @@ def profile_error(state, work, filled, noise):
 def gaps(work, filled, numbers, to_u):
     """Stretches of u without kept stations: the longest without any, those at the free end, the share seen from one side.
 
-    At the free end: how much is not seen at all, how much not from both sides, and how much of the latter shows clear
-    edges that are not where those of the tube should be.
+    At the free end: how much is not seen at all, how much is seen from one side or beside its place, and how much of
+    the latter shows clear edges that are not where those of the tube should be.
     """
     bins = SECTIONS
     seen, odd = np.zeros((2, bins)), np.zeros(bins)
@@ -253,11 +254,11 @@ def gaps(work, filled, numbers, to_u):
         else:
             run = 0
             one += left != right
-        lone = 0 if left and right else lone + 1
+        lone = 0 if left and right else lone + (left != right or odd[k] > 2)
         strange = 0 if left and right else strange + (odd[k] > 2)
     hidden = 1.0 - to_u
     numbers[LONGEST_GAP] = longest / bins
     numbers[END_GAP] = max(run / bins - hidden, 0.0)
-    numbers[END_LONE] = max(lone / bins - hidden, 0.0)
+    numbers[END_LONE] = lone / bins
     numbers[END_ODD] = strange / bins
     numbers[ONE_SIDED] = one / bins
