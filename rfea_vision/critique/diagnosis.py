@@ -84,7 +84,7 @@ def judge(
     singles = try_singles(trials, screened, hopes) if left >= STRUCTURE_FLOORS else {}
     alone = any(r.wins and r.reaches for r in singles.values())
     together = try_expected(trials, screened, singles, hopes) if len(hopes) > 1 and not alone else []
-    if left >= FAR and not alone and not together:
+    if left >= FAR and not together and not any(trials.settles(r) for r in singles.values()):
         singles = try_fresh(trials, screened, singles)
         alone = any(r.wins and r.reaches for r in singles.values())
     if left >= 1.0 and not alone and not together:

@@ -21,7 +21,7 @@ def candidate_rows(trials: Trials, screened: Sequence[Screened], refitted: Mappi
     unit = "mm" if trials.in_mm else "deg"
     tests = len({item.effect for item in screened})
     rows, seen = [], set()
-    for item in screened:
+    for item in (*screened, *(trial.screened for trial in refitted.values())):  # a fresh look needs no score
         if item.effect in seen:
             continue
         seen.add(item.effect)

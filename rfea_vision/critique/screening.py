@@ -132,53 +132,66 @@ class Sensitivity:
 def sensitivities(
     problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None
 ) -> Iterator[Sensitivity]:
-    """Sensitivity of every effect at every point of its grid; one simulation per point serves all effects."""
-    thin = tuple(o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train)
-    everything = tuple(sorted([*fitted.model.effects, *effects], key=lambda e: e.id))
-    model = replace(fitted.model, effects=everything)
-    base_free = [model.names.index(name) for name in fitted.coordinates.names]
+    """Sensitivity of every effect at every point of its grid; one simulation per point serves all effects.
+
+    Where a run with all of them fails (on the edge of what can be simulated), they are taken in halves.
+    """
     points = grids(effects)
     for round_, point in enumerate(points):
         active = (
             effects if round_ == 0 else [e for e in effects if any(len(s.grid) > round_ for s in e.parameters.values())]
         )
-        par = _vector(model, fitted, point)
-        extra = [model.names.index(f"{e.id}.{n}") for e in active for n in e.amplitudes()]
-        free = [*base_free, *extra]
-        result = evaluate(model, par, thin, free, fitted.solution.clocks)
-        if result is None:
-            continue
-        nb = len(base_free)
-        clock_columns = [len(free) + i for i in fitted.solution.clock_index]
-        base = result.jacobian[:, [*range(nb), *clock_columns]]
-        q, _ = np.linalg.qr(base / np.maximum(np.linalg.norm(base, axis=0), 1e-300))
-        residual = result.residual - q @ (q.T @ result.residual)
-        column = nb
-        for effect in active:
-            names = list(effect.amplitudes())
-            jacobian = result.jacobian[:, column : column + len(names)]
-            column += len(names)
-            raw = np.linalg.norm(jacobian, axis=0)
-            jacobian = jacobian - q @ (q.T @ jacobian)
-            left = np.linalg.norm(jacobian, axis=0)
-            own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
-            secant = 0.0
-            if len(names) == 1 and left[0] <= SWALLOWED * raw[0]:
-                # A lag begins as a mere shift, which a free clock swallows: look at what a little of it does instead.
-                secant = effect.parameters[names[0]].start
-                changed = par.copy()
-                changed[model.names.index(f"{effect.id}.{names[0]}")] = secant
-                moved = evaluate(model, changed, thin, (), fitted.solution.clocks)
-                if moved is None:
-                    continue
-                jacobian = ((moved.residual - result.residual) / secant)[:, None]
-                raw, jacobian = np.linalg.norm(jacobian, axis=0), jacobian - q @ (q.T @ jacobian)
-                left = np.linalg.norm(jacobian, axis=0)
-            if np.all(left <= 1e-6 * np.maximum(raw, 1e-300)):
-                continue  # the base parameters swallow it whole
-            yield Sensitivity(effect, own_grid, names, jacobian, residual, thin, result.slices, secant)
+        yield from _at_point(problem, fitted, effects, active, point)
         if progress is not None:
             progress(round_ + 1, len(points))
+
+
+def _at_point(
+    problem: Problem, fitted: Fitted, effects: Sequence[Effect], active: Sequence[Effect], point: dict[str, float]
+) -> Iterator[Sensitivity]:
+    """Sensitivities of the active effects at one point of the grid; `effects` are those that the law is compiled with."""
+    thin = tuple(o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train)
+    everything = tuple(sorted([*fitted.model.effects, *effects], key=lambda e: e.id))
+    model = replace(fitted.model, effects=everything)
+    base_free = [model.names.index(name) for name in fitted.coordinates.names]
+    par = _vector(model, fitted, point)
+    extra = [model.names.index(f"{e.id}.{n}") for e in active for n in e.amplitudes()]
+    free = [*base_free, *extra]
+    result = evaluate(model, par, thin, free, fitted.solution.clocks)
+    if result is None:
+        half = len(active) // 2
+        for part in (active[:half], active[half:]) if half else ():
+            yield from _at_point(problem, fitted, part, part, point)
+        return
+    nb = len(base_free)
+    clock_columns = [len(free) + i for i in fitted.solution.clock_index]
+    base = result.jacobian[:, [*range(nb), *clock_columns]]
+    q, _ = np.linalg.qr(base / np.maximum(np.linalg.norm(base, axis=0), 1e-300))
+    residual = result.residual - q @ (q.T @ result.residual)
+    column = nb
+    for effect in active:
+        names = list(effect.amplitudes())
+        jacobian = result.jacobian[:, column : column + len(names)]
+        column += len(names)
+        raw = np.linalg.norm(jacobian, axis=0)
+        jacobian = jacobian - q @ (q.T @ jacobian)
+        left = np.linalg.norm(jacobian, axis=0)
+        own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
+        secant = 0.0
+        if len(names) == 1 and left[0] <= SWALLOWED * raw[0]:
+            # A lag begins as a mere shift, which a free clock swallows: look at what a little of it does instead.
+            secant = effect.parameters[names[0]].start
+            changed = par.copy()
+            changed[model.names.index(f"{effect.id}.{names[0]}")] = secant
+            moved = evaluate(model, changed, thin, (), fitted.solution.clocks)
+            if moved is None:
+                continue
+            jacobian = ((moved.residual - result.residual) / secant)[:, None]
+            raw, jacobian = np.linalg.norm(jacobian, axis=0), jacobian - q @ (q.T @ jacobian)
+            left = np.linalg.norm(jacobian, axis=0)
+        if np.all(left <= 1e-6 * np.maximum(raw, 1e-300)):
+            continue  # the base parameters swallow it whole
+        yield Sensitivity(effect, own_grid, names, jacobian, residual, thin, result.slices, secant)
 
 
 def screen(

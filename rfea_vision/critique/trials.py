@@ -44,6 +44,9 @@ PAIRS = 4
 MOST_TOGETHER = 3
 #: A combination that explains less than this is not taken further.
 PROMISING = 0.8
+#: More than this many noise floors left is too much for a combination, which bends to more than a single effect does, unless
+#: it explains nearly everything; a single effect that leaves more is named only after everything was looked at afresh.
+SETTLED_FLOORS, NEARLY_ALL = 1.0, 0.99
 
 
 @dataclass(frozen=True)
@@ -93,6 +96,15 @@ class Trials:
         if not self.in_mm or self.floor <= 0:
             return STRUCTURE_FLOORS
         return max(STRUCTURE_FLOORS, NEGLIGIBLE_SHARE * self.problem.actuator.length / MM / self.floor)
+
+    def settles(self, trial: Refitted) -> bool:
+        """Whether a trial that wins leaves so little that nothing else need be looked at."""
+        return trial.wins and trial.reaches and structure(trial.errors, self.floor) < max(SETTLED_FLOORS, self.small)
+
+    def carries(self, trial: Refitted) -> bool:
+        """Whether a combination explains enough, and leaves little enough, to be named."""
+        least = NEARLY_ALL if self.enough >= EXPLAINED else self.enough
+        return self.settles(trial) or (trial.wins and trial.explained >= least)
 
     def effect(self, name: str) -> Effect:
         return next(e for e in self.effects if e.id == name)
@@ -218,8 +230,9 @@ def try_singles(trials: Trials, screened: Sequence[Screened], expected: Sequence
         trial = trials.refit(rows)
         if trial is not None:
             done[name] = trial
+    everyone = _by_effect(screened, least=0.0)  # a look-alike may hide behind what the base parameters have swallowed
     for name in look_alikes(trials, [n for n, r in done.items() if r.reaches and r.wins]):
-        if name in ranked and name not in done and (trial := trials.refit(ranked[name])) is not None:
+        if name in everyone and name not in done and (trial := trials.refit(everyone[name])) is not None:
             done[name] = trial
     return done
 
@@ -245,7 +258,7 @@ def try_expected(
             break
         rows = _by_effect(screen(trials.problem, last.fitted, [trials.effect(name)]), least=0.0).get(name)
         last = trials.refit(rows, last) if rows else None
-    return [last] if last is not None and last.wins and last.reaches else []
+    return [last] if last is not None and trials.carries(last) else []
 
 
 def try_fresh(trials: Trials, screened: Sequence[Screened], singles: Mapping[str, Refitted]) -> dict[str, Refitted]:
@@ -254,10 +267,11 @@ def try_fresh(trials: Trials, screened: Sequence[Screened], singles: Mapping[str
     rows = _by_effect(screened, least=0.0)
     looks = fresh_look(trials.problem, trials.before, available(trials.effects, present), trials.progress)
     done = dict(singles)
-    for look in [item for item in looks if item.effect in rows][:FRESH]:
+    for look in looks[:FRESH]:
         factor = trials.before.options.segments / look.segments
         start = {n: v * (factor if n in PER_JOINT else 1.0) for n, v in look.parameters.items()}
-        trial = trials.refit(rows[look.effect], starts=[start])
+        blind = [Screened(look.effect, {}, {}, 0.0, None)]
+        trial = trials.refit(rows.get(look.effect, blind), starts=[start])
         if trial is not None and (look.effect not in done or trial.merit < done[look.effect].merit):
             done[look.effect] = trial
     return done
@@ -299,7 +313,7 @@ def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitt
             if trial is not None and trial.wins:
                 tried.append(trial)
         tried.sort(key=lambda r: r.merit)
-        found = [r for r in tried if r.reaches]
+        found = [r for r in tried if trials.carries(r)]
         if found:
             break
         firsts = [r for r in tried[:1] if r.explained >= PROMISING]

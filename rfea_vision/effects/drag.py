@@ -18,9 +18,7 @@ class Drag(Effect):
     split_by = "a light paddle at the tip"
     kind = "load"
     parameters = {
-        "c": EffectParameter(
-            "kg/m^3", 0.0, 0.0, 2e4, 5.0, "half the density of the medium times the drag coefficient"
-        )
+        "c": EffectParameter("kg/m^3", 0.0, 0.0, 2e4, 5.0, "half the density of the medium times the drag coefficient")
     }
     constants = {"still": ("m/s", 1e-6)}
     dissipates = True
