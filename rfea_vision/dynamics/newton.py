@@ -27,8 +27,6 @@ from rfea_vision.dynamics.system import (
 LARGEST_JOINT_ANGLE = 3.0  # rad; beyond it the chain has wound up
 NEWTON_STEPS = 1000
 PATIENCE = 6  # full Newton steps before the residual is watched
-CORNERED = 200  # steps before the slope is watched in its place
-UPHILL = 0.1  # share of the slope downhill at its beginning that a step may climb at its end
 SMALLEST_PART = 1e-7  # a kink that turns within 1e-3 rad/s is that narrow
 
 
@@ -115,18 +113,6 @@ def move(system, work, s, part):
 
 
 @njit(**INLINE)
-def _slope(system, body):
-    """Residual torques along the step; that of a compliant clamp is an angle, its torque that over its compliance."""
-    n = body.shape[0] - 2
-    total = 0.0
-    for i in range(1, n + 1):
-        total += body[i, RESIDUAL] * body[i, STEP]
-    if system.with_base and system.line[2] > 0.0:
-        total += body[0, RESIDUAL] / system.line[2] * body[0, STEP]
-    return total
-
-
-@njit(**INLINE)
 def wound_up(body):
     """Whether any joint has turned further than a tube can."""
     largest = 0.0
@@ -139,30 +125,25 @@ def wound_up(body):
 def solve_stage(laws, system, work, sensed, drive, s, tolerance):
     """Newton on one stage, from the guess that `work` holds. Returns (status, iterations, felt pressure).
 
-    The stage is where an energy is least whose slope is the residual: what damps and what is stiff makes it convex. Where
-    full Newton does not settle within a few steps (it can jump for ever between the sides of a kink, as dry friction or a
-    damper with two branches has), a step is halved that enlarges the residual; where that leads into a corner with no way
-    out, one that leads uphill at its end. The factors are those of the last iteration, within the tolerance of the answer.
+    Where full Newton does not settle within a few steps (it can jump for ever between the sides of a kink, as dry
+    friction has), steps are halved until the residual falls. The factors are those of the last iteration, taken within
+    the tolerance of the answer.
     """
-    body = work.body
-    best, downhill, last = np.inf, 0.0, 1.0
+    body, n = work.body, work.body.shape[0] - 2
+    best, last = np.inf, 1.0
     felt = sensed
     for iteration in range(1, NEWTON_STEPS + 1):
         felt = linearise(laws, system, work, sensed, drive, s)
         if iteration > PATIENCE:
             size = 0.0
-            for i in range(body.shape[0] - 1):
+            for i in range(n + 1):
                 size += body[i, RESIDUAL] * body[i, RESIDUAL]
-            cornered = iteration > CORNERED
-            wrong = _slope(system, body) < -UPHILL * downhill if cornered else size > best
-            if wrong and last > SMALLEST_PART:
+            if size > best and last > SMALLEST_PART:
                 last *= 0.5
                 move(system, work, s, -last)
                 continue
             best, last = size, 1.0
         newton_step(system, work, s)
-        if iteration >= PATIENCE:
-            downhill = _slope(system, body)
         largest = move(system, work, s, 1.0)
         if not (largest < 1.0):
             return BLOWN_UP, iteration, felt
