@@ -15,8 +15,8 @@ PRIOR_WIDTH_MM = 0.02  # the same for the half width, which hardly changes from 
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def cholesky_inverse(matrix):
-    """Inverse of a symmetric positive definite matrix; a pivot that vanishes is treated as infinite."""
+def _cholesky(matrix):
+    """Lower factor of a symmetric positive definite matrix; a pivot that vanishes is treated as infinite."""
     n = matrix.shape[0]
     low = np.zeros((n, n))
     for i in range(n):
@@ -28,6 +28,14 @@ def cholesky_inverse(matrix):
                 low[i, i] = np.sqrt(total) if total > 1e-12 else 1e6
             else:
                 low[i, j] = total / low[j, j]
+    return low
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def cholesky_inverse(matrix):
+    """Inverse of a symmetric positive definite matrix."""
+    n = matrix.shape[0]
+    low = _cholesky(matrix)
     inverse_low = np.zeros((n, n))
     for i in range(n):
         inverse_low[i, i] = 1.0 / low[i, i]
@@ -49,21 +57,14 @@ def cholesky_inverse(matrix):
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def cholesky_solve(matrix, right):
-    """Solution of a symmetric positive definite system; a pivot that vanishes is treated as infinite."""
+    """Solution of a symmetric positive definite system."""
     n = matrix.shape[0]
-    low = np.zeros((n, n))
+    low = _cholesky(matrix)
     out = np.empty(n)
     for i in range(n):
         value = right[i]
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= low[i, k] * low[j, k]
-            if i == j:
-                low[i, i] = np.sqrt(total) if total > 1e-12 else 1e6
-            else:
-                low[i, j] = total / low[j, j]
-                value -= low[i, j] * out[j]
+        for j in range(i):
+            value -= low[i, j] * out[j]
         out[i] = value / low[i, i]
     for i in range(n - 1, -1, -1):
         out[i] /= low[i, i]

@@ -8,13 +8,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rfea_vision.artefacts import Actuator
+from rfea_vision.critique import screening
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, errors_of, floor_of, matters, structure
 from rfea_vision.critique.next_experiment import STEP_S, limits, profiles
 from rfea_vision.critique.phases import label_phases
+from rfea_vision.critique.trials import Trials
+from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting import FitOptions
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.residual_tests import correlation_ratio
+from rfea_vision.fitting.residuals import evaluate
 
 
 def test_phases_of_a_trapezium():
@@ -103,3 +108,31 @@ def test_looking_back_drops_what_earns_nothing(campaign):
     turned = replace(fitted, options=replace(options, effects=("gravity_tilt", "damping_profile")))
     kept, _, gone = _look_back(problem, turned, errors, floor, keep="damping_profile")
     assert gone is None and "gravity_tilt" in kept.options.effects
+
+
+def test_a_score_test_that_fails_for_all_at_once_is_run_in_halves(campaign, monkeypatch):
+    problem = make_problem(*campaign((("maxwell.k1", 0.1), ("maxwell.T", 0.5))))
+    fitted = fit(problem, FitOptions(segments=4, starts=0))
+    effects = find_effects(("maxwell", "payload", "drag", "gravity_tilt", "coulomb"))
+    whole = {s.effect: s.explained for s in screening.screen(problem, fitted, effects)}
+
+    def fails_with(model, *rest):
+        ids = {effect.id for effect in model.effects}
+        return None if len(ids) > 3 or "drag" in ids else evaluate(model, *rest)
+
+    monkeypatch.setattr(screening, "evaluate", fails_with)
+    halves = {s.effect: s.explained for s in screening.screen(problem, fitted, effects)}
+    assert set(halves) == set(whole) - {"drag"}
+    assert all(halves[name] == pytest.approx(whole[name], rel=1e-3, abs=1e-6) for name in halves)
+
+
+@pytest.mark.parametrize(
+    ("held", "explained", "single", "together"),
+    [(0.11, 0.98, True, True), (0.30, 0.98, False, False), (0.30, 0.995, False, True), (0.11, 0.9, False, False)],
+)
+def test_a_combination_must_leave_little_or_explain_nearly_all(held, explained, single, together):
+    problem = SimpleNamespace(train=[SimpleNamespace(has_tip=True)], actuator=Actuator())
+    trials = Trials(problem, None, None, 0.1, ())  # type: ignore[arg-type]
+    reaches = explained >= trials.enough
+    trial = SimpleNamespace(wins=True, reaches=reaches, explained=explained, errors=Errors(held, held, None, None))
+    assert (trials.settles(trial), trials.carries(trial)) == (single, together)  # type: ignore[arg-type]
