@@ -15,6 +15,7 @@ from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import COEFFICIENTS, Bundle, Lens, first_fisheye, solve_bundle, solve_pose
 from rfea_vision.calibration.corners import BoardView, Refused, find_corners
+from rfea_vision.calibration.misfits import doubt_of_plane, same_picture, without_misfits
 from rfea_vision.calibration.photos import Photo, read_photo, reference_photo
 from rfea_vision.calibration.projection import has_plane
 from rfea_vision.calibration.quality import assess
@@ -24,7 +25,9 @@ from rfea_vision.errors import DataError, InputError
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 MINIMUM_PHOTOS = 3
-BETTER_BY = 0.2  # a richer lens must predict unseen photos this much better: less, and it may be modelling an uneven print,
+BETTER_BY = (
+    0.2  # a richer lens must predict unseen photos this much better: less, and it may be modelling an uneven print,
+)
 SURE_BY = 2.5  # and the gain must stand out of its scatter over the photos by so many standard errors
 SIZE_TOLERANCE_PX = 2  # some programs write one row or column more
 OUTLIER_SIGMA = 6.0
@@ -49,7 +52,8 @@ def calibrate(
 
     Parameters
     ----------
-    photos : board photos; those of another size, blurred or without a whole board are left out and named
+    photos : board photos; those of another size, blurred, without a whole board, or that do not agree with the others
+        are left out and named
     plane : photo of the board lying in the plane of motion; without it pixels cannot become mm
     board : what is printed
     vertical : carried along for the track stage (``board``, ``rest``, ``image`` or ``plumb``)
@@ -74,7 +78,10 @@ def calibrate(
         raise DataError(_why_too_few(views, refused, board))
     plane_view = find_plane(plane, board, size) if plane is not None else None
     views, dropped = without_outliers(views, size)
+    views, misfits = without_misfits(views, size, _candidates(views, size) if lens == "auto" else [lens])
+    refused = [*refused, *misfits]
     model, scores, reason = choose_lens(views, size, lens)
+    doubt = _check_plane(plane_view, views, size, model) if plane_view is not None else ""
     every = [*views, plane_view] if plane_view is not None else list(views)
     bundle = solve_bundle(every, size, model, joint_view=len(views) if plane_view is not None else None)
     quality: dict[str, Any] = {
@@ -86,6 +93,7 @@ def calibrate(
     quality["corners_left_out"] = dropped
     extra, inflate = assess(every, bundle, size, model, has_plane=plane_view is not None, scores=scores)
     quality.update(extra)
+    quality["warnings"] = [*quality["warnings"], *([doubt] if doubt else [])]
     records = tuple(
         [{"file": v.file.name, "used": True, "reason": "", "rms_px": bundle.rms_of(i)} for i, v in enumerate(views)]
         + [{"file": r.file.name, "used": False, "reason": r.reason, "rms_px": None} for r in refused]
@@ -123,10 +131,8 @@ def _why_too_few(views: Sequence[BoardView], refused: Sequence[Refused], board: 
             f"show {across} x {down} inner corners; write [{across}, {down}] if that is the board"
         )
     why = "; ".join(f"{item.file.name}: {item.reason}" for item in refused[:4])
-    return (
-        f"camera.photos: {len(views)} of {total} photos show the board, {MINIMUM_PHOTOS} are needed ({why}); "
-        "take more photos"
-    )
+    needed = f"{MINIMUM_PHOTOS} are needed" + (f" ({why})" if why else "")
+    return f"camera.photos: {len(views)} of {total} photos show the board, {needed}; take more photos"
 
 
 def find_views(
@@ -135,13 +141,14 @@ def find_views(
     """Corners of every usable photo, the refused ones, and the picture size that most photos share."""
     sizes: dict[Path, tuple[int, int]] = {}
     found: list[BoardView | Refused] = []
+    seen: dict[str, Path] = {}
     for done, path in enumerate(photos):
         photo = read_photo(path)
         if photo is None:
             raise InputError(f"{path}: not a readable picture; remove it from camera.photos")
         grey = photo.shown(like)
         sizes[path] = (grey.shape[1], grey.shape[0])
-        found.append(find_corners(path, grey, board))
+        found.append(same_picture(path, grey, seen) or find_corners(path, grey, board))
         if progress is not None:
             progress(done + 1, len(photos))
     if not sizes:
@@ -154,9 +161,9 @@ def find_views(
         w, h = sizes[item.file]
         if max(abs(w - common[0]), abs(h - common[1])) > SIZE_TOLERANCE_PX:
             other = "" if isinstance(item, BoardView) else f"; {item.reason}"
-            refused.append(
-                Refused(item.file, f"another size: {w} x {h} px, the others have {common[0]} x {common[1]}{other}")
-            )
+            turned = ": turned by a quarter" if max(abs(h - common[0]), abs(w - common[1])) <= SIZE_TOLERANCE_PX else ""
+            said = f"another size: {w} x {h} px, the others have {common[0]} x {common[1]}{turned}{other}"
+            refused.append(Refused(item.file, said))
         elif isinstance(item, Refused):
             refused.append(item)
         else:
@@ -201,6 +208,17 @@ def find_plane(plane: Path, board: Board, size: tuple[int, int]) -> BoardView:
     return view
 
 
+def _check_plane(plane_view: BoardView, views: Sequence[BoardView], size: tuple[int, int], model: str) -> str:
+    """Refuse a plane photo that is turned against the others; a sentence if it fits far worse than they."""
+    turned, doubt = doubt_of_plane(plane_view, views, size, model)
+    if turned:
+        raise DataError(
+            f"{plane_view.file}: camera.plane: {turned} against camera.photos; turn it back, or take it again as the "
+            "camera films"
+        )
+    return doubt
+
+
 def choose_lens(views: Sequence[BoardView], size: tuple[int, int], lens: str) -> tuple[str, dict[str, float], str]:
     """Choose the model that best predicts photos that it has not seen; the simpler one where they are alike.
 
@@ -208,7 +226,7 @@ def choose_lens(views: Sequence[BoardView], size: tuple[int, int], lens: str) ->
     """
     if lens != "auto":
         return lens, {}, f"{lens} was asked for"
-    candidates = [model for model in COEFFICIENTS if model != "fisheye" or _is_wide(views, size)]
+    candidates = _candidates(views, size)
     if len(views) < LEAST_FOR_HALVES:
         return _choose_from_few(views, size, candidates)
     held_out = {model: held_out_squares(views, size, model) for model in candidates}
@@ -242,6 +260,11 @@ def _choose_from_few(
         except (DataError, np.linalg.LinAlgError):
             pass
     return "brown5", {}, f"brown5: {said}"
+
+
+def _candidates(views: Sequence[BoardView], size: tuple[int, int]) -> list[str]:
+    """Lens models worth trying; a narrow picture cannot tell a fisheye from another lens."""
+    return [model for model in COEFFICIENTS if model != "fisheye" or _is_wide(views, size)]
 
 
 def _is_wide(views: Sequence[BoardView], size: tuple[int, int]) -> bool:

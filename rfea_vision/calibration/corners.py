@@ -16,6 +16,8 @@ MINIMUM_CORNERS = 8
 NEIGHBOURS = 6
 SMOOTHING = 0.17  # of the window's reach
 BLURRED_RISE_OF_SQUARE = 0.33
+LEAST_CONTRAST = 12.0  # grey levels
+MOST_WHITE = 0.3  # of the picture
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ def find_corners(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardView
         )
     rise = _edge_rise(grey, found, board.inner_corners)
     if rise > BLURRED_RISE_OF_SQUARE * square_px:
-        return Refused(path, f"blurred: its edges rise over {rise:.1f} px, its squares are {square_px:.0f} px")
+        return _blurred(path, rise, square_px)
     return BoardView(path, board.corners_mm, found, rise)
 
 
@@ -143,29 +145,52 @@ def _edge_rise(grey: NDArray[np.uint8], corners: NDArray[np.float64], grid: tupl
 
 def _why_no_checkerboard(path: Path, grey: NDArray[np.uint8], grid: tuple[int, int]) -> Refused:
     columns, rows = grid
-    shown = shown_grid(grey)
+    found = _shown_board(grey)
+    shown = None if found is None else _larger_first(found[1])
+    small = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    contrast = float(np.percentile(small, 95) - np.percentile(small, 5))
+    if contrast < LEAST_CONTRAST:
+        return Refused(path, f"no board found: black and white are only {contrast:.0f} grey levels apart")
+    if found is not None:
+        rise, square = _edge_rise(grey, *found), _smallest_spacing(*found)
+        if rise > BLURRED_RISE_OF_SQUARE * square:
+            return _blurred(path, rise, square)
+    white = float(np.mean(grey >= 254))
+    if white > MOST_WHITE:
+        return Refused(path, f"too bright: {100 * white:.0f} % of the picture is plain white", shown)
     if shown is not None and sorted(shown) != sorted(grid):
         if all(a <= b for a, b in zip(sorted(shown), sorted(grid), strict=True)):
-            reason = f"incomplete: only {shown[0]} x {shown[1]} of its {columns} x {rows} corners are in the picture"
+            reason = f"incomplete: only {shown[0]} x {shown[1]} of its {columns} x {rows} corners are seen"
             return Refused(path, reason, shown)
         reason = f"another board: {shown[0]} x {shown[1]} inner corners are seen, {columns} x {rows} were looked for"
         return Refused(path, reason, shown)
-    small = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    contrast = float(np.percentile(small, 95) - np.percentile(small, 5))
     detail = float(np.percentile(np.abs(cv2.Laplacian(small, cv2.CV_64F)), 99))
-    if contrast > 20 and detail < 0.06 * contrast:
+    if detail < 0.06 * contrast:
         return Refused(path, "blurred: no sharp corners in it")
-    return Refused(path, f"no board of {columns} x {rows} corners found: cut off, hidden, or another board")
+    return Refused(path, f"no board of {columns} x {rows} corners found: cut off, hidden, blurred, or another board")
 
 
-def shown_grid(grey: NDArray[np.uint8]) -> tuple[int, int] | None:
-    """Corners per row and column of whatever checkerboard is in the picture, the larger number first."""
+def _blurred(path: Path, rise_px: float, square_px: float) -> Refused:
+    if not np.isfinite(rise_px):
+        return Refused(path, "too dark or too bright: the board's squares hardly differ")
+    return Refused(path, f"blurred: its edges rise over {rise_px:.1f} px, its squares are {square_px:.0f} px")
+
+
+def _shown_board(grey: NDArray[np.uint8]) -> tuple[NDArray[np.float64], tuple[int, int]] | None:
+    """Corners (n, 2), row by row, of whatever checkerboard is in the picture, and how many per (row, column)."""
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-    found, _, meta = cv2.findChessboardCornersSBWithMeta(grey, (3, 3), flags)
+    found, corners, meta = cv2.findChessboardCornersSBWithMeta(grey, (3, 3), flags)
     if not found or meta is None:
         return None
-    large, small = sorted(np.asarray(meta).shape[:2], reverse=True)
-    return large, small
+    rows, columns = np.asarray(meta).shape[:2]
+    places = np.asarray(corners, dtype=float).reshape(-1, 2)
+    if (columns, rows) == (3, 3) or _smallest_spacing(places, (columns, rows)) < 3:
+        return None  # the seed alone, from which nothing grew, is found in any texture
+    return places, (columns, rows)
+
+
+def _larger_first(grid: tuple[int, int]) -> tuple[int, int]:
+    return max(grid), min(grid)
 
 
 def _find_charuco(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardView | Refused:
