@@ -139,6 +139,7 @@ def steady_curve(model: Model, parameters: FloatArray, pressure_Pa: Sequence[flo
             np.zeros((len(seen), n, 1)),
             np.zeros((len(seen), n + 1, 0)),
             np.zeros(0, dtype=np.int64),
+            pivot=model.pivot(parameters),
         )
         tip[found] = model.centre_line(motion, np.array([1.0]))[0][:, 0]
     return SteadyCurve(pressures, found, phi, tip, phi[:, -1] - phi[:, 0], stability, limit)

@@ -58,7 +58,7 @@ def _angle_gap(model: Model, item: Observed, predicted: Predicted) -> tuple[Floa
 
     S = np.broadcast_to(phi_basis, (frames, n + 1, shapes)).astype(np.float64)
     motion = predicted.motion
-    posed = Motion(0, "", motion.phi, motion.rate, motion.states, S, np.arange(shapes))
+    posed = Motion(0, "", motion.phi, motion.rate, motion.states, S, np.arange(shapes), pivot=motion.pivot[:1])
     _, slope = model.centre_line(posed, item.fractions)
     gap = item.points - predicted.points
     normal = np.einsum("fma,fma->fm", item.normals, gap) if item.has_midline else gap.reshape(frames, -1)

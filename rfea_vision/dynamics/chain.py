@@ -22,6 +22,7 @@ class Chain:
 
     along, across : centre of mass from the hinge, along the body and towards the outside of the bend
     force_along, force_across : point on which body forces act (the middle of the centre line)
+    added_along : where along the body sits the mass that it gains as its joint bends: in the middle of the joint's arc
     position : material coordinate of each joint (0 clamp, 1 tip); arc : rest length that each joint stands for
     count : what makes a joint's angle the tube's: n for a tube, 1 for a general chain
     """
@@ -33,6 +34,7 @@ class Chain:
     inertia: FloatArray
     force_along: FloatArray
     force_across: FloatArray
+    added_along: FloatArray
     position: FloatArray
     arc: FloatArray
     base_length: float
@@ -68,6 +70,7 @@ class Chain:
             inertia=body_inertia(actuator, length),
             force_along=length / 2,
             force_across=np.full(segments, actuator.outer_radius),
+            added_along=np.zeros(segments) if joints == "middle" else length / 2,
             position=position,
             arc=np.full(segments, arc),
             base_length=arc / 2 if joints == "middle" else 0.0,
@@ -95,6 +98,7 @@ class Chain:
             inertia=values[3],
             force_along=values[2],
             force_across=np.zeros(n),
+            added_along=values[2],
             position=np.linspace(0, 1, n),
             arc=values[0],
             base_length=0.0,

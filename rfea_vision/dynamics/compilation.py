@@ -26,11 +26,12 @@ from rfea_vision.files import write_text
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
 
-GENERATOR_VERSION = "9"
+GENERATOR_VERSION = "10"
 _NUMPY_FUNCTIONS = (
     "inertia",
     "gravity",
     "base_compliance",
+    "base_pivot",
     "felt_pressure",
     "line_time_constant",
     "flow_resistance",
@@ -54,10 +55,12 @@ class CompiledLaw:
     module: ModuleType
     has_body_force: bool
     has_base: bool
+    has_added_mass: bool
     has_line: bool
     inertia: Callable[..., Any]
     gravity: Callable[..., Any]
     base_compliance: Callable[..., Any]
+    base_pivot: Callable[..., Any]
     felt_pressure: Callable[..., Any]
     line_time_constant: Callable[..., Any]
     flow_resistance: Callable[..., Any]

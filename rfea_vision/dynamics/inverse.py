@@ -13,6 +13,9 @@ from rfea_vision.dynamics.system import (
     ACX,
     ACY,
     ADDED,
+    ADDED_ALONG,
+    ADX,
+    ADY,
     AL,
     ALONG,
     CUBE,
@@ -59,13 +62,19 @@ def _joint_torques(joint_law, force_law, system, phi, rate, acceleration, states
         for i in range(n, 0, -1):
             ux, uy = body[i, UX], body[i, UY]
             nx, ny = uy, -ux
-            mass = chain[i - 1, MASS] + work.out[i - 1, ADDED]
+            mass = chain[i - 1, MASS]
             along, across = chain[i - 1, ALONG], chain[i - 1, ACROSS]
             qx, qy = along * nx + across * ux, along * ny + across * uy
             torque += chain[i - 1, INERTIA] * body[i, AL] + mass * (body[i, ACX] * qx + body[i, ACY] * qy)
             torque += chain[i - 1, LENGTH] * (nx * fx + ny * fy)
             fx += mass * body[i, ACX]
             fy += mass * body[i, ACY]
+            if system.with_added:
+                mass, along = work.out[i - 1, ADDED], chain[i - 1, ADDED_ALONG]
+                qx, qy = along * nx + across * ux, along * ny + across * uy
+                torque += mass * (body[i, ADX] * qx + body[i, ADY] * qy)
+                fx += mass * body[i, ADX]
+                fy += mass * body[i, ADY]
             if system.with_force:
                 along, across = chain[i - 1, FORCE_ALONG], chain[i - 1, FORCE_ACROSS]
                 qx, qy = along * nx + across * ux, along * ny + across * uy

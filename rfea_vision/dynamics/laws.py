@@ -50,6 +50,7 @@ class Law:
     gravity: tuple[sp.Expr, sp.Expr]
     inertia: BodyInertia
     base_compliance: sp.Expr
+    base_pivot: sp.Expr
     felt_pressure: sp.Expr
     line_time_constant: sp.Expr
     flow_resistance: sp.Expr
@@ -113,7 +114,7 @@ def compose(effects: Sequence[Effect]) -> Law:
     force: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
     gravity: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), -GRAVITY)
     inertia = BodyInertia(MASS, ALONG, ACROSS, INERTIA)
-    mass = compliance = lag = resistance = inertance = shift = sp.Integer(0)
+    mass = compliance = pivot = lag = resistance = inertance = shift = sp.Integer(0)
     felt: sp.Expr = PRESSURE
     observed: tuple[sp.Expr, sp.Expr] = (X, Y)
     body = Body(X, Y, VX, VY, BODY_LENGTH, OUTER, TUBE_LENGTH, MIRROR)
@@ -144,6 +145,7 @@ def compose(effects: Sequence[Effect]) -> Law:
         inertia = effect.inertia(BodyPlace(BODY_LENGTH, IS_LAST, OUTER), inertia)
         mass = mass + effect.added_mass(joint)
         compliance = compliance + effect.base_compliance()
+        pivot = pivot + effect.base_pivot(OUTER)
         felt = felt.subs(PRESSURE, effect.felt_pressure(PRESSURE))
         lag = lag + effect.line_time_constant()
         resistance = resistance + effect.flow_resistance()
@@ -170,6 +172,7 @@ def compose(effects: Sequence[Effect]) -> Law:
         gravity=(final(gravity[0]), final(gravity[1])),
         inertia=inertia,
         base_compliance=final(compliance),
+        base_pivot=final(pivot),
         felt_pressure=final(felt),
         line_time_constant=final(lag),
         flow_resistance=final(resistance),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ class Motion:
 
     phi : (frames, n + 1) absolute angles, index 0 the clamp (rad); rate : the same per second
     sensitivity : (frames, n + 1, p) d phi / d free parameter; states : (frames, n, m) at the end of the step
+    pivot : how far outside the hinge line the clamp turns (m), and the derivatives of that by the free parameters
     """
 
     status: int
@@ -28,6 +29,7 @@ class Motion:
     sensitivity: FloatArray
     free: NDArray[np.int64]
     newton_iterations: int = 0
+    pivot: FloatArray = field(default_factory=lambda: np.zeros(1))
 
     @property
     def ok(self) -> bool:

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 from numba import njit
 
+from rfea_vision.dynamics.engine import to_hinge
 from rfea_vision.dynamics.system import (
     ACROSS,
     ACX,
     ACY,
     ADDED,
+    ADDED_ALONG,
     ADDED_THETA,
+    ADX,
+    ADY,
     AL,
     ALONG,
     BETA,
@@ -42,15 +46,15 @@ from rfea_vision.dynamics.system import (
 
 LANES = 8
 # Rows of `lanes` (n + 2, ROWS * LANES), per body: at the start of the step; in the stage; earlier stages; the answer;
-# explicit changes of the torque, of mass, of centre of mass and inertia, of residual and force passed on.
+# explicit changes of the torque, of added mass, of centre of mass and inertia, of residual and force passed on.
 S_PHI_OLD, S_OM_OLD, S_PHI, S_OM, S_OM_0, S_OM_1, S_AL_0, S_AL_1 = range(0, 8 * LANES, LANES)
 S_AL, S_TORQUE, S_MASS, S_ACX, S_ACY, S_EXTRA, S_FX, S_FY = range(8 * LANES, 16 * LANES, LANES)
 S_BODY_MASS, S_ALONG, S_ACROSS, S_INERTIA = range(16 * LANES, 20 * LANES, LANES)
 ROWS = 20
 # Rows of `carry`, what a sweep hands from body to body; and what is the same for all bodies.
 C_AX, C_AY, C_VX, C_VY, C_PX, C_PY, C_FX, C_FY, C_TORQUE = range(0, 9 * LANES, LANES)
-C_PRESSURE, C_GX, C_GY, C_COMPLIANCE, C_D = range(9 * LANES, 14 * LANES, LANES)
-CARRY_ROWS = 13 + 7
+C_PRESSURE, C_GX, C_GY, C_COMPLIANCE, C_PIVOT, C_D = range(9 * LANES, 15 * LANES, LANES)
+CARRY_ROWS = 14 + 7
 # Rows per hidden state and joint of `z_lanes` (n, m * Z_ROWS * LANES).
 Z_OLD, Z_STAR, Z_ZETA, Z_G_0, Z_G_1 = range(0, 5 * LANES, LANES)
 Z_ROWS = 5
@@ -59,7 +63,7 @@ Z_ROWS = 5
 @njit(**INLINE)
 def set_constants(system, free, lanes, carry):
     """Put into their lanes the parameter derivatives that last for the whole run: one block per LANES parameters."""
-    dchain, dgravity, dcompliance = system.dchain, system.dgravity, system.dline[2]
+    dchain, dgravity, dline = system.dchain, system.dgravity, system.dline
     for column in range(free.size):
         block, k, p = column // LANES, column % LANES, free[column]
         for j in range(dchain.shape[0]):
@@ -69,7 +73,8 @@ def set_constants(system, free, lanes, carry):
             lanes[block, j + 1, S_INERTIA + k] = dchain[j, 3, p]
         carry[block, C_GX + k] = dgravity[0, p]
         carry[block, C_GY + k] = dgravity[1, p]
-        carry[block, C_COMPLIANCE + k] = dcompliance[p]
+        carry[block, C_COMPLIANCE + k] = dline[2, p]
+        carry[block, C_PIVOT + k] = dline[3, p]
 
 
 @njit(**INLINE)
@@ -78,7 +83,7 @@ def gather(out_par, free, lanes):
     for j in range(out_par.shape[0]):
         for k in range(free.size):
             lanes[j + 1, S_TORQUE + k] = out_par[j, 0, free[k]]
-            lanes[j + 1, S_MASS + k] = out_par[j, 1, free[k]] + lanes[j + 1, S_BODY_MASS + k]
+            lanes[j + 1, S_MASS + k] = out_par[j, 1, free[k]]
 
 
 @njit(**INLINE)
@@ -154,26 +159,29 @@ def outward(system, work, lanes, carry, free, varies, width, w0, w1, s):
 
     w0 and w1 weigh the earlier stages (times the step), s is the stage's own weight.
     """
-    chain, body, with_force = system.chain, work.body, system.with_force
-    for k in range(width):
-        carry[C_AX + k], carry[C_AY + k] = 0.0, 0.0
-    if with_force:
-        for row in (C_VX, C_VY, C_PX, C_PY):
-            for k in range(width):
-                carry[row + k] = 0.0
+    chain, body, with_force, with_added = system.chain, work.body, system.with_force, system.with_added
+    for row in (C_AX, C_AY, C_VX, C_VY, C_PX, C_PY):
+        for k in range(width):
+            carry[row + k] = 0.0
+    if varies or with_force or with_added:
+        for i in range(1, chain.shape[0] + 1):
+            for row in (S_EXTRA, S_FX, S_FY):
+                for k in range(width):
+                    lanes[i, row + k] = 0.0
     for i in range(0 if system.with_base else 1, chain.shape[0] + 1):
         ux, uy = body[i, UX], body[i, UY]
         nx, ny = uy, -ux
         om, al = body[i, OM], body[i, AL]
         w2 = om * om
-        length, along, across = system.base_length, 0.0, 0.0
+        hx, hy, gx, gy = to_hinge(ux, uy, system.base_length, system.line[3])
+        along, across = 0.0, 0.0
         if i > 0:
-            length, along, across = chain[i - 1, LENGTH], chain[i - 1, ALONG], chain[i - 1, ACROSS]
+            hx, hy, gx, gy = to_hinge(ux, uy, chain[i - 1, LENGTH], 0.0)
+            along, across = chain[i - 1, ALONG], chain[i - 1, ACROSS]
         rx, ry = along * ux - across * nx, along * uy - across * ny
         qx, qy = along * nx + across * ux, along * ny + across * uy
         px, py, ox, oy = -(al * rx + w2 * qx), -(al * ry + w2 * qy), -2 * om * rx, -2 * om * ry
-        hx, hy = -length * (al * ux + w2 * nx), -length * (al * uy + w2 * ny)
-        vx, vy = -2 * length * om * ux, -2 * length * om * uy
+        ex, ey, vx, vy = -(al * hx + w2 * gx), -(al * hy + w2 * gy), -2 * om * hx, -2 * om * hy
         # One pass over memory: every further loop costs more than the arithmetic in it.
         for k in range(width):
             rate = lanes[i, S_OM_OLD + k] + w0 * lanes[i, S_AL_0 + k] + w1 * lanes[i, S_AL_1 + k]
@@ -182,35 +190,71 @@ def outward(system, work, lanes, carry, free, varies, width, w0, w1, s):
             ax, ay = carry[C_AX + k], carry[C_AY + k]
             lanes[i, S_ACX + k] = ax + px * angle + ox * rate
             lanes[i, S_ACY + k] = ay + py * angle + oy * rate
-            carry[C_AX + k] = ax + hx * angle + vx * rate
-            carry[C_AY + k] = ay + hy * angle + vy * rate
+            carry[C_AX + k] = ax + ex * angle + vx * rate
+            carry[C_AY + k] = ay + ey * angle + vy * rate
+        if i > 0 and with_added:
+            _added_outward(chain, body, work.out, lanes, carry, i, width)
         if i > 0 and (varies or with_force):
-            _varying_body(chain, body, work.out, lanes, carry, i, width)
+            _varying_body(chain, body, lanes, carry, i, width)
         if i > 0 and with_force:
             _forces_outward(chain, body, lanes, carry, work.force, free, i, width)
         if with_force:
             for k in range(width):
                 angle, rate = lanes[i, S_PHI + k], lanes[i, S_OM + k]
-                carry[C_PX + k] += length * nx * angle
-                carry[C_PY + k] += length * ny * angle
-                carry[C_VX + k] += length * (nx * rate - om * ux * angle)
-                carry[C_VY + k] += length * (ny * rate - om * uy * angle)
+                carry[C_PX + k] += gx * angle
+                carry[C_PY + k] += gy * angle
+                carry[C_VX + k] += gx * rate - om * hx * angle
+                carry[C_VY + k] += gy * rate - om * hy * angle
+        if i == 0:
+            for k in range(width):  # the point about which the clamp turns
+                aside = carry[C_PIVOT + k]
+                carry[C_AX + k] -= aside * (al * ux + w2 * nx)
+                carry[C_AY + k] -= aside * (al * uy + w2 * ny)
+                carry[C_PX + k] += aside * (1.0 + nx)
+                carry[C_PY + k] += aside * ny
+                carry[C_VX + k] -= aside * om * ux
+                carry[C_VY + k] -= aside * om * uy
 
 
 @njit(**INLINE)
-def _varying_body(chain, body, out, lanes, carry, i, width):
+def _added_outward(chain, body, out, lanes, carry, i, width):
+    """Change of what the mass that body i has gained asks for, for the known part of the motion. Before `_varying_body`."""
+    ux, uy = body[i, UX], body[i, UY]
+    nx, ny = uy, -ux
+    om, al = body[i, OM], body[i, AL]
+    w2, mass, grow = om * om, out[i - 1, ADDED], out[i - 1, ADDED_THETA]
+    along, across = chain[i - 1, ADDED_ALONG], chain[i - 1, ACROSS]
+    rx, ry = along * ux - across * nx, along * uy - across * ny
+    qx, qy = along * nx + across * ux, along * ny + across * uy
+    ax, ay = body[i, ADX], body[i, ADY]
+    moment, turned, outside = ax * qx + ay * qy, mass * (ax * rx + ay * ry), ax * ux + ay * uy
+    # From the centre of mass, whose acceleration the lanes hold, to where the mass is gained.
+    back = along - chain[i - 1, ALONG]
+    px, py, ox, oy = -back * (al * ux + w2 * nx), -back * (al * uy + w2 * ny), -2 * back * om * ux, -2 * back * om * uy
+    for k in range(width):
+        angle, rate, aside = lanes[i, S_PHI + k], lanes[i, S_OM + k], lanes[i, S_ACROSS + k]
+        dax = lanes[i, S_ACX + k] + px * angle + ox * rate + aside * (al * ux + w2 * nx) - carry[C_GX + k]
+        day = lanes[i, S_ACY + k] + py * angle + oy * rate + aside * (al * uy + w2 * ny) - carry[C_GY + k]
+        heavier = lanes[i, S_MASS + k] + grow * (angle - lanes[i - 1, S_PHI + k])
+        lanes[i, S_FX + k] += heavier * ax + mass * dax
+        lanes[i, S_FY + k] += heavier * ay + mass * day
+        lanes[i, S_EXTRA + k] += heavier * moment + mass * (qx * dax + qy * day + aside * outside) - turned * angle
+
+
+@njit(**INLINE)
+def _varying_body(chain, body, lanes, carry, i, width):
     """Where mass, centre of mass, inertia or gravity depend on parameters."""
     ux, uy = body[i, UX], body[i, UY]
     nx, ny = uy, -ux
     om, al = body[i, OM], body[i, AL]
-    w2, mass = om * om, chain[i - 1, MASS] + out[i - 1, ADDED]
+    w2, mass = om * om, chain[i - 1, MASS]
     acx, acy = body[i, ACX], body[i, ACY]
     by_along, by_across = acx * nx + acy * ny, acx * ux + acy * uy
     for k in range(width):
         along, across = lanes[i, S_ALONG + k], lanes[i, S_ACROSS + k]
         lanes[i, S_ACX + k] += al * (along * nx + across * ux) - w2 * (along * ux - across * nx) - carry[C_GX + k]
         lanes[i, S_ACY + k] += al * (along * ny + across * uy) - w2 * (along * uy - across * ny) - carry[C_GY + k]
-        lanes[i, S_EXTRA + k] = lanes[i, S_INERTIA + k] * al + mass * (along * by_along + across * by_across)
+        lanes[i, S_EXTRA + k] += lanes[i, S_INERTIA + k] * al + mass * (along * by_along + across * by_across)
 
 
 @njit(**INLINE)
@@ -232,7 +276,8 @@ def _forces_outward(chain, body, lanes, carry, force, free, i, width):
         fx += force[i - 1, 0, 1] * x + force[i - 1, 0, 2] * y + force[i - 1, 0, 3] * vx + force[i - 1, 0, 4] * vy
         fy = force[i - 1, 1, 5 + free[k]]
         fy += force[i - 1, 1, 1] * x + force[i - 1, 1, 2] * y + force[i - 1, 1, 3] * vx + force[i - 1, 1, 4] * vy
-        lanes[i, S_FX + k], lanes[i, S_FY + k] = -fx, -fy
+        lanes[i, S_FX + k] -= fx
+        lanes[i, S_FY + k] -= fy
         lanes[i, S_EXTRA + k] += turned * angle - fx * qx - fy * qy
 
 
@@ -246,7 +291,7 @@ def _inward(chain, body, out, lanes, carry, width):
         ux, uy = body[i, UX], body[i, UY]
         nx, ny = uy, -ux
         length = chain[i - 1, LENGTH]
-        mass = chain[i - 1, MASS] + out[i - 1, ADDED]
+        mass = chain[i - 1, MASS]
         along, across = chain[i - 1, ALONG], chain[i - 1, ACROSS]
         rx, ry = along * ux - across * nx, along * uy - across * ny
         qx, qy = along * nx + across * ux, along * ny + across * uy
@@ -255,14 +300,14 @@ def _inward(chain, body, out, lanes, carry, width):
         turned = -mass * (acx * rx + acy * ry) - length * (ux * body[i + 1, FX] + uy * body[i + 1, FY])
         mqx, mqy, lnx, lny = mass * qx, mass * qy, length * nx, length * ny
         by_theta, by_rate, by_p = out[i - 1, TAU_THETA], out[i - 1, TAU_RATE], out[i - 1, TAU_PRESSURE]
-        grow, inverse = out[i - 1, ADDED_THETA], -1.0 / body[i, BETA]
+        inverse = -1.0 / body[i, BETA]
         xfx, xfy, stiff = body[i, XFX], body[i, XFY], body[i, STIFF]
         for k in range(width):
             angle = lanes[i, S_PHI + k]
             theta = angle - lanes[i - 1, S_PHI + k]
             torque = by_theta * theta + by_rate * (lanes[i, S_OM + k] - lanes[i - 1, S_OM + k])
             torque += by_p * carry[C_PRESSURE + k] + lanes[i, S_TORQUE + k]
-            heavier = lanes[i, S_MASS + k] + grow * theta
+            heavier = lanes[i, S_BODY_MASS + k]
             ax, ay = lanes[i, S_ACX + k], lanes[i, S_ACY + k]
             fx, fy = carry[C_FX + k], carry[C_FY + k]
             total = heavier * moment + mqx * ax + mqy * ay + turned * angle + lnx * fx + lny * fy
@@ -274,19 +319,20 @@ def _inward(chain, body, out, lanes, carry, width):
 
 
 @njit(**INLINE)
-def _clamp(base_length, compliance, body, lanes, carry, D, with_base, width):
+def _clamp(system, body, lanes, carry, D, width):
     """The clamp's own turn, and what the first body sees of it."""
-    if not with_base:
+    if not system.with_base:
         for k in range(D * LANES):
             carry[C_D + k] = 0.0
         return
-    ux, uy = body[0, UX], body[0, UY]
+    ux, uy, compliance = body[0, UX], body[0, UY], system.line[2]
+    hx, hy, gx, gy = to_hinge(ux, uy, system.base_length, system.line[3])
     fx, fy = body[1, FX], body[1, FY]
-    moment = body[1, TORQUE] + base_length * (uy * fx - ux * fy)
-    turned = base_length * (ux * fx + uy * fy)
+    moment, turned, aside = body[1, TORQUE] + gx * fx + gy * fy, hx * fx + hy * fy, ux * fx + uy * fy
     for k in range(width):
         angle = lanes[0, S_PHI + k]
-        total = carry[C_TORQUE + k] + base_length * (uy * carry[C_FX + k] - ux * carry[C_FY + k]) - turned * angle
+        total = carry[C_TORQUE + k] + gx * carry[C_FX + k] + gy * carry[C_FY + k] - turned * angle
+        total -= carry[C_PIVOT + k] * aside
         lanes[0, S_AL + k] = -(angle + carry[C_COMPLIANCE + k] * moment + compliance * total) / body[0, BETA]
     for b in range(D):
         for k in range(width):
@@ -324,7 +370,7 @@ def answer(system, work, lanes, carry, width):
     """Row S_AL of one block: derivative of Newton's unknown by each parameter, after `outward`."""
     body, D = work.body, 7 if system.with_force else 3
     _inward(system.chain, body, work.out, lanes, carry, width)
-    _clamp(system.base_length, system.line[2], body, lanes, carry, D, system.with_base, width)
+    _clamp(system, body, lanes, carry, D, width)
     _from_clamp(body, lanes, carry, D, width)
 
 

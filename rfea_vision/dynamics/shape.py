@@ -21,10 +21,11 @@ def _sinc(half: float) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def centre_line(phi, S, segment_length, outer_radius, polygon, fractions, nodes, dnodes):
+def centre_line(phi, S, segment_length, outer_radius, polygon, pivot, dpivot, fractions, nodes, dnodes):
     """Points on the centre line at fractions of its length, with their sensitivities.
 
     phi (frames, n + 1) absolute angles, index 0 the clamp; S (frames, n + 1, p); fractions (m,) sorted, 0 clamp to 1 tip;
+    pivot : how far outside the hinge line a clamp turns (m), dpivot (p,) its sensitivities;
     writes nodes (frames, m, 2) in m and dnodes (frames, m, 2, p).
     """
     frames, n = phi.shape[0], phi.shape[1] - 1
@@ -34,8 +35,12 @@ def centre_line(phi, S, segment_length, outer_radius, polygon, fractions, nodes,
     for frame in range(frames):
         first = phi[frame, 0]
         total = n * segment_length + outer_radius * (phi[frame, n] - first)
-        hx, hy = -outer_radius, 0.0
-        dH[:, :] = 0.0
+        # The hinge line starts beside the point about which the clamp turns, which lies on the x axis.
+        s, c = np.sin(first), np.cos(first)
+        hx, hy = pivot * (1 - c) - outer_radius, pivot * s
+        for q in range(p):
+            dH[0, q] = dpivot[q] * (1 - c) + pivot * s * S[frame, 0, q]
+            dH[1, q] = dpivot[q] * s + pivot * c * S[frame, 0, q]
         passed = 0.0
         node = 0
         for k in range(1, n + 1):

@@ -87,7 +87,7 @@ class Model:
         )
         own = 6
         values = [np.broadcast_to(row[0], n) for row in rows]
-        columns = np.column_stack([chain.length, *values, chain.force_along, chain.force_across])
+        columns = np.column_stack([chain.length, *values, chain.force_along, chain.force_across, chain.added_along])
         derivative = np.zeros((n, 4, par.size))
         for index, row in enumerate(rows):
             for k in range(par.size):
@@ -101,8 +101,9 @@ class Model:
 
     def _environment(self, par: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         law = self.law
-        line, dline = np.zeros(3), np.zeros((3, par.size))
-        for index, function in enumerate((law.flow_resistance, law.flow_inertance, law.base_compliance)):
+        line, dline = np.zeros(4), np.zeros((4, par.size))
+        functions = (law.flow_resistance, law.flow_inertance, law.base_compliance, law.base_pivot)
+        for index, function in enumerate(functions):
             line[index], dline[index] = self._scalar(function, par)
         rows = law.gravity(par, self._constants, self.gravity)
         gravity = np.array([float(row[0]) for row in rows])
@@ -133,6 +134,7 @@ class Model:
             with_force=law.has_body_force,
             with_base=law.has_base,
             with_line=law.has_line,
+            with_added=law.has_added_mass,
             volume_rate=np.pi * self.chain.outer_radius**3,
         )
 
@@ -229,12 +231,13 @@ class Model:
         p, count = index.size, frames_s.size
         out_phi, out_om, out_z = np.zeros((count, n + 1)), np.zeros((count, n + 1)), np.zeros((count, n, m))
         out_S = np.zeros((count, n + 1, p))
+        pivot = self.pivot(par, index)
         if start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
             rest = self.steady(par, float(excitation.pressure[0]), list(free), drive=first_drive)
             if not rest.found:
                 message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
-                return Motion(1, message, out_phi, out_om, out_z, out_S, index)
+                return Motion(1, message, out_phi, out_om, out_z, out_S, index, pivot=pivot)
             begin = (rest.phi, np.zeros(n + 1), rest.states, rest.sensitivity, rest.state_sensitivity)
         else:
             phi, om = (np.concatenate([[0.0], np.cumsum(values)]) for values in start)
@@ -249,19 +252,28 @@ class Model:
             Trace(*begin, out_phi, out_om, out_z, out_S),
         )
         message = "" if status == OK else f"the simulation failed after {done * excitation.step_s:.3f} s"
-        return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations)
+        return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot)
+
+    def pivot(self, par: FloatArray, free: Sequence[int] | NDArray[np.int64] = ()) -> FloatArray:
+        """Where the clamp turns (m outside the hinge line), followed by the derivatives by the free parameters."""
+        value, slope = self._scalar(self.law.base_pivot, np.asarray(par, dtype=float))
+        return np.concatenate([[value], slope[list(free)]])
 
     def centre_line(self, motion: Motion, fractions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Points at fractions of the centre line's length: (frames, m, 2) in m, and (frames, m, 2, p) derivatives."""
         frames, count = motion.phi.shape[0], np.asarray(fractions).size
         nodes = np.empty((frames, count, 2))
         dnodes = np.empty((frames, count, 2, motion.sensitivity.shape[2]))
+        dpivot = np.zeros(motion.sensitivity.shape[2])
+        dpivot[: motion.pivot.size - 1] = motion.pivot[1:]
         centre_line(
             motion.phi,
             motion.sensitivity,
             float(self.chain.arc[0]),
             self.chain.outer_radius,
             self.chain.polygon,
+            float(motion.pivot[0]),
+            dpivot,
             np.asarray(fractions, dtype=float),
             nodes,
             dnodes,

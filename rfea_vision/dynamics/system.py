@@ -17,14 +17,15 @@ JOINT_CUBE = types.FunctionType(void(VECTOR, VECTOR, MATRIX, float64, VECTOR, VE
 FORCE_LAW = types.FunctionType(void(MATRIX, VECTOR, VECTOR, VECTOR, CUBE))
 
 # Columns of `chain`
-LENGTH, MASS, ALONG, ACROSS, INERTIA, FORCE_ALONG, FORCE_ACROSS = range(7)
+LENGTH, MASS, ALONG, ACROSS, INERTIA, FORCE_ALONG, FORCE_ACROSS, ADDED_ALONG = range(8)
 # Columns of the joint law's output
 TAU, TAU_THETA, TAU_RATE, TAU_PRESSURE, ADDED, ADDED_THETA, FIXED = range(7)
 # Columns of `body`, the working array with one row per body (n + 2, BODY_COLUMNS). A joint's entry stands in the row of
 # the body behind it. K (3 x 7) maps d to what body and everything beyond it pass on; E is d(d of the next)/dx.
 PHI, OM, AL, UX, UY, ACX, ACY, FX, FY, TORQUE, RESIDUAL, BETA, XFX, XFY = range(14)
 STIFF, TAU_P, Z_TORQUE, STEP, LINE_RHS, LINE_STEP, KX, GAMMA, E, K = 14, 15, 16, 17, 18, 19, 20, 23, 30, 37
-BODY_COLUMNS = 58
+ADX, ADY = 58, 59
+BODY_COLUMNS = 60
 
 OK, NOT_CONVERGED, BLOWN_UP = 0, 1, 2
 OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
@@ -40,8 +41,9 @@ INLINE = {**ALLOCATING, "_nrt": False}
 class System(NamedTuple):
     """A chain and one set of parameters; read, never written.
 
-    chain (n, 7) by the columns above; dchain (n, 4, parameters) derivative of mass, along, across and inertia
-    line (3,) flow resistance, flow inertance, compliance of the clamp; dline (3, parameters)
+    chain (n, 8) by the columns above; dchain (n, 4, parameters) derivative of mass, along, across and inertia
+    line (4,) flow resistance, flow inertance, compliance of the clamp, how far the point about which it turns lies outside
+        the hinge line (m); dline (4, parameters)
     gravity (2,); dgravity (2, parameters); position, arc, length (n,); weights (n, effects)
     par, con : parameters and constants of the law; columns, states : of the law's output, hidden states per joint
     volume_rate : fluid volume per bending angle (m^3/rad)
@@ -65,6 +67,7 @@ class System(NamedTuple):
     with_force: Any
     with_base: Any
     with_line: Any
+    with_added: Any
     volume_rate: Any
 
 
@@ -72,7 +75,7 @@ SYSTEM = types.NamedTuple(
     (
         *(MATRIX, CUBE, float64, VECTOR, MATRIX, VECTOR, MATRIX),
         *(VECTOR, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR),
-        *(int64, int64, boolean, boolean, boolean, float64),
+        *(int64, int64, boolean, boolean, boolean, boolean, float64),
     ),
     System,
 )

@@ -237,6 +237,10 @@ class Effect:
         """Rotation of the clamp per torque on it (rad/(N m))."""
         return sp.Integer(0)
 
+    def base_pivot(self, rest_outer_radius: sp.Symbol) -> sp.Expr:
+        """How far outside of the hinge line lies the point about which the clamp turns (m); level with its end."""
+        return sp.Integer(0)
+
     # between the sensor and the tube -----------------------------------------------------------------------------
     def felt_pressure(self, pressure: sp.Symbol) -> sp.Expr:
         """Pressure in the tube (Pa) for a sensor reading (Pa)."""

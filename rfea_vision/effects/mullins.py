@@ -8,7 +8,7 @@ from rfea_vision.effects.base import Effect, EffectParameter, Joint
 
 
 class Mullins(Effect):
-    """k_j (1 - c (1 - exp(-z / s))), z the largest tube angle so far (followed within 2 ms)."""
+    """k_j (1 - c (1 - exp(-z / s))), z the largest tube angle so far (followed within 0.2 ms)."""
 
     id = "mullins"
     title = "Softening after the first bend (Mullins)"
@@ -23,7 +23,7 @@ class Mullins(Effect):
         ),
     }
     states = {"z": "rad"}
-    constants = {"follow": ("s", 0.002)}
+    constants = {"follow": ("s", 0.0002)}
 
     def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
         return stiffness * (1 - self.c * (1 - sp.exp(-self.z / self.s)))

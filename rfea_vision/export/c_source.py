@@ -150,17 +150,17 @@ def _tables(model: Model, par: FloatArray, step_s: float, laws_text: str) -> str
     system, chain = model.system(par), model.chain
     lag = max(model._scalar(model.law.line_time_constant, par)[0], 0.0)
     whole = {"N": chain.bodies, "M": system.states, "WITH_FORCE": int(system.with_force)}
-    whole |= {"WITH_BASE": int(system.with_base), "WITH_LINE": int(system.with_line), "POLYGON": int(chain.polygon)}
+    whole |= {"WITH_BASE": int(system.with_base), "WITH_LINE": int(system.with_line)}
+    whole |= {"WITH_ADDED": int(system.with_added), "POLYGON": int(chain.polygon)}
     numbers = {"STEP_S": step_s, "LAG_S": lag, "BASE_LENGTH": system.base_length, "OUTER_RADIUS": chain.outer_radius}
     numbers |= {"MIRROR": model.mirror, "VOLUME_RATE": system.volume_rate}
-    numbers |= dict(zip(("RESISTANCE", "INERTANCE", "COMPLIANCE"), system.line, strict=True))
+    numbers |= dict(zip(("RESISTANCE", "INERTANCE", "COMPLIANCE", "PIVOT"), system.line, strict=True))
     text = "".join(f"#define {key} {value}\n" for key, value in whole.items())
     text += "".join(f"#define {key} {float(value)!r}\n" for key, value in numbers.items())
     n, count = chain.bodies, system.weights.shape[1]
-    text += (
-        "\n/* length, mass, centre of mass along and across, inertia, point of the body forces along and across */\n"
-    )
-    text += f"static const double CHAIN[{n}][7] = {_matrix(system.chain)};\n"
+    text += "\n/* length, mass, centre of mass along and across, inertia, point of the body forces along and across,\n"
+    text += " * and along to the mass gained */\n"
+    text += f"static const double CHAIN[{n}][8] = {_matrix(system.chain)};\n"
     text += f"static const double GRAVITY[2] = {_matrix(system.gravity)};\n"
     text += f"static const double ARC[{n}] = {_matrix(system.arc)};\n"
     if "POSITION[" in laws_text:

@@ -3,13 +3,13 @@
  * Work space is on the stack: nothing is allocated, nothing is static but constants, so models may run side by side. */
 
 enum { TAU, TAU_THETA, TAU_RATE, TAU_PRESSURE, ADDED, ADDED_THETA, FIXED, COLUMNS = 6 + 5 * M + M * M };
-enum { LENGTH, MASS, ALONG, ACROSS, INERTIA, FORCE_ALONG, FORCE_ACROSS };
+enum { LENGTH, MASS, ALONG, ACROSS, INERTIA, FORCE_ALONG, FORCE_ACROSS, ADDED_ALONG };
 #define COUNT (N + 2)
 #define STATES (M > 0 ? M : 1)
 #define SEEN (WITH_FORCE ? 7 : 3) /* what a body sees of its inner neighbour */
 
 typedef struct {
-    double ux, uy, acx, acy, fx, fy, torque, residual, beta, xfx, xfy, stiff, tau_p, z_torque, step, line_step;
+    double ux, uy, acx, acy, adx, ady, fx, fy, torque, residual, beta, xfx, xfy, stiff, tau_p, z_torque, step, line_step;
     double kx[3], gamma[7], e[7], k[3][7];
 } body_t;
 
@@ -20,21 +20,35 @@ typedef struct {
     double z[N][STATES], z_star[N][STATES], dz[N][STATES], zc[N][STATES], sx[N][STATES], zp[N][STATES];
 } work_t;
 
+/* The next hinge from this one, and that by the angle; the clamp turns about a point beside the hinge line. */
+static void to_hinge(const body_t *b, double length, double pivot, double *h, double *g) {
+    h[0] = length * b->ux + pivot * b->uy;
+    h[1] = length * b->uy - pivot * b->ux;
+    g[0] = h[1];
+    g[1] = -h[0];
+}
+
 static void kinematics(work_t *w) {
-    double px = 0, py = 0, vx = 0, vy = 0, ax = 0, ay = 0;
+    double px = PIVOT - CHAIN[0][FORCE_ACROSS], py = 0, vx = 0, vy = 0, ax = 0, ay = 0;
     for (int i = 0; i <= N; i++) {
         body_t *b = &w->body[i];
         const double ux = -sin(w->phi[i]), uy = -cos(w->phi[i]), nx = uy, ny = -ux;
         const double om = w->om[i], al = w->al[i], w2 = om * om;
-        double length = BASE_LENGTH;
+        double h[2], g[2];
         b->ux = ux;
         b->uy = uy;
+        if (i == 0) to_hinge(b, BASE_LENGTH, PIVOT, h, g);
         if (i > 0) {
             const double *c = CHAIN[i - 1];
             double along = c[ALONG], across = c[ACROSS];
-            length = c[LENGTH];
+            to_hinge(b, c[LENGTH], 0, h, g);
             b->acx = ax + al * (along * nx + across * ux) - w2 * (along * ux - across * nx) - GRAVITY[0];
             b->acy = ay + al * (along * ny + across * uy) - w2 * (along * uy - across * ny) - GRAVITY[1];
+#if WITH_ADDED
+            along = c[ADDED_ALONG];
+            b->adx = ax + al * (along * nx + across * ux) - w2 * (along * ux - across * nx) - GRAVITY[0];
+            b->ady = ay + al * (along * ny + across * uy) - w2 * (along * uy - across * ny) - GRAVITY[1];
+#endif
             along = c[FORCE_ALONG];
             across = c[FORCE_ACROSS];
             w->motion[i - 1][0] = px + along * ux - across * nx;
@@ -42,26 +56,28 @@ static void kinematics(work_t *w) {
             w->motion[i - 1][2] = vx + om * (along * nx + across * ux);
             w->motion[i - 1][3] = vy + om * (along * ny + across * uy);
         }
-        ax += length * (al * nx - w2 * ux);
-        ay += length * (al * ny - w2 * uy);
-        px += length * ux;
-        py += length * uy;
-        vx += length * om * nx;
-        vy += length * om * ny;
+        ax += al * g[0] - w2 * h[0];
+        ay += al * g[1] - w2 * h[1];
+        px += h[0];
+        py += h[1];
+        vx += om * g[0];
+        vy += om * g[1];
     }
 }
 
 /* How the next hinge moves with body i, and what everything beyond it answers. */
-static void next_hinge(work_t *w, int i, double length, double ca, double co, double cp) {
+static void next_hinge(work_t *w, int i, double length, double pivot, double ca, double co, double cp) {
     body_t *b = &w->body[i];
-    const double ux = b->ux, uy = b->uy, nx = uy, ny = -ux, om = w->om[i], al = w->al[i], w2 = om * om;
-    b->e[0] = length * (ca * nx - cp * (al * ux + w2 * nx) - 2 * co * om * ux);
-    b->e[1] = length * (ca * ny - cp * (al * uy + w2 * ny) - 2 * co * om * uy);
+    const double om = w->om[i], al = w->al[i], w2 = om * om;
+    double h[2], g[2];
+    to_hinge(b, length, pivot, h, g);
+    b->e[0] = ca * g[0] - cp * (al * h[0] + w2 * g[0]) - 2 * co * om * h[0];
+    b->e[1] = ca * g[1] - cp * (al * h[1] + w2 * g[1]) - 2 * co * om * h[1];
     b->e[2] = 1;
-    b->e[3] = length * (co * nx - cp * om * ux);
-    b->e[4] = length * (co * ny - cp * om * uy);
-    b->e[5] = length * cp * nx;
-    b->e[6] = length * cp * ny;
+    b->e[3] = co * g[0] - cp * om * h[0];
+    b->e[4] = co * g[1] - cp * om * h[1];
+    b->e[5] = cp * g[0];
+    b->e[6] = cp * g[1];
     for (int a = 0; a < 3; a++) {
         b->kx[a] = 0;
         for (int s = 0; s < SEEN; s++) b->kx[a] += w->body[i + 1].k[a][s] * b->e[s];
@@ -75,26 +91,25 @@ static void factor(work_t *w, double ca, double co, double cp) {
         body_t *b = &w->body[i];
         const body_t *next = &w->body[i + 1];
         const double *c = CHAIN[i - 1], *out = w->out[i - 1];
-        const double length = c[LENGTH], along = c[ALONG], across = c[ACROSS], mass = c[MASS] + out[ADDED];
-        next_hinge(w, i, length, ca, co, cp);
+        const double length = c[LENGTH], along = c[ALONG], across = c[ACROSS], mass = c[MASS];
+        next_hinge(w, i, length, 0, ca, co, cp);
         const double ux = b->ux, uy = b->uy, nx = uy, ny = -ux, om = w->om[i], al = w->al[i], w2 = om * om;
         const double rx = along * ux - across * nx, ry = along * uy - across * ny;
         const double qx = along * nx + across * ux, qy = along * ny + across * uy;
         const double gx = ca * qx - cp * (al * rx + w2 * qx) - 2 * co * om * rx;
         const double gy = ca * qy - cp * (al * ry + w2 * qy) - 2 * co * om * ry;
-        const double moment = b->acx * qx + b->acy * qy, grow = out[ADDED_THETA] * cp;
+        const double moment = b->acx * qx + b->acy * qy;
         b->residual = c[INERTIA] * al + mass * moment + length * (nx * next->fx + ny * next->fy) + next->torque
             - out[TAU] + next->z_torque - b->z_torque;
         double beta = c[INERTIA] * ca + mass * (gx * qx + gy * qy - (b->acx * rx + b->acy * ry) * cp)
-            + length * (nx * b->kx[0] + ny * b->kx[1] - (ux * next->fx + uy * next->fy) * cp) + b->kx[2] - b->stiff
-            + grow * moment;
+            + length * (nx * b->kx[0] + ny * b->kx[1] - (ux * next->fx + uy * next->fy) * cp) + b->kx[2] - b->stiff;
         for (int s = 0; s < SEEN; s++)
             b->gamma[s] = length * (nx * next->k[0][s] + ny * next->k[1][s]) + next->k[2][s];
-        b->gamma[2] = b->stiff - grow * moment;
+        b->gamma[2] = b->stiff;
         b->gamma[0] += mass * qx;
         b->gamma[1] += mass * qy;
-        b->xfx = mass * gx + grow * b->acx + b->kx[0];
-        b->xfy = mass * gy + grow * b->acy + b->kx[1];
+        b->xfx = mass * gx + b->kx[0];
+        b->xfy = mass * gy + b->kx[1];
         b->fx = mass * b->acx + next->fx;
         b->fy = mass * b->acy + next->fy;
         b->torque = out[TAU];
@@ -118,6 +133,25 @@ static void factor(work_t *w, double ca, double co, double cp) {
             }
         }
 #endif
+#if WITH_ADDED
+        const double added = out[ADDED], grow = out[ADDED_THETA] * cp, aa = c[ADDED_ALONG];
+        {
+            const double sx = aa * ux - across * nx, sy = aa * uy - across * ny;
+            const double tx = aa * nx + across * ux, ty = aa * ny + across * uy;
+            const double vx = ca * tx - cp * (al * sx + w2 * tx) - 2 * co * om * sx;
+            const double vy = ca * ty - cp * (al * sy + w2 * ty) - 2 * co * om * sy;
+            const double turn = b->adx * tx + b->ady * ty;
+            b->residual += added * turn;
+            b->fx += added * b->adx;
+            b->fy += added * b->ady;
+            b->gamma[0] += added * tx;
+            b->gamma[1] += added * ty;
+            b->gamma[2] -= grow * turn;
+            beta += added * (vx * tx + vy * ty - (b->adx * sx + b->ady * sy) * cp) + grow * turn;
+            b->xfx += added * vx + grow * b->adx;
+            b->xfy += added * vy + grow * b->ady;
+        }
+#endif
         b->beta = beta;
         for (int s = 0; s < SEEN; s++) {
             const double share = -b->gamma[s] / beta;
@@ -125,11 +159,17 @@ static void factor(work_t *w, double ca, double co, double cp) {
             b->k[1][s] = next->k[1][s] + b->xfy * share;
             b->k[2][s] = b->stiff * share;
         }
-        b->k[0][2] = -b->xfx * b->gamma[2] / beta - grow * b->acx;
-        b->k[1][2] = -b->xfy * b->gamma[2] / beta - grow * b->acy;
+        b->k[0][2] = -b->xfx * b->gamma[2] / beta;
+        b->k[1][2] = -b->xfy * b->gamma[2] / beta;
         b->k[2][2] -= b->stiff;
         b->k[0][0] += mass;
         b->k[1][1] += mass;
+#if WITH_ADDED
+        b->k[0][2] -= grow * b->adx;
+        b->k[1][2] -= grow * b->ady;
+        b->k[0][0] += added;
+        b->k[1][1] += added;
+#endif
 #if WITH_FORCE
         for (int a = 0; a < 2; a++)
             for (int s = 0; s < 2; s++) {
@@ -142,13 +182,14 @@ static void factor(work_t *w, double ca, double co, double cp) {
     {
         body_t *b = &w->body[0];
         const body_t *next = &w->body[1];
-        next_hinge(w, 0, BASE_LENGTH, ca, co, cp);
-        b->residual = w->phi[0]
-            + COMPLIANCE * (next->torque + next->z_torque + BASE_LENGTH * (b->uy * next->fx - b->ux * next->fy));
+        double h[2], g[2];
+        next_hinge(w, 0, BASE_LENGTH, PIVOT, ca, co, cp);
+        to_hinge(b, BASE_LENGTH, PIVOT, h, g);
+        b->residual =
+            w->phi[0] + COMPLIANCE * (next->torque + next->z_torque + g[0] * next->fx + g[1] * next->fy);
         b->beta = cp
             + COMPLIANCE
-                * (b->kx[2] + BASE_LENGTH * (b->uy * b->kx[0] - b->ux * b->kx[1])
-                   - BASE_LENGTH * (b->ux * next->fx + b->uy * next->fy) * cp);
+                * (b->kx[2] + g[0] * b->kx[0] + g[1] * b->kx[1] - (h[0] * next->fx + h[1] * next->fy) * cp);
     }
 #endif
 }
@@ -165,8 +206,9 @@ static void solve(const work_t *w, const double *right, double *x) {
     }
     x[0] = 0;
 #if WITH_BASE
-    x[0] = -(right[0] + COMPLIANCE * (BASE_LENGTH * (w->body[0].uy * fx - w->body[0].ux * fy) + torque))
-        / w->body[0].beta;
+    double h[2], g[2];
+    to_hinge(&w->body[0], BASE_LENGTH, PIVOT, h, g);
+    x[0] = -(right[0] + COMPLIANCE * (g[0] * fx + g[1] * fy + torque)) / w->body[0].beta;
 #endif
     for (int s = 0; s < SEEN; s++) d[s] = x[0] == 0 ? 0 : w->body[0].e[s] * x[0];
     for (int i = 1; i <= N; i++) {
@@ -323,7 +365,7 @@ static int settle(work_t *w, double felt) {
 }
 
 static void observe(const @NAME@_t *model, @NAME@_output_t *output) {
-    double hx = -OUTER_RADIUS, hy = 0;
+    double hx = PIVOT * (1 - cos(model->phi[0])) - OUTER_RADIUS, hy = PIVOT * sin(model->phi[0]);
     for (int k = 1; k <= N; k++) {
         const double a = model->phi[k - 1], b = model->phi[k], half = POLYGON ? 0 : 0.5 * (b - a);
         const double middle = POLYGON ? b : 0.5 * (a + b);

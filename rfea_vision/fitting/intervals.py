@@ -30,13 +30,16 @@ class Intervals:
     sentences: list[str]
 
 
-def intervals(fitted: Fitted, items: Sequence[Observed], actuator: Actuator, par: FloatArray) -> Intervals:
+def intervals(
+    fitted: Fitted, items: Sequence[Observed], actuator: Actuator, par: FloatArray, drift: FloatArray | None = None
+) -> Intervals:
     """Intervals of a solved fit about `par`.
 
     Parameters
     ----------
     items : the training runs, in the order in which they were fitted
     par : the values to report, if those of the fit were corrected afterwards
+    drift : by how much they would go towards a finer chain (`discretisation.drift`): half of an interval holds that in whole
     """
     solution = fitted.solution
     weight = np.sqrt(solution.row_weight)
@@ -47,20 +50,26 @@ def intervals(fitted: Fitted, items: Sequence[Observed], actuator: Actuator, par
         solution.evaluation.slices,
         solution.prior_jacobian,
     )
-    parameters, covariance = _parameters(fitted, uncertainty, par)
+    coarse = np.zeros(par.size) if drift is None else drift
+    parameters, covariance = _parameters(fitted, uncertainty, par, coarse)
     free = list(fitted.coordinates.free)
     spread = np.sqrt(np.maximum(np.diag(covariance)[free], 1e-300))
     correlation = covariance[np.ix_(free, free)] / np.outer(spread, spread)
     return Intervals(
         parameters,
-        _paper(parameters, par, actuator, covariance, uncertainty.quantile),
+        _paper(parameters, par, actuator, covariance, uncertainty.quantile, coarse),
         covariance,
         correlation,
-        _sentences(parameters, correlation, fitted.coordinates.names, _ties(fitted, uncertainty)),
+        [
+            *_sentences(parameters, correlation, fitted.coordinates.names, _ties(fitted, uncertainty)),
+            *_about_coarseness(fitted, parameters, uncertainty.quantile, coarse),
+        ],
     )
 
 
-def _parameters(fitted: Fitted, uncertainty: Uncertainty, par: FloatArray) -> tuple[dict[str, Parameter], FloatArray]:
+def _parameters(
+    fitted: Fitted, uncertainty: Uncertainty, par: FloatArray, drift: FloatArray
+) -> tuple[dict[str, Parameter], FloatArray]:
     """Parameters with intervals, and the covariance of the full vector."""
     coordinates, model = fitted.coordinates, fitted.model
     ny = len(coordinates.free)
@@ -89,11 +98,11 @@ def _parameters(fitted: Fitted, uncertainty: Uncertainty, par: FloatArray) -> tu
             note, known = "these data do not determine it: no interval", False
         elif k in at_bound:
             note, known = f"at its {at_bound[k]} bound: no interval", False
-        half = uncertainty.quantile * error
+        half = uncertainty.quantile * error + abs(float(drift[k]))
         out[name] = Parameter(
             value=value,
             unit=unit,
-            stderr=error if known else None,
+            stderr=half / uncertainty.quantile if known else None,
             interval_95=(value - half, value + half) if known else None,
             lower=lower,
             upper=upper,
@@ -124,22 +133,28 @@ def _unit_and_bounds(fitted: Fitted, k: int) -> tuple[str, float | None, float |
 
 
 def _paper(
-    parameters: dict[str, Parameter], par: FloatArray, actuator: Actuator, covariance: FloatArray, quantile: float
+    parameters: dict[str, Parameter],
+    par: FloatArray,
+    actuator: Actuator,
+    covariance: FloatArray,
+    quantile: float,
+    drift: FloatArray,
 ) -> dict[str, Parameter]:
     """k_0, m_k, ... per joint and per degree, so that both tables can be compared."""
     inner = actuator.inner_radius
     values, matrix = as_paper(par[:7], inner), as_paper_matrix(inner)
     spread = np.sqrt(np.maximum(np.diag(matrix @ covariance[:7, :7] @ matrix.T), 0.0))
+    half = quantile * spread + np.abs(matrix @ drift[:7])
     own = list(parameters.values())[:7]
     out = {}
-    for row, (name, unit), s in zip(matrix, PAPER_UNITS.items(), spread, strict=True):
+    for row, (name, unit), h in zip(matrix, PAPER_UNITS.items(), half, strict=True):
         used = [p for p, share in zip(own, row, strict=True) if share != 0]
-        known = all(p.stderr is not None or p.fixed for p in used) and s > 0
+        known = all(p.stderr is not None or p.fixed for p in used) and h > 0
         out[name] = Parameter(
             value=values[name],
             unit=unit,
-            stderr=float(s) if known else None,
-            interval_95=(values[name] - quantile * s, values[name] + quantile * s) if known else None,
+            stderr=float(h / quantile) if known else None,
+            interval_95=(values[name] - h, values[name] + h) if known else None,
             fixed=all(p.fixed for p in used),
             note="" if known else next((p.note for p in used if p.note), ""),
         )
@@ -183,6 +198,24 @@ def _sentences(
         if "bound" in parameter.note:
             out.append(f"{name} ended {parameter.note.split(':')[0]}: the data pull it out of what physics allows.")
     return out
+
+
+def _about_coarseness(
+    fitted: Fitted, parameters: Mapping[str, Parameter], quantile: float, drift: FloatArray
+) -> list[str]:
+    """Say where the number of bodies widens an interval more than the noise does."""
+    wide = [
+        name
+        for change, (name, p) in zip(drift, parameters.items(), strict=True)
+        if p.interval_95 is not None and p.stderr is not None and abs(change) > 0.5 * quantile * p.stderr
+    ]
+    if not wide:
+        return []
+    count = fitted.options.segments
+    return [
+        f"The intervals of {', '.join(wide)} hold more for the {count} bodies that stand for the tube than for the noise; "
+        f"with `--segments {2 * count}` they are narrower."
+    ]
 
 
 def without_intervals(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:

@@ -120,7 +120,7 @@ def _predict(
         slope = np.broadcast_to(np.asarray(row[2 + k], dtype=float), item.time.shape)
         if np.any(slope):
             extended[:, :, column] += motion.rate * slope[:, None]
-    seen = Motion(motion.status, "", motion.phi, motion.rate, motion.states, extended, motion.free)
+    seen = replace(motion, message="", sensitivity=extended)
     shift, dshift = np.zeros(2), np.zeros((2, extended.shape[2]))
     if item.origin_sigma > 0:
         shift, dshift = origin_shift(item, *_seen_by_camera(model, par, seen, item.fractions, free))

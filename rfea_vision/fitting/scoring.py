@@ -14,6 +14,7 @@ from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.alarms import alarms, runaway
+from rfea_vision.fitting.discretisation import drift
 from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, make_model
 from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
@@ -142,7 +143,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
     best = refine(fitted, problem.train)
     clocks = np.concatenate([best.clocks, fit_clocks(best.model, others, best.par)])
     scores, parts, _ = score(problem, best.model, best.par, [*problem.train, *others], clocks)
-    found = intervals(fitted, problem.train, problem.actuator, best.par)
+    found = intervals(fitted, problem.train, problem.actuator, best.par, drift(problem, fitted, best, problem.train))
     floor, source = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
     options = fitted.options
     refused = runaway(fitted, problem.actuator)

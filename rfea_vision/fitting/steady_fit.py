@@ -89,6 +89,7 @@ def steady_points(
         steady.states[None],
         steady.sensitivity[None],
         np.asarray(free, dtype=np.int64),
+        pivot=model.pivot(par, free),
     )
     points, dpoints = model.centre_line(motion, fractions)
     return points[0], dpoints[0], float(steady.phi[-1]), steady.sensitivity[-1], steady.phi

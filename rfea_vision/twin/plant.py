@@ -233,7 +233,7 @@ class Plant:
             coupling = -flow * (resistance + inertance / step) * law.inner_area(theta, felt) * law.base.r_hyd
         if self.chain.has_base:
             stiffness = 1 / get("base_rotation.c")
-            damper = 0.0005 * stiffness  # half a millisecond: the clamp itself hardly damps
+            damper = 2e-5 * stiffness  # 20 microseconds: a spring, which does not damp
             torque = np.append(-stiffness * q[0] - damper * v[0], torque)
             slope = np.append(-stiffness * step - damper, slope)
         return torque, slope, coupling
