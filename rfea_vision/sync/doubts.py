@@ -48,6 +48,13 @@ def log_notes(log_time_s: FloatArray, gaps: FloatArray) -> list[str]:
     return notes
 
 
+def repeat_notes(repeats: int, frames: int) -> list[str]:
+    """What is to be said of frames that show the picture before once more; a few are chance."""
+    if repeats <= max(2, 0.003 * frames):
+        return []
+    return [f"at least {repeats} frames show the picture before once more, and were left out"]
+
+
 def repetition(offsets: FloatArray, shares: FloatArray, own: FloatArray, *, experiment: str) -> str:
     """A note where the excitation nearly repeats; an error where nothing tells the repetitions apart.
 

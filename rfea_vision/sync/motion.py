@@ -13,7 +13,6 @@ itself, with the noise of its terms and its errors, is `rfea_vision.sync.regress
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
-from rfea_vision.sync.doubts import check_direction, gaps_of, log_notes, outside_gaps, repetition
+from rfea_vision.sync.doubts import check_direction, gaps_of, log_notes, outside_gaps, repeat_notes, repetition
 from rfea_vision.sync.regression import (
     DRIFT,
     FIRST_TERM,
@@ -38,6 +37,7 @@ from rfea_vision.sync.sections import (
     SUPPLEMENTS,
     Motion,
     motion_of,
+    noise_covariance,
     supplements,
     terms,
 )
@@ -53,9 +53,10 @@ FILTER_REACH_S = 0.15
 LEAST_SWING_DEG = 1.0
 LEAST_EXPLAINED = 0.5
 SLOWEST_RAD_S = 10.0
-MOST_REPLICATES, REPLICATED_SAMPLES = 16, 24_000
+MOST_REPLICATES, REPLICATED_SAMPLES = 8, 12_000
 ONE_ANGLE = "one angle does not show the tube's shape: the bend's own delay along the tube is within the error"
-DIFFERENCE = 8  # order of the differences in time that hold noise and hardly any motion
+QUIET_S = 0.12  # of a stretch in which noise just above the band is measured
+LEAST_ERROR_S = 5e-5  # four modes and the filters' own errors
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,7 @@ def align_by_motion(
     error = float(np.hypot(found.offset_stderr_s, BETWEEN_SAMPLES / log_rate**2))
     notes = [
         *log_notes(log_time_s, target.gaps),
+        *repeat_notes(motion.repeats, len(time)),
         *([repeats] if repeats else []),
         *([found.note] if found.note else []),
     ]
@@ -157,15 +159,39 @@ class Seen:
         return np.stack([without_slow(gauss(section, self.rate, self.high), use, self.rate) for section in every])
 
     def noises(self, use: NDArray[np.bool_], own: FloatArray) -> FloatArray:
-        """What the track's own noise, once more added, changes in the columns: (R, sections, n, terms)."""
-        differences = np.diff(self.raw, n=DIFFERENCE, axis=0)
-        covariance = differences.T @ differences / len(differences) / comb(2 * DIFFERENCE, DIFFERENCE)
-        values, vectors = np.linalg.eigh(covariance)
-        spread = vectors * np.sqrt(np.maximum(values, 0))
+        """What the track's own noise, once more added, changes in the columns: (2, R, sections, n, terms).
+
+        First with the noise of the highest frequencies, then with that just above the compared band: in a film, noise
+        lasts over frames, and is stronger there.
+        """
         generator = np.random.default_rng(0)
         count = int(np.clip(REPLICATED_SAMPLES / len(self.grid), 2, MOST_REPLICATES))
-        drawn = (generator.normal(size=self.raw.shape) @ spread.T for _ in range(count))
-        return np.stack([self.columns(self.raw + noise, use) - own for noise in drawn])
+        found = []
+        for covariance in (noise_covariance(self.raw), self.noise_above_band()):
+            values, vectors = np.linalg.eigh(covariance)
+            spread = vectors * np.sqrt(np.maximum(values, 0))
+            drawn = (generator.normal(size=self.raw.shape) @ spread.T for _ in range(count))
+            found.append(np.stack([self.columns(self.raw + noise, use) - own for noise in drawn]))
+        return np.stack(found)
+
+    def noise_above_band(self) -> FloatArray:
+        """Covariance (m, m) of white noise with the power that lies in the octave above the compared band.
+
+        Of the quieter half of all stretches: what the tube itself does there is soon over.
+        """
+
+        def octave(values: FloatArray) -> FloatArray:
+            return gauss(values, self.rate, 3 * self.high) - gauss(values, self.rate, 1.5 * self.high)
+
+        impulse = np.zeros((2 * int(self.rate) + 1, 1))
+        impulse[len(impulse) // 2] = 1.0
+        length = max(int(QUIET_S * self.rate), 4)
+        count = max(len(self.raw) // length, 1)
+        parts = octave(self.raw)[: count * length].reshape(count, length, -1)
+        each = np.einsum("kni,knj->kij", parts, parts) / length
+        size = np.einsum("kii,i->k", each, 1 / np.maximum(np.diag(each.mean(axis=0)), 1e-30))
+        quiet = np.argsort(size)[: max(count // 2, 1)]
+        return each[quiet].mean(axis=0) / float(np.sum(octave(impulse) ** 2))
 
 
 def gauss(values: FloatArray, rate: float, cut_Hz: float) -> FloatArray:
@@ -262,16 +288,20 @@ def refine(seen: Seen, target: Target, offset: float, curve: tuple[FloatArray, F
     """Newton steps to the best offset, its standard error, and the drift."""
     use = seen.solid & target.inside(seen.grid + offset - COARSE_S) & target.inside(seen.grid + offset + COARSE_S)
     columns = seen.columns(seen.raw, use)
-    noises = seen.noises(use, columns)
+    each = seen.noises(use, columns)
+    noises = np.concatenate(list(each))
     extra = list(range(FIRST_TERM + columns.shape[2] - len(SUPPLEMENTS), FIRST_TERM + columns.shape[2]))
     chosen = [OFFSET, *range(FIRST_TERM, extra[0])]
     offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
-    noises *= np.sqrt(no_more_noise_than_rest(found, chosen))
+    scale = np.sqrt(no_more_noise_than_rest(found, chosen))
+    noises, each = scale * noises, scale * each
     for _ in range(2):  # what is lacking shifts the offset, and the offset what is lacking
         offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
         chosen = choose(found, [OFFSET, *range(FIRST_TERM, extra[0])], extra)
     offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
-    error = standard_error(found, chosen, extra)
+    either = [_newton(seen, target, offset, use, columns, own, chosen)[0] - offset for own in each]
+    doubt = float(np.hypot(LEAST_ERROR_S, 0.5 * (either[1] - either[0])))
+    error = float(np.hypot(standard_error(found, chosen, extra), doubt))
     both = [OFFSET, DRIFT, *chosen[1:]]
     drift_error = standard_error(found, both, extra, DRIFT)
     change = found.solve(both)[:2] / found.scale[:2]
@@ -279,7 +309,7 @@ def refine(seen: Seen, target: Target, offset: float, curve: tuple[FloatArray, F
     if abs(change[1]) > 4 * drift_error and abs(change[1]) > 20e-6 and drift_error < 50e-6:
         drift, note = float(change[1]), "drift taken into account"
         offset = offset + float(change[0]) - drift * middle
-        error = float(np.hypot(standard_error(found, both, extra), middle * drift_error))
+        error = float(np.sqrt(standard_error(found, both, extra) ** 2 + (middle * drift_error) ** 2 + doubt**2))
     if not seen.motion.modal:
         error = float(np.hypot(error, _lag_of_one_angle(found)))
         note = f"{note}; {ONE_ANGLE}" if note else ONE_ANGLE

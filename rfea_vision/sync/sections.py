@@ -20,9 +20,11 @@ the data ask for it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from rfea_vision.artefacts import Track
@@ -38,6 +40,9 @@ FRICTION_WIDTH = 0.15  # of the speed's root mean square
 HYSTERESIS_WIDTH = 0.1  # of the swing
 CREEP_S = 0.5
 ANGLE_STIFFNESS, ANGLE_INERTIA = 0, 6  # places among the terms of one angle
+DIFFERENCE = 8  # order of the differences in time that hold noise and hardly any motion
+REPEAT_SMOOTHING = 2.0  # frames
+REPEAT_STANDS_OUT, REPEAT_SHARE = 6.0, 0.35  # of a frame's expected motion: over its noise, and what a repeat shows
 MOST_RADIUS = 0.15  # of the length: what the centre line may grow per radian
 
 
@@ -45,13 +50,15 @@ MOST_RADIUS = 0.15  # of the length: what the centre line may grow per radian
 class Motion:
     """Amplitudes (n, m) of the motion at times (n,) s: of modes of the tangent angle, or one angle alone.
 
-    `length_m` is the length of the line that keeps it; `modal` tells whether the whole shape is known.
+    `length_m` is the length of the line that keeps it; `modal` tells whether the whole shape is known,
+    `repeats` how many frames were left out since they show the one before once more.
     """
 
     time_s: FloatArray
     amplitudes: FloatArray
     length_m: float
     modal: bool
+    repeats: int = 0
 
     @property
     def bend_rad(self) -> FloatArray:
@@ -82,8 +89,42 @@ def motion_of(track: Track, bends: str) -> Motion:
     good = np.all(np.isfinite(found), axis=1)
     time, found = time[good], found[good]
     first = np.concatenate([[True], np.diff(time) > 1e-9])
-    found = found[first] if modal else np.unwrap(found[first], axis=0)
-    return Motion(time[first], np.asarray(found, dtype=float), length, modal)
+    time = time[first]
+    found = np.asarray(found[first] if modal else np.unwrap(found[first], axis=0), dtype=float)
+    new = ~repeated(time, found)
+    return Motion(time[new], found[new], length, modal, int(np.sum(~new)))
+
+
+def repeated(time_s: FloatArray, amplitudes: FloatArray) -> NDArray[np.bool_]:
+    """Frames (n,) that show the picture before once more, as cameras do when they are late: theirs is an older instant.
+
+    Where the motion of a frame stands out of the noise: those that hardly moved, between frames that did.
+    """
+    again = np.zeros(len(time_s), dtype=bool)
+    if len(time_s) < 4 * DIFFERENCE:
+        return again
+    scaled = amplitudes / (np.sqrt(np.diag(noise_covariance(amplitudes))) + 1e-9)
+    smooth, when = (gaussian_filter1d(values, REPEAT_SMOOTHING, axis=0) for values in (scaled, time_s))
+    slope = np.diff(smooth, axis=0) / np.diff(when)[:, None]
+    expected, moved = slope * np.diff(time_s)[:, None], np.diff(scaled, axis=0)
+    share, square = _share(moved, expected)
+    both, _ = _share(moved[1:] + moved[:-1], expected[1:] + expected[:-1])
+    waits = (square > REPEAT_STANDS_OUT**2) & (share < REPEAT_SHARE)
+    # What begins or turns hesitates too; only a repeat goes on as before, by two steps at once.
+    again[2:-1] = waits[1:-1] & (share[:-2] > 1 - REPEAT_SHARE) & (np.abs(both[1:] - 1) < REPEAT_SHARE)
+    return again
+
+
+def _share(moved: FloatArray, expected: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Share of the expected steps (n, m) that was moved, (n,), and their squared length."""
+    square = np.sum(expected**2, axis=1)
+    return np.sum(expected * moved, axis=1) / np.maximum(square, 1e-12), square
+
+
+def noise_covariance(amplitudes: FloatArray) -> FloatArray:
+    """Covariance (m, m) of the amplitudes' white noise from their high differences in time."""
+    differences = np.diff(amplitudes, n=DIFFERENCE, axis=0)
+    return differences.T @ differences / len(differences) / comb(2 * DIFFERENCE, DIFFERENCE)
 
 
 def _modes(midline_m: FloatArray, sign: float) -> tuple[FloatArray, float]:
