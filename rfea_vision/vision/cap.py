@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from rfea_vision.calibration.projection import project_point
+from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import point_and_tangent, value_at
 from rfea_vision.vision.edges import INFO, MISFIT, SHIFT, U, measure_polyline, smooth_levels
 
@@ -22,7 +22,7 @@ CAP_PARTS = 3.0
 LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 
 
-@njit(cache=True, nogil=True)
+@lean
 def cap_contrast(state):
     """Step in the light at the end, as a share of the one at the edges: 1 where the tube really ends here."""
     levels = state.levels[2, :CAP_VERTICES]
@@ -30,7 +30,7 @@ def cap_contrast(state):
     return contrast / state.reference[2, 0] if state.reference[2, 0] != 0.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     """Shift of the tube's end along its axis; None of it is applied here.
 
@@ -54,6 +54,7 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     filled = measure_polyline(
         picture,
         camera,
+        work.steps,
         points,
         outward,
         0.0,
@@ -66,6 +67,7 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
         work.stations,
         0,
         sums,
+        work.pixels,
     )
     expected = 2.0 * CAP_REACH * half * px_per_mm * max(abs(tx), abs(ty))
     if filled < 4:
@@ -83,7 +85,7 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     return shift, noise * noise / weight + disagreement + own * own, used / expected
 
 
-@njit(cache=True, nogil=True)
+@lean
 def _cap_mean(work, filled, state, half):
     levels = state.levels[2, :CAP_VERTICES]
     contrast = abs(np.mean(levels[:, 0]) - np.mean(levels[:, 1]))
@@ -112,7 +114,7 @@ def _cap_mean(work, filled, state, half):
     return shift, weight, used, spread
 
 
-@njit(cache=True, nogil=True)
+@lean
 def _not_a_step(work, filled, levels, blurs, noise):
     """How far in px the end may be from its place because it does not look like a blurred step (a band just before it)."""
     missed = number = 0.0
@@ -127,7 +129,7 @@ def _not_a_step(work, filled, levels, blurs, noise):
     return 1.5 * math.sqrt(beyond / max(contrast * contrast, 1.0)) * (2.5 * np.mean(blurs) + 0.6)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _follow_cap_shape(work, filled, state, half, gain):
     matrix = np.zeros((3, 3))
     right = np.zeros(3)
@@ -150,7 +152,7 @@ def _follow_cap_shape(work, filled, state, half, gain):
         state.cap[1] = min(max(round_, -ROUNDEST / half), ROUNDEST / half)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def coarse_cap(picture, camera, state, reach_px, px_per_mm):
     """Where along the axis, within `reach_px`, does the tube end? Shift in mm, 0 if nowhere."""
     height, width = picture.shape
@@ -184,7 +186,7 @@ def coarse_cap(picture, camera, state, reach_px, px_per_mm):
     return place / px_per_mm
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def cap_levels(state, work, blur_limit):
     """Levels that follow the light across the cap (a tube is shaded), and one blur for the whole of it."""
     sums, levels, blurs = work.sums[2, :CAP_VERTICES], state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from rfea_vision.calibration.projection import project_point
+from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import REFIT, VERTICES, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.edges import INFO, SHIFT, SIDE, U
 from rfea_vision.vision.sides import move_state
@@ -16,7 +16,7 @@ from rfea_vision.vision.solve import cholesky_solve, normal_equations, residuals
 LONGEST_ARM = 1024  # px to either side of the centre line
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
     """Find large shifts: where along each normal do both edges together fit best? Writes pseudo-stations.
 
@@ -70,7 +70,7 @@ def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
     return filled, found / max(asked, 1)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def apply_coarse(state, work, filled, px_per_mm):
     """Move the curve by the pseudo-stations of a coarse search; returns the largest shift in px."""
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
@@ -95,7 +95,7 @@ def apply_coarse(state, work, filled, px_per_mm):
     return largest
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def bend_search(picture, camera, state, work, widest_rad, step_rad):
     """Find a tube that has swung far: the last curve, bent further evenly and towards its ends, where it fits best.
 
@@ -143,7 +143,7 @@ def bend_search(picture, camera, state, work, widest_rad, step_rad):
     return best
 
 
-@njit(cache=True, nogil=True)
+@lean
 def _sides_agree(picture, camera, state, x, y, tx, ty, half, v):
     """Light step across both edges at one cross-section, in units of the reference, each at most 1."""
     height, width = picture.shape

@@ -7,8 +7,9 @@ same basis, with fewer coefficients, carries the half width along the tube.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from rfea_vision.vision.compiled import compiled, lean
 
 FloatArray = NDArray[np.float64]
 
@@ -17,23 +18,7 @@ WIDTH_COEFFICIENTS = 8
 VERTICES = 257
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def basis_at(u, count, weights):
-    """First index and the four weights of the cubic B-spline basis at `u`; the end pieces continue outside [0, 1]."""
-    spans = count - 3
-    x = u * spans
-    i = int(np.floor(x))
-    i = min(max(i, 0), spans - 1)
-    t = x - i
-    r = 1.0 - t
-    weights[0] = r * r * r / 6.0
-    weights[1] = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
-    weights[2] = (3.0 * r * r * r - 6.0 * r * r + 4.0) / 6.0
-    weights[3] = t * t * t / 6.0
-    return i
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def point_and_tangent(coefficients, u):
     """Point and unit tangent at `u`: x, y, tangent x, tangent y, speed."""
     spans = coefficients.shape[0] - 3
@@ -55,7 +40,7 @@ def point_and_tangent(coefficients, u):
     return x, y, dx / speed, dy / speed, speed
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def value_at(coefficients, u):
     """A scalar spline at `u`."""
     spans = coefficients.shape[0] - 3
@@ -105,7 +90,7 @@ REFIT_POINTS = 73
 REFIT = np.linalg.pinv(basis_matrix(np.linspace(0, 1, REFIT_POINTS), COEFFICIENTS))  # even points -> coefficients
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def vertices_of(coefficients, width_coefficients, centre, normal, half_width):
     """Fill centre (V, 2), left-hand normal (V, 2) and half width (V,) at the vertices; return the length."""
     count = centre.shape[0]
@@ -120,7 +105,7 @@ def vertices_of(coefficients, width_coefficients, centre, normal, half_width):
     return length
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@compiled
 def moved_curve(coefficients, offset, from_mm, beyond_mm, refit):
     """Move a curve along its normals by the scalar spline `offset`, cut or extend its ends, make u even again.
 

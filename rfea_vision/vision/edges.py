@@ -13,18 +13,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from rfea_vision.calibration.projection import project_point
-
-# Normal distribution function, its integral and the density for z in [-6, 6], side by side: small enough to stay in a
-# processor's first cache, and wrong by 4e-6 at most between its steps.
-_REACH, _STEPS = 6.0, 1024
-_Z = np.linspace(-_REACH, _REACH, _STEPS + 1)
-_CDF = np.array([0.5 * math.erfc(-z / math.sqrt(2.0)) for z in _Z])
-_PDF = np.exp(-0.5 * _Z**2) / math.sqrt(2.0 * math.pi)
-_TABLE = np.ascontiguousarray(np.column_stack([_CDF, _Z * _CDF + _PDF, _PDF]))
-_PER_STEP = _STEPS / (2.0 * _REACH)
+from rfea_vision.vision.compiled import compiled, inlined, lean
+from rfea_vision.vision.step import BEGIN, BLUR_PX, HALF_REACH, PHASES, PIXELS, RATIO
 
 MAX_STATIONS = 8192
 # Columns of the station table.
@@ -34,113 +26,116 @@ STATION_COLUMNS = 7
 SUM_IN, COUNT_IN, SUM_OUT, COUNT_OUT, BLUR_UP, BLUR_DOWN = 0, 1, 2, 3, 4, 5
 LEVEL_COLUMNS = 6
 
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _normal_table(z):
-    """Distribution function, its integral, and the density at `z`."""
-    if z <= -_REACH:
-        return 0.0, 0.0, 0.0
-    if z >= _REACH:
-        return 1.0, z, 0.0
-    x = (z + _REACH) * _PER_STEP
-    i = int(x)
-    f = x - i
-    cdf = _TABLE[i, 0] + f * (_TABLE[i + 1, 0] - _TABLE[i, 0])
-    integral = _TABLE[i, 1] + f * (_TABLE[i + 1, 1] - _TABLE[i, 1])
-    pdf = _TABLE[i, 2] + f * (_TABLE[i + 1, 2] - _TABLE[i, 2])
-    return cdf, integral, pdf
+PLATEAU_PX = 3.2  # of the level light to either side that is read with an edge
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
+def _blur_row(blurs, blur, near):
+    """Row of `blurs` whose blur is nearest to `blur`, looked for from row `near` on."""
+    last = blurs.shape[0] - 1
+    half_step = 1.0 + 0.5 * (RATIO - 1.0)
+    while near < last and blur > blurs[near, BLUR_PX] * half_step:
+        near += 1
+    while near > 0 and blur * half_step < blurs[near, BLUR_PX]:
+        near -= 1
+    return near
+
+
+@inlined
 def cross_edge(
-    picture, along_row, line, place, outward, blur, inside, outside, reach_in, reach_out, sums, vertex, result
+    picture, along_row, line, place, outward, blurs, row, blur, inside, outside, inner, table, sums, vertex, values
 ):
     """Compare one row (or column) with the edge model.
 
-    `place` is where the edge is expected on row (column) `line`; `outward` is +1 or -1. Writes the Newton step in px
-    along the line (positive outward), its information per unit noise variance, the misfit, and how much lighter than
-    `inside` the tube is here into `result`; adds level and blur statistics to row `vertex` of `sums`. Returns False
-    where pixels are missing.
+    `place` is where the edge is expected on row (column) `line`; `outward` is +1 or -1; `row` of `blurs` is the one
+    nearest to its blur; of the tube, `inner` px may be used. Adds level and blur statistics to row `vertex` of `sums`.
+    Returns the Newton step in px along the line (positive outward), its information per unit noise variance (negative
+    where pixels are missing), the misfit, and how much lighter than `inside` the tube is here.
     """
-    height, width = picture.shape
-    limit = width if along_row else height
-    if line < 0 or line >= (height if along_row else width):
-        return False
-    low = place - reach_in if outward > 0 else place - reach_out
-    high = place + reach_out if outward > 0 else place + reach_in
-    first, last = math.ceil(low), math.floor(high)
-    if first < 0 or last >= limit:
-        return False
-    contrast = inside - outside
-    core = 2.5 * blur + 0.6
-    plateau = core + 3.2
-    inverse = 1.0 / blur
-    j = first if outward > 0 else last
-    number = last - first + 1
-    x = (j - place) * outward
-    while x < -plateau and number > 0:
-        x += 1.0
-        j += outward
-        number -= 1
-    total = 0.0
-    count = 0
-    while x < -core and number > 0:  # on the tube
-        total += float(picture[line, j]) if along_row else float(picture[j, line])
-        count += 1
-        x += 1.0
-        j += outward
-        number -= 1
-    sums[vertex, SUM_IN] += total
-    sums[vertex, COUNT_IN] += count
-    result[3] = total / count - inside if count > 0 else 0.0
+    half, blur_off = blurs[row, HALF_REACH], blur - blurs[row, BLUR_PX]
+    beyond = half + PLATEAU_PX
+    inward = min(beyond, inner)
+    first = math.ceil(place - (inward if outward > 0 else beyond))
+    last = math.floor(place + (beyond if outward > 0 else inward))
+    if first < 0 or last >= (picture.shape[1] if along_row else picture.shape[0]):
+        return 0.0, -1.0, 0.0, 0.0
+    # From low to high pixels, whichever of them are the tube's: the model turned round is one minus itself. Indices
+    # are unsigned, because those that might count from the end could not be loaded side by side.
+    pixels = np.uint64(last + 1 - first)
+    line_, first_ = np.uint64(line), np.uint64(first)
+    if along_row:
+        for k in range(pixels):
+            values[k] = picture[line_, first_ + k]
+    else:
+        for k in range(pixels):
+            values[k] = picture[first_ + k, line_]
+    number = int(blurs[row, PIXELS])
+    begin = math.ceil(place - half)
+    nearest = int((begin - place + half) * PHASES + 0.5)
+    off = (begin - place + half) - nearest * (1.0 / PHASES)
+    low, high = (inside, outside) if outward > 0 else (outside, inside)
+    step = low - high
     gain = info = misfit = up = down = 0.0
-    count = 0
-    cdf0, integral0, pdf0 = _normal_table((x - 0.5) * inverse)
-    while x <= core and number > 0:  # across the edge
-        value = float(picture[line, j]) if along_row else float(picture[j, line])
-        cdf1, integral1, pdf1 = _normal_table((x + 0.5) * inverse)
-        residual = value - outside - contrast * (1.0 - blur * (integral1 - integral0))
-        slope = contrast * (cdf1 - cdf0)
-        by_blur = -contrast * (pdf1 - pdf0)
+    from_k, to_k = max(first - begin, 0), min(last + 1 - begin, number)
+    at = np.uint64(int(blurs[row, BEGIN]) + 3 * number * nearest + from_k)
+    at_slope, at_blur, at_value = at + np.uint64(number), at + np.uint64(2 * number), np.uint64(begin - first + from_k)
+    for k in range(np.uint64(max(to_k - from_k, 0))):
+        slope, by_blur = table[at_slope + k], table[at_blur + k]
+        residual = values[at_value + k] - high - step * (table[at + k] - off * slope + blur_off * by_blur)
         gain += slope * residual
         info += slope * slope
         misfit += residual * residual
         up += by_blur * residual
         down += by_blur * by_blur
-        count += 1
-        cdf0, integral0, pdf0 = cdf1, integral1, pdf1
-        x += 1.0
-        j += outward
-        number -= 1
-    sums[vertex, BLUR_UP] += up
-    sums[vertex, BLUR_DOWN] += down
-    across = count
-    total = 0.0
-    count = 0
-    while x <= plateau and number > 0:  # beyond it
-        total += float(picture[line, j]) if along_row else float(picture[j, line])
-        count += 1
-        x += 1.0
-        j += outward
-        number -= 1
-    sums[vertex, SUM_OUT] += total
-    sums[vertex, COUNT_OUT] += count
-    if info < 1e-9 or across == 0:
-        return False
-    result[0] = gain / info
-    result[1] = info
-    result[2] = max(misfit - gain * gain / info, 0.0) / across
-    return True
+    below = above = 0.0
+    from_above = np.uint64(max(begin - first + number, 0))
+    for k in range(np.uint64(max(begin - first, 0))):
+        below += values[k]
+    for k in range(from_above, pixels):
+        above += values[k]
+    count_below, count_above = float(max(begin - first, 0)), float(max(last + 1 - begin - number, 0))
+    if outward < 0:
+        below, above, count_below, count_above = above, below, count_above, count_below
+    sums[vertex, SUM_IN] += below
+    sums[vertex, COUNT_IN] += count_below
+    sums[vertex, SUM_OUT] += above
+    sums[vertex, COUNT_OUT] += count_above
+    sums[vertex, BLUR_UP] += step * up
+    sums[vertex, BLUR_DOWN] += step * step * down
+    if info * step * step < 1e-9:
+        return 0.0, -1.0, 0.0, 0.0
+    # The step is that of a straight line; what the curve of a Gaussian edge adds to it is known.
+    shift = gain / (step * info)
+    curved = 1.0 + min(shift * shift / (blur * blur + 1.0 / 12.0), 1.0) / 12.0
+    unlike = max(misfit - gain * gain / info, 0.0) / (to_k - from_k)
+    lighter = below / count_below - inside if count_below > 0.0 else 0.0
+    return outward * shift * curved, step * step * info, unlike, lighter
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def measure_polyline(
-    picture, camera, points, outward, side, u, levels, blurs, stride, hop, reach_limit, stations, filled, sums
+    picture,
+    camera,
+    steps,
+    points,
+    outward,
+    side,
+    u,
+    levels,
+    blurs,
+    stride,
+    hop,
+    reach_limit,
+    stations,
+    filled,
+    sums,
+    values,
 ):
     """Measure along one edge.
 
     Parameters
     ----------
+    steps : the edge model, `rfea_vision.vision.step.Steps`
     points, outward : (V, 2) mm, expected edge and the direction (unit) in which its shift is counted
     u : (V,) parameter written to the stations
     levels : (V, 2) inside and outside grey level; blurs : (V,) px
@@ -148,14 +143,14 @@ def measure_polyline(
     reach_limit : px on the inner side that still belong to the tube
     stations : table to append to, from row `filled` on; returns the new count
     sums : (V, 6) level and blur statistics, added to
+    values : room for the pixels of one row
     """
     count = points.shape[0]
-    result = np.empty(4)
     px0, py0 = project_point(camera, points[0, 0], points[0, 1])
     tip_x, tip_y = project_point(camera, points[0, 0] + 0.5 * outward[0, 0], points[0, 1] + 0.5 * outward[0, 1])
     ox0, oy0 = 2.0 * (tip_x - px0), 2.0 * (tip_y - py0)
     v = -hop
-    following = 0
+    following = row = 0
     while following < count - 1:
         v = following
         following = min(v + hop, count - 1)
@@ -184,32 +179,31 @@ def measure_polyline(
             limit = float(picture.shape[0] if along_row else picture.shape[1])
             first = math.ceil(min(max(min(a, b), 0.0), limit))
             last = math.ceil(min(max(max(a, b), 0.0), limit))
-            for line in range(first, last):
-                if line % stride != 0:
-                    continue
+            # The pixel is a box along the line and smears the edge across it by its slope: exact where aligned.
+            blur = 0.5 * (blurs[v] + blurs[following])
+            seen = math.sqrt(blur * blur + (1.0 - cosine * cosine) / 12.0) / cosine
+            row = _blur_row(steps.blurs, seen, row)
+            for line in range(first + (-first) % stride, last, stride):
                 f = (line - a) / span
-                place = px0 + f * dx if along_row else py0 + f * dy
-                blur = blurs[v] + f * (blurs[following] - blurs[v])
-                # The pixel is a box along the line and smears the edge across it by its slope: exact where aligned.
-                seen = math.sqrt(blur * blur + (1.0 - cosine * cosine) / 12.0) / cosine
-                reach = 2.5 * seen + 3.8
-                inner = min(reach, reach_limit / cosine)
                 vertex = v if f < 0.5 else following
-                if not cross_edge(
+                shift, info, misfit, lighter = cross_edge(
                     picture,
                     along_row,
                     line,
-                    place,
+                    px0 + f * dx if along_row else py0 + f * dy,
                     direction,
+                    steps.blurs,
+                    row,
                     seen,
                     levels[vertex, 0],
                     levels[vertex, 1],
-                    inner,
-                    reach,
+                    reach_limit / cosine,
+                    steps.table,
                     sums,
                     vertex,
-                    result,
-                ):
+                    values,
+                )
+                if info < 0.0:
                     continue
                 if filled >= stations.shape[0]:
                     return filled
@@ -219,17 +213,17 @@ def measure_polyline(
                     continue
                 stations[filled, U] = u[v] + f * (u[following] - u[v])
                 stations[filled, SIDE] = side
-                stations[filled, SHIFT] = result[0] / per_mm
-                stations[filled, INFO] = result[1] * per_mm * per_mm
-                stations[filled, MISFIT] = result[2]
+                stations[filled, SHIFT] = shift / per_mm
+                stations[filled, INFO] = info * per_mm * per_mm
+                stations[filled, MISFIT] = misfit
                 stations[filled, VERTEX] = vertex
-                stations[filled, LIGHT] = result[3]
+                stations[filled, LIGHT] = lighter
                 filled += 1
         px0, py0, ox0, oy0 = px1, py1, ox1, oy1
     return filled
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@compiled
 def smooth_levels(sums, levels, blurs, half_window, blur_window, blur_limit, fresh):
     """Turn level sums into smooth levels and blurs along one edge, in place.
 

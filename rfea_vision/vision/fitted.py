@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.vision.curve import COEFFICIENTS, VERTICES, WIDTH_COEFFICIENTS
 from rfea_vision.vision.edges import LEVEL_COLUMNS, MAX_STATIONS, STATION_COLUMNS
+from rfea_vision.vision.step import Steps, steps
 
 FloatArray = NDArray[np.float64]
 
@@ -43,6 +44,10 @@ FloatArray = NDArray[np.float64]
 NUMBERS = 25
 
 
+SECTIONS = 64  # along the tube, in which stations are counted
+LONGEST_ROW = 512  # px across an edge
+
+
 class State(NamedTuple):
     """What is known of the tube, updated in place frame by frame.
 
@@ -75,6 +80,9 @@ class Workspace(NamedTuple):
     sums: FloatArray
     numbers: FloatArray
     covariance: FloatArray
+    sections: FloatArray
+    pixels: FloatArray
+    steps: Steps
 
 
 def new_workspace() -> Workspace:
@@ -93,4 +101,7 @@ def new_workspace() -> Workspace:
         np.zeros((3, VERTICES, LEVEL_COLUMNS)),
         np.zeros(NUMBERS),
         np.zeros((size, size)),
+        np.zeros((4, SECTIONS)),
+        np.empty(LONGEST_ROW),
+        steps(),
     )

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.cap import cap_contrast, cap_levels, coarse_cap, measure_cap
 from rfea_vision.vision.coarse import apply_coarse, coarse_search
+from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import VERTICES, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.fitted import (
     BEND,
@@ -38,10 +38,13 @@ from rfea_vision.vision.solve import correlation_length
 
 TURNS = 8
 SPARSE = 3  # rows from one station to the next while the curve is still on its way
+NEAR_PX = 1.5
+AT_ONCE_PX = 0.4  # a first step that is no longer ends on its place within the noise: edges know their own curve
+END_AT_ONCE_PX = 0.1  # farther, and the end is looked at once more
 LEAST_CAP_CONTRAST = 0.45  # of the light step at the edges
 
 
-@njit(cache=True, nogil=True)
+@lean
 def _margin_px(camera, state, u, px_per_mm):
     """How near to an end the edges can be used: blur of the end, and its corner where rows cross the edge at a slant."""
     x, y, tx, ty, _ = point_and_tangent(state.coefficients, u)
@@ -53,12 +56,15 @@ def _margin_px(camera, state, u, px_per_mm):
     return 1.2 + 2.0 * blur + slant * (2.5 * blur + 0.8)
 
 
-@njit(cache=True, nogil=True)
-def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, least_contrast, hinge_mm, bend_sign):
+@compiled
+def fit_frame(
+    picture, camera, state, work, px_per_mm, reach_px, shape_gain, least_contrast, hinge_mm, bend_sign, noise
+):
     """Fit one frame; `state` holds the prediction and becomes the result. Numbers land in `work.numbers`.
 
     `hinge_mm` is the length of the inextensible side so far (0 where it is not known yet): the search for the end
-    starts where it puts the end. `bend_sign` is that of a bend towards the actuator's side.
+    starts where it puts the end. `bend_sign` is that of a bend towards the actuator's side. `noise` is that of the last
+    frame, in grey levels.
     """
     numbers = work.numbers
     numbers[:] = 0.0
@@ -71,9 +77,9 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
     from_u = _margin_px(camera, state, 0.0, px_per_mm) / px_per_mm / max(length, 1.0)
     to_u = 1.0 - _margin_px(camera, state, 1.0, px_per_mm) / px_per_mm / max(length, 1.0)
     sparse = max(1, min(SPARSE, int(length * px_per_mm / 100.0)))
-    # Where the coarse search sees no error in the prediction, every row is taken at once: most frames need no more.
-    whole = filled >= 6 and numbers[INNOVATION] == 0.0
-    noise, cap_used = 3.0, 0.0
+    # Where the prediction is near, every row is taken at once: most frames need no more.
+    whole = filled >= 6 and numbers[INNOVATION] < NEAR_PX
+    cap_used = 0.0
     enough = 0.2
     if numbers[INNOVATION] > 3.0:  # on the way here the end's blur was read from anything but the end
         enough = 0.06
@@ -81,7 +87,7 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
     for turn in range(TURNS):
         stride = 1 if whole else sparse
         filled, length = measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
-        wide = (6.0 if turn == 0 else 2.5) / px_per_mm
+        wide = (2.5 if whole else 6.0) / px_per_mm
         solution, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise, whole)
         numbers[USED] = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
         if kept < 20 or not _plausible(work.half_width) or not np.all(np.isfinite(solution)):
@@ -104,7 +110,7 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
         )
         largest = max(largest, moved) * px_per_mm
         numbers[LAST_STEP] = largest
-        if whole and largest < (0.75 * enough if turn == 0 else enough):
+        if whole and largest < (AT_ONCE_PX if turn == 0 else enough):
             break
         whole = whole or largest < 0.8 or turn >= 4
     numbers[LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
@@ -124,7 +130,7 @@ def fit_frame(picture, camera, state, work, px_per_mm, reach_px, shape_gain, lea
     numbers[SATURATED] = _saturated(state)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, bend_sign):
     """Bring the end of the curve near the end of the tube: by the length it should have, then by the light."""
     nothing = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
@@ -139,48 +145,52 @@ def _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, b
         move_state(state, nothing, beyond)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain, blur_limit, looks):
     """Put the end of the curve on the end of the tube; returns how far it went in mm, and the share of the cap seen."""
     shift = variance = used = 0.0
-    for look in range(looks):
+    limit = 4.0 / px_per_mm
+    for look in range(looks + 1):
         gain = shape_gain if look == looks - 1 else 0.0
         shift, variance, used = measure_cap(picture, camera, state, work, px_per_mm, noise, gain)
         cap_levels(state, work, blur_limit)
-    work.numbers[TIP_VARIANCE] = variance
-    work.numbers[TIP_SHIFT] = shift
-    if used <= 0.3:
-        return 0.0, used
-    limit = 4.0 / px_per_mm
-    shift = min(max(shift, -limit), limit)
-    move_state(state, np.zeros(state.coefficients.shape[0] + state.width.shape[0]), shift)
+        work.numbers[TIP_VARIANCE] = variance
+        work.numbers[TIP_SHIFT] = shift
+        if look < looks - 1:
+            continue
+        if used <= 0.3:
+            return 0.0, used
+        shift = min(max(shift, -limit), limit)
+        move_state(state, np.zeros(state.coefficients.shape[0] + state.width.shape[0]), shift)
+        if abs(shift) * px_per_mm < END_AT_ONCE_PX:
+            break
     return abs(shift), used
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _outer_contrast(state):
     """Light step at the edges near the free end, over that of the first frames: motion blurs it away."""
     from_v = 7 * VERTICES // 8
     total = 0.0
     for s in range(2):
-        now = np.mean(state.levels[s, from_v:, 0] - state.levels[s, from_v:, 1])
+        now = np.mean(state.levels[s, from_v:, 0]) - np.mean(state.levels[s, from_v:, 1])
         then = np.mean(state.reference[s, from_v:])
         total = max(total, now / then if then != 0.0 else 0.0)
     return total
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _saturated(state):
     """1 where the light on the tube or beside it is as bright, or as dark, as the camera can tell; else 0."""
     for s in range(2):
         for k in range(2):
-            level = np.median(state.levels[s, :, k])
+            level = np.median(state.levels[s, ::8, k])
             if level > 253.0 or level < 1.0:
                 return 1.0
     return 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _plausible(half_width):
     """A width that has run away (to nothing, or beyond all measure) cannot be fitted any further."""
     middle = half_width[VERTICES // 2]
@@ -188,7 +198,7 @@ def _plausible(half_width):
     return low > 0.3 * middle and high < 3.0 * middle and middle > 0.0
 
 
-@njit(cache=True, nogil=True)
+@lean
 def turning(normal):
     """Total turning of the curve in rad, counter-clockwise positive."""
     total = 0.0

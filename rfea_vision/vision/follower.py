@@ -17,6 +17,7 @@ from rfea_vision.vision.ends import End, find_end
 from rfea_vision.vision.follow import fit_frame
 from rfea_vision.vision.judge import Judge
 from rfea_vision.vision.markers import SAMPLES, has_texture, light_along
+from rfea_vision.vision.motion import Motion
 
 FloatArray = NDArray[np.float64]
 
@@ -37,11 +38,10 @@ class Follower:
         self.start: Begin | None = None
         self.judge = Judge(self.scene)
         self.state: fitted.State | None = None
-        self.last: FloatArray | None = None  # coefficients of the last good frame
-        self.velocity: FloatArray | None = None  # mm per s
-        self.last_time = 0.0
+        self.motion = Motion()
         self.missed = 0
         self.good = 0
+        self.noise = 3.0  # of the last good frame, grey levels
         self.marked = True  # until the first frames say otherwise
         self.first_profiles: list[FloatArray] = []
         self.profile: FloatArray | None = None  # light along the tube in the last good frame
@@ -50,18 +50,18 @@ class Follower:
 
     def memory(self) -> dict[str, Any]:
         """Everything that the next frame depends on, for a checkpoint."""
-        if self.start is None or self.state is None or self.last is None:
+        if self.start is None or self.state is None:
             return {"plain": {"found": False}}
         arrays: dict[str, Any] = {f"state.{name}": values for name, values in self.state._asdict().items()}
-        arrays |= {"last": self.last, "clamps": np.array(self.clamps), "clamp_errors": np.array(self.clamp_errors)}
-        if self.velocity is not None:
-            arrays["velocity"] = self.velocity
-        plain = {"found": True, "time": self.last_time, "missed": self.missed, "good": self.good}
+        arrays |= {"clamps": np.array(self.clamps), "clamp_errors": np.array(self.clamp_errors)}
+        arrays |= {f"motion.{name}": values for name, values in self.motion.memory().items()}
+        plain = {"found": True, "missed": self.missed, "good": self.good}
         plain |= {"base": astuple(self.start.base), "tip": astuple(self.start.tip)}
         plain |= {"polarity": self.start.polarity, "score": self.start.score, "marked": self.marked}
+        plain |= {"noise": self.noise}
         arrays["first_profiles"] = np.array(self.first_profiles).reshape(-1, SAMPLES)
         judged = self.judge.memory()
-        return arrays | {"sample": judged.pop("sample"), "first": judged.pop("first"), "plain": plain | judged}
+        return arrays | {"picture": judged.pop("last"), "first": judged.pop("first"), "plain": plain | judged}
 
     def recall(self, memory: dict[str, Any]) -> None:
         """Go on from what `memory` gave."""
@@ -71,12 +71,12 @@ class Follower:
         self.state = fitted.State(*(memory[f"state.{name}"].copy() for name in fitted.State._fields))
         base, tip = End(*plain["base"]), End(*plain["tip"])
         self.start = Begin(self.state, base, tip, plain["polarity"], plain["score"])
-        self.last, self.velocity = memory["last"].copy(), memory.get("velocity")
+        self.motion.recall({name[7:]: values for name, values in memory.items() if name.startswith("motion.")})
         self.clamps = [*memory["clamps"].reshape(-1, 2)]
         self.clamp_errors = memory["clamp_errors"].tolist()
         self.marked, self.first_profiles = plain["marked"], [*memory["first_profiles"]]
-        self.last_time, self.missed, self.good = plain["time"], plain["missed"], plain["good"]
-        self.judge.recall(plain, memory["sample"], memory["first"])
+        self.missed, self.good, self.noise = plain["missed"], plain["good"], plain["noise"]
+        self.judge.recall(plain, memory["picture"], memory["first"])
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame; returns an empty string, or the reason why it is rejected."""
@@ -85,20 +85,19 @@ class Follower:
             if isinstance(found, str):
                 return found
             self.start, self.state = found, found.state
-            self.last, self.velocity = found.state.coefficients.copy(), None
-        if self.judge.repeated(luma):
-            if self._speed_px(time_s) > 0.5:  # although the tube is moving: a copy written by the recorder
-                return "duplicate"
-        else:
-            self._brighten(self.judge.brightening())
+            self.motion.begin(found.state.coefficients)
+        moving = self.motion.step_mm(time_s) * self.scene.px_per_mm > 0.5
+        if moving and self.judge.repeated(luma):  # a copy written by the recorder
+            return "duplicate"
+        self._brighten(self.judge.brightening(luma))
         reason = self._fit_predicted(luma, time_s)
         elsewhere = reason not in ("", "width_off")  # a tube that is found, but has the wrong width, is not looked for
         if elsewhere and (self._swing_and_fit(luma) == "" or self._find_again(luma) == ""):
             reason = ""
         if reason:
             self.missed += 1
-            assert self.state is not None and self.last is not None
-            self.state.coefficients[:] = self.last
+            assert self.state is not None
+            self.state.coefficients[:] = self.motion.last
             return reason
         self._accept(time_s)
         self._read_marks(luma)
@@ -157,17 +156,11 @@ class Follower:
         shared = max(float(np.median(self.clamp_errors)), 0.02 / self.scene.px_per_mm)
         return float(np.hypot(scatter, shared))
 
-    def _speed_px(self, time_s: float) -> float:
-        if self.velocity is None:
-            return 0.0
-        step = np.linalg.norm(self.velocity, axis=1).max() * max(time_s - self.last_time, 0.0)
-        return float(step) * self.scene.px_per_mm
-
     def _fit_predicted(self, luma: NDArray[np.uint8], time_s: float) -> str:
-        assert self.state is not None and self.last is not None
+        assert self.state is not None
         saved = [array.copy() for array in self.state]
-        if self.velocity is not None and self.missed == 0:
-            self.state.coefficients[:] = self.last + self.velocity * min(max(time_s - self.last_time, 0.0), 0.1)
+        if self.missed == 0 and self.good:
+            self.motion.predict(time_s, self.state.coefficients)
         return self._fit(luma, saved, SEARCH_PX * min(1 + self.missed, 3))
 
     def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:
@@ -184,6 +177,7 @@ class Follower:
             0.35,
             self.judge.hinge_mm,
             self.judge.bend_sign,
+            self.noise,
         )
         reason = self.judge(luma, self.work.numbers)
         if reason:
@@ -193,9 +187,9 @@ class Follower:
 
     def _swing_and_fit(self, luma: NDArray[np.uint8]) -> str:
         """Look for the last shape bent further, as far as a tube may swing between two frames."""
-        assert self.state is not None and self.last is not None
+        assert self.state is not None
         saved = [array.copy() for array in self.state]
-        self.state.coefficients[:] = self.last
+        self.state.coefficients[:] = self.motion.last
         step = 0.5 * self.scene.half_mm / self.scene.length_mm
         score = bend_search(luma, self.scene.camera, self.state, self.work, WIDEST_SWING_RAD, step)
         if score < 0.8:
@@ -220,13 +214,11 @@ class Follower:
         return self._fit(luma, saved, SEARCH_PX)
 
     def _accept(self, time_s: float) -> None:
-        assert self.state is not None and self.last is not None
-        step = time_s - self.last_time
-        if self.good > 0 and step > 1e-6:
-            velocity = (self.state.coefficients - self.last) / step
-            self.velocity = velocity if self.missed == 0 else None
-        self.last = self.state.coefficients.copy()
-        self.last_time = time_s
+        assert self.state is not None
+        if self.missed:
+            self.motion.forget()
+        self.motion.follow(self.state.coefficients, time_s)
+        self.noise = float(self.work.numbers[fitted.NOISE])
         self.missed = 0
         self.good += 1
         if self.good == 3:

@@ -6,11 +6,11 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Scene
+from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.follow import LEAST_CAP_CONTRAST
 
 FloatArray = NDArray[np.float64]
@@ -27,27 +27,26 @@ LENGTH_OFF = 0.04
 GIVEN_LENGTH_OFF = 0.35  # the same against the length that was given
 FIRST_LENGTHS_OFF = 0.06  # the same while only a few frames were seen
 ROWS, COLUMNS = 11, 8  # of these, one picture row and column each is compared with those of the frame before
+LIGHT_ROWS, LIGHT_COLUMNS = 44, 16  # the same to tell how bright the light is
 
 
-@njit(cache=True, nogil=True)
-def _sampled(picture, sample):
-    """Put some of the picture's pixels into `sample`; returns whether they are those that were there."""
-    same = True
-    for i in range(sample.shape[0]):
-        for j in range(sample.shape[1]):
-            value = picture[ROWS * i, COLUMNS * j]
-            same &= sample[i, j] == value
-            sample[i, j] = value
-    return same
+@lean
+def _same(picture, other):
+    """Whether two pictures are the same wherever they are compared."""
+    for i in range(0, picture.shape[0], ROWS):
+        for j in range(0, picture.shape[1], COLUMNS):
+            if picture[i, j] != other[i, j]:
+                return False
+    return True
 
 
-@njit(cache=True, nogil=True)
-def _gain(sample, first):
-    """Median over pixels, every second row and column of `sample`, of its light over that of `first`."""
+@compiled
+def _gain(picture, first):
+    """Median over some of the picture's pixels of their light over that in `first`."""
     ratio = np.empty(first.size)
     for i in range(first.shape[0]):
         for j in range(first.shape[1]):
-            ratio[i * first.shape[1] + j] = (sample[2 * i, 2 * j] + 1.0) / first[i, j]
+            ratio[i * first.shape[1] + j] = (picture[LIGHT_ROWS * i, LIGHT_COLUMNS * j] + 1.0) / first[i, j]
     return np.median(ratio)
 
 
@@ -58,14 +57,15 @@ class Judge:
         self.scene = scene
         self.hinge_lengths: list[float] = []
         self.expected_mm = scene.length_mm
-        self._sample: NDArray[np.uint8] | None = None
+        self._last: NDArray[np.uint8] | None = None
         self.recent: list[float] = []
         self._jumped = 0
         self._first: NDArray[np.float64] | None = None
         self._gain = 1.0
 
-    def __call__(self, luma: NDArray[np.uint8], numbers: FloatArray) -> str:
+    def __call__(self, luma: NDArray[np.uint8], measured: FloatArray) -> str:
         """Empty if good, else a reason of FORMATS: no_tube, occluded, blurred, width_off, length_off, touches_border."""
+        numbers: list[float] = measured.tolist()
         height, width = luma.shape
         x, y = numbers[fitted.TIP_X], numbers[fitted.TIP_Y]
         half_px = self.scene.half_mm * self.scene.px_per_mm
@@ -97,9 +97,9 @@ class Judge:
             return "no_fit"
         return self._length(numbers)
 
-    def _length(self, numbers: FloatArray) -> str:
+    def _length(self, numbers: list[float]) -> str:
         """The inextensible side keeps its length: centre line minus half width times the bend."""
-        hinge = float(numbers[fitted.LENGTH] - self.scene.half_mm * self.bend_sign * numbers[fitted.BEND])
+        hinge = numbers[fitted.LENGTH] - self.scene.half_mm * self.bend_sign * numbers[fitted.BEND]
         seen = len(self.hinge_lengths)
         limit = LENGTH_OFF if seen >= 5 else FIRST_LENGTHS_OFF if seen else GIVEN_LENGTH_OFF
         if abs(hinge / self.expected_mm - 1) > limit:
@@ -119,7 +119,9 @@ class Judge:
             return False
         middle = median(self.recent)
         scatter = 1.4826 * median(abs(value - middle) for value in self.recent)
-        jumps = abs(hinge - middle) > max(LENGTH_JUMP * middle, 8.0 * scatter)
+        limit = max(LENGTH_JUMP * middle, 8.0 * scatter)
+        # A tube may stretch by and by; what hides its end makes it shorter.
+        jumps = abs(hinge - middle) > limit and not middle < hinge < self.recent[-1] + limit
         self._jumped += jumps
         return jumps
 
@@ -139,29 +141,27 @@ class Judge:
         plain |= {"recent": self.recent, "jumped": int(self._jumped)}
         nothing = np.zeros((0, 0), np.uint8)
         return plain | {
-            "sample": self._sample if self._sample is not None else nothing,
+            "last": self._last if self._last is not None else nothing,
             "first": self._first if self._first is not None else nothing,
         }
 
-    def recall(self, plain: dict[str, Any], sample: NDArray[np.uint8], first: FloatArray) -> None:
+    def recall(self, plain: dict[str, Any], last: NDArray[np.uint8], first: FloatArray) -> None:
         """Go on from what `memory` gave."""
         self.hinge_lengths, self.expected_mm = list(plain["hinge_lengths"]), plain["expected_mm"]
-        self._gain, self._sample, self._first = plain["gain"], sample, first
+        self._gain = plain["gain"]
+        self._last, self._first = last if last.size else None, first if first.size else None
         self.recent, self._jumped = list(plain["recent"]), plain["jumped"]
 
     def repeated(self, luma: NDArray[np.uint8]) -> bool:
-        """Whether a picture is identical to the last one given."""
-        if self._sample is None or self._sample.size == 0:
-            self._sample = np.ascontiguousarray(luma[::ROWS, ::COLUMNS])
-            return False
-        return _sampled(luma, self._sample)
+        """Whether a picture is identical to the one seen last."""
+        return self._last is not None and bool(_same(luma, self._last))
 
-    def brightening(self) -> float:
-        """How much brighter the last picture given is than the one before: lamps flicker, exposure drifts."""
-        assert self._sample is not None
+    def brightening(self, luma: NDArray[np.uint8]) -> float:
+        """How much brighter a picture is than the one before: lamps flicker, exposure drifts."""
+        self._last = luma
         if self._first is None:
-            self._first = self._sample[::2, ::2].astype(np.float64) + 1.0
+            self._first = luma[::LIGHT_ROWS, ::LIGHT_COLUMNS].astype(np.float64) + 1.0
         # Pixel by pixel, and the middle of all: what moves through the picture is no change of the light.
-        gain = min(max(_gain(self._sample, self._first), 0.05), 20.0)
+        gain = min(max(_gain(luma, self._first), 0.05), 20.0)
         ratio, self._gain = gain / self._gain, gain
         return ratio

@@ -6,17 +6,17 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from rfea_vision.vision import fitted
+from rfea_vision.vision.compiled import lean
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.markers import SAMPLES
 
 FloatArray = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@lean
 def _quadratic_forms(rows, covariance, first, out):
     """Diagonal of rows @ covariance[first:, first:] @ rows.T."""
     size = rows.shape[1]
@@ -29,6 +29,15 @@ def _quadratic_forms(rows, covariance, first, out):
                     inner += covariance[first + i, first + j] * rows[n, j]
                 total += rows[n, i] * inner
         out[n] = total
+
+
+@lean
+def _add_covariance(covariance, noise, total):
+    """Add the covariance of the centre line, at unit pixel noise."""
+    weight = 1.0 / max(noise, 1e-3) ** 2
+    for i in range(total.shape[0]):
+        for j in range(total.shape[1]):
+            total[i, j] += weight * covariance[i, j]
 
 
 class Rows:
@@ -143,8 +152,7 @@ class Rows:
             self._profiled = True
             self._arrays["profile"][n] = np.round(256.0 * follower.profile)
         self._arrays["numbers"][n] = follower.work.numbers
-        noise = max(float(follower.work.numbers[fitted.NOISE]), 1e-3)
-        self.covariance_sum += follower.work.covariance[:COEFFICIENTS, :COEFFICIENTS] / noise**2
         self.good += 1
+        _add_covariance(follower.work.covariance, follower.work.numbers[fitted.NOISE], self.covariance_sum)
         _quadratic_forms(self.shift_rows, follower.work.covariance, 0, self._arrays["shift_variance"][n])
         _quadratic_forms(self._width_rows, follower.work.covariance, COEFFICIENTS, self._arrays["width_variance"][n])

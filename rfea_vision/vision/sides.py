@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import REFIT, VERTEX_U, VERTICES, moved_curve, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.edges import (
     BLUR_DOWN,
@@ -20,7 +20,7 @@ from rfea_vision.vision.edges import (
     measure_polyline,
     smooth_levels,
 )
-from rfea_vision.vision.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, ONE_SIDED
+from rfea_vision.vision.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, ONE_SIDED, SECTIONS
 from rfea_vision.vision.solve import (
     PRIOR_BEND_MM,
     PRIOR_WIDTH_MM,
@@ -31,11 +31,10 @@ from rfea_vision.vision.solve import (
 )
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
-SECTIONS = 64  # along the tube
 UNEVEN_LIGHT = 0.1  # of the light step at the edge: how much a place on the tube may differ from its surroundings
 
 
-@njit(cache=True, nogil=True)
+@lean
 def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm):
     """Stations of both edges at the present curve; returns their number."""
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
@@ -53,6 +52,7 @@ def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
         filled = measure_polyline(
             picture,
             camera,
+            work.steps,
             work.edge[low:high],
             work.outward[low:high],
             side,
@@ -65,11 +65,12 @@ def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
             work.stations,
             filled,
             work.sums[s, low:high],
+            work.pixels,
         )
     return filled, length
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def update_levels(state, work, fresh, blur_limit, px_per_vertex):
     """Levels and blurs of both edges from the sums of the last measurement."""
     window = max(LEVEL_WINDOW, int(25.0 / px_per_vertex))
@@ -84,63 +85,71 @@ def update_levels(state, work, fresh, blur_limit, px_per_vertex):
     state.blurs[1] = state.blurs[0]
 
 
-@njit(cache=True, nogil=True)
+@lean
 def select(state, work, filled, limit_mm, least_contrast, noise):
     """Mark the stations that agree with the reference contrast and lie within `limit_mm` of their fit.
 
     Where the tube is lighter or darker than around (a shadow's rim, a band, something in front), the levels of the
     edge model belong to neither, and the edge would be read beside its place.
     """
-    lighter, number = np.zeros(2), np.zeros(2)
+    stations, residual, keep, odd = work.stations, work.residual, work.keep, work.odd
+    levels, reference = state.levels, state.reference
+    both = left = 0.0
+    of_left = 0
     for n in range(filled):
-        side = 0 if work.stations[n, SIDE] > 0 else 1
-        lighter[side] += work.stations[n, LIGHT]
-        number[side] += 1.0
-    for side in range(2):
-        lighter[side] /= max(number[side], 1.0)
+        on_left = stations[n, SIDE] > 0
+        both += stations[n, LIGHT]
+        left += on_left * stations[n, LIGHT]
+        of_left += on_left
+    left_lighter, right_lighter = left / max(of_left, 1), (both - left) / max(filled - of_left, 1)
     kept = 0
     for n in range(filled):
-        side = 0 if work.stations[n, SIDE] > 0 else 1
-        v = int(work.stations[n, U] * (VERTICES - 1) + 0.5)
-        v = min(max(v, 0), VERTICES - 1)
-        contrast = state.levels[side, v, 0] - state.levels[side, v, 1]
-        reference = state.reference[side, v]
-        good = contrast * reference > 0 and abs(contrast) > least_contrast * abs(reference)
-        good = good and work.stations[n, MISFIT] < 0.09 * contrast * contrast + 400.0
-        good = good and abs(work.stations[n, LIGHT] - lighter[side]) < UNEVEN_LIGHT * abs(contrast) + 2.0 * noise
-        work.odd[n] = good and not abs(work.residual[n]) < limit_mm
-        work.keep[n] = good and not work.odd[n]
-        kept += work.keep[n]
+        side = 0 if stations[n, SIDE] > 0 else 1
+        v = min(max(int(stations[n, U] * (VERTICES - 1) + 0.5), 0), VERTICES - 1)
+        contrast = levels[side, v, 0] - levels[side, v, 1]
+        step = contrast if reference[side, v] > 0 else -contrast
+        uneven = abs(stations[n, LIGHT] - (left_lighter if side == 0 else right_lighter))
+        good = (
+            (step > least_contrast * abs(reference[side, v]))
+            & (step > 0.0)
+            & (stations[n, MISFIT] < 0.09 * contrast * contrast + 400.0)
+            & (uneven < UNEVEN_LIGHT * step + 2.0 * noise)
+        )
+        near = abs(residual[n]) < limit_mm
+        odd[n] = good and not near
+        keep[n] = good and near
+        kept += keep[n]
     return kept
 
 
-@njit(cache=True, nogil=True)
+@lean
 def drop_odd_sections(work, filled):
     """Where one edge is clear and not where a tube of this width has it, the other does not count either.
 
     A sleeve on the tube, or another body beside it: one edge alone would draw the centre line to its side. Returns
     how many stations are left.
     """
-    odd, even = np.zeros((2, SECTIONS)), np.zeros((2, SECTIONS))
+    stations, keep, odd, seen = work.stations, work.keep, work.odd, work.sections
+    seen[:] = 0.0  # odd ones to the left and to the right, then even ones
+    kept = strange = 0
     for n in range(filled):
-        if work.odd[n] or work.keep[n]:
-            side = 0 if work.stations[n, SIDE] > 0 else 1
-            k = min(max(int(work.stations[n, U] * SECTIONS), 0), SECTIONS - 1)
-            if work.odd[n]:
-                odd[side, k] += 1.0
-            else:
-                even[side, k] += 1.0
+        kept += keep[n]
+        strange += odd[n]
+        if odd[n] or keep[n]:
+            k = min(max(int(stations[n, U] * SECTIONS), 0), SECTIONS - 1)
+            seen[(0 if odd[n] else 2) + (0 if stations[n, SIDE] > 0 else 1), k] += 1.0
+    if strange == 0:
+        return kept
     kept = 0
     for n in range(filled):
-        k = min(max(int(work.stations[n, U] * SECTIONS), 0), SECTIONS - 1)
-        for side in range(2):
-            if odd[side, k] > max(even[side, k], 2.0):
-                work.keep[n] = False
-        kept += work.keep[n]
+        k = min(max(int(stations[n, U] * SECTIONS), 0), SECTIONS - 1)
+        if seen[0, k] > max(seen[2, k], 2.0) or seen[1, k] > max(seen[3, k], 2.0):
+            keep[n] = False
+        kept += keep[n]
     return kept
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def robust_scale(work, filled):
     """1.48 times the median of the absolute residuals of the kept stations, weighted to unit information."""
     values = np.empty(filled)
@@ -152,7 +161,7 @@ def robust_scale(work, filled):
     return 1.4826 * np.median(values[:m]) if m > 0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covariance):
     """Robust fit of shift and widening: all, then without outliers. Returns solution, noise, kept.
 
@@ -191,7 +200,7 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
     return solution, noise, kept
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def move_state(state, solution, beyond_mm):
     """Apply a shift (and widening) to the state; the start stays on the clamp line."""
     count = state.coefficients.shape[0]
@@ -206,7 +215,7 @@ def move_state(state, solution, beyond_mm):
     state.width[:] += solution[count:]
 
 
-@njit(cache=True, nogil=True)
+@lean
 def profile_error(state, work, filled, noise):
     """How far in px both edges together may be from their places because they do not look like a blurred step.
 
@@ -214,23 +223,25 @@ def profile_error(state, work, filled, noise):
     beyond it is the edge's own: a highlight, a shadow beside it, a second edge. It moves the middle of the tube by half
     of what it moves either edge, and an edge by about the share of the light step that is missed times its width.
     """
-    missed, number = np.zeros(2), np.zeros(2)
-    for n in range(filled):
-        if work.keep[n]:
-            side = 0 if work.stations[n, SIDE] > 0 else 1
-            missed[side] += work.stations[n, MISFIT]
-            number[side] += 1.0
+    stations, keep = work.stations, work.keep
     total = 0.0
     for side in range(2):
-        if number[side] > 0.0:
-            contrast = np.mean(state.levels[side, :, 0] - state.levels[side, :, 1])
-            chance = 1.0 + 4.0 * math.sqrt(2.0 / (4.0 * number[side]))  # four pixels each tell how well it fits
-            beyond = max(missed[side] / number[side] - chance * noise * noise, 0.0)
+        missed = contrast = 0.0
+        number = 0
+        for n in range(filled):
+            if keep[n] and (stations[n, SIDE] > 0) == (side == 0):
+                missed += stations[n, MISFIT]
+                number += 1
+        if number > 0:
+            for v in range(VERTICES):
+                contrast += (state.levels[side, v, 0] - state.levels[side, v, 1]) / VERTICES
+            chance = 1.0 + 4.0 * math.sqrt(2.0 / (4.0 * number))  # four pixels each tell how well it fits
+            beyond = max(missed / number - chance * noise * noise, 0.0)
             total += beyond / max(contrast * contrast, 1.0)
     return 0.5 * math.sqrt(total) * (2.5 * np.mean(state.blurs[0]) + 0.6)
 
 
-@njit(cache=True, nogil=True)
+@lean
 def gaps(work, filled, numbers, to_u):
     """Stretches of u without kept stations: the longest without any, those at the free end, the share seen from one side.
 
@@ -238,13 +249,14 @@ def gaps(work, filled, numbers, to_u):
     the latter shows clear edges that are not where those of the tube should be.
     """
     bins = SECTIONS
-    seen, odd = np.zeros((2, bins)), np.zeros(bins)
+    stations, keep, odd, seen = work.stations, work.keep, work.odd, work.sections
+    seen[:] = 0.0  # to the left, to the right, and odd ones
     for n in range(filled):
-        k = min(max(int(work.stations[n, U] * bins), 0), bins - 1)
-        if work.keep[n]:
-            seen[0 if work.stations[n, SIDE] > 0 else 1, k] += 1
-        elif work.odd[n]:
-            odd[k] += 1
+        k = min(max(int(stations[n, U] * bins), 0), bins - 1)
+        if keep[n]:
+            seen[0 if stations[n, SIDE] > 0 else 1, k] += 1.0
+        elif odd[n]:
+            seen[2, k] += 1.0
     run = longest = one = lone = strange = 0
     for k in range(bins):
         left, right = seen[0, k] > 0, seen[1, k] > 0
@@ -254,8 +266,8 @@ def gaps(work, filled, numbers, to_u):
         else:
             run = 0
             one += left != right
-        lone = 0 if left and right else lone + (left != right or odd[k] > 2)
-        strange = 0 if left and right else strange + (odd[k] > 2)
+        lone = 0 if left and right else lone + (left != right or seen[2, k] > 2)
+        strange = 0 if left and right else strange + (seen[2, k] > 2)
     hidden = 1.0 - to_u
     numbers[LONGEST_GAP] = longest / bins
     numbers[END_GAP] = max(run / bins - hidden, 0.0)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
-from rfea_vision.vision.curve import basis_at
+from rfea_vision.vision.compiled import compiled, lean
+from rfea_vision.vision.curve import value_at
 from rfea_vision.vision.edges import INFO, SHIFT, SIDE, U
 
 PRIOR_BEND_MM = 0.4  # how much a second difference of the shift may be, a priori
 PRIOR_WIDTH_MM = 0.02  # the same for the half width, which hardly changes from frame to frame
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@compiled
 def _cholesky(matrix):
     """Lower factor of a symmetric positive definite matrix; a pivot that vanishes is treated as infinite."""
     n = matrix.shape[0]
@@ -31,7 +31,7 @@ def _cholesky(matrix):
     return low
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@compiled
 def cholesky_inverse(matrix):
     """Inverse of a symmetric positive definite matrix."""
     n = matrix.shape[0]
@@ -55,7 +55,7 @@ def cholesky_inverse(matrix):
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@compiled
 def cholesky_solve(matrix, right):
     """Solution of a symmetric positive definite system."""
     n = matrix.shape[0]
@@ -77,7 +77,7 @@ def cholesky_solve(matrix, right):
 BASIS = np.array([[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]]) / 6.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@compiled
 def normal_equations(stations, filled, keep, variance, width, count, prior_bend, prior_width):
     """Matrix and right-hand side for shift(u) (count coefficients) and widening(u) (width_count) of the kept stations.
 
@@ -126,7 +126,7 @@ def normal_equations(stations, filled, keep, variance, width, count, prior_bend,
     return matrix, right
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def _stretched(out, start, scale):
     """Fill `out` (4, 4) with the basis at start + scale t, as polynomials in t."""
     for k in range(4):
@@ -137,7 +137,7 @@ def _stretched(out, start, scale):
         out[k, 3] = scale * scale * scale * d
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def _add_span(cubics, powers, values, matrix, right, i, j):
     """Add one span's stations to its unknowns: i to i + 3 of the shift, j to j + 3 of the widening."""
     for k in range(8):
@@ -156,7 +156,7 @@ def _add_span(cubics, powers, values, matrix, right, i, j):
                 matrix[column, row] += total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def _add_prior(matrix, first, count, strength):
     for i in range(count - 2):
         a, b, c = first + i, first + i + 1, first + i + 2
@@ -167,21 +167,16 @@ def _add_prior(matrix, first, count, strength):
         matrix[first + i, first + i] += 1e-6 * strength
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def residuals_of(stations, filled, solution, count, width_count, out):
     """Shift of every station minus its fit, mm."""
-    w = np.empty(4)
-    h = np.empty(4)
+    shift, widening = solution[:count], solution[count : count + width_count]
     for n in range(filled):
-        i = basis_at(stations[n, U], count, w)
-        j = basis_at(stations[n, U], width_count, h)
-        fit = 0.0
-        for k in range(4):
-            fit += stations[n, SIDE] * w[k] * solution[i + k] + h[k] * solution[count + j + k]
-        out[n] = stations[n, SHIFT] - fit
+        u = stations[n, U]
+        out[n] = stations[n, SHIFT] - stations[n, SIDE] * value_at(shift, u) - value_at(widening, u)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@lean
 def correlation_length(stations, filled, keep, residual):
     """By how much neighbouring stations of one side agree beyond chance: variance of block sums over its white value."""
     block = 24

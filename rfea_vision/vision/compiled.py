@@ -1,0 +1,21 @@
+"""How the functions of this room are compiled."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit
+
+_OPTIONS: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": {"contract", "reassoc", "nsz", "arcp"},  # what leaves infinities and NaN alone
+}
+compiled = njit(**_OPTIONS)
+
+# These make no arrays, so that none need be counted in and out: in short loops the counting takes longer than the
+# arithmetic. What they write to is given to them.
+_LEAN: dict[str, Any] = _OPTIONS | {"_nrt": False}
+lean = njit(**_LEAN)
+inlined = njit(**_LEAN, forceinline=True)
