@@ -35,7 +35,7 @@ def test_an_edge_off_its_expected_place_is_put_right_in_one_step(blur, outward, 
         )  # fmt: skip
         assert abs(shift - off) < 0.004
         slope = 120.0 * np.diff(ndtr((np.arange(61.0) - 0.5 - place + off * outward) / blur))
-        assert abs(info / np.sum(slope**2) - 1) < 0.05
+        assert abs(info / np.sum(slope**2) - 1) < 0.1  # to the nearest tabulated place and blur
         assert misfit < 30.0 and abs(lighter) < 0.6
         assert np.allclose(sums[0, [0, 2]] / sums[0, [1, 3]], [180.0, 60.0], atol=0.6)
 
