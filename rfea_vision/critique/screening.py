@@ -1,9 +1,10 @@
 """Score test of every effect at the present fit: how much of the misfit would each explain, by one linear step?
 
 All effects are compiled into one law, at their absent values, so a single run gives the sensitivity to every amplitude. The
-base parameters and clocks are projected out, so what they can swallow is not credited. Parameters that vanish with the
-amplitude (a time constant, a loop width, the place of a wall) are screened over their grid (Davies 1987,
-doi:10.1093/biomet/74.1.33). Significance allows for correlated residuals: gradients are summed over blocks of time.
+base parameters and clocks are projected out, so what they can swallow is not credited; one that has run into a bound can
+swallow nothing more, and is left in. Parameters that vanish with the amplitude (a time constant, a loop width, the place of
+a wall) are screened over their grid (Davies 1987, doi:10.1093/biomet/74.1.33). Significance allows for correlated
+residuals: gradients are summed over blocks of time.
 """
 
 from __future__ import annotations
@@ -165,7 +166,9 @@ def _at_point(
         return
     nb = len(base_free)
     clock_columns = [len(free) + i for i in fitted.solution.clock_index]
-    base = result.jacobian[:, [*range(nb), *clock_columns]]
+    coordinates = fitted.coordinates
+    moves = coordinates.matrix[np.ix_(coordinates.free, coordinates.inside(fitted.solution.y))]
+    base = np.concatenate([result.jacobian[:, :nb] @ moves, result.jacobian[:, clock_columns]], axis=1)
     q, _ = np.linalg.qr(base / np.maximum(np.linalg.norm(base, axis=0), 1e-300))
     residual = result.residual - q @ (q.T @ result.residual)
     column = nb

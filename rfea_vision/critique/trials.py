@@ -44,6 +44,9 @@ PAIRS = 4
 MOST_TOGETHER = 3
 #: A combination that explains less than this is not taken further.
 PROMISING = 0.8
+#: Where no single effect explains this share, pairs have nothing to build on; and where the misfit is so many floors that
+#: its cost says it, an effect that would lower the cost by less than this is not polished.
+HOPELESS, CLEAR_FLOORS = 0.1, 2.0
 #: More than this many noise floors left is too much for a combination, which bends to more than a single effect does, unless
 #: it explains nearly everything; a single effect that leaves more is named only after everything was looked at afresh.
 SETTLED_FLOORS, NEARLY_ALL = 1.0, 0.99
@@ -127,7 +130,8 @@ class Trials:
         options = replace(base.options, effects=(*base.options.effects, name), name=called, effect_files=files)
         points = [dict(s) for s in starts] if starts else [_start(self.effect(name), row) for row in rows]
         try:
-            return fit_added(self.problem, options, base, starts=points)
+            worth = HOPELESS if structure(self.errors, self.floor) >= CLEAR_FLOORS else 0.0
+            return fit_added(self.problem, options, base, starts=points, worth=worth)
         except DataError:
             return None
 
@@ -293,6 +297,8 @@ def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitt
     where none suffices, the best of them is taken one step further.
     """
     firsts = distinct(sorted((r for r in singles.values() if r.wins), key=lambda r: r.merit))[:FIRSTS]
+    if max((r.explained for r in firsts), default=0.0) < HOPELESS:
+        return []
     found: list[Refitted] = []
     while firsts and len(firsts[0].added) < MOST_TOGETHER:
         proposals: list[tuple[float, Refitted, list[Screened]]] = []

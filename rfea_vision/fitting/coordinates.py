@@ -42,6 +42,12 @@ class Coordinates:
     def parameters(self, y: FloatArray) -> FloatArray:
         return self.offset + self.matrix @ y
 
+    def inside(self, y: FloatArray) -> NDArray[np.bool_]:
+        """Which coordinates are off their bounds, and so may move either way."""
+        # Coordinates are of order one; a generous upper bound must not make a small amplitude look like none.
+        near = 1e-3 * np.minimum(self.upper - self.lower, 1.0)
+        return (y > self.lower + near) & (y < self.upper - near)
+
     def coordinates(self, par: FloatArray) -> FloatArray:
         """Nearest coordinates within the bounds, a little inside."""
         free = list(self.free)

@@ -42,9 +42,7 @@ def drift(problem: Problem, fitted: Fitted, refined: Refined, items: Sequence[Ob
         return nowhere
     here = [rows(item, one, jacobian=False)[0] for item, one in zip(items, refined.predicted, strict=True)]
     ny = len(coordinates.free)
-    margin = 1e-3 * np.minimum(coordinates.upper - coordinates.lower, 1.0)
-    inside = (solution.y > coordinates.lower + margin) & (solution.y < coordinates.upper - margin)
-    moves = np.concatenate([inside, np.ones(len(solution.clock_index), dtype=bool)])
+    moves = np.concatenate([coordinates.inside(solution.y), np.ones(len(solution.clock_index), dtype=bool)])
     weight = np.sqrt(solution.row_weight)
     jacobian = np.concatenate([solution.scaled_jacobian * weight[:, None], solution.prior_jacobian])[:, moves]
     change = (seen.residual - np.concatenate(here)) * weight

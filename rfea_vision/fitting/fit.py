@@ -17,6 +17,7 @@ from rfea_vision.fitting.coordinates import Coordinates, build
 from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.problem import FitOptions, Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.residual_tests import count_jumps
+from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import evened, seen_scale
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
@@ -281,9 +282,14 @@ def fit_added(
     previous: Fitted,
     *,
     starts: Sequence[dict[str, float]] | None = None,
+    worth: float = 0.0,
     progress: Progress = None,
 ) -> Fitted:
-    """Fit a model that has more effects than `previous`, from several starts for the new parameters."""
+    """Fit a model that has more effects than `previous`, from several starts for the new parameters.
+
+    The starts compete on thinned runs. Where even the best lowers the cost of `previous` by less than the share `worth`,
+    it is evaluated on all frames and not polished.
+    """
     model = make_model(problem.actuator, options, problem.mirror)
     new = [effect.id for effect in model.effects if effect.id not in {e.id for e in previous.model.effects}]
     options_list = list(starts) if starts is not None else effect_starts(model.effects, new)
@@ -322,10 +328,17 @@ def fit_added(
     if best is None:
         raise DataError(f"model {options.name}: none of its starts could be simulated")
     values = dict(zip(best.model.names, best.par, strict=True))
-    final = refit(problem, options, values, options.segments, best.solution.clocks)
+    most = 60 if best.solution.cost <= (1 - worth) * _cost(previous, thin) else 1
+    final = refit(problem, options, values, options.segments, best.solution.clocks, most_evaluations=most)
     return replace(
         final, plateaus=previous.plateaus, steady=previous.steady, starts=tuple(waterfall), jumps=previous.jumps
     )
+
+
+def _cost(fitted: Fitted, items: Sequence[Observed]) -> float:
+    """Cost of a solved fit on other frames of the same runs; infinite where it cannot be simulated."""
+    seen = evaluate(fitted.model, fitted.par, items, (), fitted.solution.clocks)
+    return np.inf if seen is None else seen.cost
 
 
 def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:

@@ -42,9 +42,7 @@ def refine(fitted: Fitted, items: Sequence[Observed]) -> Refined:
         return as_it_was
     as_it_was = Refined(model, fitted.par, solution.clocks, before.predicted)
     ny = len(coordinates.free)
-    margin = 1e-3 * np.minimum(coordinates.upper - coordinates.lower, 1.0)
-    inside = (solution.y > coordinates.lower + margin) & (solution.y < coordinates.upper - margin)
-    moves = np.concatenate([inside, np.ones(len(solution.clock_index), dtype=bool)])
+    moves = np.concatenate([coordinates.inside(solution.y), np.ones(len(solution.clock_index), dtype=bool)])
     weight = np.sqrt(solution.row_weight)
     jacobian = np.concatenate([solution.scaled_jacobian * weight[:, None], solution.prior_jacobian])[:, moves]
     residual = np.concatenate([before.residual * weight, solution.prior_residual])
