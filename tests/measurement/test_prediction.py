@@ -33,7 +33,7 @@ def test_an_edge_off_its_expected_place_is_put_right_in_one_step(blur, outward, 
             picture, along_row, 1, place - off * outward, outward, table.blurs, row, blur, 180.0, 60.0, 50.0,
             table.table, sums, 0, pixels,
         )  # fmt: skip
-        assert abs(shift - off) < 0.01
+        assert abs(shift - off) < (0.02 if blur < 0.5 else 0.004)
         slope = 120.0 * np.diff(ndtr((np.arange(61.0) - 0.5 - place + off * outward) / blur))
         assert abs(info / np.sum(slope**2) - 1) < 0.1  # to the nearest tabulated place and blur
         assert misfit < 30.0 and abs(lighter) < 0.6
