@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rfea_vision.effects.base import Effect
-from rfea_vision.fitting.fit import Fitted, Problem, coordinates_for
-from rfea_vision.fitting.problem import make_model, start_vector
+from rfea_vision.fitting.problem import Problem, make_model, start_vector
+from rfea_vision.fitting.refit import Fitted, coordinates_for
 from rfea_vision.fitting.solver import solve
 from rfea_vision.fitting.starts import seen_scale
 

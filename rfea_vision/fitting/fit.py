@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,10 @@ from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting.coordinates import Coordinates, build
+from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.problem import FitOptions, Problem, make_model, make_problem, parse_effects, start_vector
+from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
@@ -45,53 +46,6 @@ STIFFER_STARTS = (1.5, 3.0, 6.0)
 #: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
 GOOD_STEADY = 50.0
 Progress = Callable[[int, int], None] | None
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """A solved fit, before it becomes an artefact."""
-
-    model: Model
-    options: FitOptions
-    coordinates: Coordinates
-    solution: Solution
-    plateaus: tuple[Plateau, ...] = ()
-    steady: dict[str, Any] = field(default_factory=dict)
-    starts: tuple[dict[str, Any], ...] = ()
-    jumps: Mapping[str, int] = field(default_factory=dict)
-    study: tuple[dict[str, Any], ...] = ()
-    study_seconds: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def par(self) -> FloatArray:
-        return self.solution.par
-
-    def value(self, name: str) -> float:
-        return float(self.par[self.model.names.index(name)])
-
-
-def coordinates_for(problem: Problem, options: FitOptions, model: Model) -> Coordinates:
-    """What the optimiser turns under these options."""
-    return build(
-        model,
-        problem.actuator,
-        options.segments,
-        problem.bend,
-        options.fixed,
-        bounds=options.bounds,
-        priors=options.priors,
-    )
-
-
-def carried(
-    model: Model, actuator: Actuator, segments: int, previous: Mapping[str, float], previous_segments: int
-) -> FloatArray:
-    """Start from an earlier fit: its values where it has them, scaled to this number of segments."""
-    par = start_vector(model, actuator, segments)
-    for k, name in enumerate(model.names):
-        if name in previous:
-            par[k] = previous[name] * (segments / previous_segments if k < 6 else 1.0)
-    return par
 
 
 def _stiffer(par: FloatArray) -> Iterator[FloatArray]:
@@ -217,48 +171,6 @@ def _refined(
         except DataError as error:
             failure = error
     raise failure
-
-
-def refit(
-    problem: Problem,
-    options: FitOptions,
-    previous: Mapping[str, float],
-    previous_segments: int,
-    clocks: FloatArray | None = None,
-    *,
-    most_evaluations: int = 60,
-    tolerance: float = 1e-7,
-    items: Sequence[Observed] | None = None,
-) -> Fitted:
-    """Fit from an earlier fit's values.
-
-    Raises
-    ------
-    DataError
-        The start cannot be simulated.
-    """
-    model = make_model(problem.actuator, options, problem.mirror)
-    coordinates = coordinates_for(problem, options, model)
-    start = carried(model, problem.actuator, options.segments, previous, previous_segments)
-    used = list(items) if items is not None else list(problem.train)
-    solution = None
-    # A misfit may push a damper or a spring to nothing at one end of the reach, which a finer chain does not survive.
-    for first in (start, evened(coordinates, start)):
-        solution = solve(
-            model,
-            used,
-            coordinates,
-            first,
-            clocks,
-            most_evaluations=most_evaluations,
-            tolerance=tolerance,
-            loss=options.loss,
-        )
-        if solution is not None:
-            break
-    if solution is None:
-        raise DataError(f"model {options.name}: the start could not be simulated; try fewer segments or other effects")
-    return Fitted(model, options, coordinates, solution)
 
 
 def effect_starts(model_effects: Sequence[Any], names: Sequence[str]) -> list[dict[str, float]]:

@@ -1,0 +1,111 @@
+"""One solved fit, and how to get from it to the next: from an earlier fit's values, by dynamic least squares on the training runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts.measurement import Actuator
+from rfea_vision.dynamics.simulation import Model
+from rfea_vision.errors import DataError
+from rfea_vision.fitting.coordinates import Coordinates, build
+from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.problem import FitOptions, Problem, make_model, start_vector
+from rfea_vision.fitting.solver import Solution, solve
+from rfea_vision.fitting.starts import evened
+from rfea_vision.fitting.steady_fit import Plateau
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A solved fit, before it becomes an artefact."""
+
+    model: Model
+    options: FitOptions
+    coordinates: Coordinates
+    solution: Solution
+    plateaus: tuple[Plateau, ...] = ()
+    steady: dict[str, Any] = field(default_factory=dict)
+    starts: tuple[dict[str, Any], ...] = ()
+    jumps: Mapping[str, int] = field(default_factory=dict)
+    study: tuple[dict[str, Any], ...] = ()
+    study_seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def par(self) -> FloatArray:
+        return self.solution.par
+
+    def value(self, name: str) -> float:
+        return float(self.par[self.model.names.index(name)])
+
+
+def coordinates_for(problem: Problem, options: FitOptions, model: Model) -> Coordinates:
+    """What the optimiser turns under these options."""
+    return build(
+        model,
+        problem.actuator,
+        options.segments,
+        problem.bend,
+        options.fixed,
+        bounds=options.bounds,
+        priors=options.priors,
+    )
+
+
+def carried(
+    model: Model, actuator: Actuator, segments: int, previous: Mapping[str, float], previous_segments: int
+) -> FloatArray:
+    """Start from an earlier fit: its values where it has them, scaled to this number of segments."""
+    par = start_vector(model, actuator, segments)
+    for k, name in enumerate(model.names):
+        if name in previous:
+            par[k] = previous[name] * (segments / previous_segments if k < 6 else 1.0)
+    return par
+
+
+def refit(
+    problem: Problem,
+    options: FitOptions,
+    previous: Mapping[str, float],
+    previous_segments: int,
+    clocks: FloatArray | None = None,
+    *,
+    most_evaluations: int = 60,
+    tolerance: float = 1e-7,
+    items: Sequence[Observed] | None = None,
+) -> Fitted:
+    """Fit from an earlier fit's values.
+
+    Raises
+    ------
+    DataError
+        The start cannot be simulated.
+    """
+    model = make_model(problem.actuator, options, problem.mirror)
+    coordinates = coordinates_for(problem, options, model)
+    start = carried(model, problem.actuator, options.segments, previous, previous_segments)
+    used = list(items) if items is not None else list(problem.train)
+    solution = None
+    # A misfit may push a damper or a spring to nothing at one end of the reach, which a finer chain does not survive.
+    for first in (start, evened(coordinates, start)):
+        solution = solve(
+            model,
+            used,
+            coordinates,
+            first,
+            clocks,
+            most_evaluations=most_evaluations,
+            tolerance=tolerance,
+            loss=options.loss,
+        )
+        if solution is not None:
+            break
+    if solution is None:
+        raise DataError(f"model {options.name}: the start could not be simulated; try fewer segments or other effects")
+    return Fitted(model, options, coordinates, solution)
