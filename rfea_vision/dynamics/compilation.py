@@ -26,7 +26,7 @@ from rfea_vision.files import write_text
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
 
-GENERATOR_VERSION = "10"
+GENERATOR_VERSION = "11"
 _NUMPY_FUNCTIONS = (
     "inertia",
     "gravity",
@@ -36,6 +36,7 @@ _NUMPY_FUNCTIONS = (
     "line_time_constant",
     "flow_resistance",
     "flow_inertance",
+    "line_shift",
     "observed_position",
     "time_shift",
 )
@@ -65,10 +66,12 @@ class CompiledLaw:
     line_time_constant: Callable[..., Any]
     flow_resistance: Callable[..., Any]
     flow_inertance: Callable[..., Any]
+    line_shift: Callable[..., Any]
     observed_position: Callable[..., Any]
     time_shift: Callable[..., Any]
     observes_truly: bool
     shifts_time: bool
+    shifts_line: bool
     changes_pressure: bool
 
     @property

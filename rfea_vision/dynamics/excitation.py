@@ -42,6 +42,10 @@ class Excitation:
     def end_s(self) -> float:
         return self.start_s + self.step_s * (self.pressure.size - 1)
 
+    def at(self, time_s: FloatArray) -> FloatArray:
+        """Pressure (Pa) at times (s)."""
+        return np.interp(time_s, self.start_s + self.step_s * np.arange(self.pressure.size), self.pressure)
+
 
 @njit(cache=True, nogil=True)
 def lagged(values, step, nodes, T):

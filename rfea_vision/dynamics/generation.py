@@ -183,6 +183,7 @@ def generate_numpy(law: Law) -> str:
         "has_body_force": law.body_force != (0, 0),
         "has_base": law.base_compliance != 0,
         "has_added_mass": law.added_mass != 0,
+        "shifts_line": law.line_shift != 0,
         "has_line": law.flow_resistance != 0 or law.flow_inertance != 0,
         "observes_truly": law.observed_position == (laws.X, laws.Y),
         "shifts_time": law.time_shift != 0,
@@ -199,6 +200,7 @@ def generate_numpy(law: Law) -> str:
         "line_time_constant": ((law.line_time_constant,), ()),
         "flow_resistance": ((law.flow_resistance,), ()),
         "flow_inertance": ((law.flow_inertance,), ()),
+        "line_shift": ((law.line_shift,), (laws.PRESSURE,)),
         "observed_position": (law.observed_position, (laws.X, laws.Y)),
         "time_shift": ((law.time_shift,), (laws.TIME,)),
     }

@@ -55,6 +55,7 @@ class Law:
     line_time_constant: sp.Expr
     flow_resistance: sp.Expr
     flow_inertance: sp.Expr
+    line_shift: sp.Expr
     observed_position: tuple[sp.Expr, sp.Expr]
     time_shift: sp.Expr
 
@@ -114,7 +115,7 @@ def compose(effects: Sequence[Effect]) -> Law:
     force: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
     gravity: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), -GRAVITY)
     inertia = BodyInertia(MASS, ALONG, ACROSS, INERTIA)
-    mass = compliance = pivot = lag = resistance = inertance = shift = sp.Integer(0)
+    mass = compliance = pivot = lag = resistance = inertance = shift = aside = sp.Integer(0)
     felt: sp.Expr = PRESSURE
     observed: tuple[sp.Expr, sp.Expr] = (X, Y)
     body = Body(X, Y, VX, VY, BODY_LENGTH, OUTER, TUBE_LENGTH, MIRROR)
@@ -150,6 +151,7 @@ def compose(effects: Sequence[Effect]) -> Law:
         lag = lag + effect.line_time_constant()
         resistance = resistance + effect.flow_resistance()
         inertance = inertance + effect.flow_inertance()
+        aside = aside + effect.line_shift(PRESSURE, OUTER)
         observed = effect.observed_position(*observed, MIRROR)
         shift = shift + effect.time_shift(TIME)
 
@@ -177,6 +179,7 @@ def compose(effects: Sequence[Effect]) -> Law:
         line_time_constant=final(lag),
         flow_resistance=final(resistance),
         flow_inertance=final(inertance),
+        line_shift=final(aside),
         observed_position=(final(observed[0]), final(observed[1])),
         time_shift=final(shift),
     )

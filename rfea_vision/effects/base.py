@@ -258,6 +258,10 @@ class Effect:
         """Pressure lost per change of that flow (Pa s^2/m^3)."""
         return sp.Integer(0)
 
+    def line_shift(self, pressure: sp.Symbol, rest_outer_radius: sp.Symbol) -> sp.Expr:
+        """How far the centre line moves away from the inextensible side (m) at a pressure in the tube (Pa)."""
+        return sp.Integer(0)
+
     # between the tube and the file -------------------------------------------------------------------------------
     def observed_position(self, x: sp.Expr, y: sp.Expr, mirror: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
         """Position (m) that the camera reports for a true position, both in the dynamics' frame."""

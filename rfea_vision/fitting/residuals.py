@@ -121,18 +121,24 @@ def _predict(
         if np.any(slope):
             extended[:, :, column] += motion.rate * slope[:, None]
     seen = replace(motion, message="", sensitivity=extended)
+    pressure = item.excitation.at(frames)
     shift, dshift = np.zeros(2), np.zeros((2, extended.shape[2]))
     if item.origin_sigma > 0:
-        shift, dshift = origin_shift(item, *_seen_by_camera(model, par, seen, item.fractions, free))
-    points, dpoints = _seen_by_camera(model, par, seen, item.fractions if fractions is None else fractions, free)
+        shift, dshift = origin_shift(item, *seen_by_camera(model, par, seen, item.fractions, free, pressure))
+    points, dpoints = seen_by_camera(
+        model, par, seen, item.fractions if fractions is None else fractions, free, pressure
+    )
     return Predicted(motion, points + shift, dpoints + dshift, motion.phi[:, -1], extended[:, -1, :])
 
 
-def _seen_by_camera(
-    model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: list[int]
+def seen_by_camera(
+    model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: list[int], pressure: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Points on the centre line as the camera reports them, with their derivatives."""
+    """Points on the centre line as the camera reports them, with their derivatives; pressure (frames,) at the sensor in Pa."""
     points, dpoints = model.centre_line(seen, fractions)
+    if model.law.shifts_line:
+        aside, daside = _aside(model, par, seen, fractions, free, pressure)
+        points, dpoints = points + aside, dpoints + daside
     if model.law.observes_truly:
         return points, dpoints
     rows = model.law.observed_position(par, model._constants, points[..., 0], points[..., 1])
@@ -145,6 +151,28 @@ def _seen_by_camera(
         for column, k in enumerate(free):
             explicit[..., axis, column] = rows[axis][3 + k]
     return moved, np.einsum("...ab,...bp->...ap", jacobian, dpoints) + explicit
+
+
+def _aside(
+    model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: list[int], pressure: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Shift of the centre line (frames, m, 2) away from the inextensible side, as against its first cross-section's."""
+    felt = np.broadcast_to(model.law.felt_pressure(par, model._constants, pressure)[0][0], pressure.shape)
+    row = model.law.line_shift(par, model._constants, felt)[0]
+    size = np.broadcast_to(np.asarray(row[0], dtype=float), pressure.shape)[:, None, None]
+    # Bend and material coordinate go together closely enough for a shift of a tenth of a millimetre.
+    ends = np.linspace(0, 1, seen.phi.shape[1])
+    weights = np.stack([np.interp(fractions, ends, one) for one in np.eye(ends.size)], axis=1)
+    phi, slope = seen.phi @ weights.T, np.einsum("mk,fkp->fmp", weights, seen.sensitivity)
+    clamp, clamp_slope = seen.phi[:, :1], seen.sensitivity[:, :1]
+    outward = np.stack([np.cos(phi) - np.cos(clamp), np.sin(clamp) - np.sin(phi)], axis=-1)
+    turned, clamp_turned = (np.stack([-np.sin(a), -np.cos(a)], axis=-1) for a in (phi, clamp))
+    derivative = turned[..., None] * slope[:, :, None] - clamp_turned[..., None] * clamp_slope[:, :, None]
+    derivative *= size[..., None]
+    for column, k in enumerate(free):
+        change = np.broadcast_to(np.asarray(row[2 + k], dtype=float), pressure.shape)
+        derivative[..., column] += change[:, None, None] * outward
+    return size * outward, derivative
 
 
 #: The origin of a track from pictures may be moved by at most this many of its standard errors.

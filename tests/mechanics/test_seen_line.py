@@ -1,0 +1,58 @@
+"""What the camera sees of the centre line: derivatives by every parameter against differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.dynamics.simulation import Excitation
+from rfea_vision.fitting.fit import FitOptions, make_model, start_vector
+from rfea_vision.fitting.residuals import seen_by_camera
+
+SEGMENTS = 4
+NODES = np.array([0.0, 0.5, 1.0])
+VALUES = {
+    "radial_expansion.c": 1e-8,
+    "radial_expansion.axis": 0.8,
+    "base_rotation.c": 3.0,
+    "base_rotation.pivot": 0.7,
+    "variable_mass.a": 1.3,
+    "com_offset.a": 0.6,
+    "camera_scale.s": 0.02,
+}
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [("radial_expansion", "base_rotation", "camera_scale"), ("variable_mass", "com_offset", "base_rotation")],
+)
+@pytest.mark.parametrize("joints", ["middle", "start"])
+def test_derivatives_are_those_of_the_line_that_is_seen(effects, joints):
+    actuator = Actuator()
+    model = replace(
+        make_model(actuator, FitOptions(effects=effects, segments=SEGMENTS, joints=joints)), tolerance=1e-12
+    )
+    par = start_vector(model, actuator, SEGMENTS)
+    for name, value in VALUES.items():
+        if name in model.names:
+            par[model.names.index(name)] = value
+    time = np.arange(0, 0.3, 0.001)
+    excitation = Excitation.from_log(time, 120e3 * np.clip(time / 0.08, 0, 1), 0, 0.299)
+    frames = np.arange(0.02, 0.29, 0.02)
+
+    def seen(values, free=()):
+        motion = model.simulate(values, excitation, frames, free)
+        assert motion.ok
+        return seen_by_camera(model, values, motion, NODES, list(free), excitation.at(frames))
+
+    free = list(range(par.size))
+    _, slopes = seen(par, free)
+    for k in free:
+        step = np.zeros(par.size)
+        step[k] = 1e-5 * max(abs(par[k]), 1e-9)
+        difference = (seen(par + step)[0] - seen(par - step)[0]) / (2 * step[k])
+        assert np.abs(difference).max() > 0, model.names[k]
+        assert slopes[..., k] == pytest.approx(difference, rel=1e-4, abs=1e-5 * np.abs(difference).max())
