@@ -1,8 +1,10 @@
-"""What is kept of every frame while a video runs, in arrays that grow by doubling."""
+"""What is kept of every frame while a video runs, in blocks that are given back one by one when the track is made."""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -40,6 +42,11 @@ def _add_covariance(covariance, noise, total):
             total[i, j] += weight * covariance[i, j]
 
 
+Block = dict[str, NDArray[Any]]
+
+BLOCK = 1024  # frames
+
+
 class Rows:
     """One row per frame: coefficients, variances of what will be derived from them, reason."""
 
@@ -59,17 +66,15 @@ class Rows:
             )
         )
         self._width_rows = np.ascontiguousarray(basis_matrix(at_nodes, WIDTH_COEFFICIENTS))
-        self._arrays: dict[str, NDArray[Any]] = {}
-        self._count = 0
+        self._blocks: list[Block] = []
         self.covariance_sum = np.zeros((COEFFICIENTS, COEFFICIENTS))  # at unit pixel noise, to be averaged
         self.good = 0
         self._profiled = False
         self.marked = False  # whether the profiles are worth reading
         self.reasons: list[str] = []
-        self._allocate(256)
 
-    def _allocate(self, capacity: int) -> None:
-        shapes: dict[str, tuple[int, ...]] = {
+    def _new_block(self) -> Block:
+        kinds: dict[str, tuple[int, ...]] = {
             "time": (),
             "coefficients": (COEFFICIENTS, 2),
             "width": (WIDTH_COEFFICIENTS,),
@@ -77,23 +82,49 @@ class Rows:
             "width_variance": (len(self._width_rows),),
             "numbers": (fitted.NUMBERS,),
             "lamp": (),
-            "profile": (SAMPLES,),
+            "profile": (SAMPLES,),  # 256 steps to a grey level; pages that are never written need no memory
         }
-        for name, shape in shapes.items():
-            if name == "profile":  # 256 steps to a grey level; pages that are never written need no memory
-                new = np.zeros((capacity, *shape), dtype=np.uint16)
-            else:
-                new = np.full((capacity, *shape), np.nan, dtype=np.float32 if "variance" in name else np.float64)
-            old = self._arrays.get(name)
-            if old is not None and (name != "profile" or self._profiled):
-                new[: self._count] = old[: self._count]
-            self._arrays[name] = new
+        dtypes = {
+            name: np.dtype(np.float32 if "variance" in name else np.uint16 if name == "profile" else np.float64)
+            for name in kinds
+        }
+        sizes = {name: BLOCK * int(np.prod(shape)) for name, shape in kinds.items()}
+        # Memory of its own, that goes back to the system when the block is dropped.
+        memory = mmap(-1, sum(sizes[name] * dtypes[name].itemsize for name in kinds))
+        block, offset = {}, 0
+        for name, shape in kinds.items():
+            block[name] = np.frombuffer(memory, dtypes[name], sizes[name], offset).reshape(BLOCK, *shape)
+            offset += sizes[name] * dtypes[name].itemsize
+            if name != "profile":
+                block[name][:] = np.nan
+        return block
 
     def __len__(self) -> int:
-        return self._count
+        return len(self.reasons)
 
-    def __getitem__(self, name: str) -> FloatArray:
-        return self._arrays[name][: self._count]
+    def good_ones(self, name: str, column: int | None = None) -> NDArray[Any]:
+        """One quantity, or one column of it, of all good frames, copied."""
+        return self._gathered(name, column, self.valid)
+
+    def of_all(self, name: str) -> NDArray[Any]:
+        """One quantity of all frames, copied."""
+        return self._gathered(name, None, np.ones(len(self), dtype=bool))
+
+    def _gathered(self, name: str, column: int | None, wanted: NDArray[np.bool_]) -> NDArray[Any]:
+        parts = []
+        for number, block in enumerate(self._blocks):
+            chosen = np.flatnonzero(wanted[number * BLOCK : (number + 1) * BLOCK])
+            parts.append(block[name][chosen] if column is None else block[name][chosen, column])
+        return np.concatenate(parts)
+
+    def given_back(self) -> Iterator[Block]:
+        """Every block's good frames in their order; what has been given is no longer kept here."""
+        valid, start = self.valid, 0
+        while self._blocks:
+            block = self._blocks.pop(0)
+            good = np.flatnonzero(valid[start : start + BLOCK])
+            yield {name: values[good] for name, values in block.items() if name != "profile"}
+            start += BLOCK
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -117,42 +148,44 @@ class Rows:
             "joint": slice(2 * n + 1, None),
         }[name]
 
-    def saved(self) -> dict[str, FloatArray]:
+    def saved(self) -> dict[str, NDArray[Any]]:
         """Everything in it but the reasons, for a checkpoint."""
-        sums = {"covariance_sum": self.covariance_sum, "good": np.array(self.good)}
-        kept = {name: values for name, values in self._arrays.items() if name != "profile" or self._profiled}
-        return {name: values[: self._count] for name, values in kept.items()} | sums
+        out: dict[str, NDArray[Any]] = {"covariance_sum": self.covariance_sum, "good": np.array(self.good)}
+        for number, block in enumerate(self._blocks):
+            kept = (name for name in block if name != "profile" or self._profiled)
+            out |= {f"{number}.{name}": block[name][: len(self) - number * BLOCK] for name in kept}
+        return out
 
-    def restore(self, saved: dict[str, FloatArray], reasons: list[str]) -> None:
+    def restore(self, saved: dict[str, NDArray[Any]], reasons: list[str]) -> None:
         """Put back what `saved` gave."""
-        self.reasons, self._count = list(reasons), len(reasons)
+        self.reasons = list(reasons)
         self.covariance_sum, self.good = saved["covariance_sum"].copy(), int(saved["good"])
-        capacity = max(256, len(reasons))
-        self._arrays = {}
-        self._allocate(capacity)
-        for name, values in self._arrays.items():
-            if name in saved:
-                self._profiled = self._profiled or name == "profile"
-                values[: self._count] = saved[name]
+        self._profiled = "0.profile" in saved
+        self._blocks = [self._new_block() for _ in range(0, len(reasons), BLOCK)]
+        for number, block in enumerate(self._blocks):
+            for name, values in block.items():
+                old = saved.get(f"{number}.{name}")
+                if old is not None:
+                    values[: len(old)] = old
 
     def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan) -> None:
         """Add a frame."""
-        if self._count == len(self._arrays["time"]):
-            self._allocate(2 * self._count)
-        n = self._count
-        self._arrays["time"][n] = time_s
-        self._arrays["lamp"][n] = lamp
+        n = len(self) % BLOCK
+        if n == 0:
+            self._blocks.append(self._new_block())
+        block = self._blocks[-1]
+        block["time"][n] = time_s
+        block["lamp"][n] = lamp
         self.reasons.append(reason)
-        self._count += 1
         if reason:
             return
-        self._arrays["coefficients"][n] = follower.state.coefficients
-        self._arrays["width"][n] = follower.state.width
+        block["coefficients"][n] = follower.state.coefficients
+        block["width"][n] = follower.state.width
         if follower.marked and follower.profile is not None:
             self._profiled = True
-            self._arrays["profile"][n] = np.round(256.0 * follower.profile)
-        self._arrays["numbers"][n] = follower.work.numbers
+            block["profile"][n] = np.round(256.0 * follower.profile)
+        block["numbers"][n] = follower.work.numbers
         self.good += 1
         _add_covariance(follower.work.covariance, follower.work.numbers[fitted.NOISE], self.covariance_sum)
-        _quadratic_forms(self.shift_rows, follower.work.covariance, 0, self._arrays["shift_variance"][n])
-        _quadratic_forms(self._width_rows, follower.work.covariance, COEFFICIENTS, self._arrays["width_variance"][n])
+        _quadratic_forms(self.shift_rows, follower.work.covariance, 0, block["shift_variance"][n])
+        _quadratic_forms(self._width_rows, follower.work.covariance, COEFFICIENTS, block["width_variance"][n])

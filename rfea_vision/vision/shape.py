@@ -17,7 +17,7 @@ from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_mat
 from rfea_vision.vision.doubts import Doubts, doubts
 from rfea_vision.vision.elongation import angles, elongation_of
 from rfea_vision.vision.markers import marker_elongation
-from rfea_vision.vision.rows import Rows
+from rfea_vision.vision.rows import Block, Rows
 from rfea_vision.vision.smooth import Smoothed, smooth
 from rfea_vision.vision.systematic import CalibrationError
 
@@ -25,7 +25,6 @@ FloatArray = NDArray[np.float64]
 
 ORIGIN_LATERAL_PX = 0.02  # what an edge of unknown blur leaves, the same in all frames
 STRAIGHTEST_SHARE = 0.1
-PART = 1024  # frames derived at a time
 PRECISE = ("midline", "tip", "bend_angle", "elongation", "length", "hinge_length")  # kept in double precision
 
 
@@ -39,39 +38,43 @@ def build_dataset(
 ) -> xr.Dataset:
     """Assemble the track's dataset."""
     valid = rows.valid
-    inflation = float(np.clip(np.nanmedian(rows["numbers"][valid, fitted.INFLATION]), 1.0, 50.0))
+    numbers = rows.good_ones("numbers")
+    inflation = float(np.clip(np.nanmedian(numbers[:, fitted.INFLATION]), 1.0, 50.0))
     sign = 1.0 if scene.actuator.bends == "left" else -1.0
-    turning = rows["shift_variance"][valid][:, rows.part("tip_slope")][:, 0]
-    beyond = _beyond_noise(rows["numbers"][valid], turning, inflation, -sign * scene.half_mm)
-    smoothed = smooth(rows, valid, inflation)
-    smoothed = replace(smoothed, variance=smoothed.variance * beyond**2)
+    turning = rows.good_ones("shift_variance", rows.part("tip_slope").start)
+    beyond = _beyond_noise(numbers, turning, inflation, -sign * scene.half_mm)
+    smoothed = smooth(rows, inflation)
+    smoothed = replace(smoothed, variance_factor=smoothed.variance_factor * beyond**2)
     inflation *= beyond**2
     coefficients = smoothed.coefficients
     origin = _origin(coefficients)
     down = _rest_direction(coefficients) if vertical == "rest" else scene.down
     to_rig = np.array([[-down[1], down[0]], [-down[0], -down[1]]])  # rows: camera-right, up
     calibrated = CalibrationError(calibration, scene.camera, coefficients, origin)
-    width = rows["width"][valid] @ basis_matrix(np.linspace(0, 1, rows.nodes), WIDTH_COEFFICIENTS).T
-    doubted = doubts(rows["numbers"][valid], scene.half_mm, scene.px_per_mm)
-    started = _start_stderr(coefficients, smoothed.variance[:, rows.part("node")][:, 0], scene.px_per_mm)
+    half_mm = float(np.median(rows.good_ones("width")[:, 1:-1]))
+    doubted = doubts(numbers, scene.half_mm, scene.px_per_mm)
+    started = _start_stderr(
+        coefficients, smoothed.variance_factor[0] * rows.good_ones("shift_variance", 0), scene.px_per_mm
+    )
     view = View(
         origin,
         to_rig,
         sign,
         inflation,
-        float(np.median(width)),
+        half_mm,
         calibrated,
         origin_sigma,
         float(np.hypot(doubted.shared_across, started)),
         doubted,
     )
-    data = _in_parts(rows, valid, smoothed, view)
+    time, lamp = rows.of_all("time"), rows.of_all("lamp")
+    profile = rows.good_ones("profile") if rows.marked else None
+    data = _in_parts(rows, smoothed, view)
     marks: dict[str, Any] = {
         "marker_elongation_assumption": "absent: the tube shows no marks that stand out of the noise"
     }
-    if rows.marked:
-        bend = rows["numbers"][valid, fitted.BEND]
-        marked = marker_elongation(rows["profile"][valid] / 256.0, data["length"][1], bend, rows.segments)
+    if profile is not None:
+        marked = marker_elongation(profile / 256.0, data["length"][1], numbers[:, fitted.BEND], rows.segments)
         marks = marked.attributes
         data["marker_elongation"] = (("time", "segment"), marked.elongation)
         data["marker_elongation_sigma"] = (("time", "segment"), marked.sigma)
@@ -80,12 +83,11 @@ def build_dataset(
     for name in list(data):  # one at a time, so that little of a long recording is in memory twice
         dims, values = data.pop(name)
         variables[name] = (dims, _spread(values, valid))
-    time = rows["time"]
     reason = np.array([text.split(":")[0] for text in rows.reasons], dtype=object).astype(str)
     variables["valid"] = (("time",), valid.astype(np.int8))
     variables["reason"] = (("time",), reason)
-    if np.isfinite(rows["lamp"]).any():
-        variables["lamp"] = (("time",), rows["lamp"])
+    if np.isfinite(lamp).any():
+        variables["lamp"] = (("time",), lamp)
     dataset = xr.Dataset(
         {name: xr.Variable(dims, values, _units(name)) for name, (dims, values) in variables.items()},
         coords={
@@ -198,26 +200,31 @@ def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: flo
     return float(np.sqrt((ORIGIN_LATERAL_PX / px_per_mm) ** 2 + shared + 1.57 * scatter**2 / max(len(across), 1)))
 
 
-def _in_parts(rows: Rows, valid: NDArray[np.bool_], smoothed: Smoothed, view: View) -> dict[str, Any]:
-    """Everything in the rig frame, valid frames only: name -> (dims, values); a part at a time, to need little memory."""
-    every = np.flatnonzero(valid)
+def _in_parts(rows: Rows, smoothed: Smoothed, view: View) -> dict[str, Any]:
+    """Everything in the rig frame, valid frames only: name -> (dims, values).
+
+    Block by block, and each block of rows is gone when its part is made: of a long recording little is in memory twice.
+    """
+    count, done = len(smoothed.coefficients), 0
     out: dict[str, Any] = {}
-    for start in range(0, len(every), PART):
-        part = slice(start, start + PART)
-        for name, (dims, values) in _derive(rows, every[part], smoothed, part, view).items():
+    for block in rows.given_back():
+        part = slice(done, done + len(block["time"]))
+        done = part.stop
+        for name, (dims, values) in _derive(rows, block, smoothed, part, view).items():
             if name not in out:
                 kind = np.float64 if name in PRECISE else np.float32
-                out[name] = (dims, np.empty((len(every), *values.shape[1:]), dtype=kind))
+                out[name] = (dims, np.empty((count, *values.shape[1:]), dtype=kind))
             out[name][1][part] = values
     return out
 
 
-def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: slice, view: View) -> dict[str, Any]:
-    """Everything in the rig frame for `frames`, which are `part` of the valid ones."""
+def _derive(rows: Rows, block: Block, smoothed: Smoothed, part: slice, view: View) -> dict[str, Any]:
+    """Everything in the rig frame for the frames of `block`, which are `part` of the valid ones."""
     origin, to_rig, sign, inflation = view.origin, view.to_rig, view.sign, view.inflation
     calibrated, origin_sigma, lateral = view.calibrated, view.origin_sigma, view.lateral_sigma
-    numbers, coefficients = rows["numbers"][frames], smoothed.coefficients[part]
-    variance = {name: smoothed.variance[part, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
+    numbers, coefficients = block["numbers"], smoothed.coefficients[part]
+    variances = smoothed.variance_factor * block["shift_variance"]
+    variance = {name: variances[:, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
     nodes = np.linspace(0, 1, rows.nodes)
     doubted = view.doubted
     doubted = Doubts(doubted.across[part], doubted.smear[part], doubted.beyond[part])
@@ -227,7 +234,7 @@ def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: sli
     speed = np.linalg.norm(slope, axis=-1)
     tangent = slope / speed[..., None]
     left = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)  # left-hand normal, walking from clamp to tip
-    half = rows["width"][frames] @ basis_matrix(nodes, WIDTH_COEFFICIENTS).T
+    half = block["width"] @ basis_matrix(nodes, WIDTH_COEFFICIENTS).T
     # Walking down, the left-hand side is the camera's right: the outside of a bend to the left.
     curvature = -sign * (tangent[..., 0] * second[..., 1] - tangent[..., 1] * second[..., 0]) / speed**2
     node_noise = np.sqrt(variance["node"])
@@ -242,7 +249,7 @@ def _derive(rows: Rows, frames: NDArray[np.int64], smoothed: Smoothed, part: sli
     )
     length = numbers[:, fitted.LENGTH]
     curvature_sigma = np.sqrt(variance["bend2"]) / length[:, None] ** 2
-    width_noise = np.sqrt(inflation * rows["width_variance"][frames].astype(float))
+    width_noise = np.sqrt(inflation * block["width_variance"].astype(float))
     bend, bend_noise, bend_sigma = _bend(coefficients, to_rig, sign, variance["tip_slope"], length, calibrated)
     elongation, elongation_noise, elongation_sigma, hinge = elongation_of(
         rows.segments, coefficients, sign, variance["joint"], length, view.half_mm, calibrated

@@ -26,35 +26,42 @@ FloatArray = NDArray[np.float64]
 
 TAUS_MM = np.geomspace(3e-3, 10.0, 36)
 SAMPLE = 400
+PART = 1024
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """Coefficients (t, K, 2) after smoothing, variances (t, rows of `Rows.shift_rows`), and tau."""
+    """Coefficients (t, K, 2) after smoothing, what variances of `Rows.shift_rows` are to be multiplied by, and tau."""
 
     coefficients: FloatArray
-    variance: FloatArray
+    variance_factor: FloatArray
     tau_mm: float
 
 
-def smooth(rows: Rows, valid: NDArray[np.bool_], inflation: float) -> Smoothed:
-    """Smooth all valid frames; `inflation` is how much neighbouring edge stations agree beyond chance."""
-    coefficients = rows["coefficients"][valid]
-    noise = np.maximum(rows["numbers"][valid, fitted.NOISE], 1e-3)
+def smooth(rows: Rows, inflation: float) -> Smoothed:
+    """Smooth all good frames; `inflation` is how much neighbouring edge stations agree beyond chance."""
+    coefficients = rows.good_ones("coefficients")
+    noise = np.maximum(rows.good_ones("numbers", fitted.NOISE), 1e-3)
     covariance = float(np.median(noise)) ** 2 * inflation * rows.covariance_sum / max(rows.good, 1)
     count = covariance.shape[0]
     third = np.diff(np.eye(count), n=3, axis=0)
-    middles = (np.arange(count - 3) + 0.5) / (count - 3)
-    wiggles = np.sum(np.matmul(third, coefficients) * _normals(coefficients, middles), axis=-1)
-    tau = best_tau(wiggles, third @ covariance @ third.T)
+    tau = best_tau(_wiggles(coefficients[:: max(len(coefficients) // SAMPLE, 1)], third), third @ covariance @ third.T)
     posterior = np.linalg.inv(np.linalg.inv(covariance) + third.T @ third / tau**2)
-    shift = -wiggles @ (third @ posterior) / tau**2
+    pull = third @ posterior / tau**2
     places = np.clip((np.arange(count) - 1) / (count - 3), 0, 1)
-    moved = coefficients + shift[..., None] * _normals(coefficients, places)
+    for start in range(0, len(coefficients), PART):  # in parts, which need little memory
+        part = coefficients[start : start + PART]
+        part -= (_wiggles(part, third) @ pull)[..., None] * _normals(part, places)
     before = np.einsum("ri,ij,rj->r", rows.shift_rows, covariance, rows.shift_rows)
     after = np.einsum("ri,ij,rj->r", rows.shift_rows, posterior, rows.shift_rows)
-    variance = inflation * rows["shift_variance"][valid].astype(float) * (after / before)[None, :]
-    return Smoothed(moved, variance, tau)
+    return Smoothed(coefficients, inflation * after / before, tau)
+
+
+def _wiggles(coefficients: FloatArray, third: FloatArray) -> FloatArray:
+    """Third differences across the tube, (t, K - 3)."""
+    count = coefficients.shape[1]
+    middles = (np.arange(count - 3) + 0.5) / (count - 3)
+    return np.sum(np.matmul(third, coefficients) * _normals(coefficients, middles), axis=-1)
 
 
 def _normals(coefficients: FloatArray, u: FloatArray) -> FloatArray:
@@ -66,11 +73,10 @@ def _normals(coefficients: FloatArray, u: FloatArray) -> FloatArray:
 
 def best_tau(wiggles: FloatArray, scatter: FloatArray) -> float:
     """The tau of greatest marginal likelihood of `wiggles` (t, n) whose noise has covariance `scatter` (n, n)."""
-    sample = wiggles[:: max(len(wiggles) // SAMPLE, 1)]
     scores = []
     for tau in TAUS_MM:
         total = scatter + tau**2 * np.eye(len(scatter))
         _, logarithm = np.linalg.slogdet(total)
-        squares = np.einsum("ti,ij,tj->t", sample, np.linalg.inv(total), sample)
+        squares = np.einsum("ti,ij,tj->t", wiggles, np.linalg.inv(total), wiggles)
         scores.append(float(np.sum(-0.5 * squares - 0.5 * logarithm)))
     return float(TAUS_MM[int(np.argmax(scores))])
