@@ -289,18 +289,19 @@ def refine(seen: Seen, target: Target, offset: float, curve: tuple[FloatArray, F
     use = seen.solid & target.inside(seen.grid + offset - COARSE_S) & target.inside(seen.grid + offset + COARSE_S)
     columns = seen.columns(seen.raw, use)
     each = seen.noises(use, columns)
-    noises = np.concatenate(list(each))
     extra = list(range(FIRST_TERM + columns.shape[2] - len(SUPPLEMENTS), FIRST_TERM + columns.shape[2]))
     chosen = [OFFSET, *range(FIRST_TERM, extra[0])]
+    offset, found = _newton(seen, target, offset, use, columns, each[0], chosen)
+    lasting = 0.5 * found.unaccounted(chosen)  # half: what the noise does not make, the law may lack
+    noises = np.concatenate([np.sqrt(2 * (1 - lasting)) * each[0], np.sqrt(2 * lasting) * each[1]])
     offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
     scale = np.sqrt(no_more_noise_than_rest(found, chosen))
-    noises, each = scale * noises, scale * each
+    noises, white = scale * noises, scale * each[0]
     for _ in range(2):  # what is lacking shifts the offset, and the offset what is lacking
         offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
         chosen = choose(found, [OFFSET, *range(FIRST_TERM, extra[0])], extra)
     offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
-    either = [_newton(seen, target, offset, use, columns, own, chosen)[0] - offset for own in each]
-    doubt = float(np.hypot(LEAST_ERROR_S, 0.5 * (either[1] - either[0])))
+    doubt = float(np.hypot(LEAST_ERROR_S, _newton(seen, target, offset, use, columns, white, chosen)[0] - offset))
     error = float(np.hypot(standard_error(found, chosen, extra), doubt))
     both = [OFFSET, DRIFT, *chosen[1:]]
     drift_error = standard_error(found, both, extra, DRIFT)

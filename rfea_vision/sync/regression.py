@@ -62,6 +62,11 @@ class Moments:
         made = float(solution @ self.noise.sum(0)[pick] @ solution)
         return max(self.power - float(explained), 0.0), made
 
+    def unaccounted(self, columns: list[int]) -> float:
+        """Share of the rest that the track's noise does not make."""
+        rest, made = self.rest(columns)
+        return max(1.0 - made / rest, 0.0) if rest > 0 else 0.0
+
 
 def moments(columns: FloatArray, noises: FloatArray, pressure: FloatArray, rate: float) -> Moments:
     """Sums from columns (sections, n, C), replicates of the terms' noise (R, sections, n, C - 2), pressure (n,)."""
@@ -125,13 +130,14 @@ def standard_error(found: Moments, columns: list[int], supplements: list[int], w
     place = columns.index(which)
     count = len(found.gram)
     left_out = np.array([found.solve(columns, without=k)[place] for k in range(count)])
-    spread = float(np.sum((left_out - left_out.mean()) ** 2)) * (count - 1) / count
-    error = np.sqrt(spread) * float(student.ppf(0.975, count - 1)) / 1.96
-    rest, made = found.rest(columns)
+    apart = (left_out - left_out.mean()) ** 2
+    spread = float(np.sum(apart)) * (count - 1) / count
+    # Where a few steps tell nearly all, few stretches do (Satterthwaite: the fourth power of a normal number is 3).
+    freedom = float(np.clip(3 * np.sum(apart) ** 2 / max(float(np.sum(apart**2)), 1e-300) - 1, 2, count - 1))
+    error = np.sqrt(spread) * float(student.ppf(0.975, freedom)) / 1.96
     others = [k for k in supplements if k not in columns and found.scale[k] > 1e-9]
-    if not others or rest <= 0:
+    if not others:
         return float(error) / float(found.scale[which])
     now = found.solve(columns)[place]
     moved = np.array([found.solve([*columns, k])[place] - now for k in others])
-    unaccounted = max(1.0 - made / rest, 0.0)
-    return float(np.sqrt(error**2 + unaccounted * np.mean(moved**2))) / float(found.scale[which])
+    return float(np.sqrt(error**2 + found.unaccounted(columns) * np.mean(moved**2))) / float(found.scale[which])
