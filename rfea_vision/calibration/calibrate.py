@@ -199,7 +199,7 @@ def find_plane(plane: Path, board: Board, size: tuple[int, int]) -> BoardView:
     grey = photo.shown()
     if max(abs(grey.shape[1] - size[0]), abs(grey.shape[0] - size[1])) > SIZE_TOLERANCE_PX:
         raise InputError(
-            f"{plane}: camera.plane has {grey.shape[1]} x {grey.shape[0]} px, the photos have {size[0]} x {size[1]}; "
+            f"{plane}: camera.plane has {grey.shape[1]} x {grey.shape[0]} px, the lens was calibrated at {size[0]} x {size[1]}; "
             "use pictures of the same camera mode"
         )
     view = find_corners(plane, grey, board)

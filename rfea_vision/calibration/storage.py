@@ -102,7 +102,10 @@ def load_calibration(path: Path) -> Calibration:
     except (cv2.error, yaml.YAMLError, TypeError, ValueError, KeyError, SystemError) as error:
         raise InputError(f"{path}: not an OpenCV or ROS camera file; calibrate from photos instead") from error
     if values.get("camera_matrix") is None:
-        raise InputError(f"{path}: camera_matrix is missing; give an OpenCV or ROS camera file")
+        remedy = (
+            "calibrate from photos" if "title" in values else "give an OpenCV or ROS camera file"
+        )  # a profile of calib/
+        raise InputError(f"{path}: camera_matrix is missing; {remedy}")
     return _from_values(path, values)
 
 
@@ -112,9 +115,6 @@ def _with_usual_names(values: dict[str, Any]) -> dict[str, Any]:
         for other in others:
             if values.get(name) is None and values.get(other) is not None:
                 values[name] = values[other]
-    matrix = values.get("camera_matrix")
-    if matrix is not None:
-        values["camera_matrix"] = np.asarray(matrix, dtype=float).reshape(3, 3)
     return values
 
 
@@ -142,36 +142,42 @@ def _read_opencv(path: Path) -> dict[str, Any]:
 
 def _read_ros(text: str) -> dict[str, Any]:
     raw = yaml.safe_load(text)
+    if not isinstance(raw, dict):
+        raise TypeError("no keys in it")
     values: dict[str, Any] = {str(key).lower(): value for key, value in raw.items()}
     for name in ("camera_matrix", "distortion_coefficients"):
         block = values.get(name)
         if isinstance(block, dict):
-            values[name] = np.array(block["data"], dtype=float).reshape(block["rows"], block["cols"])
+            values[name] = block.get("data")
     return values
 
 
 def _from_values(path: Path, values: dict[str, Any]) -> Calibration:
-    coefficients = np.ravel(np.asarray(values.get("distortion_coefficients", np.zeros(5)), dtype=float))
-    model = values.get("model") or _model_of(str(values.get("distortion_model", "")), coefficients)
+    matrix = _matrix(path, values["camera_matrix"])
+    coefficients = _coefficients(path, values)
+    model = values.get("model") or _model_of(path, str(values.get("distortion_model") or ""), coefficients)
     if model not in COEFFICIENTS:
-        raise InputError(f"{path}: distortion model '{model}' is not supported; use brown5, brown8 or fisheye")
-    if np.any(coefficients[8:] != 0):
-        raise InputError(
-            f"{path}: thin prism and tilt coefficients are not supported; calibrate with at most 8 coefficients"
-        )
+        raise InputError(f"{path}: model '{model}' is not supported; use brown5, brown8 or fisheye")
     count = COEFFICIENTS[model]
+    if np.any(coefficients[count:] != 0):
+        more = "thin prism and tilt coefficients are not supported; calibrate with at most 8 coefficients"
+        few = f"distortion_coefficients has {len(coefficients)} numbers, {model} has {count}; correct distortion_model"
+        raise InputError(f"{path}: {more if count == 8 or len(coefficients) > 8 else few}")
     distortion = np.zeros(count)
     distortion[: min(count, len(coefficients))] = coefficients[:count]
-    for name in ("image_width", "image_height"):
-        if values.get(name) is None:
-            raise InputError(f"{path}: {name} is missing; add the size of the picture in pixels")
+    width, height = (_pixels(path, values, name) for name in ("image_width", "image_height"))
+    if not (0 < matrix[0, 2] < width and 0 < matrix[1, 2] < height):
+        raise InputError(
+            f"{path}: camera_matrix: its middle ({matrix[0, 2]:g}, {matrix[1, 2]:g}) lies outside of the picture of "
+            f"{width} x {height} px; give image_width and image_height as the camera was calibrated, and the matrix row by row"
+        )
     parameters = 4 + count
     nothing = np.zeros((parameters, parameters))
     joint = values.get("joint_covariance")
     return Calibration(
-        image_width=int(values["image_width"]),
-        image_height=int(values["image_height"]),
-        camera_matrix=np.asarray(values["camera_matrix"], dtype=float),
+        image_width=width,
+        image_height=height,
+        camera_matrix=matrix,
         distortion=distortion,
         model=model,
         rms_px=float(values.get("rms") or np.nan),
@@ -187,7 +193,49 @@ def _from_values(path: Path, values: dict[str, Any]) -> Calibration:
     )
 
 
-def _model_of(name: str, coefficients: np.ndarray) -> str:
+def _matrix(path: Path, given: Any) -> np.ndarray:
+    """The camera matrix (3, 3): a flat list of nine is one too."""
+    try:
+        matrix = np.asarray(given, dtype=float).reshape(3, 3)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: camera_matrix must be nine numbers, fx 0 cx 0 fy cy 0 0 1") from error
+    if not np.all(np.isfinite(matrix)) or min(matrix[0, 0], matrix[1, 1]) <= 0 or np.any(matrix[2] != [0, 0, 1]):
+        raise InputError(
+            f"{path}: camera_matrix must be fx 0 cx 0 fy cy 0 0 1 with positive fx and fy, row by row; correct it"
+        )
+    return matrix
+
+
+def _coefficients(path: Path, values: dict[str, Any]) -> np.ndarray:
+    given = values.get("distortion_coefficients")
+    if given is None:
+        raise InputError(f"{path}: distortion_coefficients is missing; write five zeros for a lens without distortion")
+    try:
+        found = np.ravel(np.asarray(given, dtype=float))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: distortion_coefficients must be a list of numbers; correct it") from error
+    if not np.all(np.isfinite(found)):
+        raise InputError(f"{path}: distortion_coefficients must be finite numbers; correct them")
+    return found
+
+
+def _pixels(path: Path, values: dict[str, Any], name: str) -> int:
+    if values.get(name) is None:
+        raise InputError(f"{path}: {name} is missing; add the size of the picture in pixels")
+    try:
+        found = int(values[name])
+    except (TypeError, ValueError):
+        found = 0
+    if found <= 0:
+        raise InputError(f"{path}: {name} is '{values[name]}'; write the size of the picture in pixels")
+    return found
+
+
+def _model_of(path: Path, name: str, coefficients: np.ndarray) -> str:
     if name in ("equidistant", "fisheye", "kannala_brandt"):
         return "fisheye"
+    if name not in ("", "plumb_bob", "rational_polynomial", "radtan", "brown_conrady"):
+        raise InputError(
+            f"{path}: distortion_model '{name}' is not supported; use plumb_bob, rational_polynomial or equidistant"
+        )
     return "brown8" if name == "rational_polynomial" or np.any(coefficients[5:8] != 0) else "brown5"

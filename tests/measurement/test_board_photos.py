@@ -159,7 +159,11 @@ def test_files_of_other_tools_are_read(tmp_path, shared_data):
     assert load_calibration(ros2).camera_matrix[1, 1] == 301
     xml = tmp_path / "opencv.xml"
     storage = cv2.FileStorage(str(xml), cv2.FILE_STORAGE_WRITE)
-    for name, value in (("image_width", 640), ("image_height", 480), ("Camera_Matrix", np.diag([500.0, 501, 1]))):
+    for name, value in (
+        ("image_width", 640),
+        ("image_height", 480),
+        ("Camera_Matrix", np.array([[500.0, 0, 320], [0, 501, 240], [0, 0, 1]])),
+    ):
         storage.write(name, value)
     storage.write("Distortion_Coefficients", np.array([[-0.1, 0.02, 0, 0, 0]]))
     storage.release()

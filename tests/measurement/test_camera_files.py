@@ -1,0 +1,46 @@
+"""Camera files that are not right: one sentence that names file, key and remedy."""
+
+import pytest
+
+from rfea_vision.calibration import load_calibration
+from rfea_vision.errors import InputError
+
+GOOD = """image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [533, 0, 342, 0, 533, 234, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.28, 0.05, 0, 0, 0]}
+"""
+BROKEN = {
+    "empty": ("", "not an OpenCV or ROS camera file"),
+    "a list": ("- 1\n- 2\n", "not an OpenCV or ROS camera file"),
+    "prose": ("hello there", "not an OpenCV or ROS camera file"),
+    "three numbers": (GOOD.replace("342, 0, 533, 234, 0, 0, 1", "342"), "camera_matrix must be nine numbers"),
+    "not numbers": (GOOD.replace("533, 0, 342", "wide, 0, 342"), "camera_matrix must be nine numbers"),
+    "nan": (GOOD.replace("533, 0, 342", ".nan, 0, 342"), "with positive fx and fy"),
+    "mirrored": (GOOD.replace("533, 0, 342", "-533, 0, 342"), "with positive fx and fy"),
+    "columns first": (GOOD.replace("533, 0, 342, 0, 533, 234, 0, 0, 1", "533, 0, 0, 0, 533, 0, 342, 234, 1"), "row by row"),
+    "another size": (GOOD.replace("width: 640", "width: 320"), r"its middle \(342, 234\) lies outside of the picture"),
+    "size in words": (GOOD.replace("width: 640", "width: big"), "image_width is 'big'"),
+    "no size": (GOOD.replace("image_height: 480\n", ""), "image_height is missing"),
+    "no distortion": (GOOD.split("distortion_model")[0], "write five zeros for a lens without distortion"),
+    "unknown lens": (GOOD.replace("plumb_bob", "mystery"), "distortion_model 'mystery' is not supported"),
+    "many coefficients": (GOOD.replace("0, 0, 0]}", "0, 0, 0, 0, 0, 0, 0.1]}"), "thin prism"),
+    "coefficients in words": (GOOD.replace("-0.28", "much"), "must be a list of numbers"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_camera_file_says_what_to_do(name, tmp_path):
+    text, said = BROKEN[name]
+    file = tmp_path / "camera.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=said) as error:
+        load_calibration(file)
+    assert str(error.value).startswith(f"{file}: ") and "\n" not in str(error.value)
+
+
+def test_the_same_file_unbroken_is_read(tmp_path):
+    file = tmp_path / "camera.yaml"
+    file.write_text(GOOD)
+    assert load_calibration(file).distortion.tolist() == [-0.28, 0.05, 0, 0, 0]
