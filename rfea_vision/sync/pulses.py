@@ -13,7 +13,9 @@ FloatArray = NDArray[np.float64]
 
 LOW, HIGH = 0.35, 0.65  # of the swing: a signal has switched once it has passed both
 LEAST_CONTRAST = 6.0  # swing over the noise from frame to frame
+FLASH_CONTRAST = 15.0  # the same for single flashes: the largest of many noisy frames is no flash
 MOST_SEEDS = 60
+FEWEST_SEEN = 3  # switches in common where the log covers only a part of the film
 LATE_FRAMES = 0.35  # a frame that lies so far from its pulse belongs to another
 _NOTHING = (np.empty(0), np.empty(0))
 
@@ -28,9 +30,10 @@ def switch_times(time_s: FloatArray, signal: FloatArray) -> tuple[FloatArray, ND
     if len(value) < 3:
         return np.empty(0), np.empty(0, dtype=np.int64)
     low, high = np.percentile(value, [1, 99])
-    if not high - low > 1e-9:
-        low, high = value.min(), value.max()
     noise = float(np.median(np.abs(np.diff(value)))) / 0.954
+    if not high - low > max(LEAST_CONTRAST * noise, 1e-9):  # flashes that are seldom on lie beyond the percentiles
+        low, high = value.min(), value.max()
+        noise *= FLASH_CONTRAST / LEAST_CONTRAST
     if not high - low > max(LEAST_CONTRAST * noise, 1e-9):
         return np.empty(0), np.empty(0, dtype=np.int64)
     level = (value - low) / (high - low)
@@ -78,8 +81,14 @@ def align_by_trigger(track: Track, log_time_s: FloatArray, signal: FloatArray, *
         found = _line(frames, pulses[nearest], step)
         late = pulses[nearest] - (frames * (1 + 1e-6 * found.drift_ppm) + found.offset_s)
         if np.abs(late).max() < LATE_FRAMES * float(np.median(np.diff(frames))):
-            missing = len(pulses) - len(frames)
-            said = f"{missing} of {len(pulses)} pulses have no frame; the time stamps of the frames told which"
+            said = f"{len(pulses) - len(frames)} of {len(pulses)} pulses have no frame; "
+            after = len(pulses) - 1 - int(nearest[-1])
+            said += (
+                f"the first pulse was taken for the first frame, and {after} come after the last; if pulses began before "
+                f"the film, the offset is too small, by {float(np.mean(np.diff(pulses))):.3g} s for each"
+                if after
+                else "the time stamps of the frames told which"
+            )
             return Alignment(
                 found.offset_s, found.offset_stderr_s, found.drift_ppm, found.drift_stderr_ppm, 1.0, _NOTHING, said
             )
@@ -107,7 +116,8 @@ def align_by_lamp(track: Track, log_time_s: FloatArray, signal: FloatArray, *, e
         raise DataError(f"{experiment}: sync: the lamp never switches in the picture; check sync.box")
     if len(logged) == 0:
         raise DataError(f"{experiment}: sync: the lamp never switches in the log; check sync.channel")
-    frame = float(np.median(np.diff(track.time_s)))
+    # Either clock knows a switch to its own step.
+    frame = float(max(np.median(np.diff(track.time_s)), np.median(np.diff(log_time_s))))
     best: tuple[float, float, int] | None = None
     tried: list[tuple[float, float]] = []
     for polarity in (1, -1):  # some drivers log 0 for a lit lamp
@@ -125,7 +135,8 @@ def align_by_lamp(track: Track, log_time_s: FloatArray, signal: FloatArray, *, e
     distance[:, :] = np.where((best[2] * seen_kinds)[:, None] == logged_kinds[None, :], distance, np.inf)
     nearest = distance.argmin(axis=1)
     near = distance[np.arange(len(seen)), nearest] < 1.5 * frame
-    if near.sum() < max(1, 0.5 * len(seen)):
+    within = int(np.sum((shifted > log_time_s[0]) & (shifted < log_time_s[-1])))
+    if near.sum() < max(0.5 * within, 1 if within == len(seen) else FEWEST_SEEN):
         raise DataError(f"{experiment}: sync: lamp and log do not switch in the same pattern; check sync.channel")
     return _line(seen[near], logged[nearest[near]], frame)
 

@@ -151,3 +151,40 @@ def test_pulses_whose_frames_were_dropped_are_told_by_the_time_stamps(run):
     found = sync(Track(track.dataset.isel(time=keep)), logged, method="trigger")
     assert "4 of 1200 pulses have no frame" in found["sync_notes"]
     within(found, 0.05)
+
+
+def test_a_lamp_in_a_slow_log_or_in_a_part_of_the_film():
+    track, log = lamp_run(1)
+    every = slice(None, None, 40)
+    slow = PressureLog(log.time_s[every], log.pressure_kPa[every], channels={"led": log.channels["led"][every]})
+    found = sync(track, slow, method="led")
+    assert abs(found["offset_s"] - 0.2) < 3 * found["offset_stderr_s"] < 0.02
+    part = (log.time_s > 0) & (log.time_s < 3.5)
+    short = PressureLog(log.time_s[part], log.pressure_kPa[part], channels={"led": log.channels["led"][part]})
+    assert abs(sync(track, short, method="led")["offset_s"] - 0.2) < 0.003
+
+
+def test_short_flashes_are_seen_and_noise_is_not_taken_for_them():
+    track, log = lamp_run(0)
+    flashes = np.array([1.0, 1.7, 2.9, 5.05, 6.6])
+    rng = np.random.default_rng(0)
+    dark = 50 + rng.normal(0, 2, len(track.time_s))
+    lit = dark + 150 * (np.abs(track.time_s[:, None] - flashes) < 0.006).any(axis=1)
+    logged = (np.abs(log.time_s[:, None] - flashes - 0.2) < 0.006).any(axis=1).astype(float)
+    flashed = PressureLog(log.time_s, log.pressure_kPa, channels={"led": logged})
+    found = sync(Track(track.dataset.assign(lamp=("time", lit))), flashed, method="led")
+    assert abs(found["offset_s"] - 0.2) < 0.003
+    with pytest.raises(DataError, match="never switches in the picture"):
+        sync(Track(track.dataset.assign(lamp=("time", dark))), flashed, method="led")
+
+
+def test_pulses_that_go_on_after_the_film_are_said(run):
+    track, log = run
+    fine = np.arange(log.time_s[0], log.time_s[-1], 2.5e-4)
+    phase = (fine - 0.05) * 240
+    pulse = ((phase % 1 < 0.5) & (phase > -0.1) & (phase < len(track.time_s) + 9.6)).astype(float)
+    logged = PressureLog(fine, np.interp(fine, log.time_s, log.pressure_kPa), channels={"trigger": pulse})
+    found = sync(track, logged, method="trigger")
+    assert "first pulse was taken for the first frame, and 10 come after the last" in found["sync_notes"]
+    assert "too small, by 0.00417 s for each" in found["sync_notes"]
+    within(found, 0.05)
