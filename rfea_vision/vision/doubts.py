@@ -15,8 +15,11 @@ from rfea_vision.vision import fitted
 
 FloatArray = NDArray[np.float64]
 
+ORIGIN_PX = 0.01  # what is left of the origin's error in any film: the same in all frames
 PROFILE_SHARE = 1.5  # of the width of an edge, for each share of its light step that is not a blurred step
+WIDTH_SHARE = 0.05  # of the tube's width: so well it is known
 SMEAR_SHARE = 0.04  # of the way that the end goes while the shutter is open
+NARROW_BLUR = 0.3  # of the half width: up to here a smeared edge is a blurred step
 SATURATED_BLURS = 0.3  # an edge that is cut off at the brightest level moves by about so much of its blur
 
 
@@ -37,9 +40,13 @@ class Doubts:
 def doubts(numbers: FloatArray, half_mm: float, px_per_mm: float) -> Doubts:
     """Read the doubts from the numbers of the fits (t, NUMBERS); `half_mm` is what the tube's half width should be."""
     too_wide = np.abs(numbers[:, fitted.WIDTH] / 2 - half_mm)
+    # A highlight as light as the wall, or a shadow as dark: one edge is elsewhere, and the middle by half as much.
+    one_edge = np.sqrt(np.maximum(too_wide**2 - (WIDTH_SHARE * half_mm) ** 2, 0.0))
     cut_off = numbers[:, fitted.SATURATED] * (too_wide + SATURATED_BLURS * numbers[:, fitted.BLUR] / px_per_mm)
+    # The wider the blur, the less of the light to either side is level, and the less like a step an edge is.
+    wide_blur = numbers[:, fitted.END_BLUR] / (NARROW_BLUR * half_mm * px_per_mm)
     return Doubts(
-        PROFILE_SHARE * numbers[:, fitted.PROFILE] / px_per_mm,
-        SMEAR_SHARE * numbers[:, fitted.SMEAR] / px_per_mm,
+        np.hypot(PROFILE_SHARE * numbers[:, fitted.PROFILE] / px_per_mm, one_edge),
+        SMEAR_SHARE * numbers[:, fitted.SMEAR] / px_per_mm * np.maximum(wide_blur, 1.0) ** 2,
         cut_off,
     )

@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float64]
 STEP_MM = 0.05
 HALF_WINDOW_MM = 1.0
 LEAST_STEP = 0.3  # of the contrast between tube and background
+APART_MM = 0.5  # at this distance pixels have different noise
+LEAST_STDERR_MM = 0.002
 LENGTH_TOLERANCE = 0.03  # standard error of the length that was given, as a share
 
 
@@ -183,7 +185,7 @@ def _end_at(
     # Of three strips the middle one: a mark on the tube, or a shadow beside it, spoils one of them.
     place = float(np.median(places) if len(places) == 3 else np.average(places, weights=weights))
     spread = float(np.ptp(places)) / 2 if len(places) > 1 else 0.01
-    return End(place, max(spread / np.sqrt(len(places)), float(np.median(doubts)), 0.01), "step")
+    return End(place, max(spread / np.sqrt(len(places)), float(np.median(doubts)), LEAST_STDERR_MM), "step")
 
 
 def choose_ends(
@@ -214,7 +216,8 @@ def _crossing(s: FloatArray, values: FloatArray, centre: int, m: int) -> tuple[f
     """Place of a step from the area under its profile: exact for any symmetric blur; and the doubt about it.
 
     The area rests on level light to either side. Where it is not level (a band, a shadow), the place is off by about
-    the share of the step by which the light varies there, times the reach that is summed.
+    the share of the step by which the light varies there, times the reach that is summed. What varies from pixel to
+    pixel averages out, and is no doubt: it is in the scatter from frame to frame.
     """
     low, high = max(centre - 2 * m, 0), min(centre + 2 * m, len(s) - 1)
     inner, outer = values[low : centre - m // 2], values[centre + m // 2 : high]
@@ -223,5 +226,14 @@ def _crossing(s: FloatArray, values: FloatArray, centre: int, m: int) -> tuple[f
     window = slice(max(centre - m, 0), centre + m + 1)
     share = (values[window] - before) / height
     far = values[max(centre - 4 * m, 0) : max(centre - m, 1)]  # a band that fills the window is seen from farther off
-    uneven = float(np.hypot(np.std(far), np.std(outer[len(outer) // 3 :])) / abs(height))
+    uneven = float(np.hypot(_slow_part(far), _slow_part(outer[len(outer) // 3 :])) / abs(height))
     return float(s[window][-1] + STEP_MM / 2 - STEP_MM * share.sum()), uneven * m * STEP_MM
+
+
+def _slow_part(values: FloatArray) -> float:
+    """Standard deviation of light along the axis, without what differs from pixel to pixel."""
+    lag = round(APART_MM / STEP_MM)
+    if len(values) <= 2 * lag:
+        return float(np.std(values))
+    noise = 0.5 * float(np.mean((values[lag:] - values[:-lag]) ** 2))
+    return float(np.sqrt(max(float(np.var(values)) - noise, 0.0)))

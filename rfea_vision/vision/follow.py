@@ -37,6 +37,7 @@ from rfea_vision.vision.sides import fit_sides, gaps, measure_sides, move_state,
 from rfea_vision.vision.solve import correlation_length
 
 TURNS = 8
+MOST_BLUR = 0.55  # of the half width: beyond it the two edges are one
 SPARSE = 3  # rows from one station to the next while the curve is still on its way
 NEAR_PX = 1.5
 AT_ONCE_PX = 0.4  # a first step that is no longer ends on its place within the noise: edges know their own curve
@@ -70,7 +71,7 @@ def fit_frame(
     numbers[:] = 0.0
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     px_per_vertex = max(length * px_per_mm / (VERTICES - 1), 0.2)
-    blur_limit = 0.3 * px_per_mm * work.half_width[VERTICES // 2]
+    blur_limit = MOST_BLUR * px_per_mm * work.half_width[VERTICES // 2]
     filled, _ = coarse_search(picture, camera, state, work, reach_px, px_per_mm)
     if filled >= 6:
         numbers[INNOVATION] = apply_coarse(state, work, filled, px_per_mm)

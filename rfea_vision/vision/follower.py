@@ -13,6 +13,7 @@ from rfea_vision.vision.begin import Begin, Scene, begin
 from rfea_vision.vision.cap import CAP_VERTICES
 from rfea_vision.vision.coarse import bend_search
 from rfea_vision.vision.curve import point_and_tangent
+from rfea_vision.vision.doubts import ORIGIN_PX
 from rfea_vision.vision.ends import End, find_end
 from rfea_vision.vision.follow import fit_frame
 from rfea_vision.vision.judge import Judge
@@ -143,18 +144,21 @@ class Follower:
         middle = np.median(self.clamps, axis=0)
         clamp[:2] += float((middle - clamp[:2]) @ clamp[2:]) * clamp[2:]
 
-    def clamp_stderr_mm(self) -> float:
-        """Standard error of the clamp along the tube, from how its places scatter and how its strips disagree."""
+    def clamp_stderr_mm(self) -> tuple[float, float | None]:
+        """Standard error of the clamp along the tube, from how its places scatter and how its strips disagree.
+
+        Beside it the scatter of its place from frame to frame; None where it was not seen again, or was given.
+        """
         assert self.start is not None and self.state is not None
         first = self.start.base.stderr_mm
         if len(self.clamps) < 4:
             # A clamp that was taken from a step in the light, and is not seen there again, may be anything near it.
-            return max(first, CLAMP_NEAR_MM) if self.start.base.kind == "step" and self.good > 8 else first
+            return (max(first, CLAMP_NEAR_MM) if self.start.base.kind == "step" and self.good > 8 else first), None
         along = np.array(self.clamps) @ self.state.clamp[2:]
-        scatter = 1.25 * along.std() / np.sqrt(len(along))
+        scatter = float(along.std())
         # What all frames share (a shadow, a rough edge) does not average out.
-        shared = max(float(np.median(self.clamp_errors)), 0.02 / self.scene.px_per_mm)
-        return float(np.hypot(scatter, shared))
+        shared = max(float(np.median(self.clamp_errors)), ORIGIN_PX / self.scene.px_per_mm)
+        return float(np.hypot(1.25 * scatter / np.sqrt(len(along)), shared)), scatter
 
     def _fit_predicted(self, luma: NDArray[np.uint8], time_s: float) -> str:
         assert self.state is not None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.compiled import compiled, lean
-from rfea_vision.vision.follow import LEAST_CAP_CONTRAST
+from rfea_vision.vision.follow import LEAST_CAP_CONTRAST, MOST_BLUR
 
 FloatArray = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ class Judge:
         ):
             return "touches_border"
         used = numbers[fitted.USED]
-        if max(numbers[fitted.BLUR], numbers[fitted.END_BLUR]) > 0.27 * half_px:
+        if max(numbers[fitted.BLUR], numbers[fitted.END_BLUR]) > 0.9 * MOST_BLUR * half_px:
             return "blurred"
         if used < LEAST_USED or numbers[fitted.LENGTH] == 0:
             return "no_tube" if used < 0.2 else "occluded"

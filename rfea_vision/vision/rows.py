@@ -136,7 +136,7 @@ class Rows:
 
     @property
     def commonest_reason(self) -> str:
-        return Counter(self.reasons).most_common(1)[0][0]
+        return Counter(reason for reason in self.reasons if reason).most_common(1)[0][0]
 
     def part(self, name: str) -> slice:
         """Rows of `shift_rows`: ``node`` positions, ``bend2`` d2/du2, ``tip_slope`` d/du, ``joint`` its differences."""

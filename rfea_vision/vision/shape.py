@@ -14,7 +14,7 @@ from rfea_vision.calibration.projection import project
 from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
-from rfea_vision.vision.doubts import Doubts, doubts
+from rfea_vision.vision.doubts import ORIGIN_PX, Doubts, doubts
 from rfea_vision.vision.elongation import angles, elongation_of
 from rfea_vision.vision.markers import marker_elongation
 from rfea_vision.vision.rows import Block, Rows
@@ -23,8 +23,10 @@ from rfea_vision.vision.systematic import CalibrationError
 
 FloatArray = NDArray[np.float64]
 
-ORIGIN_LATERAL_PX = 0.02  # what an edge of unknown blur leaves, the same in all frames
 STRAIGHTEST_SHARE = 0.1
+WITH_BEND = 2.0  # variance that is not noise, over what of it the length shows: not what changes slowly with the bend
+STILL = 1.5  # variance of the start across the tube, over what its scatter misses
+CLAMP_SHARE = 0.7  # the clamp is read on the tube and on both sides of it, the end by its own light only
 PRECISE = ("midline", "tip", "bend_angle", "elongation", "length", "hinge_length")  # kept in double precision
 
 
@@ -32,7 +34,7 @@ def build_dataset(
     rows: Rows,
     calibration: Calibration,
     scene: Scene,
-    origin_sigma: float,
+    clamp_stderr_mm: tuple[float, float | None],
     vertical: str | dict[str, Any],
     attributes: dict[str, Any],
 ) -> xr.Dataset:
@@ -44,8 +46,9 @@ def build_dataset(
     turning = rows.good_ones("shift_variance", rows.part("tip_slope").start)
     beyond = _beyond_noise(numbers, turning, inflation, -sign * scene.half_mm)
     smoothed = smooth(rows, inflation)
-    smoothed = replace(smoothed, variance_factor=smoothed.variance_factor * beyond**2)
-    inflation *= beyond**2
+    unlike_noise = 1.0 + WITH_BEND * (beyond**2 - 1.0)
+    smoothed = replace(smoothed, variance_factor=smoothed.variance_factor * unlike_noise)
+    inflation *= unlike_noise
     coefficients = smoothed.coefficients
     origin = _origin(coefficients)
     down = _rest_direction(coefficients) if vertical == "rest" else scene.down
@@ -56,6 +59,7 @@ def build_dataset(
     started = _start_stderr(
         coefficients, smoothed.variance_factor[0] * rows.good_ones("shift_variance", 0), scene.px_per_mm
     )
+    origin_sigma = _clamp_stderr(*clamp_stderr_mm, inflation * np.median(numbers[:, fitted.TIP_VARIANCE]))
     view = View(
         origin,
         to_rig,
@@ -185,6 +189,17 @@ class View:
     doubted: Doubts
 
 
+def _clamp_stderr(seen: float, scatter: float | None, variance: float) -> float:
+    """Standard error of the clamp along the tube, the same in all frames.
+
+    A step in the light at the clamp is read as well as the one at the tube's end, whose variance is known. What the
+    frames do not show of it by their scatter is the same in all of them: the still parts of a compressed video.
+    """
+    if scatter is None:
+        return seen
+    return float(np.hypot(seen, CLAMP_SHARE * np.sqrt(max(variance - scatter**2, 0.0))))
+
+
 def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: float) -> float:
     """Standard error across the tube of where it begins, the same in all frames.
 
@@ -196,8 +211,8 @@ def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: flo
     normal = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.linalg.norm(slope, axis=1, keepdims=True)
     across = np.sum(np.einsum("k,tkc->tc", first, coefficients) * np.median(normal, axis=0), axis=1)
     scatter = 1.4826 * np.median(np.abs(np.diff(across))) / np.sqrt(2) if len(across) > 4 else 0.0
-    shared = max(float(np.median(variance)) - scatter**2, 0.0)
-    return float(np.sqrt((ORIGIN_LATERAL_PX / px_per_mm) ** 2 + shared + 1.57 * scatter**2 / max(len(across), 1)))
+    shared = STILL * max(float(np.median(variance)) - scatter**2, 0.0)
+    return float(np.sqrt((ORIGIN_PX / px_per_mm) ** 2 + shared + 1.57 * scatter**2 / max(len(across), 1)))
 
 
 def _in_parts(rows: Rows, smoothed: Smoothed, view: View) -> dict[str, Any]:

@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 
 GIVE_UP_AFTER = 400  # frames without any tube before the search is called off
+LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
 PIXELS_AHEAD = 16_000_000
 
 
@@ -89,7 +90,7 @@ def track_frames(
                 progress(done + 1, max(total, done + 1))
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
-    if follower.start is None or not rows.any_valid:
+    if follower.start is None or not rows.any_valid or (follower.good < LEAST_GOOD and rows.good < 0.5 * len(rows)):
         raise DataError(
             f"{source.path}: no tube found ({rows.commonest_reason}); give camera.clamp and camera.tip in pixels, "
             "or check actuator.outer_radius and actuator.length"
