@@ -19,6 +19,8 @@ ORIGIN_PX = 0.01  # what is left of the origin's error in any film: the same in 
 PROFILE_SHARE = 1.5  # of the width of an edge, for each share of its light step that is not a blurred step
 WIDTH_SHARE = 0.05  # of the tube's width: so well it is known
 SMEAR_SHARE = 0.04  # of the way that the end goes while the shutter is open
+UNLIKELY_MOVE = 4.0  # standard errors
+ORIGIN_MOVE_MM = 0.01
 NARROW_BLUR = 0.3  # of the half width: up to here a smeared edge is a blurred step
 SATURATED_BLURS = 0.3  # an edge that is cut off at the brightest level moves by about so much of its blur
 
@@ -30,6 +32,16 @@ class Doubts:
     across: FloatArray
     smear: FloatArray
     beyond: FloatArray
+
+    def with_camera_moved(self, start_mm: FloatArray, stderr_mm: FloatArray) -> Doubts:
+        """With what a clamp that is elsewhere than in most frames, `start_mm` (t,) across the tube, tells of the camera.
+
+        The clamp does not move: where it seems to, by more than its error allows, all of the picture has moved, and in
+        the direction that is not seen about as far.
+        """
+        off = np.abs(start_mm - np.median(start_mm))
+        moved = np.where(off > UNLIKELY_MOVE * np.maximum(stderr_mm, ORIGIN_MOVE_MM), off, 0.0)
+        return Doubts(np.hypot(self.across, moved), self.smear, np.hypot(self.beyond, moved))
 
     @property
     def shared_across(self) -> float:

@@ -56,9 +56,9 @@ def build_dataset(
     calibrated = CalibrationError(calibration, scene.camera, coefficients, origin)
     half_mm = float(np.median(rows.good_ones("width")[:, 1:-1]))
     doubted = doubts(numbers, scene.half_mm, scene.px_per_mm)
-    started = _start_stderr(
-        coefficients, smoothed.variance_factor[0] * rows.good_ones("shift_variance", 0), scene.px_per_mm
-    )
+    start_variance = smoothed.variance_factor[0] * rows.good_ones("shift_variance", 0)
+    started = _start_stderr(coefficients, start_variance, scene.px_per_mm)
+    doubted = doubted.with_camera_moved(_start_across(coefficients), np.sqrt(start_variance))
     origin_sigma = _clamp_stderr(*clamp_stderr_mm, inflation * np.median(numbers[:, fitted.TIP_VARIANCE]))
     view = View(
         origin,
@@ -206,13 +206,18 @@ def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: flo
     Noise that changes from frame to frame averages out. What the edges miss by, and the frames do not show by their
     scatter, is the same in all of them: a compressed video repeats the still parts of its pictures.
     """
-    first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
-    slope = np.matmul(basis_matrix(np.array([0.0]), COEFFICIENTS, 1)[0], coefficients)
-    normal = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.linalg.norm(slope, axis=1, keepdims=True)
-    across = np.sum(np.einsum("k,tkc->tc", first, coefficients) * np.median(normal, axis=0), axis=1)
+    across = _start_across(coefficients)
     scatter = 1.4826 * np.median(np.abs(np.diff(across))) / np.sqrt(2) if len(across) > 4 else 0.0
     shared = STILL * max(float(np.median(variance)) - scatter**2, 0.0)
     return float(np.sqrt((ORIGIN_PX / px_per_mm) ** 2 + shared + 1.57 * scatter**2 / max(len(across), 1)))
+
+
+def _start_across(coefficients: FloatArray) -> FloatArray:
+    """Where the curves begin, along the normal of the tube at its clamp (t,) mm."""
+    first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
+    slope = np.matmul(basis_matrix(np.array([0.0]), COEFFICIENTS, 1)[0], coefficients)
+    normal = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.linalg.norm(slope, axis=1, keepdims=True)
+    return np.sum(np.einsum("k,tkc->tc", first, coefficients) * np.median(normal, axis=0), axis=1)
 
 
 def _in_parts(rows: Rows, smoothed: Smoothed, view: View) -> dict[str, Any]:

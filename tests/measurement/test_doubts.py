@@ -1,5 +1,6 @@
 """Pictures whose errors are not noise: measured right, claimed as uncertain, or refused with the reason."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -61,6 +62,18 @@ def test_a_film_in_which_nothing_is_measured_has_no_lucky_frame(small_lens):
     pictures, times, _ = smeared_film(small_lens, Look(), swinging, np.arange(12) / 30, 1 / 15, steps=5)
     with pytest.raises(DataError, match="no tube found"):
         track_frames(memory_source(pictures, times), true_calibration(small_lens), Actuator())
+
+
+def test_a_camera_that_was_bumped_is_no_motion_of_the_tube(small_lens):
+    pictures, times, shapes = film(small_lens, Look(), bending(np.arange(40) / 100 + 0.3), rate_Hz=100)
+    bumped = np.arange(20, 26)
+    for number, by in zip(bumped, [1.5, -2.5, 2.0, -1.5, 1.2, -1.0], strict=True):
+        turned = np.array([[1.0, 0.0, by], [0.0, 1.0, 0.4 * by]])
+        pictures[number] = cv2.warpAffine(pictures[number], turned, small_lens.size, borderMode=cv2.BORDER_REPLICATE)
+    z, off_px, valid = claimed(pictures, times, shapes, small_lens)
+    assert valid.all()
+    assert off_px[bumped].max() > 1.0 > off_px[:20].max()
+    assert np.abs(z).max() < 4.0
 
 
 @pytest.mark.parametrize("sleeve", [(12.0, 1.5), (8.0, 1.25)])
