@@ -167,7 +167,7 @@ def _at_point(
     nb = len(base_free)
     clock_columns = [len(free) + i for i in fitted.solution.clock_index]
     coordinates = fitted.coordinates
-    moves = coordinates.matrix[np.ix_(coordinates.free, coordinates.inside(fitted.solution.y))]
+    moves = coordinates.matrix[list(coordinates.free)][:, coordinates.inside(fitted.solution.y)]
     base = np.concatenate([result.jacobian[:, :nb] @ moves, result.jacobian[:, clock_columns]], axis=1)
     q, _ = np.linalg.qr(base / np.maximum(np.linalg.norm(base, axis=0), 1e-300))
     residual = result.residual - q @ (q.T @ result.residual)

@@ -323,15 +323,24 @@ def noise_floor_mm(observed: list[Observed], recordings: dict[str, Recording]) -
         measured.append(item.tip_noise_mm)
         data = recordings[item.name].dataset
         if "tip_sigma" in data:
-            stated.append(float(np.sqrt(np.mean(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1)))))
+            stated.append(
+                float(np.mean(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1))) - _shared(item, data)
+            )
         elif "midline_sigma" in data:
-            stated.append(float(np.sqrt(2 * np.mean(data["midline_sigma"].values[item.frame, -1] ** 2))))
+            stated.append(float(2 * np.mean(data["midline_sigma"].values[item.frame, -1] ** 2)) - _shared(item, data))
     if not measured:
         return None, "no tip in the data"
     high = float(np.sqrt(np.mean(np.square(measured))))
     if not stated:
         return high, "the track's own high frequencies (no standard errors given)"
-    claim = float(np.sqrt(np.mean(np.square(stated))))
+    claim = float(np.sqrt(max(np.mean(stated), 0.0)))
     if high > claim:
         return high, "the track's own high frequencies (above the stated standard errors)"
     return claim, "standard errors of the track"
+
+
+def _shared(item: Observed, data: xr.Dataset) -> float:
+    """Variance (mm^2) of the tip that all frames of a run share and that the fit takes out: where the clamp was seen."""
+    if item.origin_sigma == 0:
+        return 0.0
+    return float(sum(data.attrs.get(f"origin_sigma_{way}_mm", 0.0) ** 2 for way in ("along", "across")))
