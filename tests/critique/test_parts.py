@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.critique import screening
@@ -18,6 +19,7 @@ from rfea_vision.critique.trials import Trials
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting import FitOptions
 from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.observation import noise_floor_mm
 from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import evaluate
 
@@ -65,6 +67,7 @@ def _fake(noise: np.ndarray, sigma_mm: float) -> tuple[SimpleNamespace, SimpleNa
     """A problem and a fit of which only the tip's residual is looked at."""
     time = np.arange(noise.shape[0]) / 240.0
     item = SimpleNamespace(
+        origin_sigma=0.0,
         name="run", role="train", repeat_of=None, has_tip=True, time=time, frame=np.arange(time.size),
         points=noise[:, None, :] * 1e-3, tip_noise_mm=0.0,
     )  # fmt: skip
@@ -136,3 +139,18 @@ def test_a_combination_must_leave_little_or_explain_nearly_all(held, explained, 
     reaches = explained >= trials.enough
     trial = SimpleNamespace(wins=True, reaches=reaches, explained=explained, errors=Errors(held, held, None, None))
     assert (trials.settles(trial), trials.carries(trial)) == (single, together)  # type: ignore[arg-type]
+
+
+def test_the_floor_leaves_out_what_all_frames_share():
+    """Where the clamp was seen is found along with the fit: its error is not noise that a model could be left with."""
+    frames = np.arange(10)
+    item = SimpleNamespace(
+        name="run", repeat_of=None, has_tip=True, frame=frames, tip_noise_mm=0.004, origin_sigma=3e-4
+    )
+    attributes = {"origin_sigma_along_mm": 0.02, "origin_sigma_across_mm": 0.01}
+    sigma = np.full((frames.size, 2), np.sqrt((0.02**2 + 0.01**2 + 0.006**2) / 2))
+    data = xr.Dataset({"tip_sigma": (("time", "xy"), sigma)}, attrs=attributes)
+    floor, source = noise_floor_mm([item], {"run": SimpleNamespace(dataset=data)})
+    assert floor == pytest.approx(0.006) and "standard errors" in source
+    item.origin_sigma = 0.0  # a track that is in the rig frame by somebody's word is taken at that word
+    assert noise_floor_mm([item], {"run": SimpleNamespace(dataset=data)})[0] == pytest.approx(0.0232, abs=1e-4)
