@@ -25,10 +25,10 @@ from rfea_vision.errors import DataError, InputError
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 MINIMUM_PHOTOS = 3
-BETTER_BY = (
-    0.2  # a richer lens must predict unseen photos this much better: less, and it may be modelling an uneven print,
-)
-SURE_BY = 2.5  # and the gain must stand out of its scatter over the photos by so many standard errors
+# A richer lens must predict unseen photos this much better: less, and it may be modelling an uneven print;
+BETTER_BY = 0.2
+# and the gain must stand out of its scatter over the photos by so many standard errors.
+SURE_BY = 2.5
 SIZE_TOLERANCE_PX = 2  # some programs write one row or column more
 OUTLIER_SIGMA = 6.0
 SPLITS = 3

@@ -7,20 +7,19 @@ fitted values, shows by how much the prediction is off; projected on the paramet
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.fitting.fit import Fitted, Problem, carried, make_model
 from rfea_vision.fitting.observation import Observed
-from rfea_vision.fitting.refine import Refined
+from rfea_vision.fitting.refine import Refined, gauss_newton_step
 from rfea_vision.fitting.residuals import evaluate, rows
 
 FloatArray = NDArray[np.float64]
 #: With joints in the middle the error falls with 1/n^2: a chain of 2 n lacks a third of what it has gained.
 TO_THE_LIMIT = 4 / 3
-#: As in `refine`: directions of which the data tell less than this are not moved along.
-WEAKEST = 1e-4
 
 
 def drift(problem: Problem, fitted: Fitted, refined: Refined, items: Sequence[Observed]) -> FloatArray:
@@ -30,24 +29,18 @@ def drift(problem: Problem, fitted: Fitted, refined: Refined, items: Sequence[Ob
     names one of the joints; and where the finer chain cannot be simulated.
     """
     nowhere = np.zeros(len(fitted.model.names))
-    options, solution, coordinates = fitted.options, fitted.solution, fitted.coordinates
+    options, coordinates = fitted.options, fitted.coordinates
     if options.joints != "middle" or any("@" in effect for effect in options.effects):
         return nowhere
     count = 2 * options.segments
     known = dict(zip(fitted.model.names, refined.par, strict=True))
     finer = make_model(problem.actuator, options.with_segments(count), problem.mirror)
+    finer = replace(finer, order=refined.model.order)  # the number of bodies is to differ, and nothing else
     par = carried(finer, problem.actuator, count, known, options.segments)
     seen = evaluate(finer, par, items, (), refined.clocks)
     if seen is None:
         return nowhere
     here = [rows(item, one, jacobian=False)[0] for item, one in zip(items, refined.predicted, strict=True)]
-    ny = len(coordinates.free)
-    moves = np.concatenate([coordinates.inside(solution.y), np.ones(len(solution.clock_index), dtype=bool)])
-    weight = np.sqrt(solution.row_weight)
-    jacobian = np.concatenate([solution.scaled_jacobian * weight[:, None], solution.prior_jacobian])[:, moves]
-    change = (seen.residual - np.concatenate(here)) * weight
-    change = np.concatenate([change, np.zeros(jacobian.shape[0] - change.size)])
-    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    step = np.zeros(moves.size)
-    step[moves] = -np.linalg.lstsq(jacobian / size, change, rcond=WEAKEST)[0] / size
-    return np.asarray(TO_THE_LIMIT * (coordinates.matrix @ step[:ny]), dtype=np.float64)
+    change = seen.residual - np.concatenate(here)
+    step = gauss_newton_step(fitted, change, np.zeros_like(fitted.solution.prior_residual))
+    return np.asarray(TO_THE_LIMIT * (coordinates.matrix @ step[: len(coordinates.free)]), dtype=np.float64)

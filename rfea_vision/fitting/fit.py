@@ -240,7 +240,8 @@ def fit_added(
     if best is None:
         raise DataError(f"model {options.name}: none of its starts could be simulated")
     values = dict(zip(best.model.names, best.par, strict=True))
-    most = 60 if best.solution.cost <= (1 - worth) * _cost(previous, thin) else 1
+    hopeless = worth > 0 and best.solution.cost > (1 - worth) * _cost(previous, thin)
+    most = 1 if hopeless else 60
     final = refit(problem, options, values, options.segments, best.solution.clocks, most_evaluations=most)
     return replace(
         final, plateaus=previous.plateaus, steady=previous.steady, starts=tuple(waterfall), jumps=previous.jumps

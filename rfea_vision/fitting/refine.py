@@ -20,6 +20,7 @@ from rfea_vision.fitting.solver import CLOCK_SCALE_S
 
 FloatArray = NDArray[np.float64]
 EXACT_ORDER = 3
+WEAKEST = 1e-4  # singular values below this share of the largest carry too little
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,24 @@ class Refined:
     predicted: tuple[Predicted, ...]
 
 
+def gauss_newton_step(fitted: Fitted, residual: FloatArray, prior_residual: FloatArray) -> FloatArray:
+    """Step of the coordinates and free clocks off their bounds that a residual (rows,) asks for at a solved fit.
+
+    Directions of which the data tell next to nothing are not moved along.
+    """
+    solution, coordinates = fitted.solution, fitted.coordinates
+    moves = np.concatenate([coordinates.inside(solution.y), np.ones(len(solution.clock_index), dtype=bool)])
+    step = np.zeros(moves.size)
+    if not moves.any():
+        return step
+    weight = np.sqrt(solution.row_weight)
+    jacobian = np.concatenate([solution.scaled_jacobian * weight[:, None], solution.prior_jacobian])[:, moves]
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    wanted = np.concatenate([residual * weight, prior_residual])
+    step[moves] = -np.linalg.lstsq(jacobian / size, wanted, rcond=WEAKEST)[0] / size
+    return step
+
+
 def refine(fitted: Fitted, items: Sequence[Observed]) -> Refined:
     """Correct a solved fit; as it was where the step does not lower the cost."""
     solution, coordinates = fitted.solution, fitted.coordinates
@@ -42,15 +61,10 @@ def refine(fitted: Fitted, items: Sequence[Observed]) -> Refined:
         return as_it_was
     as_it_was = Refined(model, fitted.par, solution.clocks, before.predicted)
     ny = len(coordinates.free)
-    moves = np.concatenate([coordinates.inside(solution.y), np.ones(len(solution.clock_index), dtype=bool)])
     weight = np.sqrt(solution.row_weight)
-    jacobian = np.concatenate([solution.scaled_jacobian * weight[:, None], solution.prior_jacobian])[:, moves]
-    residual = np.concatenate([before.residual * weight, solution.prior_residual])
-    if not moves.any():
+    step = gauss_newton_step(fitted, before.residual, solution.prior_residual)
+    if not step.any():
         return as_it_was
-    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    step = np.zeros(moves.size)
-    step[moves] = -np.linalg.lstsq(jacobian / size, residual, rcond=1e-4)[0] / size
     y = np.clip(solution.y + step[:ny], coordinates.lower, coordinates.upper)
     clocks = solution.clocks.copy()
     clocks[list(solution.clock_index)] += step[ny:] * CLOCK_SCALE_S
