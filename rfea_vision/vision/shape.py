@@ -258,7 +258,7 @@ def _derive(rows: Rows, block: Block, smoothed: Smoothed, part: slice, view: Vie
     # Walking down, the left-hand side is the camera's right: the outside of a bend to the left.
     curvature = -sign * (tangent[..., 0] * second[..., 1] - tangent[..., 1] * second[..., 0]) / speed**2
     node_noise = np.sqrt(variance["node"])
-    by_calibration = np.einsum("ktuc,tuc->ktu", calibrated.displacement(points), left)
+    by_calibration = calibrated.displacement(points, left)
     node_sigma = np.sqrt(
         node_noise**2
         + doubted.across[:, None] ** 2
@@ -342,7 +342,7 @@ def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, c
         return np.einsum("ic,tcd,id->ti", to_rig, covariance, to_rig)
 
     noise = seen_in_rig(axial, normal_noise)
-    moved = calibrated.displacement(tip_plane) @ to_rig.T
+    moved = np.stack([calibrated.displacement(tip_plane, axis) for axis in to_rig], axis=-1)
     doubtful = seen_in_rig(np.hypot(doubted.beyond, doubted.smear), np.hypot(doubted.across, doubted.smear))
     total = noise + doubtful + np.sum(moved**2, axis=0)
     total[:, 1] += start[0] ** 2

@@ -28,26 +28,29 @@ class CalibrationError:
         pixels = project(camera, grid)
         cameras = perturbed_cameras(calibration)
         fields = [unproject(other, pixels) - grid for other in cameras] or [np.zeros_like(grid)]
-        terms = self._terms(grid)
+        terms = self._terms(grid).T
         solutions = [np.linalg.lstsq(terms, np.nan_to_num(field), rcond=None)[0] for field in fields]
         self.fields = np.stack(solutions)  # (axes, 10, 2)
-        self.at_origin = np.einsum("p,kpc->kc", self._terms(origin[None])[0], self.fields)
-
-    def _scaled(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return (points[..., 0] - self.middle[0]) / self.half[0], (points[..., 1] - self.middle[1]) / self.half[1]
+        self.fields[:, 0] -= np.tensordot(self.fields, self._terms(origin), axes=(1, 0))
 
     def _terms(self, points: FloatArray) -> FloatArray:
-        x, y = self._scaled(points)
-        return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], axis=-1)
+        """Terms (10, ...) of the polynomials at points (..., 2)."""
+        x, y = (points[..., 0] - self.middle[0]) / self.half[0], (points[..., 1] - self.middle[1]) / self.half[1]
+        xx, xy, yy = x * x, x * y, y * y
+        return np.stack([np.ones_like(x), x, y, xx, xy, yy, xx * x, xx * y, x * yy, yy * y])
 
-    def displacement(self, points: FloatArray) -> FloatArray:
-        """Displacement (axes, ..., 2) mm of plane points (..., 2), relative to that of the origin."""
-        moved = np.einsum("...p,kpc->k...c", self._terms(points), self.fields)
-        return moved - self.at_origin.reshape(-1, *(1,) * (points.ndim - 1), 2)
+    def _along(self, terms: FloatArray, directions: FloatArray) -> FloatArray:
+        parts = np.concatenate([terms * directions[..., 0], terms * directions[..., 1]])
+        fields = self.fields.transpose(0, 2, 1).reshape(-1, len(parts))
+        return (fields @ parts.reshape(len(parts), -1)).reshape(-1, *terms.shape[1:])
+
+    def displacement(self, points: FloatArray, directions: FloatArray) -> FloatArray:
+        """How far (axes, ...) mm plane points (..., 2) go along unit `directions` (..., 2), relative to the origin."""
+        return self._along(self._terms(points), directions)
 
     def rotation(self, points: FloatArray, tangents: FloatArray) -> FloatArray:
         """Turning (axes, ...) in rad of short lines at `points` along unit `tangents`."""
         step = 0.5
-        change = self.displacement(points + step * tangents) - self.displacement(points - step * tangents)
+        change = self._terms(points + step * tangents) - self._terms(points - step * tangents)
         normal = np.stack([-tangents[..., 1], tangents[..., 0]], axis=-1)
-        return np.einsum("k...c,...c->k...", change, normal) / (2 * step)
+        return self._along(change, normal) / (2 * step)
