@@ -39,7 +39,7 @@ def fresh_look(
     problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[], None] = lambda: None
 ) -> list[FreshFit]:
     """Fit every effect from the statics, best first; those that cannot be simulated are left out."""
-    thin = [o.thinned(max(1, o.time.size // FRAMES)) for o in problem.train]
+    thin = [o.rough(FRAMES) for o in problem.train]
     segments = min(COARSE, fitted.options.segments) if fitted.options.joints == "middle" else fitted.options.segments
     scale = seen_scale(problem.train, problem.actuator)
     known = {n: v for n, v in zip(fitted.model.names, fitted.par, strict=True) if "." in n}

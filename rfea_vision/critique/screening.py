@@ -151,7 +151,7 @@ def _at_point(
     problem: Problem, fitted: Fitted, effects: Sequence[Effect], active: Sequence[Effect], point: dict[str, float]
 ) -> Iterator[Sensitivity]:
     """Sensitivities of the active effects at one point of the grid; `effects` are those that the law is compiled with."""
-    thin = tuple(o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train)
+    thin = tuple(o.rough(FRAMES_SCREENED) for o in problem.train)
     everything = tuple(sorted([*fitted.model.effects, *effects], key=lambda e: e.id))
     model = replace(fitted.model, effects=everything)
     base_free = [model.names.index(name) for name in fitted.coordinates.names]

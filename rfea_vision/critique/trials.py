@@ -48,13 +48,19 @@ PROMISING = 0.8
 #: its cost says it, an effect that would lower the cost by less than this is not polished.
 HOPELESS, CLEAR_FLOORS = 0.1, 2.0
 #: More than this many noise floors left is too much for a combination, which bends to more than a single effect does, unless
-#: it explains nearly everything; a single effect that leaves more is named only after everything was looked at afresh.
+#: it explains nearly everything; a single effect that leaves more is named only after everything was looked at afresh. For
+#: the same reason a combination has to explain its share even where little is left, and each of its steps as much of what the
+#: steps before have left as a single effect would.
 SETTLED_FLOORS, NEARLY_ALL = 1.0, 0.99
 
 
 @dataclass(frozen=True)
 class Refitted:
-    """A candidate, or several together, added to the model and refitted."""
+    """A candidate, or several together, added to the model and refitted.
+
+    `explained` is the share of the squared error above the noise that all of them remove; `reaches` says whether the last of
+    them removes enough of what the others had left, or leaves too little to blame anything for.
+    """
 
     added: tuple[str, ...]
     screened: Screened
@@ -106,8 +112,15 @@ class Trials:
 
     def carries(self, trial: Refitted) -> bool:
         """Whether a combination explains enough, and leaves little enough, to be named."""
+        if not (trial.wins and trial.reaches and trial.explained >= self.enough):
+            return False
         least = NEARLY_ALL if self.enough >= EXPLAINED else self.enough
-        return self.settles(trial) or (trial.wins and trial.explained >= least)
+        return trial.explained >= least or structure(trial.errors, self.floor) < max(SETTLED_FLOORS, self.small)
+
+    def _share(self, before: Errors, after: Errors) -> float:
+        """Share of the squared error above the noise that is gone."""
+        had = excess(before, self.floor)
+        return 1 - excess(after, self.floor) / had if had > 0 else 1.0
 
     def effect(self, name: str) -> Effect:
         return next(e for e in self.effects if e.id == name)
@@ -153,8 +166,7 @@ class Trials:
         errors = errors_of(self.problem, trial)
         earlier = since.errors if since is not None else self.errors
         added = (*(since.added if since is not None else ()), name)
-        before, after = excess(self.errors, self.floor), excess(errors, self.floor)
-        explained = 1 - after / before if before > 0 else 1.0
+        small = structure(errors, self.floor) < self.small
         self.progress()
         return Refitted(
             added,
@@ -163,8 +175,8 @@ class Trials:
             errors,
             delta_bic(self.problem, base, trial),
             all(_physical(trial, one) for one in added if one != SEGMENTS),
-            explained,
-            structure(errors, self.floor) < self.small or explained >= self.enough,
+            self._share(self.errors, errors),
+            small or self._share(earlier, errors) >= self.enough,
             matters(earlier, errors, self.floor) and (since is None or since.matters),
         )
 

@@ -9,14 +9,20 @@ from typing import Literal
 import numpy as np
 
 from rfea_vision.artefacts.judgement import Tie
-from rfea_vision.critique.measures import STRUCTURE_FLOORS, structure
+from rfea_vision.critique.measures import STRUCTURE_FLOORS, delta_bic, structure
+from rfea_vision.critique.refinement import MOST_SEGMENTS, refit_segments
 from rfea_vision.critique.trials import Refitted, Trials
+from rfea_vision.fitting.fit import Fitted
 
-#: Two candidates are tied where the held-out error differs by less than this share (or these floors) and the cost of the
-#: training runs by less than that share: below, the sampling of the tube and of its motion decides, not physics.
+#: Two candidates may be tied where the held-out error differs by less than this share (or these floors) and the cost of the
+#: training runs by less than that share: so little, the sampling of the tube and of its motion may decide, not physics.
 TIE_SHARE = 0.03
 TIE_FLOORS = 0.05
 TIE_COST = 0.04
+#: They are told apart all the same where a chain twice as fine, too, prefers the same one by this share of the cost, and by
+#: more than noise can: ten points of BIC (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572, "very strong").
+CLEAR_COST = 0.01
+CLEAR_BIC = 10.0
 MOST_TIED = 3
 
 
@@ -42,8 +48,7 @@ def decide(trials: Trials, singles: Mapping[str, Refitted], together: Sequence[R
     left = structure(trials.errors, trials.floor)
     if found:
         best = found[0]
-        rivals = [r for r in found if is_tied(best, r, trials.floor)][:MOST_TIED]
-        tied, rivals = _ties(trials, rivals)
+        tied, rivals = _ties(trials, [r for r in found if is_tied(trials, best, r)][:MOST_TIED])
         return Verdict("missing", _missing(trials, best, tied), best, tied, rivals, best.explained)
     part = winners[0] if winners else None
     if left < STRUCTURE_FLOORS or (part is None and left < max(1.0, trials.small)):
@@ -51,11 +56,35 @@ def decide(trials: Trials, singles: Mapping[str, Refitted], together: Sequence[R
     return Verdict("unexplained", _unexplained(trials, part), None, [], [], part.explained if part else 0.0)
 
 
-def is_tied(best: Refitted, other: Refitted, floor: float) -> bool:
+def is_tied(trials: Trials, best: Refitted, other: Refitted) -> bool:
     """Whether the data cannot tell two refits apart."""
+    if other is best:
+        return True
     gap = other.merit - best.merit
-    cost = other.fitted.solution.evaluation.cost / best.fitted.solution.evaluation.cost - 1
-    return gap <= max(TIE_FLOORS * floor, TIE_SHARE * best.merit) and cost <= TIE_COST
+    cost = _cost(other.fitted) / _cost(best.fitted) - 1
+    if gap > max(TIE_FLOORS * trials.floor, TIE_SHARE * best.merit) or cost > TIE_COST:
+        return False
+    return not (_prefers(trials, best.fitted, other.fitted) and _prefers_finer(trials, best.fitted, other.fitted))
+
+
+def _cost(fitted: Fitted) -> float:
+    return fitted.solution.evaluation.cost
+
+
+def _prefers(trials: Trials, best: Fitted, other: Fitted) -> bool:
+    """Whether the training runs prefer one of two fits clearly."""
+    clearer = _cost(other) > (1 + CLEAR_COST) * _cost(best)
+    return clearer and delta_bic(trials.problem, other, best) < -CLEAR_BIC
+
+
+def _prefers_finer(trials: Trials, best: Fitted, other: Fitted) -> bool:
+    """The same question to chains with twice the segments; no where they cannot be compared, yes where they are fine as it is."""
+    if 2 * best.options.segments > MOST_SEGMENTS:
+        return True
+    if any("@" in effect for fitted in (best, other) for effect in fitted.options.effects):
+        return False  # a joint by its number is another place on another chain
+    pair = [refit_segments(trials.problem, fitted, fitted.options.name) for fitted in (best, other)]
+    return pair[0] is not None and pair[1] is not None and _prefers(trials, pair[0], pair[1])
 
 
 def _ties(trials: Trials, rivals: Sequence[Refitted]) -> tuple[list[Tie], list[Refitted]]:

@@ -105,7 +105,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     """
     coarse = options.with_segments(min(options.segments, 6 if options.joints == "middle" else options.segments))
     model = make_model(problem.actuator, coarse, problem.mirror)
-    thin = [o.thinned(max(1, o.time.size // ROUGH_FRAMES)).coarser() for o in problem.train]
+    thin = [o.rough(ROUGH_FRAMES) for o in problem.train]
     plateaus = find_plateaus(problem.train)
     reference = start_vector(model, problem.actuator, coarse.segments)
     reference[:6] *= seen_scale(problem.train, problem.actuator)
@@ -209,7 +209,7 @@ def fit_added(
     segments = previous.options.segments
     best: Fitted | None = None
     waterfall = []
-    thin = [o.thinned(max(1, o.time.size // 400)) for o in problem.train]
+    thin = [o.rough(ROUGH_FRAMES) for o in problem.train]
     for index, start in enumerate(options_list):
         label = ", ".join(f"{k} = {v:g}" for k, v in start.items()) or "previous model"
         try:

@@ -101,6 +101,10 @@ class Observed:
             return self
         return self._picked(slice(None, None, step))
 
+    def rough(self, frames: int) -> Observed:
+        """About so many frames of the same run, simulated with twice the step: to come near, and to compare what differs much."""
+        return self.thinned(max(1, self.time.size // frames)).coarser()
+
     def coarser(self) -> Observed:
         """The same run, to be simulated with twice the step: half the cost, four times the integrator's error."""
         given = self.excitation

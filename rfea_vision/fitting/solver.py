@@ -214,7 +214,7 @@ def solve_from_afar(
     clocks: FloatArray | None = None,
 ) -> Solution | None:
     """As `solve`, with the first way gone in longer steps on fewer frames; None as there."""
-    thin = [o.thinned(max(1, o.time.size // ROUGH_FRAMES)).coarser() for o in items]
+    thin = [o.rough(ROUGH_FRAMES) for o in items]
     rough = solve(model, thin, coordinates, start, clocks, most_evaluations=40, tolerance=1e-4)
     if rough is None:
         return solve(model, items, coordinates, start, clocks)
