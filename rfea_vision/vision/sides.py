@@ -24,6 +24,7 @@ from rfea_vision.vision.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, O
 from rfea_vision.vision.solve import (
     PRIOR_BEND_MM,
     PRIOR_WIDTH_MM,
+    cholesky,
     cholesky_inverse,
     cholesky_solve,
     normal_equations,
@@ -181,7 +182,8 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
         matrix, right = normal_equations(
             work.stations, filled, work.keep, variance, state.width, count, PRIOR_BEND_MM, PRIOR_WIDTH_MM
         )
-        solution = cholesky_solve(matrix, right)
+        low = cholesky(matrix)
+        solution = cholesky_solve(low, right)
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         noise = max(robust_scale(work, filled), 0.3)
         before = kept
@@ -193,7 +195,7 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
             kept = drop_odd_sections(work, filled)
         if repeat == 1 or kept == before:
             if with_covariance:
-                work.covariance[:] = cholesky_inverse(matrix)
+                work.covariance[:] = cholesky_inverse(low)
                 if repeat == 0:
                     work.covariance[:] *= noise * noise / variance
             break

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from rfea_vision.vision.compiled import compiled, lean
-from rfea_vision.vision.curve import value_at
 from rfea_vision.vision.edges import INFO, SHIFT, SIDE, U
 
 PRIOR_BEND_MM = 0.4  # how much a second difference of the shift may be, a priori
@@ -15,7 +14,7 @@ PRIOR_WIDTH_MM = 0.02  # the same for the half width, which hardly changes from 
 
 
 @compiled
-def _cholesky(matrix):
+def cholesky(matrix):
     """Lower factor of a symmetric positive definite matrix; a pivot that vanishes is treated as infinite."""
     n = matrix.shape[0]
     low = np.zeros((n, n))
@@ -32,34 +31,32 @@ def _cholesky(matrix):
 
 
 @compiled
-def cholesky_inverse(matrix):
-    """Inverse of a symmetric positive definite matrix."""
-    n = matrix.shape[0]
-    low = _cholesky(matrix)
-    inverse_low = np.zeros((n, n))
+def cholesky_inverse(low):
+    """Inverse of the matrix whose lower factor is `low`."""
+    n = low.shape[0]
+    columns = np.zeros((n, n))  # of the inverse of `low`, each in a row, so that what is multiplied lies side by side
     for i in range(n):
-        inverse_low[i, i] = 1.0 / low[i, i]
+        columns[i, i] = 1.0 / low[i, i]
         for j in range(i):
             total = 0.0
             for k in range(j, i):
-                total -= low[i, k] * inverse_low[k, j]
-            inverse_low[i, j] = total / low[i, i]
+                total -= low[i, k] * columns[j, k]
+            columns[j, i] = total / low[i, i]
     out = np.empty((n, n))
     for i in range(n):
         for j in range(i + 1):
             total = 0.0
             for k in range(i, n):
-                total += inverse_low[k, i] * inverse_low[k, j]
+                total += columns[i, k] * columns[j, k]
             out[i, j] = total
             out[j, i] = total
     return out
 
 
 @compiled
-def cholesky_solve(matrix, right):
-    """Solution of a symmetric positive definite system."""
-    n = matrix.shape[0]
-    low = _cholesky(matrix)
+def cholesky_solve(low, right):
+    """Solution of the system whose matrix has the lower factor `low`."""
+    n = low.shape[0]
     out = np.empty(n)
     for i in range(n):
         value = right[i]
@@ -91,7 +88,7 @@ def normal_equations(stations, filled, keep, variance, width, count, prior_bend,
     wider = spans // (width_count - 3)
     matrix = np.zeros((size, size))
     right = np.zeros(size)
-    powers = np.zeros((spans, 2, 7))  # weights times t^p: of both sides together, and of one minus the other
+    powers = np.zeros((spans, 2, 7))  # weights times t^p of the left side, and of the right one
     values = np.zeros((spans, 2, 4))  # the same times the station's shift
     for n in range(filled):
         if not keep[n]:
@@ -99,20 +96,20 @@ def normal_equations(stations, filled, keep, variance, width, count, prior_bend,
         x = stations[n, U] * spans
         i = min(max(math.floor(x), 0), spans - 1)
         t = x - i
-        term = stations[n, INFO] / variance
-        side, shift = stations[n, SIDE], stations[n, SHIFT]
-        for p in range(7):
-            powers[i, 0, p] += term
-            powers[i, 1, p] += side * term
-            if p < 4:
-                values[i, 0, p] += term * shift
-                values[i, 1, p] += side * term * shift
+        side = 0 if stations[n, SIDE] > 0 else 1
+        term, shift = stations[n, INFO] / variance, stations[n, SHIFT]
+        for p in range(4):
+            values[i, side, p] += term * shift
+            powers[i, side, p] += term
             term *= t
-    cubics = np.empty((8, 4))
+        for p in range(4, 7):
+            powers[i, side, p] += term
+            term *= t
+    cubics, products = np.empty((8, 4)), np.empty((8, 4))
     cubics[:4] = BASIS
     for i in range(spans):
         _stretched(cubics[4:], (i % wider) / wider, 1.0 / wider)
-        _add_span(cubics, powers[i], values[i], matrix, right, i, count + i // wider)
+        _add_span(cubics, products, powers[i], values[i], matrix, right, i, count + i // wider)
     _add_prior(matrix, 0, count, 1.0 / prior_bend**2)
     strength = 1.0 / prior_width**2
     _add_prior(matrix, count, width_count, strength)
@@ -138,22 +135,28 @@ def _stretched(out, start, scale):
 
 
 @lean
-def _add_span(cubics, powers, values, matrix, right, i, j):
+def _add_span(cubics, products, powers, values, matrix, right, i, j):
     """Add one span's stations to its unknowns: i to i + 3 of the shift, j to j + 3 of the widening."""
-    for k in range(8):
-        row = i + k if k < 4 else j + k - 4
-        for p in range(4):  # the sides pull the shift one way each, and the widening both ways
-            right[row] += cubics[k, p] * values[1 if k < 4 else 0, p]
-        for m in range(k + 1):
-            column = i + m if m < 4 else j + m - 4
-            mixed = 1 if (k < 4) != (m < 4) else 0
-            total = 0.0
-            for p in range(4):
+    for mixed in range(2):  # the sides pull the shift one way each, and the widening both ways
+        sign = -1.0 if mixed else 1.0
+        for k in range(4 * mixed, 8):
+            row = i + k if k < 4 else j + k - 4
+            for q in range(4):
+                products[k, q] = 0.0
+                for p in range(4):
+                    products[k, q] += cubics[k, p] * (powers[0, p + q] + sign * powers[1, p + q])
+            for m in range(0 if mixed else 4 * (k // 4), 4 if mixed else k + 1):
+                column = i + m if m < 4 else j + m - 4
+                total = 0.0
                 for q in range(4):
-                    total += cubics[k, p] * cubics[m, q] * powers[mixed, p + q]
-            matrix[row, column] += total
-            if m < k:
-                matrix[column, row] += total
+                    total += products[k, q] * cubics[m, q]
+                matrix[row, column] += total
+                if row != column:
+                    matrix[column, row] += total
+    for k in range(8):
+        row, sign = (i + k, -1.0) if k < 4 else (j + k - 4, 1.0)
+        for p in range(4):
+            right[row] += cubics[k, p] * (values[0, p] + sign * values[1, p])
 
 
 @lean
@@ -167,13 +170,26 @@ def _add_prior(matrix, first, count, strength):
         matrix[first + i, first + i] += 1e-6 * strength
 
 
-@lean
+@compiled
 def residuals_of(stations, filled, solution, count, width_count, out):
     """Shift of every station minus its fit, mm."""
-    shift, widening = solution[:count], solution[count : count + width_count]
+    spans = count - 3
+    wider = spans // (width_count - 3)
+    cubics, fits = np.empty((4, 4)), np.zeros((spans, 2, 4))  # of each span, what its sides see as polynomials in t
+    for i in range(spans):
+        _stretched(cubics, (i % wider) / wider, 1.0 / wider)
+        for k in range(4):
+            shift, widening = solution[i + k], solution[count + i // wider + k]
+            for p in range(4):
+                fits[i, 0, p] += widening * cubics[k, p] + shift * BASIS[k, p]
+                fits[i, 1, p] += widening * cubics[k, p] - shift * BASIS[k, p]
     for n in range(filled):
-        u = stations[n, U]
-        out[n] = stations[n, SHIFT] - stations[n, SIDE] * value_at(shift, u) - value_at(widening, u)
+        x = stations[n, U] * spans
+        i = min(max(math.floor(x), 0), spans - 1)
+        t = x - i
+        side = 0 if stations[n, SIDE] > 0 else 1
+        fit = fits[i, side]
+        out[n] = stations[n, SHIFT] - (fit[0] + t * (fit[1] + t * (fit[2] + t * fit[3])))
 
 
 @lean
