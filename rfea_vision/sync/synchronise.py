@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -83,7 +85,7 @@ def synchronise(
         "drift_stderr_ppm": alignment.drift_stderr_ppm,
         "sync_explained": alignment.explained,
         "sync_notes": "; ".join(notes),
-        "pressure_source": log.source,
+        "pressure_source": PurePath(log.source).name,
     }
     dataset.attrs = {**track.dataset.attrs, **attributes}
     if repeat_of:
