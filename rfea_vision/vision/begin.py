@@ -17,7 +17,7 @@ from rfea_vision.vision.curve import (
     point_and_tangent,
     vertices_of,
 )
-from rfea_vision.vision.ends import End, choose_ends, end_candidates
+from rfea_vision.vision.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates, light_at_end
 from rfea_vision.vision.fitted import State, Workspace
 from rfea_vision.vision.follow import turning
 from rfea_vision.vision.locate import Path, find_paths
@@ -25,6 +25,7 @@ from rfea_vision.vision.sides import fit_sides, measure_sides, move_state, updat
 
 FloatArray = NDArray[np.float64]
 
+LEAST_SCORE = 0.004  # of something of unknown place: below it lies all that is a third longer or shorter than the tube
 REACH_SHARE = 0.25  # of the length: how far from the ends of a path the tube's ends are looked for
 
 
@@ -74,6 +75,8 @@ def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | 
         found = fit_path(picture, scene, work, path)
         if isinstance(found, str):
             reason = found
+        elif near is None and found.score < LEAST_SCORE:
+            reason = "no_tube: what has the tube's width is not of its length"
         elif best is None or found.score > best.score:
             best = found
     return best if best is not None else reason
@@ -121,9 +124,13 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Workspace, path: Pa
     refine(picture, scene, state, work, 3)
     fix_clamp(state)
     state.reference[:2] = state.levels[:2, :, 0] - state.levels[:2, :, 1]
-    state.reference[2] = contrast
-    state.levels[2, :, 0] = state.levels[:2, -VERTICES // 16 :, 0].mean()
-    state.levels[2, :, 1] = state.levels[:2, -VERTICES // 16 :, 1].mean()
+    inside, outside = state.levels[:2, -VERTICES // 16 :, 0].mean(), state.levels[:2, -VERTICES // 16 :, 1].mean()
+    if tip.kind == "step":  # a ferrule or a cap may be of another light than the tube
+        inside, outside = light_at_end(picture, scene.camera, state.coefficients, half)
+    if (inside - outside) / contrast < LEAST_TIP_STEP:
+        inside, outside = outside + contrast, outside
+    state.reference[2] = inside - outside
+    state.levels[2, :, 0], state.levels[2, :, 1] = inside, outside
     state.blurs[2] = float(np.median(state.blurs[:2]))
     ratio = length_of(state) / scene.length_mm
     score = (

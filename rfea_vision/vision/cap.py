@@ -12,6 +12,7 @@ from rfea_vision.vision.curve import point_and_tangent, value_at
 from rfea_vision.vision.edges import INFO, MISFIT, SHIFT, U, measure_polyline, smooth_levels
 
 CAP_VERTICES = 33
+MOST_CAP_STEP = 2.4  # an end whose step is that much larger than before, and one that has none, are as unlikely
 CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured
 STEEPEST_TILT = 0.5  # of the end against the cross-section
 ROUNDEST = 1.0  # sagitta of the end over the half width; a half circle fitted on CAP_REACH has 0.6
@@ -180,7 +181,8 @@ def coarse_cap(picture, camera, state, reach_px, px_per_mm):
     for d in range(-reach, reach + 1):
         a = arm + d
         step = (strip[a - 1] + strip[a - 2] + strip[a - 3] - strip[a + 1] - strip[a + 2] - strip[a + 3]) / 3.0
-        score = min(step / contrast, 1.2) - 0.01 * abs(d)
+        # A step that is larger than that of the end is no end: a ferrule begins there.
+        score = min(step / contrast, MOST_CAP_STEP - step / contrast) - 0.01 * abs(d)
         if score > best:
             best, place = score, d
     return place / px_per_mm

@@ -19,6 +19,8 @@ ORIGIN_PX = 0.01  # what is left of the origin's error in any film: the same in 
 PROFILE_SHARE = 1.5  # of the width of an edge, for each share of its light step that is not a blurred step
 WIDTH_SHARE = 0.05  # of the tube's width: so well it is known
 SMEAR_SHARE = 0.04  # of the way that the end goes while the shutter is open
+CONTINUED_SHARE = 0.35  # of the length at the end whose edges could not be used, where the curve is only continued,
+CONTINUED_FREELY = 0.01  # beyond this share of the tube
 UNLIKELY_MOVE = 4.0  # standard errors
 ORIGIN_MOVE_MM = 0.01
 NARROW_BLUR = 0.3  # of the half width: up to here a smeared edge is a blurred step
@@ -57,8 +59,10 @@ def doubts(numbers: FloatArray, half_mm: float, px_per_mm: float) -> Doubts:
     cut_off = numbers[:, fitted.SATURATED] * (too_wide + SATURATED_BLURS * numbers[:, fitted.BLUR] / px_per_mm)
     # The wider the blur, the less of the light to either side is level, and the less like a step an edge is.
     wide_blur = numbers[:, fitted.END_BLUR] / (NARROW_BLUR * half_mm * px_per_mm)
+    smear = SMEAR_SHARE * numbers[:, fitted.SMEAR] / px_per_mm * np.maximum(wide_blur, 1.0) ** 2
+    continued = np.maximum(numbers[:, fitted.END_GAP] - CONTINUED_FREELY, 0.0) * numbers[:, fitted.LENGTH]
     return Doubts(
         np.hypot(PROFILE_SHARE * numbers[:, fitted.PROFILE] / px_per_mm, one_edge),
-        SMEAR_SHARE * numbers[:, fitted.SMEAR] / px_per_mm * np.maximum(wide_blur, 1.0) ** 2,
+        np.hypot(smear, CONTINUED_SHARE * continued),
         cut_off,
     )

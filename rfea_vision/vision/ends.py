@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float64]
 STEP_MM = 0.05
 HALF_WINDOW_MM = 1.0
 LEAST_STEP = 0.3  # of the contrast between tube and background
+LEAST_TIP_STEP = 0.2  # the same where a tube of its own light may end in a ferrule of another
+END_STRIP_MM = (0.6, 2.0)  # so far from the tip its light is read, to either side
 APART_MM = 0.5  # at this distance pixels have different noise
 LEAST_STDERR_MM = 0.002
 LENGTH_TOLERANCE = 0.03  # standard error of the length that was given, as a share
@@ -119,6 +121,15 @@ def find_end(
     return _end_at(s, means, size, k, peak, m, at_tip)
 
 
+def light_at_end(
+    picture: NDArray[np.uint8], camera: FloatArray, coefficients: FloatArray, half_mm: float
+) -> tuple[float, float]:
+    """Light on the tube just before its tip, and just beyond it."""
+    s, points, tangents = extended(coefficients, True, END_STRIP_MM[1], END_STRIP_MM[1])
+    light = strips(picture, camera, points, tangents, half_mm)[0][:, 0]
+    return float(light[s < -END_STRIP_MM[0]].mean()), float(light[s > END_STRIP_MM[0]].mean())
+
+
 def _choose(peaks: NDArray[np.int64], strongest: FloatArray, at_tip: bool) -> int:
     """The first strong step met when leaving the tube; a shadow's weak step does not count beside a much stronger one."""
     top = strongest[peaks].max()
@@ -139,8 +150,9 @@ def end_candidates(
     """Every cross-section within `reach_mm` where the tube could end, with how much of a step it is (0 to 1).
 
     A tube ends where its light, or that beside it, changes, and where what comes behind no longer looks like a tube
-    between two edges. A painted band changes the light as well, but behind it the tube goes on.
+    between two edges. A painted band or a ferrule changes the light as well, but behind it the tube goes on.
     """
+    least = LEAST_TIP_STEP if at_tip else LEAST_STEP
     s, points, tangents = extended(coefficients, at_tip, reach_mm, reach_mm)
     means, seen = strips(picture, camera, points, tangents, half_mm)
     m = round(HALF_WINDOW_MM / STEP_MM)
@@ -156,12 +168,13 @@ def end_candidates(
     strongest = (size[:, :1] if at_tip else size).max(axis=1)
     likeness = np.clip((means[:, :1] - means[:, 1:]) / contrast, 0.0, 1.0).mean(axis=1)
     total = np.concatenate([[0.0], np.cumsum(likeness)])
-    for peak in np.flatnonzero((strongest > LEAST_STEP) & (strongest >= _sliding_max(strongest, m // 2) - 1e-12)):
+    for peak in np.flatnonzero((strongest > least) & (strongest >= _sliding_max(strongest, m // 2) - 1e-12)):
         centre = int(k[peak])
         low, high = max(centre - reach, 0), min(centre + reach, len(s))
         before = (total[centre] - total[low]) / max(centre - low, 1)
         after = (total[high] - total[centre]) / max(high - centre, 1)
-        fades = float(np.clip((before - after) / 0.5, 0.0, 1.0))
+        whole = max(before, 0.5) if at_tip else 0.5
+        fades = float(np.clip((before - after) / whole, 0.0, 1.0))
         jump = float(min(strongest[peak], 1.0))
         strength = jump * fades if at_tip else max(jump * (0.4 + 0.6 * fades), 0.0)
         if strength > 0.1:
@@ -176,7 +189,7 @@ def _end_at(
     places, weights, doubts = [], [], []
     for channel in range(1 if at_tip else 3):
         near = slice(max(peak - m // 2, 0), peak + m // 2 + 1)
-        if size[near, channel].max() > LEAST_STEP:
+        if size[near, channel].max() > (LEAST_TIP_STEP if at_tip else LEAST_STEP):
             centre = k[near.start + int(size[near, channel].argmax())]
             place, doubt = _crossing(s, means[:, channel], centre, m)
             places.append(place)

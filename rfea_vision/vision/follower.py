@@ -16,7 +16,7 @@ from rfea_vision.vision.curve import point_and_tangent
 from rfea_vision.vision.doubts import ORIGIN_PX
 from rfea_vision.vision.ends import End, find_end
 from rfea_vision.vision.follow import fit_frame
-from rfea_vision.vision.judge import Judge
+from rfea_vision.vision.judge import SETTLED_PX, Judge
 from rfea_vision.vision.markers import SAMPLES, has_texture, light_along
 from rfea_vision.vision.motion import Motion
 
@@ -25,6 +25,11 @@ FloatArray = NDArray[np.float64]
 SEARCH_PX = 12.0
 WIDEST_SWING_RAD = 1.2  # more bend or less than in the last frame seen
 CLAMP_NEAR_MM = 1.0  # how far from the first one the clamp is believed in later frames
+TRIES = 3  # at a tube that was far from where it was foretold,
+WHOLE = 0.85  # of whose edges so much is seen
+LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
+PATIENCE = 24  # bad frames after fewer good ones than that, before something else is looked for
+SEARCH_ALL, SEARCH_EVERY = 48, 4  # the first frames are all searched for a tube, later ones now and then
 FIRST_FRAMES = 30  # frames in which the shape of the tube's end is learned fast
 
 
@@ -36,6 +41,11 @@ class Follower:
 
     def __post_init__(self) -> None:
         self.work = fitted.new_workspace()
+        self.searched = 0  # frames looked through for a tube in vain
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Nothing is known of the tube yet, or what was taken for it was not the tube."""
         self.start: Begin | None = None
         self.judge = Judge(self.scene)
         self.state: fitted.State | None = None
@@ -52,11 +62,11 @@ class Follower:
     def memory(self) -> dict[str, Any]:
         """Everything that the next frame depends on, for a checkpoint."""
         if self.start is None or self.state is None:
-            return {"plain": {"found": False}}
+            return {"plain": {"found": False, "searched": self.searched}}
         arrays: dict[str, Any] = {f"state.{name}": values for name, values in self.state._asdict().items()}
         arrays |= {"clamps": np.array(self.clamps), "clamp_errors": np.array(self.clamp_errors)}
         arrays |= {f"motion.{name}": values for name, values in self.motion.memory().items()}
-        plain = {"found": True, "missed": self.missed, "good": self.good}
+        plain = {"found": True, "searched": self.searched, "missed": self.missed, "good": self.good}
         plain |= {"base": astuple(self.start.base), "tip": astuple(self.start.tip)}
         plain |= {"polarity": self.start.polarity, "score": self.start.score, "marked": self.marked}
         plain |= {"noise": self.noise}
@@ -67,6 +77,7 @@ class Follower:
     def recall(self, memory: dict[str, Any]) -> None:
         """Go on from what `memory` gave."""
         plain = memory["plain"]
+        self.searched = plain["searched"]
         if not plain["found"]:
             return
         self.state = fitted.State(*(memory[f"state.{name}"].copy() for name in fitted.State._fields))
@@ -82,28 +93,42 @@ class Follower:
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame; returns an empty string, or the reason why it is rejected."""
         if self.start is None:
-            found = begin(luma, self.scene, self.work)
-            if isinstance(found, str):
-                return found
-            self.start, self.state = found, found.state
-            self.motion.begin(found.state.coefficients)
+            reason = self._find(luma)
+            if reason:
+                return reason
         moving = self.motion.step_mm(time_s) * self.scene.px_per_mm > 0.5
         if moving and self.judge.repeated(luma):  # a copy written by the recorder
             return "duplicate"
         self._brighten(self.judge.brightening(luma))
         reason = self._fit_predicted(luma, time_s)
         elsewhere = reason not in ("", "width_off")  # a tube that is found, but has the wrong width, is not looked for
-        if elsewhere and (self._swing_and_fit(luma) == "" or self._find_again(luma) == ""):
-            reason = ""
+        if elsewhere and self.good:
+            reason = self._look_elsewhere(luma, reason)
         if reason:
             self.missed += 1
             assert self.state is not None
             self.state.coefficients[:] = self.motion.last
+            if self.good == 0 or (self.good < LEAST_GOOD and self.missed >= PATIENCE):
+                self.searched += 1
+                self._begin_anew()  # a tube that enters later than what was taken for one
             return reason
         self._accept(time_s)
         self._read_marks(luma)
         if self.good <= FIRST_FRAMES:
             self._look_at_clamp(luma)
+        return ""
+
+    def _find(self, luma: NDArray[np.uint8]) -> str:
+        """Search the whole picture for a tube to begin with; the reason where there is none."""
+        if self.searched > SEARCH_ALL and self.searched % SEARCH_EVERY:
+            self.searched += 1
+            return "no_tube"
+        found = begin(luma, self.scene, self.work)
+        if isinstance(found, str):
+            self.searched += 1
+            return found
+        self.start, self.state = found, found.state
+        self.motion.begin(found.state.coefficients)
         return ""
 
     def _brighten(self, gain: float) -> None:
@@ -167,22 +192,35 @@ class Follower:
             self.motion.predict(time_s, self.state.coefficients)
         return self._fit(luma, saved, SEARCH_PX * min(1 + self.missed, 3))
 
+    def _look_elsewhere(self, luma: NDArray[np.uint8], reason: str) -> str:
+        """Look for a tube that is not where it was foretold; the reason for which it was not found there, or nothing."""
+        reasons = [reason]
+        for look in (self._swing_and_fit, self._find_again):
+            reasons.append(look(luma))
+            if not reasons[-1]:
+                return ""
+        return "blurred" if "blurred" in reasons else reason
+
     def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:
         assert self.state is not None
         gain = 0.3 if self.good < FIRST_FRAMES else 0.02
-        fit_frame(
-            luma,
-            self.scene.camera,
-            self.state,
-            self.work,
-            self.scene.px_per_mm,
-            reach,
-            gain,
-            0.35,
-            self.judge.hinge_mm,
-            self.judge.bend_sign,
-            self.noise,
-        )
+        for _ in range(TRIES):
+            fit_frame(
+                luma,
+                self.scene.camera,
+                self.state,
+                self.work,
+                self.scene.px_per_mm,
+                reach,
+                gain,
+                0.35,
+                self.judge.hinge_mm,
+                self.judge.bend_sign,
+                self.noise,
+            )
+            on_its_way = self.work.numbers[fitted.LAST_STEP] > SETTLED_PX
+            if not on_its_way or self.work.numbers[fitted.USED] < WHOLE:
+                break
         reason = self.judge(luma, self.work.numbers)
         if reason:
             for array, old in zip(self.state, saved, strict=True):

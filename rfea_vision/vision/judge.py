@@ -22,6 +22,9 @@ LONGEST_END_GAP = 0.06  # the same at the free end: beyond it the curve is only 
 LONGEST_LONE_END = 0.02  # the same seen from one side, or wider or narrower than the tube
 LEAST_END_CONTRAST = 0.45  # of the light step at the edges near the free end: less is smeared by motion
 RECENT = 9
+SETTLED_PX = 1.0  # the last step of a fit that is no longer on its way
+FAINT_CAP = 0.1  # of the light step at the edges: there still is an end
+SMEARED = 0.5  # of the half width: so far the end went while the shutter was open
 LENGTH_JUMP = 0.005  # of the length, against the last frames
 LENGTH_OFF = 0.04
 GIVEN_LENGTH_OFF = 0.35  # the same against the length that was given
@@ -79,8 +82,13 @@ class Judge:
             return "blurred"
         if used < LEAST_USED or numbers[fitted.LENGTH] == 0:
             return "no_tube" if used < 0.2 else "occluded"
+        unseen = numbers[fitted.END_GAP] > LONGEST_END_GAP or numbers[fitted.CAP_CONTRAST] < LEAST_CAP_CONTRAST
+        if unseen and numbers[fitted.SMEAR] > SMEARED * half_px and numbers[fitted.CAP_CONTRAST] > FAINT_CAP:
+            return "blurred"  # towards the end, where the tube is fastest, it fades; where it is hidden it is gone
         if numbers[fitted.LONGEST_GAP] > LONGEST_GAP or numbers[fitted.END_GAP] > LONGEST_END_GAP:
             return "occluded"
+        if numbers[fitted.LAST_STEP] > SETTLED_PX:
+            return "no_fit"
         strange = numbers[fitted.END_ODD] > 0
         if max(numbers[fitted.END_LONE], strange * numbers[fitted.END_GAP]) > LONGEST_LONE_END:
             # One edge alone draws the end to its side. Of a tube that was seen well before, something hides the end.
@@ -93,8 +101,6 @@ class Judge:
             return "tip_hidden"
         if numbers[fitted.ONE_SIDED] > 0.5 and numbers[fitted.INFLATION] > 4.0:
             return "occluded"  # one edge is seen, and what is taken for it is not an edge of a tube
-        if numbers[fitted.LAST_STEP] > 1.0:
-            return "no_fit"
         return self._length(numbers)
 
     def _length(self, numbers: list[float]) -> str:

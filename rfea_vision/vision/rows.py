@@ -168,6 +168,11 @@ class Rows:
                 if old is not None:
                     values[: len(old)] = old
 
+    def disown(self) -> None:
+        """What was followed so far was not the tube."""
+        self.reasons = [reason or "no_tube" for reason in self.reasons]
+        self.good, self.covariance_sum[:] = 0, 0.0
+
     def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan) -> None:
         """Add a frame."""
         n = len(self) % BLOCK

@@ -33,6 +33,7 @@ from rfea_vision.vision.solve import (
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
 UNEVEN_LIGHT = 0.1  # of the light step at the edge: how much a place on the tube may differ from its surroundings
+MARKED_SHARE = 0.3  # of the stations: where so many differ, the tube is painted all along, and that is no reason
 
 
 @lean
@@ -91,8 +92,18 @@ def select(state, work, filled, limit_mm, least_contrast, noise):
     """Mark the stations that agree with the reference contrast and lie within `limit_mm` of their fit.
 
     Where the tube is lighter or darker than around (a shadow's rim, a band, something in front), the levels of the
-    edge model belong to neither, and the edge would be read beside its place.
+    edge model belong to neither, and the edge would be read beside its place. A tube with bands all along it is like
+    that everywhere: there it is the mean that counts, for both edges alike.
     """
+    kept, uneven = _select(state, work, filled, limit_mm, least_contrast, noise, UNEVEN_LIGHT)
+    if uneven > MARKED_SHARE * filled:
+        kept, _ = _select(state, work, filled, limit_mm, least_contrast, noise, 1e9)
+    return kept
+
+
+@lean
+def _select(state, work, filled, limit_mm, least_contrast, noise, uneven_light):
+    """Mark the stations, given how uneven the light may be; how many are kept, and how many only the light rules out."""
     stations, residual, keep, odd = work.stations, work.residual, work.keep, work.odd
     levels, reference = state.levels, state.reference
     both = left = 0.0
@@ -103,24 +114,25 @@ def select(state, work, filled, limit_mm, least_contrast, noise):
         left += on_left * stations[n, LIGHT]
         of_left += on_left
     left_lighter, right_lighter = left / max(of_left, 1), (both - left) / max(filled - of_left, 1)
-    kept = 0
+    kept = ruled_out = 0
     for n in range(filled):
         side = 0 if stations[n, SIDE] > 0 else 1
         v = min(max(int(stations[n, U] * (VERTICES - 1) + 0.5), 0), VERTICES - 1)
         contrast = levels[side, v, 0] - levels[side, v, 1]
         step = contrast if reference[side, v] > 0 else -contrast
         uneven = abs(stations[n, LIGHT] - (left_lighter if side == 0 else right_lighter))
-        good = (
+        sound = (
             (step > least_contrast * abs(reference[side, v]))
             & (step > 0.0)
             & (stations[n, MISFIT] < 0.09 * contrast * contrast + 400.0)
-            & (uneven < UNEVEN_LIGHT * step + 2.0 * noise)
         )
+        good = sound & (uneven < uneven_light * step + 2.0 * noise)
+        ruled_out += sound and not good
         near = abs(residual[n]) < limit_mm
         odd[n] = good and not near
         keep[n] = good and near
         kept += keep[n]
-    return kept
+    return kept, ruled_out
 
 
 @lean

@@ -18,15 +18,14 @@ from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.begin import Scene, scale_at
 from rfea_vision.vision.checkpoint import Checkpoint
-from rfea_vision.vision.follower import Follower
+from rfea_vision.vision.follower import LEAST_GOOD, Follower
 from rfea_vision.vision.rows import Rows
 from rfea_vision.vision.shape import build_dataset
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 
-GIVE_UP_AFTER = 400  # frames without any tube before the search is called off
-LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
+GIVE_UP_AFTER = 2400  # frames without any tube before the search is called off
 PIXELS_AHEAD = 16_000_000
 
 
@@ -82,6 +81,8 @@ def track_frames(
     with closing(read_ahead(source.frames(begun), frames_ahead(source.size))) as frames:
         for done, (time_s, luma) in enumerate(frames, begun):
             reason = follower.next(luma, time_s)
+            if follower.good < rows.good:
+                rows.disown()
             rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
             if follower.start is None and done >= GIVE_UP_AFTER:
                 break
