@@ -25,7 +25,7 @@ from rfea_vision.vision.sides import fit_sides, measure_sides, move_state, updat
 
 FloatArray = NDArray[np.float64]
 
-LEAST_SCORE = 0.004  # of something of unknown place: below it lies all that is a third longer or shorter than the tube
+LEAST_SCORE = 0.02  # of something of unknown place: below it lies all that is a quarter longer or shorter than the tube
 REACH_SHARE = 0.25  # of the length: how far from the ends of a path the tube's ends are looked for
 
 

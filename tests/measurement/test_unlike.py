@@ -1,0 +1,72 @@
+"""Films that do not begin, look or move as most do: what is measured is right, and what is not is called what it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.vision import track_frames
+
+from .scenes import Look, bending, film, smeared_film
+from .sources import memory_source, true_calibration
+
+LIGHT = Look()
+DARK = Look(tube=40.0, background=200.0, clamp=120.0)
+
+
+def tracked(pictures, times, lens):
+    return track_frames(memory_source(pictures, times), true_calibration(lens), Actuator())
+
+
+def error_px(track, shapes) -> np.ndarray:
+    error = track.dataset["tip"].values - np.array([s.tip for s in shapes])
+    return np.linalg.norm(error, axis=1) * track.dataset.attrs["px_per_mm"]
+
+
+@pytest.mark.parametrize("look", [LIGHT, DARK])
+def test_a_tube_that_enters_late(look, small_lens):
+    """Seven empty pictures; what is taken for a tube in them does not bind the rest of the film."""
+    pictures, _, shapes = film(small_lens, look, bending(np.arange(12) / 100))
+    empty, _, _ = film(small_lens, replace(look, tube=look.background), np.full(7, 2.0), seed=3)
+    track = tracked([*empty, *pictures], np.arange(19) / 100, small_lens)
+    assert track.valid.tolist() == [False] * 7 + [True] * 12
+    assert np.all(track.dataset["reason"].values[:7] == "no_tube")
+    assert error_px(track, [shapes[0]] * 7 + shapes)[7:].max() < 0.3
+
+
+def test_a_tube_with_bands_all_along_it(small_lens):
+    pictures, times, shapes = film(small_lens, Look(bands=30), bending(np.arange(12) / 100 + 0.1))
+    track = tracked(pictures, times, small_lens)
+    assert track.valid.all()
+    assert error_px(track, shapes).max() < 0.8
+
+
+@pytest.mark.parametrize("swing_deg", [12.0, 25.0])
+def test_a_start_faster_than_foretold_loses_no_frame(swing_deg, small_lens):
+    angles = np.concatenate([np.full(5, 2.0), 2.0 + swing_deg * np.arange(1, 4), np.full(4, 2.0 + 3 * swing_deg)])
+    pictures, times, shapes = film(small_lens, replace(LIGHT, flicker=0.2), angles, rate_Hz=120)
+    track = tracked(pictures, times, small_lens)
+    assert track.valid.all()
+    assert error_px(track, shapes).max() < 0.6
+
+
+def test_frames_that_a_slow_shutter_smears_are_called_blurred(small_lens):
+    def thrown(times):
+        return 2.0 + 900.0 * np.clip(times - 0.1, 0.0, 0.06)
+
+    pictures, times, _ = smeared_film(small_lens, LIGHT, thrown, np.arange(24) / 100, 0.009, steps=9)
+    track = tracked(pictures, times, small_lens)
+    assert set(track.dataset["reason"].values[~track.valid]) <= {"blurred"}
+    assert track.valid.sum() >= 18
+
+
+def test_a_ferrule_of_another_grey_belongs_to_the_tube(small_lens):
+    """As wide as the tube: that the light changes is no end while what follows still stands out from the wall."""
+    shade = replace(LIGHT, band_mm=(149.0, 155.0))
+    pictures, times, shapes = film(small_lens, shade, np.linspace(2.0, 12.0, 10))
+    track = tracked(pictures, times, small_lens)
+    assert track.valid.all()
+    error = track.dataset["tip"].values - np.array([s.tip for s in shapes])
+    assert np.abs(error).max() < 1.0  # mm; the ferrule is 6 mm long
+    assert np.abs(error / track.dataset["tip_sigma"].values).max() < 4.0
