@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +19,7 @@ LEAST_CONTRAST = 6.0  # swing over the noise from frame to frame
 FLASH_CONTRAST = 15.0  # the same for single flashes: the largest of many noisy frames is no flash
 MOST_SEEDS = 60
 FEWEST_SEEN = 3  # switches in common where the log covers only a part of the film
+SURE_FRAMES = 0.4  # so near to a pulse, and so sure, the motion must be to tell which one it is
 LATE_FRAMES = 0.35  # a frame that lies so far from its pulse belongs to another
 _NOTHING = (np.empty(0), np.empty(0))
 
@@ -50,8 +54,18 @@ def switch_times(time_s: FloatArray, signal: FloatArray) -> tuple[FloatArray, ND
     return np.array(times), np.array(kinds, dtype=np.int64)
 
 
-def align_by_trigger(track: Track, log_time_s: FloatArray, signal: FloatArray, *, experiment: str) -> Alignment:
+def align_by_trigger(
+    track: Track,
+    log_time_s: FloatArray,
+    signal: FloatArray,
+    *,
+    experiment: str,
+    by_motion: Callable[[], Alignment] | None = None,
+) -> Alignment:
     """One pulse per frame, or one at the first frame.
+
+    Where even pulses begin before the film, neither they nor the frames tell which is the first frame's: `by_motion`,
+    where it is given, is asked for an offset that need only be right to a fraction of a frame.
 
     Raises
     ------
@@ -75,27 +89,58 @@ def align_by_trigger(track: Track, log_time_s: FloatArray, signal: FloatArray, *
     if len(pulses) == len(frames):
         return _line(frames, pulses, step)
     # Frames were dropped after their pulse, or pulses go on: the first belongs to the first, time stamps tell the rest.
-    offset = pulses[0] - frames[0]
-    nearest = np.abs(frames[:, None] + offset - pulses[None, :]).argmin(axis=1) if len(frames) < 20_000 else None
-    if nearest is not None and len(np.unique(nearest)) == len(frames):
-        found = _line(frames, pulses[nearest], step)
-        late = pulses[nearest] - (frames * (1 + 1e-6 * found.drift_ppm) + found.offset_s)
-        if np.abs(late).max() < LATE_FRAMES * float(np.median(np.diff(frames))):
-            said = f"{len(pulses) - len(frames)} of {len(pulses)} pulses have no frame; "
-            after = len(pulses) - 1 - int(nearest[-1])
+    matched = _matched(frames, pulses, 0, step)
+    if matched is not None:
+        found, last = matched
+        said = f"{len(pulses) - len(frames)} of {len(pulses)} pulses have no frame; "
+        after = len(pulses) - 1 - last
+        before = _pulses_before(by_motion, found, pulses, after) if after else 0
+        if before is None:
             said += (
                 f"the first pulse was taken for the first frame, and {after} come after the last; if pulses began before "
                 f"the film, the offset is too small, by {float(np.mean(np.diff(pulses))):.3g} s for each"
-                if after
-                else "the time stamps of the frames told which"
             )
-            return Alignment(
-                found.offset_s, found.offset_stderr_s, found.drift_ppm, found.drift_stderr_ppm, 1.0, _NOTHING, said
-            )
+        elif after:
+            found, last = _matched(frames, pulses, before, step) or matched
+            said += f"by the motion, {before} came before the film and {len(pulses) - 1 - last} after it"
+        else:
+            said += "the time stamps of the frames told which"
+        return replace(found, note=said)
     raise DataError(
         f"{experiment}: sync: {len(pulses)} trigger pulses for {len(frames)} frames, and their times do not tell which "
         "belong together; use sync.method motion"
     )
+
+
+def _matched(frames: FloatArray, pulses: FloatArray, first: int, step: float) -> tuple[Alignment, int] | None:
+    """Each frame beside its pulse, pulse number `first` beside the first frame; the last frame's pulse. None: no match."""
+    offset = pulses[first] - frames[0]
+    after = np.clip(np.searchsorted(pulses, frames + offset), 1, len(pulses) - 1)
+    nearest = after - (frames + offset - pulses[after - 1] < pulses[after] - frames - offset)
+    if len(np.unique(nearest)) < len(frames):
+        return None
+    found = _line(frames, pulses[nearest], step)
+    late = pulses[nearest] - (frames * (1 + 1e-6 * found.drift_ppm) + found.offset_s)
+    if np.abs(late).max() >= LATE_FRAMES * float(np.median(np.diff(frames))):
+        return None
+    return found, int(nearest[-1])
+
+
+def _pulses_before(
+    by_motion: Callable[[], Alignment] | None, found: Alignment, pulses: FloatArray, most: int
+) -> int | None:
+    """How many pulses came before the film, by the motion; None where it cannot tell one pulse from the next."""
+    if by_motion is None:
+        return None
+    try:
+        moved = by_motion()
+    except DataError:
+        return None
+    apart = float(np.median(np.diff(pulses)))
+    share = (moved.offset_s - found.offset_s) / apart
+    number = round(share)
+    sure = 2.0 * moved.offset_stderr_s < SURE_FRAMES * apart and abs(share - number) < SURE_FRAMES
+    return number if sure and 0 <= number <= most else None
 
 
 def align_by_lamp(track: Track, log_time_s: FloatArray, signal: FloatArray, *, experiment: str) -> Alignment:

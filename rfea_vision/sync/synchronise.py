@@ -112,7 +112,12 @@ def _align(track, log, log_time, pressure, experiment, bends, method, value_s, c
     signal = np.asarray(log.channels[named], dtype=float)
     if method == "led":
         return align_by_lamp(track, log_time, signal, experiment=experiment)
-    return align_by_trigger(track, log_time, signal, experiment=experiment)
+
+    def by_motion() -> Alignment:
+        check_log(log_time, pressure, experiment, moving=True)
+        return align_by_motion(track, log_time, pressure, experiment=experiment, bends=bends)
+
+    return align_by_trigger(track, log_time, signal, experiment=experiment, by_motion=by_motion)
 
 
 def check_log(time_s: FloatArray, pressure_kPa: FloatArray, experiment: str, *, moving: bool) -> list[str]:

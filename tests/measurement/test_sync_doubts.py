@@ -5,9 +5,12 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Track
+from rfea_vision.campaign.specs import PressureSpec
 from rfea_vision.errors import DataError
-from rfea_vision.readers.pressure import PressureLog
+from rfea_vision.readers.pressure import PressureLog, read_pressure
+from rfea_vision.readers.tracks import read_track
 from rfea_vision.sync import synchronise
+from rfea_vision.twin import TwinOptions, simulate
 
 from .test_sync import made
 
@@ -178,13 +181,38 @@ def test_short_flashes_are_seen_and_noise_is_not_taken_for_them():
         sync(Track(track.dataset.assign(lamp=("time", dark))), flashed, method="led")
 
 
-def test_pulses_that_go_on_after_the_film_are_said(run):
+def pulsed(run, offset_s: float, before: int, after: int) -> PressureLog:
+    """The log with an even pulse per frame, and more of them before and after the film."""
     track, log = run
+    rate = 1 / float(np.median(np.diff(track.time_s)))
     fine = np.arange(log.time_s[0], log.time_s[-1], 2.5e-4)
-    phase = (fine - 0.05) * 240
-    pulse = ((phase % 1 < 0.5) & (phase > -0.1) & (phase < len(track.time_s) + 9.6)).astype(float)
-    logged = PressureLog(fine, np.interp(fine, log.time_s, log.pressure_kPa), channels={"trigger": pulse})
-    found = sync(track, logged, method="trigger")
+    phase = (fine - offset_s - track.time_s[0]) * rate
+    pulse = (phase % 1 < 0.5) & (phase > -0.1 - before) & (phase < len(track.time_s) + after - 0.4)
+    return PressureLog(fine, np.interp(fine, log.time_s, log.pressure_kPa), channels={"trigger": pulse.astype(float)})
+
+
+@pytest.fixture(scope="module")
+def whole_tube(tmp_path_factory):
+    """Track of a whole centre line, its log, and the offset between them."""
+    folder = tmp_path_factory.mktemp("sync") / "twin"
+    options = TwinOptions(seed=301, joints=8, noise_mm=0.03, roles=("train",), kinds=("steps",), duration_s=4.0)
+    (name, known), *_ = simulate(folder, options)["experiments"].items()
+    log = read_pressure(PressureSpec(file=folder / name / "pressure.csv", folder=folder))
+    return (read_track(folder / name / "track.csv", bends="left"), log), known["offset_s"]
+
+
+@pytest.mark.parametrize(("before", "after"), [(0, 10), (7, 3), (9, 0)])
+def test_pulses_before_and_after_the_film_are_told_by_the_motion(whole_tube, before, after):
+    run, offset_s = whole_tube
+    found = sync(run[0], pulsed(run, offset_s, before, after), method="trigger")
+    assert f"by the motion, {before} came before the film and {after} after it" in found["sync_notes"]
+    within(found, offset_s, 0.3)
+
+
+def test_pulses_that_no_motion_tells_apart_are_said(run):
+    logged = pulsed(run, 0.05, 0, 10)
+    still = PressureLog(logged.time_s, np.full_like(logged.pressure_kPa, 5.0), channels=logged.channels)
+    found = sync(run[0], still, method="trigger")
     assert "first pulse was taken for the first frame, and 10 come after the last" in found["sync_notes"]
     assert "too small, by 0.00417 s for each" in found["sync_notes"]
     within(found, 0.05)
