@@ -45,7 +45,7 @@ def pack_camera(
     return packed
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def project_point(camera, x, y):
     """Pixel of the point (x, y) mm on the plane; compiled, scalar."""
     depth = camera[19] * x + camera[20] * y + camera[24]

@@ -20,9 +20,8 @@ LONGEST_ARM = 1024  # px to either side of the centre line
 def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
     """Find large shifts: where along each normal do both edges together fit best? Writes pseudo-stations.
 
-    Returns their number and the share that found the tube.
+    `work` holds the vertices of the curve. Returns the number of stations and the share that found the tube.
     """
-    vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     height, width = picture.shape
     count = work.centre.shape[0]
     reach = int(reach_px)
@@ -38,15 +37,13 @@ def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
         asked += 1
         if half < 1 or arm > LONGEST_ARM:
             continue
-        inside_picture = True
-        for k in range(-arm, arm + 1):
-            px, py = round(cx + k * dx), round(cy + k * dy)
-            if px < 0 or py < 0 or px >= width or py >= height:
-                inside_picture = False
-                break
-            profile[k + arm] = float(picture[py, px])
-        if not inside_picture:
+        x, y = cx - arm * dx, cy - arm * dy
+        if not (0 <= x < width - 1 and 0 <= y < height - 1):
             continue
+        if not (0 <= cx + arm * dx < width - 1 and 0 <= cy + arm * dy < height - 1):
+            continue
+        for k in range(2 * arm + 1):
+            profile[k] = picture[np.uint64(y + k * dy + 0.5), np.uint64(x + k * dx + 0.5)]
         left = 1.0 / state.reference[0, v]  # the left edge lies on the +normal side
         right = 1.0 / state.reference[1, v]
         best, best_shift = -1e9, 0

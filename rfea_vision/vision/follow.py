@@ -136,9 +136,8 @@ def _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, b
     """Bring the end of the curve near the end of the tube: by the length it should have, then by the light."""
     nothing = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
     if hinge_mm > 0.0:
-        length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
-        half = work.half_width[VERTICES - 1]
-        missing = hinge_mm + half * bend_sign * turning(work.normal) - length
+        length, turned = length_and_turning(state.coefficients)
+        missing = hinge_mm + value_at(state.width, 1.0) * bend_sign * turned - length
         if abs(missing) > max(0.02 * hinge_mm, 1.5 / px_per_mm):
             move_state(state, nothing, missing)
     beyond = coarse_cap(picture, camera, state, reach_px, px_per_mm)
@@ -197,6 +196,20 @@ def _plausible(half_width):
     middle = half_width[VERTICES // 2]
     low, high = half_width.min(), half_width.max()
     return low > 0.3 * middle and high < 3.0 * middle and middle > 0.0
+
+
+@lean
+def length_and_turning(coefficients):
+    """Length of the curve in mm, and its total turning in rad, counter-clockwise positive."""
+    count = 65
+    _, _, tx, ty, speed = point_and_tangent(coefficients, 0.0)
+    length, total = 0.5 * speed, 0.0
+    for v in range(1, count):
+        _, _, x, y, speed = point_and_tangent(coefficients, v / (count - 1))
+        length += speed * (0.5 if v == count - 1 else 1.0)
+        total += math.asin(min(max(tx * y - ty * x, -1.0), 1.0))
+        tx, ty = x, y
+    return length / (count - 1), total
 
 
 @lean

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,26 @@ def _extrapolated(past, times, order, time_s, out):
                 step += ahead * (ahead + times[0] - times[1]) * (pace - before) * whole
             for i in range(out.shape[0]):
                 out[i, c] += SLOW[i, k] * step
+
+
+@compiled
+def _predict(past, times, missed_by, known, time_s, out):
+    """Put the curve expected at `time_s` into `out`, by the order that has missed by least."""
+    order = 0
+    for other in range(1, known):
+        if missed_by[other] < missed_by[order]:
+            order = other
+    _extrapolated(past, times, order, time_s, out)
+
+
+@compiled
+def _pace(past, times):
+    """How fast the fastest part of the tube went from the last frame but one to the last, mm/s."""
+    fastest = 0.0
+    for k in range(past.shape[1]):
+        x, y = past[0, k, 0] - past[1, k, 0], past[0, k, 1] - past[1, k, 1]
+        fastest = max(fastest, x * x + y * y)
+    return math.sqrt(fastest) / max(times[0] - times[1], 1e-6)
 
 
 @compiled
@@ -92,15 +113,13 @@ class Motion:
 
     def predict(self, time_s: float, out: FloatArray) -> None:
         """Put the curve expected at `time_s` into `out`."""
-        order = int(np.argmin(self.missed_by[: self.known])) if self.known > 1 else 0
-        _extrapolated(self.past, self.times, order, time_s, out)
+        _predict(self.past, self.times, self.missed_by, self.known, time_s, out)
 
     def step_mm(self, time_s: float) -> float:
         """How far the fastest part of the tube goes until `time_s`, at its last pace."""
         if self.known < 2:
             return 0.0
-        pace = (self.past[0] - self.past[1]) / max(self.times[0] - self.times[1], 1e-6)
-        return float(np.linalg.norm(pace, axis=1).max()) * max(time_s - self.times[0], 0.0)
+        return _pace(self.past, self.times) * max(time_s - self.times[0], 0.0)
 
     def memory(self) -> dict[str, Any]:
         """Everything that the next prediction depends on."""
