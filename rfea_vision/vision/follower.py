@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Begin, Scene, begin
+from rfea_vision.vision.bump import CameraWatch
 from rfea_vision.vision.cap import CAP_VERTICES
 from rfea_vision.vision.coarse import bend_search
 from rfea_vision.vision.curve import point_and_tangent
@@ -30,6 +31,7 @@ WHOLE = 0.85  # of whose edges so much is seen
 LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
 PATIENCE = 24  # bad frames after fewer good ones than that, before something else is looked for
 SEARCH_ALL, SEARCH_EVERY = 48, 4  # the first frames are all searched for a tube, later ones now and then
+LEAST_CLAMPS = 4
 FIRST_FRAMES = 30  # frames in which the shape of the tube's end is learned fast
 
 
@@ -58,6 +60,7 @@ class Follower:
         self.profile: FloatArray | None = None  # light along the tube in the last good frame
         self.clamp_errors: list[float] = []
         self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
+        self.watch: CameraWatch | None = None
 
     def memory(self) -> dict[str, Any]:
         """Everything that the next frame depends on, for a checkpoint."""
@@ -69,7 +72,7 @@ class Follower:
         plain = {"found": True, "searched": self.searched, "missed": self.missed, "good": self.good}
         plain |= {"base": astuple(self.start.base), "tip": astuple(self.start.tip)}
         plain |= {"polarity": self.start.polarity, "score": self.start.score, "marked": self.marked}
-        plain |= {"noise": self.noise}
+        plain |= {"noise": self.noise, "watch": None if self.watch is None else self.watch.memory()}
         arrays["first_profiles"] = np.array(self.first_profiles).reshape(-1, SAMPLES)
         judged = self.judge.memory()
         return arrays | {"picture": judged.pop("last"), "first": judged.pop("first"), "plain": plain | judged}
@@ -88,6 +91,7 @@ class Follower:
         self.clamp_errors = memory["clamp_errors"].tolist()
         self.marked, self.first_profiles = plain["marked"], [*memory["first_profiles"]]
         self.missed, self.good, self.noise = plain["missed"], plain["good"], plain["noise"]
+        self.watch = None if plain["watch"] is None else CameraWatch.recalled(plain["watch"])
         self.judge.recall(plain, memory["picture"], memory["first"])
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
@@ -116,7 +120,14 @@ class Follower:
         self._read_marks(luma)
         if self.good <= FIRST_FRAMES:
             self._look_at_clamp(luma)
+        else:
+            self._watch_camera(luma)
         return ""
+
+    @property
+    def moved_mm(self) -> FloatArray:
+        """By how much the camera's view of the plane has moved since the first frames (2,)."""
+        return self.watch.moved_mm if self.watch is not None else np.zeros(2)
 
     def _find(self, luma: NDArray[np.uint8]) -> str:
         """Search the whole picture for a tube to begin with; the reason where there is none."""
@@ -150,24 +161,45 @@ class Follower:
         if self.good == 3:
             self.marked = has_texture(np.array(self.first_profiles), float(np.median(self.state.reference[:2])))
 
-    def _look_at_clamp(self, luma: NDArray[np.uint8]) -> None:
-        """The clamp does not move: average where it is seen in the first frames."""
+    def _clamp_in(self, luma: NDArray[np.uint8]) -> tuple[FloatArray, float] | None:
+        """Where the tube begins in this frame, and its standard error along the tube; None where it is not seen."""
         assert self.state is not None and self.start is not None
-        if self.start.base.kind != "step":
-            return
         half = float(self.work.numbers[fitted.WIDTH]) / 2
         contrast = float(np.median(self.state.reference[:2]))
         end = find_end(
             luma, self.scene.camera, self.state.coefficients, half, contrast, at_tip=False, beyond_mm=4.0, within_mm=5.0
         )
-        if end.kind != "step" or abs(end.along_mm) > CLAMP_NEAR_MM:
+        if end.kind != "step":
+            return None
+        start = point_and_tangent(self.state.coefficients, 0.0)
+        return np.array(start[:2]) - end.along_mm * np.array(start[2:4]), end.stderr_mm
+
+    def _look_at_clamp(self, luma: NDArray[np.uint8]) -> None:
+        """The clamp does not move: average where it is seen in the first frames."""
+        assert self.state is not None and self.start is not None
+        seen = self._clamp_in(luma) if self.start.base.kind == "step" else None
+        start = np.array(point_and_tangent(self.state.coefficients, 0.0)[:2])
+        if seen is None or np.linalg.norm(seen[0] - start) > CLAMP_NEAR_MM:
             return
         clamp = self.state.clamp
-        start = point_and_tangent(self.state.coefficients, 0.0)
-        self.clamp_errors.append(end.stderr_mm)
-        self.clamps.append(np.array(start[:2]) - end.along_mm * np.array(start[2:4]))
+        self.clamps.append(seen[0])
+        self.clamp_errors.append(seen[1])
         middle = np.median(self.clamps, axis=0)
         clamp[:2] += float((middle - clamp[:2]) @ clamp[2:]) * clamp[2:]
+
+    def _watch_camera(self, luma: NDArray[np.uint8]) -> None:
+        """Follow a clamp that is elsewhere and stays there: it was the camera that moved."""
+        assert self.state is not None
+        if self.watch is None:
+            if len(self.clamps) < LEAST_CLAMPS:
+                return
+            self.watch = CameraWatch(np.array(self.clamps), self.scene.px_per_mm)
+        clamp = self.state.clamp
+        start = np.array(point_and_tangent(self.state.coefficients, 0.0)[:2])
+        if self.watch.due(start, clamp[2:], self.good):
+            seen = self._clamp_in(luma)
+            if self.watch.see(None if seen is None else seen[0]):
+                clamp[:2] = self.watch.now
 
     def clamp_stderr_mm(self) -> tuple[float, float | None]:
         """Standard error of the clamp along the tube, from how its places scatter and how its strips disagree.
@@ -176,7 +208,7 @@ class Follower:
         """
         assert self.start is not None and self.state is not None
         first = self.start.base.stderr_mm
-        if len(self.clamps) < 4:
+        if len(self.clamps) < LEAST_CLAMPS:
             # A clamp that was taken from a step in the light, and is not seen there again, may be anything near it.
             return (max(first, CLAMP_NEAR_MM) if self.start.base.kind == "step" and self.good > 8 else first), None
         along = np.array(self.clamps) @ self.state.clamp[2:]

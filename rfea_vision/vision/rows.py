@@ -184,7 +184,7 @@ class Rows:
         self.reasons.append(reason)
         if reason:
             return
-        block["coefficients"][n] = follower.state.coefficients
+        block["coefficients"][n] = follower.state.coefficients - follower.moved_mm
         block["width"][n] = follower.state.width
         if follower.marked and follower.profile is not None:
             self._profiled = True

@@ -1,12 +1,15 @@
 """Films that do not begin, look or move as most do: what is measured is right, and what is not is called what it is."""
 
+import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.vision import track_frames
+from rfea_vision.vision.bump import CameraWatch
 
 from .scenes import Look, bending, film, smeared_film
 from .sources import memory_source, true_calibration
@@ -70,3 +73,31 @@ def test_a_ferrule_of_another_grey_belongs_to_the_tube(small_lens):
     error = track.dataset["tip"].values - np.array([s.tip for s in shapes])
     assert np.abs(error).max() < 1.0  # mm; the ferrule is 6 mm long
     assert np.abs(error / track.dataset["tip_sigma"].values).max() < 4.0
+
+
+def test_a_camera_that_is_bumped_and_stays_moved(small_lens):
+    angles = 2.0 + 30.0 * np.sin(np.arange(56) / 12) ** 2
+    pictures, times, shapes = film(small_lens, LIGHT, angles, rate_Hz=100)
+    by = np.array([[1.0, 0.0, 4.0], [0.0, 1.0, -3.0]])
+    for number in range(36, 56):
+        pictures[number] = cv2.warpAffine(pictures[number], by, small_lens.size, borderMode=cv2.BORDER_REPLICATE)
+    track = tracked(pictures, times, small_lens)
+    off = error_px(track, shapes)
+    assert np.nanmax(off[:36]) < 0.3
+    assert np.nanmax(off[42:]) < 0.3  # until it is sure, it says that it is not
+    z = (track.dataset["tip"].values - np.array([s.tip for s in shapes])) / track.dataset["tip_sigma"].values
+    assert np.nanmax(np.abs(z)) < 4.0
+
+
+def test_a_clamp_is_elsewhere_only_where_it_is_seen_there_again():
+    watch = CameraWatch(np.zeros((30, 2)), 2.5)
+    place = np.array([0.5, 0.3])
+    assert not watch.due(np.zeros(2), np.array([0.0, -1.0]), 33)
+    assert watch.due(place, np.array([0.0, -1.0]), 33)  # across the tube
+    assert [watch.see(p) for p in (place, None, place, place)] == [False] * 4
+    assert watch.see(place)
+    np.testing.assert_allclose(watch.moved_mm, place)
+    assert not watch.see(np.array([40.0, 0.0]))  # a hand
+    again = CameraWatch.recalled(json.loads(json.dumps(watch.memory())))
+    np.testing.assert_array_equal(again.moved_mm, watch.moved_mm)
+    assert again.due(place, np.array([0.0, -1.0]), 33)  # while the new place is being averaged
