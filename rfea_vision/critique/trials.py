@@ -42,6 +42,9 @@ FIRSTS = 2
 SECONDS = 3
 PAIRS = 4
 MOST_TOGETHER = 3
+MOST_TIED = 3
+#: Refits whose held-out errors differ by less than this share do the same.
+SAME_MERIT = 3e-3
 #: A combination that explains less than this is not taken further.
 PROMISING = 0.8
 #: Where no single effect explains this share, pairs have nothing to build on; and where the misfit is so many floors that
@@ -293,22 +296,37 @@ def try_fresh(trials: Trials, screened: Sequence[Screened], singles: Mapping[str
     return done
 
 
-def distinct(candidates: Sequence[Refitted]) -> list[Refitted]:
-    """Leave out candidates that do exactly what a better one does."""
-    out: list[Refitted] = []
-    for item in candidates:
-        if all(abs(item.merit / other.merit - 1) > 3e-3 for other in out):
-            out.append(item)
-    return out
+def alike(candidates: Sequence[Refitted], effects: Sequence[Effect]) -> list[list[Refitted]]:
+    """Groups of candidates that do exactly the same, best first; in each, the one first with which most other effects go."""
+    partners = {item.added: sum(item.added[-1] in effect.goes_with for effect in effects) for item in candidates}
+    groups: list[list[Refitted]] = []
+    for item in sorted(candidates, key=lambda r: r.merit):
+        if groups and item.merit < (1 + SAME_MERIT) * groups[-1][0].merit:
+            groups[-1].append(item)
+        else:
+            groups.append([item])
+    return [sorted(group, key=lambda r: -partners[r.added]) for group in groups]
+
+
+def _exchanged(trials: Trials, best: Refitted, twin: Refitted) -> Refitted | None:
+    """The best combination, with a twin of its first effect in place of that."""
+    trial: Refitted | None = twin
+    for name in best.added[1:]:
+        own = [n for n in best.fitted.model.names if n.startswith(f"{name}.")]
+        start = {n: best.fitted.value(n) for n in own}
+        trial = trial and trials.refit([Screened(name, {}, {}, 0.0, None)], trial, starts=[start])
+    return trial
 
 
 def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitted]:
     """Combinations that explain what no single effect does; best first, empty if there are none.
 
     Behind each of the best singles the score test says what would go with it; the most promising pairs are refitted, and
-    where none suffices, the best of them is taken one step further.
+    where none suffices, the best of them is taken one step further. Of singles that do exactly the same one stands for all;
+    with the others in its place, the combination that is found is a tie.
     """
-    firsts = distinct(sorted((r for r in singles.values() if r.wins), key=lambda r: r.merit))[:FIRSTS]
+    groups = alike([r for r in singles.values() if r.wins], trials.effects)[:FIRSTS]
+    firsts = [group[0] for group in groups]
     if max((r.explained for r in firsts), default=0.0) < HOPELESS:
         return []
     found: list[Refitted] = []
@@ -335,13 +353,16 @@ def try_together(trials: Trials, singles: Mapping[str, Refitted]) -> list[Refitt
         if found:
             break
         firsts = [r for r in tried[:1] if r.explained >= PROMISING]
+    for group in groups if found else ():
+        if group[0].added == found[0].added[:1]:
+            also = [_exchanged(trials, found[0], twin) for twin in group[1:MOST_TIED]]
+            found += [trial for trial in also if trial is not None and trials.carries(trial)]
     return found
 
 
 __all__ = [
     "Refitted",
     "Trials",
-    "distinct",
     "offered",
     "try_expected",
     "try_fresh",

@@ -11,7 +11,7 @@ import numpy as np
 from rfea_vision.artefacts.judgement import Tie
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, delta_bic, structure
 from rfea_vision.critique.refinement import MOST_SEGMENTS, refit_segments
-from rfea_vision.critique.trials import Refitted, Trials
+from rfea_vision.critique.trials import MOST_TIED, Refitted, Trials
 from rfea_vision.fitting.fit import Fitted
 
 #: Two candidates may be tied where the held-out error differs by less than this share (or these floors) and the cost of the
@@ -23,7 +23,6 @@ TIE_COST = 0.04
 #: more than noise can: ten points of BIC (Kass and Raftery 1995, doi:10.1080/01621459.1995.10476572, "very strong").
 CLEAR_COST = 0.01
 CLEAR_BIC = 10.0
-MOST_TIED = 3
 
 
 @dataclass(frozen=True)

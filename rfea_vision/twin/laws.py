@@ -63,6 +63,12 @@ class JointLaw:
         )
         if get("kink.c"):  # a weak ring: a tenth of the tube is softer
             self.stiffness_profile *= 1 - get("kink.c") * np.exp(-0.5 * ((sigma - get("kink.at")) / 0.05) ** 2)
+        # a uniform rest angle, and what varies about it
+        self.rest_angle = (
+            get("rest_curvature.angle")
+            + get("rest_curvature_profile.a1") * x
+            + get("rest_curvature_profile.a2") * (3 * x**2 - 1) / 2
+        ) / self.n
         self.damping_profile = 1 + get("damping_profile.a1") * x + get("damping_profile.a2") * (3 * x**2 - 1) / 2
 
     @property
@@ -147,7 +153,7 @@ class JointLaw:
             )
         share = get("virtual_work.a")
         arm = (1 - share) * area * self.base.r_hyd + share * np.pi * self.outer_radius**3
-        torque = p * arm - k * (theta - get("rest_curvature.angle") / self.n) - b * rate
+        torque = p * arm - k * (theta - self.rest_angle) - b * rate
         if get("maxwell.k1"):
             torque = torque - get("maxwell.k1") * self.base.k_ref * (theta - memory.maxwell)
         if get("hysteresis.tau_h"):

@@ -37,6 +37,8 @@ HIDDEN: dict[str, HiddenParameter] = {
     "com_offset.a": HiddenParameter("1"),
     "gravity_tilt.angle": HiddenParameter("rad"),
     "rest_curvature.angle": HiddenParameter("rad"),
+    "rest_curvature_profile.a1": HiddenParameter("rad"),
+    "rest_curvature_profile.a2": HiddenParameter("rad"),
     "nonlinear_stiffness.c": HiddenParameter("1/rad^2"),
     "pressure_stiffening.c": HiddenParameter("1/Pa"),
     "stiffness_profile.a1": HiddenParameter("1"),

@@ -109,3 +109,19 @@ def test_power_study_foretells_what_is_found(campaign):
     strong = judged(campaign((("gravity_tilt.angle", 2 * row.amplitude),)), ("gravity_tilt",)).diagnosis
     weak = judged(campaign((("gravity_tilt.angle", 0.25 * row.amplitude),)), ("gravity_tilt",)).diagnosis
     assert (strong.verdict, weak.verdict) == ("missing", "complete")
+
+
+def test_a_member_of_a_pair_that_has_a_twin_is_tied_with_it(campaign):
+    """Rest curvature and the zero of the sensor are one torque: beside another effect no less than alone."""
+    hidden = (("rest_curvature.angle", 0.03), ("stiffness_profile.a1", 0.12))
+    diagnosis = judged(campaign(hidden), ("rest_curvature", "pressure_offset", "stiffness_profile")).diagnosis
+    assert diagnosis.verdict == "missing" and "stiffness_profile" in diagnosis.named
+    assert [set(tie.effects) for tie in diagnosis.tied] == [{"rest_curvature", "pressure_offset"}]
+
+
+def test_a_rest_curvature_that_varies_is_found_behind_its_twin(campaign):
+    """Its profile goes with the rest curvature only, not with the zero of the sensor, which fits alone exactly as well."""
+    hidden = (("rest_curvature.angle", 0.2), ("rest_curvature_profile.a1", 0.3))
+    offered = ("rest_curvature", "rest_curvature_profile", "pressure_offset", "gravity_tilt")
+    diagnosis = judged(campaign(hidden), offered).diagnosis
+    assert diagnosis.named == ["rest_curvature", "rest_curvature_profile"]

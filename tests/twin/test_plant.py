@@ -108,6 +108,7 @@ STRENGTHS: dict[str, dict[str, float]] = {
     "com_offset": {"com_offset.a": 1.0},
     "gravity_tilt": {"gravity_tilt.angle": 0.05},
     "rest_curvature": {"rest_curvature.angle": 0.05},
+    "rest_curvature_profile": {"rest_curvature_profile.a1": 0.05, "rest_curvature_profile.a2": 0.05},
     "nonlinear_stiffness": {"nonlinear_stiffness.c": 0.03},
     "pressure_stiffening": {"pressure_stiffening.c": 3e-7},
     "stiffness_profile": {"stiffness_profile.a1": 0.1, "stiffness_profile.a2": 0.1, "stiffness_profile.a3": 0.1},
