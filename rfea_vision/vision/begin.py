@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.calibration.projection import project, unproject
+from rfea_vision.vision.cap import cap_levels, measure_cap
 from rfea_vision.vision.curve import (
     VERTICES,
     WIDTH_COEFFICIENTS,
@@ -26,6 +27,7 @@ from rfea_vision.vision.sides import fit_sides, measure_sides, move_state, updat
 FloatArray = NDArray[np.float64]
 
 LEAST_SCORE = 0.02  # of something of unknown place: below it lies all that is a quarter longer or shorter than the tube
+CAP_LOOKS, CAP_GAIN = 8, 0.7
 REACH_SHARE = 0.25  # of the length: how far from the ends of a path the tube's ends are looked for
 
 
@@ -132,6 +134,8 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Workspace, path: Pa
     state.reference[2] = inside - outside
     state.levels[2, :, 0], state.levels[2, :, 1] = inside, outside
     state.blurs[2] = float(np.median(state.blurs[:2]))
+    if tip.kind == "step":
+        _learn_cap(picture, scene, state, work)
     ratio = length_of(state) / scene.length_mm
     score = (
         path.score
@@ -140,6 +144,18 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Workspace, path: Pa
         * float(np.exp(-0.5 * (np.log(half / scene.half_mm) / 0.15) ** 2))
     )
     return Begin(state, base, tip, path.polarity, score)
+
+
+def _learn_cap(picture: NDArray[np.uint8], scene: Scene, state: State, work: Workspace) -> None:
+    """Shape of the tube's end, flat, slanted or round, before the first fit takes its corners for edges."""
+    nothing = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
+    limit = 4.0 / scene.px_per_mm
+    for look in range(CAP_LOOKS):
+        gain = CAP_GAIN if look else 0.0  # the first look reads the light
+        shift, _, used = measure_cap(picture, scene.camera, state, work, scene.px_per_mm, 3.0, gain)
+        cap_levels(state, work, 0.3 * scene.half_mm * scene.px_per_mm)
+        if used > 0.3:
+            move_state(state, nothing, float(np.clip(shift, -limit, limit)))
 
 
 def _both_ends(

@@ -21,6 +21,8 @@ WIDTH_SHARE = 0.05  # of the tube's width: so well it is known
 SMEAR_SHARE = 0.04  # of the way that the end goes while the shutter is open
 CONTINUED_SHARE = 0.35  # of the length at the end whose edges could not be used, where the curve is only continued,
 CONTINUED_FREELY = 0.01  # beyond this share of the tube
+HALF_CIRCLE = 0.58  # roundness that is fitted to the middle of one
+NOT_A_PARABOLA = 0.01  # of the half width: how far the end of a round tube is from where a parabola has it
 UNLIKELY_MOVE = 4.0  # standard errors
 ORIGIN_MOVE_MM = 0.01
 NARROW_BLUR = 0.3  # of the half width: up to here a smeared edge is a blurred step
@@ -59,10 +61,13 @@ def doubts(numbers: FloatArray, half_mm: float, px_per_mm: float) -> Doubts:
     cut_off = numbers[:, fitted.SATURATED] * (too_wide + SATURATED_BLURS * numbers[:, fitted.BLUR] / px_per_mm)
     # The wider the blur, the less of the light to either side is level, and the less like a step an edge is.
     wide_blur = numbers[:, fitted.END_BLUR] / (NARROW_BLUR * half_mm * px_per_mm)
+    # A round end darkens towards its rim as the sides do, and seems to lie as far inwards as they do.
+    rounded = np.clip(numbers[:, fitted.CAP_ROUND] / HALF_CIRCLE, 0.0, 1.0)
+    rim = rounded * (too_wide + NOT_A_PARABOLA * half_mm)
     smear = SMEAR_SHARE * numbers[:, fitted.SMEAR] / px_per_mm * np.maximum(wide_blur, 1.0) ** 2
     continued = np.maximum(numbers[:, fitted.END_GAP] - CONTINUED_FREELY, 0.0) * numbers[:, fitted.LENGTH]
     return Doubts(
         np.hypot(PROFILE_SHARE * numbers[:, fitted.PROFILE] / px_per_mm, one_edge),
         np.hypot(smear, CONTINUED_SHARE * continued),
-        cut_off,
+        np.hypot(cut_off, rim),
     )

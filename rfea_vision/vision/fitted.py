@@ -40,8 +40,9 @@ FloatArray = NDArray[np.float64]
     SATURATED,
     END_LONE,
     END_ODD,
-) = range(25)
-NUMBERS = 25
+    CAP_ROUND,
+) = range(26)
+NUMBERS = 26
 
 
 SECTIONS = 64  # along the tube, in which stations are counted

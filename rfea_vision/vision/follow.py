@@ -15,6 +15,7 @@ from rfea_vision.vision.fitted import (
     BEND,
     BLUR,
     CAP_CONTRAST,
+    CAP_ROUND,
     CAP_USED,
     CONTRAST,
     END_BLUR,
@@ -42,6 +43,7 @@ SPARSE = 3  # rows from one station to the next while the curve is still on its 
 NEAR_PX = 1.5
 AT_ONCE_PX = 0.4  # a first step that is no longer ends on its place within the noise: edges know their own curve
 END_AT_ONCE_PX = 0.1  # farther, and the end is looked at once more
+ROUNDED = 1.5  # length of a rounded end over the sagitta that is fitted to its middle: of a half circle, a bit less
 LEAST_CAP_CONTRAST = 0.45  # of the light step at the edges
 
 
@@ -54,7 +56,11 @@ def _margin_px(camera, state, u, px_per_mm):
     dx, dy = abs(bx - ax), abs(by - ay)
     slant = min(dx, dy) / max(dx, dy, 1e-9)
     blur = state.blurs[0, 0] if u < 0.5 else state.blurs[0, -1]
-    return 1.2 + 2.0 * blur + slant * (2.5 * blur + 0.8)
+    margin = 1.2 + 2.0 * blur + slant * (2.5 * blur + 0.8)
+    if u > 0.5:  # along a rounded end the edges turn inwards
+        half = value_at(state.width, 1.0)
+        margin = max(margin, 1.0 + blur + ROUNDED * max(-state.cap[1], 0.0) * half * half * px_per_mm)
+    return margin
 
 
 @compiled
@@ -121,6 +127,7 @@ def fit_frame(
     numbers[NOISE] = noise
     numbers[CAP_USED] = cap_used
     numbers[CAP_CONTRAST] = cap_contrast(state)
+    numbers[CAP_ROUND] = -state.cap[1] * work.half_width[VERTICES - 1]
     numbers[CONTRAST] = _outer_contrast(state)
     numbers[BLUR] = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
     numbers[END_BLUR] = np.mean(state.blurs[0, 7 * VERTICES // 8 :])

@@ -161,6 +161,7 @@ class Look:
     bands: int = 0  # dark bands painted on the tube
     band_mm: tuple[float, float] | None = None  # one more, from and to this far along the tube
     ferrule: tuple[float, float] | None = None  # a sleeve on the tube's end: its length in mm, and its width in tubes
+    round_end: bool = False  # a half sphere on the tube's end
     highlight: tuple[float, float, float] | None = None  # a stripe along the tube, from and to in radii; its level
     shadow: float = 0.0  # share of the light that the shadow of a thing in front takes away, with a hard edge
 
@@ -178,6 +179,8 @@ def picture(
     outline = np.vstack([shape_.inner[::4], shape_.outer[::-4]])
     if look.ferrule is not None:
         outline = _with_sleeve(shape_, *look.ferrule)
+    if look.round_end:
+        outline = np.vstack([shape_.inner[::4], _half_circle(shape_), shape_.outer[::-4]])
     if look.clamp is not None:  # the tube goes on inside the clamp
         outline = np.vstack([shape_.inner[0] + [0, 5.0], outline, shape_.outer[0] + [0, 5.0]])
     tube = coverage(lens.project(outline), lens.size)
@@ -231,6 +234,15 @@ def _with_sleeve(shape_: Shape, length_mm: float, wide: float) -> np.ndarray:
     extra = np.where(np.arange(n) >= n * (1 - length_mm / 155.0), wide - 1, 0.0)[:, None]
     across = shape_.outer - shape_.inner
     return np.vstack([(shape_.inner - 0.5 * extra * across)[::2], (shape_.outer + 0.5 * extra * across)[::-2]])
+
+
+def _half_circle(shape_: Shape) -> np.ndarray:
+    """From the inner to the outer edge around the end of the tube."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, 41)[1:-1, None]
+    middle, across = shape_.centre[-1], shape_.outer[-1] - shape_.centre[-1]
+    along = shape_.centre[-1] - shape_.centre[-2]
+    along *= shape_.radius_mm / np.linalg.norm(along)
+    return middle + np.sin(angle) * across + np.cos(angle) * along
 
 
 def smeared_film(lens: Lens, look: Look, angle_of, times, exposure_s: float, *, seed: int = 0, steps: int = 8):

@@ -11,7 +11,7 @@ from rfea_vision.artefacts import Actuator
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.bump import CameraWatch
 
-from .scenes import Look, bending, film, smeared_film
+from .scenes import Lens, Look, bending, film, smeared_film
 from .sources import memory_source, true_calibration
 
 LIGHT = Look()
@@ -101,3 +101,16 @@ def test_a_clamp_is_elsewhere_only_where_it_is_seen_there_again():
     again = CameraWatch.recalled(json.loads(json.dumps(watch.memory())))
     np.testing.assert_array_equal(again.moved_mm, watch.moved_mm)
     assert again.due(place, np.array([0.0, -1.0]), 33)  # while the new place is being averaged
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0])
+def test_a_round_end_is_no_sleeve(scale):
+    """The edges turn inwards before the end; its shape is known from the first frame on."""
+    lens = Lens().scaled(scale)
+    pictures, times, shapes = film(lens, replace(LIGHT, round_end=True), np.linspace(2.0, 30.0, 6))
+    track = tracked(pictures, times, lens)
+    assert track.valid.all()
+    tips = np.array([s.tip + s.radius_mm * np.array([-np.sin(s.phi[-1]), -np.cos(s.phi[-1])]) for s in shapes])
+    error = track.dataset["tip"].values - tips
+    assert np.linalg.norm(error, axis=1).max() < 0.1  # mm
+    assert np.abs(error / track.dataset["tip_sigma"].values).max() < 4.0
