@@ -28,6 +28,7 @@ from benchmarks.hidden_campaigns import (
     twin_options,
 )
 from benchmarks.hidden_tables import rows, write_document
+from rfea_vision import __version__
 from rfea_vision.artefacts import Comparison, Diagnosis, ModelFit
 from rfea_vision.critique import improve
 from rfea_vision.errors import RfeaError
@@ -84,6 +85,7 @@ def run_case(case: Case) -> dict[str, Any]:
     floor = first[0].noise_floor_mm or float("nan")
     return {
         "key": case.key,
+        "version": __version__,
         "kind": case.kind,
         "effects": list(case.effects),
         "hidden": truth["hidden"],

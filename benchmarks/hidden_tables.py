@@ -18,14 +18,10 @@ NOTES = [
     "- Plant and model were made by the same people, and were compared effect by effect: where they had differed (a wall that stood",
     "  4 mm off, water in the wrong body, a clamp that turned about another point) the model was mended. What a campaign of another",
     "  plant would show is the truth in the column of the unseen only as far as that plant follows the same conventions.",
-    "- Not all was run with one version. 30 of the pairs and the 40 complete models of the first five rounds ran with the critique of",
-    "  0.3.0. The other single effects and those outside of these rounds ran with the present one, but, save `radial_expansion` and",
-    "  `compressibility`, before a tube that widens moved its centre line and before the last changes to synchronisation. The unseen",
-    "  ran with all of it.",
     "- `rest_curvature` and `pressure_offset` add the same torque in the same posture: no run of these can tell them apart, at any",
-    "  strength, and they are always named as a tie. So are `radial_expansion` and `compressibility` while they are weak.",
-    "- A soft spot (`kink`) is at times well enough described by a stiffness that varies smoothly along the tube, and a weight in",
-    "  the middle (`heavy_section`), where it is weak, by two effects together: the confident wrong names are of these two kinds.",
+    "  strength, and they are always named as a tie.",
+    "- A soft spot (`kink`) is at times well enough described by a stiffness that varies smoothly along the tube: that is called a",
+    "  wrong name here.",
     "- Intervals hold the noise and how coarsely 16 segments stand for the twin's 32. A wall (`contact`) is felt at the middles of",
     "  bodies, which is the largest such difference, and the one that is not always held.",
     "- `virtual_work` is almost wholly swallowed by the base parameters: at most strengths it leaves no misfit.",
@@ -166,6 +162,7 @@ def write_document(lines: Sequence[Line], table: Sequence[dict[str, Any]], plann
     """Write docs/hidden_effects.md."""
     done = [line for line in lines if line["kind"] != "failed"]
     kinds = Counter(line["kind"] for line in done)
+    versions = Counter(line["version"] for line in done)
     afterwards = {r["name"]: r for r in rows([line for line in lines if line["key"] in unseen()], "")}
     text = [
         "# Hidden effects: how often does the critique find what is missing?",
@@ -178,6 +175,7 @@ def write_document(lines: Sequence[Line], table: Sequence[dict[str, Any]], plann
         f"Run so far: {len(done)} of {planned} campaigns ({', '.join(f'{n} {k}' for k, n in sorted(kinds.items()))}; "
         f"{len(lines) - len(done)} failed). Every count below is of these and of no others. "
         "Remade with `python -m benchmarks.hidden_effects --resume`.",
+        f"Run with version {', '.join(f'{v}: {n}' for v, n in sorted(versions.items(), reverse=True))}.",
         "",
         "| what | reached | of | of these, unseen | to reach |",
         "|---|---|---|---|---|",
