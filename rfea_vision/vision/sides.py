@@ -33,6 +33,7 @@ from rfea_vision.vision.solve import (
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
 UNEVEN_LIGHT = 0.1  # of the light step at the edge: how much a place on the tube may differ from its surroundings
+ODD_SHARE = 0.1  # of the reach: an edge that lies farther off is not where a tube of this width has it
 MARKED_SHARE = 0.3  # of the stations: where so many differ, the tube is painted all along, and that is no reason
 
 
@@ -202,8 +203,10 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
         if repeat == 0:
             for n in range(filled):
                 if work.keep[n]:
-                    work.keep[n] = abs(work.residual[n]) * math.sqrt(work.stations[n, INFO]) < 4.5 * noise
-                    work.odd[n] = work.odd[n] or not work.keep[n]
+                    off = abs(work.residual[n])
+                    work.keep[n] = off * math.sqrt(work.stations[n, INFO]) < 4.5 * noise
+                    # In the still parts of a compressed video noise is next to nothing, and unlikely is not yet odd.
+                    work.odd[n] = work.odd[n] or (not work.keep[n] and off > ODD_SHARE * wide_mm)
             kept = drop_odd_sections(work, filled)
         if repeat == 1 or kept == before:
             if with_covariance:

@@ -94,7 +94,7 @@ def track_frames(
     if follower.start is None or not rows.any_valid or (follower.good < LEAST_GOOD and rows.good < 0.5 * len(rows)):
         raise DataError(
             f"{source.path}: no tube found ({rows.commonest_reason}); give camera.clamp and camera.tip in pixels, "
-            "or check actuator.outer_radius and actuator.length"
+            "check actuator.outer_radius and actuator.length, or film it before a wall of another grey than its rims"
         )
     attributes = {
         "source": source.path.name,
