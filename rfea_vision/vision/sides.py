@@ -33,6 +33,10 @@ from rfea_vision.vision.solve import (
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
 UNEVEN_LIGHT = 0.1  # of the light step at the edge: how much a place on the tube may differ from its surroundings
+UNSEEN_SECTIONS, LONE_SECTIONS = (
+    3,
+    4,
+)  # where so many are not seen at all, more lone ones than that beside them do not count
 ODD_SHARE = 0.1  # of the reach: an edge that lies farther off is not where a tube of this width has it
 MARKED_SHARE = 0.3  # of the stations: where so many differ, the tube is painted all along, and that is no reason
 
@@ -274,7 +278,7 @@ def gaps(work, filled, numbers, to_u):
             seen[0 if stations[n, SIDE] > 0 else 1, k] += 1.0
         elif odd[n]:
             seen[2, k] += 1.0
-    run = longest = one = lone = strange = 0
+    run = longest = one = lone = strange = broken = unseen = 0
     for k in range(bins):
         left, right = seen[0, k] > 0, seen[1, k] > 0
         if not (left or right):
@@ -283,6 +287,11 @@ def gaps(work, filled, numbers, to_u):
         else:
             run = 0
             one += left != right
+        # Beside what hides the tube, one edge alone may be an edge of that.
+        broken = 0 if left and right else broken + 1
+        unseen = 0 if left and right else unseen + (not left and not right)
+        if unseen > UNSEEN_SECTIONS:
+            longest = max(longest, broken - LONE_SECTIONS)
         lone = 0 if left and right else lone + (left != right or seen[2, k] > 2)
         strange = 0 if left and right else strange + (seen[2, k] > 2)
     hidden = 1.0 - to_u

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.vision import track_frames
+from rfea_vision.vision import fitted, track_frames
 from rfea_vision.vision.bump import CameraWatch
+from rfea_vision.vision.edges import SIDE, U
+from rfea_vision.vision.judge import LONGEST_GAP
+from rfea_vision.vision.sides import gaps
 
 from .scenes import Lens, Look, bending, film, smeared_film
 from .sources import memory_source, true_calibration
@@ -114,3 +117,15 @@ def test_a_round_end_is_no_sleeve(scale):
     error = track.dataset["tip"].values - tips
     assert np.linalg.norm(error, axis=1).max() < 0.1  # mm
     assert np.abs(error / track.dataset["tip_sigma"].values).max() < 4.0
+
+
+@pytest.mark.parametrize(("right_from", "refused"), [(0.72, True), (0.83, False), (2.0, False)])
+def test_one_edge_beside_what_hides_the_tube_does_not_count(right_from, refused):
+    """The left edge is not seen from 0.55 to 0.86 of the length, the right one from `right_from` on."""
+    work, numbers = fitted.new_workspace(), np.zeros(fitted.NUMBERS)
+    u = np.tile((np.arange(640) + 0.5) / 640, 2)
+    side = np.repeat([1.0, -1.0], 640)
+    work.stations[:1280, U], work.stations[:1280, SIDE] = u, side
+    work.keep[:1280] = (u < np.where(side > 0, 0.55, right_from)) | (u > 0.86)
+    gaps(work, 1280, numbers, 1.0)
+    assert (numbers[fitted.LONGEST_GAP] > LONGEST_GAP) == refused
