@@ -27,6 +27,7 @@ NOISE = 3.0
 POSTURES = (3.0, 45.0, 110.0)
 REPEATS = 60
 SCENES = 30
+PAIRS = 12  # turns of decoding and tracking
 
 
 def row(name: str, value: float, unit: str, target: str, met: bool, against: str) -> dict[str, Any]:
@@ -181,7 +182,11 @@ def compressed(folder: Path) -> list[dict[str, Any]]:
 
 
 def speed(folder: Path, calibration: Any, pictures: list[np.ndarray]) -> list[dict[str, Any]]:
-    """Frames per second, and the share of decoding alone, on the same file in the same run, at both rates."""
+    """Frames per second, and the share of decoding alone, on the same file in the same run, at both rates.
+
+    A shared machine is fast at one moment and slow at the next: decoding and tracking take turns, and each share is that of
+    a neighbouring pair; reported is the median.
+    """
     there_and_back = [*pictures, *pictures[::-1]]
     count = 8 * len(there_and_back)  # eight seconds: the search in the first frame is a small part
     track_frames(open_video(folder / "crf18.mp4"), calibration, Actuator())  # compile
@@ -190,15 +195,15 @@ def speed(folder: Path, calibration: Any, pictures: list[np.ndarray]) -> list[di
         path = folder / f"long_{name.replace(' ', '')}.mp4"
         encode(path, there_and_back * 8, options)
         decoding, tracking = [], []
-        for _ in range(4):
+        for _ in range(PAIRS):
             begun = time.perf_counter()
             assert sum(1 for _ in open_video(path)) == count
             decoding.append(count / (time.perf_counter() - begun))
             begun = time.perf_counter()
             track_frames(open_video(path), calibration, Actuator())
             tracking.append(count / (time.perf_counter() - begun))
-        rate, share = max(tracking), max(tracking) / max(decoding)
-        said = f"720 x 1280, {name}, {count} frames; decoding alone {max(decoding):.0f} frames/s"
+        rate, share = float(np.median(tracking)), float(np.median(np.array(tracking) / np.array(decoding)))
+        said = f"720 x 1280, {name}, {count} frames; decoding alone {np.median(decoding):.0f} frames/s; {PAIRS} turns"
         if name == "crf 18":
             rows.append(row("tracking speed", rate, "frames/s", ">= 480", rate >= 480, said))
         rows.append(row(f"tracking over decoding alone, {name}", share, "1", ">= 0.7", share >= 0.7, said))

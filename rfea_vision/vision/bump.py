@@ -13,7 +13,7 @@ LEAST_PX, LEAST_MM = 0.5, 0.15  # less than either is no bump: a clamp may give 
 UNLIKELY = 6.0  # times the scatter of the clamp's place in the first frames
 AGREEING = 3  # looks running that must find the clamp at one new place
 ENOUGH = 30  # looks of which the place is the median
-NOW_AND_THEN = 16  # frames between looks at a clamp that seems to be where it was
+NOW_AND_THEN = 48  # frames between looks at a clamp from which the tube still comes; a look costs as much as two frames
 FARTHEST_MM = 12.0
 
 
