@@ -33,10 +33,8 @@ from rfea_vision.vision.solve import (
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
 UNEVEN_LIGHT = 0.1  # of the light step at the edge: how much a place on the tube may differ from its surroundings
-UNSEEN_SECTIONS, LONE_SECTIONS = (
-    3,
-    4,
-)  # where so many are not seen at all, more lone ones than that beside them do not count
+UNSEEN_SECTIONS = 3  # where more than so many running are not seen at all,
+LONE_SECTIONS = 4  # more lone edges than that beside them do not count
 ODD_SHARE = 0.1  # of the reach: an edge that lies farther off is not where a tube of this width has it
 MARKED_SHARE = 0.3  # of the stations: where so many differ, the tube is painted all along, and that is no reason
 
