@@ -151,15 +151,19 @@ def _at_point(
     problem: Problem, fitted: Fitted, effects: Sequence[Effect], active: Sequence[Effect], point: dict[str, float]
 ) -> Iterator[Sensitivity]:
     """Sensitivities of the active effects at one point of the grid; `effects` are those that the law is compiled with."""
-    thin = tuple(o.rough(FRAMES_SCREENED) for o in problem.train)
+    rough = tuple(o.rough(FRAMES_SCREENED) for o in problem.train)
+    thin = tuple(o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train)
     everything = tuple(sorted([*fitted.model.effects, *effects], key=lambda e: e.id))
     model = replace(fitted.model, effects=everything)
     base_free = [model.names.index(name) for name in fitted.coordinates.names]
     par = _vector(model, fitted, point)
     extra = [model.names.index(f"{e.id}.{n}") for e in active for n in e.amplitudes()]
     free = [*base_free, *extra]
-    result = evaluate(model, par, thin, free, fitted.solution.clocks)
-    if result is None:
+    for items in (rough, thin):  # what a long step does not survive, that of the log may
+        result = evaluate(model, par, items, free, fitted.solution.clocks)
+        if result is not None:
+            break
+    else:
         half = len(active) // 2
         for part in (active[:half], active[half:]) if half else ():
             yield from _at_point(problem, fitted, part, part, point)
@@ -186,7 +190,7 @@ def _at_point(
             secant = effect.parameters[names[0]].start
             changed = par.copy()
             changed[model.names.index(f"{effect.id}.{names[0]}")] = secant
-            moved = evaluate(model, changed, thin, (), fitted.solution.clocks)
+            moved = evaluate(model, changed, items, (), fitted.solution.clocks)
             if moved is None:
                 continue
             jacobian = ((moved.residual - result.residual) / secant)[:, None]
@@ -194,7 +198,7 @@ def _at_point(
             left = np.linalg.norm(jacobian, axis=0)
         if np.all(left <= 1e-6 * np.maximum(raw, 1e-300)):
             continue  # the base parameters swallow it whole
-        yield Sensitivity(effect, own_grid, names, jacobian, residual, thin, result.slices, secant)
+        yield Sensitivity(effect, own_grid, names, jacobian, residual, items, result.slices, secant)
 
 
 def screen(

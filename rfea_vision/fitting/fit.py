@@ -206,23 +206,14 @@ def fit_added(
     new = [effect.id for effect in model.effects if effect.id not in {e.id for e in previous.model.effects}]
     options_list = list(starts) if starts is not None else effect_starts(model.effects, new)
     known = dict(zip(previous.model.names, previous.par, strict=True))
-    segments = previous.options.segments
     best: Fitted | None = None
     waterfall = []
     thin = [o.rough(ROUGH_FRAMES) for o in problem.train]
     for index, start in enumerate(options_list):
         label = ", ".join(f"{k} = {v:g}" for k, v in start.items()) or "previous model"
+        most = 15 if len(options_list) > 1 else 30
         try:
-            trial = refit(
-                problem,
-                options,
-                {**known, **start},
-                segments,
-                previous.solution.clocks,
-                items=thin,
-                most_evaluations=15 if len(options_list) > 1 else 30,
-                tolerance=1e-4,
-            )
+            trial = _tried(problem, options, {**known, **start}, previous, most)
         except DataError:
             waterfall.append({"start": label, "cost": None, "status": "could not be simulated"})
             continue
@@ -246,6 +237,20 @@ def fit_added(
     return replace(
         final, plateaus=previous.plateaus, steady=previous.steady, starts=tuple(waterfall), jumps=previous.jumps
     )
+
+
+def _tried(
+    problem: Problem, options: FitOptions, values: Mapping[str, float], previous: Fitted, most_evaluations: int
+) -> Fitted:
+    """Fit to thinned runs from `values`, in long steps; in those of the log where the start survives no longer ones."""
+    segments, clocks = previous.options.segments, previous.solution.clocks
+    rough = [o.rough(ROUGH_FRAMES) for o in problem.train]
+    thin = [o.thinned(max(1, o.time.size // ROUGH_FRAMES)) for o in problem.train]
+    limits: dict[str, Any] = {"most_evaluations": most_evaluations, "tolerance": 1e-4}
+    try:
+        return refit(problem, options, values, segments, clocks, items=rough, **limits)
+    except DataError:
+        return refit(problem, options, values, segments, clocks, items=thin, **limits)
 
 
 def _cost(fitted: Fitted, items: Sequence[Observed]) -> float:
