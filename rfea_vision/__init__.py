@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rfea_vision.errors import DataError, InputError, RfeaError
     from rfea_vision.stages import Workspace, open_campaign
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"
 
 _HOMES = {
     "rfea_vision.artefacts": (
