@@ -135,9 +135,16 @@ class Comparison(_Json):
 
 
 class Candidate(_Json):
+    """An effect on offer. ``probability`` and ``share`` are null where it was not refitted."""
+
     effect: str
     title: str = ""
     at: str | None = None
+    form: str | None = None  # the form of its law that the data prefer, of an effect that has several
+    probability: float | None = Field(default=None, ge=0, le=1)  # that it, or a member of its tie, is really there
+    share: float | None = (
+        None  # of the held-out squared error above the irreproducible floor that is gone; may be negative
+    )
     score_p: float | None = None
     predicted_rmse_mm: float | None = None
     train_rmse_mm: float | None = None
@@ -163,8 +170,37 @@ class NextExperiment(_Json):
     sentence: str
 
 
+class EffectSet(_Json):
+    """Effects that were refitted together; empty for the model as it is, and so for causes outside of the catalogue."""
+
+    effects: list[str]
+    probability: float | None = Field(default=None, ge=0, le=1)
+    share: float | None = None
+    validate_rmse_mm: float | None = None
+    validate_rmse_deg: float | None = None
+
+
+class Remainder(_Json):
+    """What the best set leaves: ``share`` of the squared error above the floor, the held-out error, and what it goes with."""
+
+    share: float | None = None
+    rmse_mm: float | None = None
+    rmse_deg: float | None = None
+    goes_with: list[dict[str, Any]] = Field(default_factory=list)  # {"what", "r2"}
+    sentence: str = ""
+
+
+class Floors(_Json):
+    """Below what no model gets: noise of the measurement, motion that does not come again, calibration; null if unknown."""
+
+    measurement: float | None = None
+    irreproducible: float | None = None
+    calibration: float | None = None
+    unit: Literal["mm", "deg"] = "mm"
+
+
 class Diagnosis(_Json):
-    """`diagnosis.json`: which effect is missing."""
+    """`diagnosis.json`: which effects are missing, how probable each is, and what share of the misfit it explains."""
 
     format: Literal["rfea-diagnosis/1"] = "rfea-diagnosis/1"
     model: str
@@ -173,6 +209,10 @@ class Diagnosis(_Json):
     named: list[str] = Field(default_factory=list)
     tied: list[Tie] = Field(default_factory=list)
     candidates: list[Candidate] = Field(default_factory=list)
+    sets: list[EffectSet] = Field(default_factory=list)
+    sufficient: bool | None = None  # whether what is left once everything named is added is at the floor
+    remainder: Remainder | None = None
+    floors: Floors | None = None
     where: list[WorstPlace] = Field(default_factory=list)
     noise_floor_mm: float | None = None
     noise_floor_deg: float | None = None  # where only an angle was measured
@@ -191,6 +231,9 @@ class Rung(_Json):
     validate_angle_rmse_deg: float | None = None
     delta_bic: float | None
     verdict: str
+    grade: Literal["named", "stand-in"] | None = None  # null on the first rung, to which nothing was added
+    probability: float | None = Field(default=None, ge=0, le=1)
+    share: float | None = None
 
 
 class Ladder(_Json):

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, WorstPlace
+from rfea_vision.artefacts.judgement import Diagnosis, EffectSet, Floors, ModelFit, Remainder, WorstPlace
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.evidence import candidate_rows, swallowed
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, Errors, errors_of, floor_of, structure
@@ -121,12 +122,32 @@ def _diagnosis(
         named=list(best.added) if best is not None else [],
         tied=verdict.tied,
         candidates=candidate_rows(trials, screened, singles),
+        **_grades(trials, verdict, singles),
         noise_floor_mm=trials.floor if trials.in_mm else None,
         noise_floor_deg=None if trials.in_mm else trials.floor,
         explained_fraction=verdict.explained,
         enough=trials.enough,
         warnings=swallowed(trials.problem, trials.before, best.fitted, best.added) if best is not None else [],
     )
+
+
+def _grades(trials: Trials, verdict: Verdict, singles: Mapping[str, Refitted]) -> dict[str, Any]:
+    """Shares of the sets that were refitted, what the best of them leaves, and the floors."""
+    unit = "mm" if trials.in_mm else "deg"
+    rows = {tuple(r.added): r for r in (*verdict.rivals, *singles.values(), *([verdict.best] if verdict.best else []))}
+    sets = [
+        EffectSet(effects=list(added), share=r.explained, **{f"validate_rmse_{unit}": r.errors.held})
+        for added, r in rows.items()
+    ]  # type: ignore[arg-type]
+    sets.append(EffectSet(effects=[], share=0.0, **{f"validate_rmse_{unit}": trials.errors.held}))  # type: ignore[arg-type]
+    errors = verdict.best.errors if verdict.best is not None else trials.errors
+    left = verdict.best.explained if verdict.best is not None else 0.0
+    return {
+        "sets": sorted(sets, key=lambda row: -(row.share or 0.0)),
+        "sufficient": structure(errors, trials.floor) < max(STRUCTURE_FLOORS, trials.small),
+        "remainder": Remainder(share=1 - left, **{f"rmse_{unit}": errors.held}),  # type: ignore[arg-type]
+        "floors": Floors(measurement=trials.floor, unit=unit),  # type: ignore[arg-type]
+    }
 
 
 def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:

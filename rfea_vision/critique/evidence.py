@@ -43,6 +43,7 @@ def candidate_rows(trials: Trials, screened: Sequence[Screened], refitted: Mappi
                 title=title,
                 score_p=best_p,
                 **shown,
+                share=done.explained,
                 delta_bic=done.delta_bic,
                 parameters=effect_parameters(problem, done.fitted, item.effect),
                 refitted=True,

@@ -62,6 +62,8 @@ def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[Rung]) -> Run
         added=new[-1] if below and new else None,
         train_tip_rmse_mm=train.tip_rmse_mm if train else None,
         validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
+        train_angle_rmse_deg=train.angle_rmse_deg if train else None,
+        validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
         delta_bic=None,
         verdict=diagnosis.verdict,
     )
@@ -81,8 +83,11 @@ def describe_fit(model: ModelFit) -> str:
 def describe_rung(rung: Rung) -> str:
     """Say what a rung has brought."""
 
-    def shown(value: float | None) -> str:
-        return "-" if value is None else f"{value:.3f} mm"
+    def shown(tip_mm: float | None, angle_deg: float | None) -> str:
+        if tip_mm is not None:
+            return f"{tip_mm:.3f} mm"
+        return "-" if angle_deg is None else f"{angle_deg:.3f} deg"
 
-    errors = f"train {shown(rung.train_tip_rmse_mm)}, validate {shown(rung.validate_tip_rmse_mm)}"
+    train = shown(rung.train_tip_rmse_mm, rung.train_angle_rmse_deg)
+    errors = f"train {train}, validate {shown(rung.validate_tip_rmse_mm, rung.validate_angle_rmse_deg)}"
     return f"{rung.model}: {errors}, {rung.verdict}"
