@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from rfea_vision.stages import Workspace, open_campaign
 
 __version__ = "0.6.0"
+
+# OpenCV reads this as it is loaded: a small file that unpacks to more than 268 megapixels is no photo of a tube.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))
 
 _HOMES = {
     "rfea_vision.artefacts": (

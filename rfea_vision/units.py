@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     import pint
 
 _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$")
+# pint works powers out as it reads them: 'mm**9**9**9' would never end. A unit has powers of names, of one digit.
+_LONGEST_UNIT = 64
+_POWER, _POWER_OF_A_UNIT = re.compile(r"\*\*|\^"), re.compile(r"[^\W\d]\s*(?:\*\*|\^)\s*[+-]?\d(?!\d)")
 _COMMON_UNITS = (
     "mm",
     "cm",
@@ -54,6 +57,8 @@ def _unit(text: str) -> pint.Unit:
     """Parse a unit, or raise a ValueError that suggests the one probably meant."""
     import pint
 
+    if len(text) > _LONGEST_UNIT or len(_POWER.findall(text)) != len(_POWER_OF_A_UNIT.findall(text)):
+        raise ValueError(f"unknown unit '{text[:_LONGEST_UNIT]}'; write one such as 'kg/m^3'")
     try:
         return _registry().Unit(text)
     except Exception as error:

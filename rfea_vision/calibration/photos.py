@@ -11,11 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Picture = NDArray[np.uint8]
+from rfea_vision.readers import pictures
+from rfea_vision.readers.pictures import Picture
 
 
 @dataclass(frozen=True)
@@ -36,23 +35,15 @@ class Photo:
 
 def read_photo(path: Path) -> Photo | None:
     """Read a picture; None if it cannot be read."""
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-    except OSError:
+    sensor, shown = pictures.read_grey(path, as_stored=True), pictures.read_grey(path)
+    if sensor is None or shown is None:
         return None
-    if data.size == 0:
-        return None
-    raw = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
-    shown = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
-    if raw is None or shown is None:
-        return None
-    sensor = np.asarray(raw, dtype=np.uint8)
     for turns in range(4):
         for mirrored in (False, True):
             photo = Photo(path, sensor, turns, mirrored)
             if np.array_equal(photo.shown(), shown):
                 return photo
-    return Photo(path, np.asarray(shown, dtype=np.uint8))
+    return Photo(path, shown)
 
 
 def read_grey(path: Path) -> Picture | None:

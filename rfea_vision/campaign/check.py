@@ -25,15 +25,16 @@ class Checked:
     problems: tuple[Problem, ...]
 
 
-def check_campaign(path: Path, progress: Callable[[int, int], None] | None = None) -> Checked:
+def check_campaign(path: Path, progress: Callable[[int, int], None] | None = None, *, trust: bool = False) -> Checked:
     """Read every file of a campaign as the stages will, and say all that is wrong; nothing is written.
 
     Parameters
     ----------
     path : campaign folder or lone experiment folder
     progress : called with (done, total) experiments and cameras
+    trust : let it read outside of its folder
     """
-    reading = read_campaign(path)
+    reading = read_campaign(path, trust=trust)
     campaign, problems = reading.campaign, list(reading.problems)
     if campaign is None:
         return Checked({}, tuple(problems))
@@ -109,7 +110,7 @@ def _experiment_problems(experiment: ExperimentSpec) -> list[Problem]:
             if video.file is not None:
                 pictures_s = open_video(video.file, video.rate_Hz).times_s()
             elif video.frames is not None and video.times is not None:
-                pictures_s = open_frames(video.frames, video.times, video.rate_Hz).times_s()
+                pictures_s = open_frames(video.frames, video.times, video.rate_Hz, within=video.within).times_s()
         elif experiment.track is not None:
             from rfea_vision.readers.tracks import read_track
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.campaign.problems import Problem, problem_at, validation_problems
+from rfea_vision.campaign.reach import Reach, is_file, is_folder
 from rfea_vision.campaign.resolve import resolve_camera, resolve_experiment
 from rfea_vision.campaign.schema import CampaignFile, ExperimentFile
 from rfea_vision.campaign.specs import Campaign, ExperimentSpec
@@ -20,24 +21,25 @@ from rfea_vision.errors import InputError
 
 OUTPUT_FOLDER = "rfea"
 RESERVED_NAMES = frozenset({"calibration", "models", "report", ".stages"})
-_SAFE_NAME = re.compile(r"^[^\s./\\:][^/\\:\n]*$")
+_SAFE_NAME = re.compile(r"^[^\s./\\:\x00-\x1f\x7f-\x9f][^/\\:\x00-\x1f\x7f-\x9f]{0,199}$")
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
-def load_campaign(path: Path | str, out: Path | str | None = None) -> Campaign:
+def load_campaign(path: Path | str, out: Path | str | None = None, *, trust: bool = False) -> Campaign:
     """Load a campaign folder, or a lone folder with an experiment.yaml.
 
     Parameters
     ----------
     path : the folder, or its campaign.yaml
     out : where results go; default ``<campaign>/rfea``
+    trust : let it read outside of its folder, and from database servers
 
     Raises
     ------
     InputError
         With the first problem found, and how many more there are.
     """
-    reading = read_campaign(path, out)
+    reading = read_campaign(path, out, trust=trust)
     errors = [problem for problem in reading.problems if problem.severity == "error"]
     if errors or reading.campaign is None:
         more = f" ({len(errors) - 1} more: 'rfea check {path}' lists them)" if len(errors) > 1 else ""
@@ -67,23 +69,27 @@ class Reading:
         return next(above, None)
 
 
-def read_campaign(path: Path | str, out: Path | str | None = None) -> Reading:
-    """Load whatever can be loaded, and say everything that is wrong."""
+def read_campaign(path: Path | str, out: Path | str | None = None, *, trust: bool = False) -> Reading:
+    """Load whatever can be loaded, and say everything that is wrong; without `trust` nothing outside of it is read."""
     folder = Path(path).expanduser()
     if folder.name in ("campaign.yaml", "experiment.yaml"):
         folder = folder.parent
     folder = folder.resolve()
-    if not folder.is_dir():
+    reach = Reach(folder, trust)
+    if not is_folder(folder):
         return _nothing(folder, "no such folder; give a campaign folder ('rfea init DIR' makes one)")
-    if (folder / "campaign.yaml").is_file():
-        return _read_folder(folder, _out(folder, out))
-    if (folder / "experiment.yaml").is_file():
+    link = reach.link_out(_out(folder, None)) if out is None else None
+    if link is not None:
+        return _nothing(link, f"{reach.refusal(link.resolve())}; or keep results elsewhere with --out DIR")
+    if is_file(folder / "campaign.yaml"):
+        return _read_folder(reach, _out(folder, out))
+    if is_file(folder / "experiment.yaml"):
         if (folder.parent / "campaign.yaml").is_file():
             advice = (
                 f"give the campaign, '{folder.parent}', and choose the experiment with -e where one is to be chosen"
             )
             return _nothing(folder, f"belongs to the campaign above it; {advice}")
-        return _read_lone(folder, _out(folder, out))
+        return _read_lone(reach, _out(folder, out))
     return _nothing(folder, "holds neither campaign.yaml nor experiment.yaml; 'rfea init DIR' writes both to fill in")
 
 
@@ -95,10 +101,11 @@ def _out(folder: Path, out: Path | str | None) -> Path:
     return Path(out).expanduser().resolve() if out is not None else folder / OUTPUT_FOLDER
 
 
-def _read_folder(root: Path, out: Path) -> Reading:
+def _read_folder(reach: Reach, out: Path) -> Reading:
+    root = reach.root
     file = root / "campaign.yaml"
     try:
-        shared = read_yaml(file)
+        shared = _read_within(reach, file)
         problems = []
     except InputError as error:
         shared, problems = YamlFile(file, {}, {}), [_file_problem(file, error)]
@@ -109,7 +116,7 @@ def _read_folder(root: Path, out: Path) -> Reading:
         actuator, found = _actuator(parsed, (shared,))
         problems += [problem for problem in found if not _about(problem, problems)]
         if parsed.camera is not None:
-            camera, found = resolve_camera(parsed.camera, (root,), (shared,))
+            camera, found = resolve_camera(parsed.camera, reach, (root,), (shared,))
             problems += found
     said = {_part(problem) for problem in problems} | (set() if shared.content else {"actuator", "camera"})
     # What is wrong in the campaign is said once, and the experiments are looked through without it.
@@ -118,7 +125,7 @@ def _read_folder(root: Path, out: Path) -> Reading:
     broken: list[ExperimentSpec] = []
     files = [path for path in sorted(root.glob("*/experiment.yaml")) if out not in (path.parent, *path.parents)]
     for path in files:
-        experiment, found = _read_experiment(path, shared, said)
+        experiment, found = _read_experiment(reach, path, shared, said)
         problems += found
         if any(problem.severity == "error" for problem in found):
             broken += [experiment] if experiment is not None else []
@@ -129,8 +136,9 @@ def _read_folder(root: Path, out: Path) -> Reading:
     return Reading(campaign, tuple(broken), tuple(problems))
 
 
-def _read_lone(folder: Path, out: Path) -> Reading:
-    experiment, problems = _read_experiment(folder / "experiment.yaml", None, set())
+def _read_lone(reach: Reach, out: Path) -> Reading:
+    folder = reach.root
+    experiment, problems = _read_experiment(reach, folder / "experiment.yaml", None, set())
     if experiment is None:
         return Reading(None, (), tuple(problems))
     if any(problem.severity == "error" for problem in problems):
@@ -140,8 +148,16 @@ def _read_lone(folder: Path, out: Path) -> Reading:
     return Reading(campaign, (), tuple(problems))
 
 
+def _read_within(reach: Reach, path: Path) -> YamlFile:
+    """Read a YAML file that lies within reach."""
+    refusal = reach.refusal(path.resolve())
+    if refusal is not None:
+        raise InputError(f"{path}: {refusal}")
+    return read_yaml(path)
+
+
 def _read_experiment(
-    path: Path, shared: YamlFile | None, said: set[str]
+    reach: Reach, path: Path, shared: YamlFile | None, said: set[str]
 ) -> tuple[ExperimentSpec | None, list[Problem]]:
     """Read one experiment.yaml on top of what the campaign shares; `said` are parts that were complained of there.
 
@@ -149,7 +165,7 @@ def _read_experiment(
     """
     name = path.parent.name
     try:
-        own = read_yaml(path)
+        own = _read_within(reach, path)
     except InputError as error:
         return None, [_file_problem(path, error, name)]
     name = str(own.content.get("name") or name)
@@ -163,7 +179,7 @@ def _read_experiment(
     if shared is None or "actuator" in own.content:
         problems += [problem for problem in found if not _about(problem, problems)]
     folders = (path.parent,) if shared is None else (path.parent, shared.path.parent)
-    experiment, found = resolve_experiment(parsed, name, actuator or Actuator(), folders, files)
+    experiment, found = resolve_experiment(parsed, name, actuator or Actuator(), reach, folders, files)
     said = {part for part in said if part not in own.content}
     problems += [problem for problem in found if not _about(problem, problems) and _part(problem) not in said]
     if parsed.role == "ignore":  # what is set aside may be broken

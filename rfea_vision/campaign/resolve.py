@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from glob import has_magic
 from pathlib import Path
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.campaign.problems import Problem, problem_at
+from rfea_vision.campaign.reach import REMEDY, Reach, is_file, is_folder
 from rfea_vision.campaign.schema import CameraPart, ExperimentFile, PlumbPart, PressurePart, SyncPart
 from rfea_vision.campaign.specs import CameraSpec, ExperimentSpec, PressureSpec, SyncSpec, TrackSpec, VideoSpec
 from rfea_vision.campaign.yaml_file import YamlFile
@@ -18,10 +20,10 @@ Files = tuple[YamlFile, ...]
 
 
 class _Finder:
-    """Looks for files in the experiment's folder, then in the campaign's, and notes what is not there."""
+    """Looks for files in the experiment's folder, then in the campaign's, and notes what is not there, or out of reach."""
 
-    def __init__(self, folders: Folders, files: Files, experiment: str | None) -> None:
-        self.folders, self.files, self.experiment = folders, files, experiment
+    def __init__(self, reach: Reach, folders: Folders, files: Files, experiment: str | None) -> None:
+        self.reach, self.folders, self.files, self.experiment = reach, folders, files, experiment
         self.problems: list[Problem] = []
 
     def complain(self, key: str, message: str) -> None:
@@ -31,10 +33,17 @@ class _Finder:
         """Return the path behind `name`, or note under `key` that it does not exist."""
         if name is None:
             return None
+        refusals: list[str] = []
         for base in self.folders:
-            path = (base / Path(name).expanduser()).resolve()
-            if path.is_dir() if folder else path.is_file():
+            path = self.reach.path(base, name)
+            refusal = None if path is None else self.reach.refusal(path)
+            if refusal is not None:
+                refusals.append(refusal)
+            elif path is not None and (is_folder(path) if folder else is_file(path)):
                 return path
+        if refusals:
+            self.complain(key, f"'{name}' {refusals[0]}")
+            return None
         kind = "folder" if folder else "file"
         there = _nearby(self.folders[0], name)
         self.complain(key, f"no {kind} '{name}' in {self.folders[0]}{there}; correct the name or put the {kind} there")
@@ -48,12 +57,9 @@ class _Finder:
                 path = self.file(key, pattern)
                 found |= {path: None} if path is not None else {}
                 continue
-            matches: list[Path] = []
-            for base in self.folders:
-                where, relative = (Path("/"), pattern.lstrip("/")) if pattern.startswith("/") else (base, pattern)
-                matches = sorted(path.resolve() for path in where.glob(relative) if path.is_file())
-                if matches:
-                    break
+            matches = self._matches(key, pattern)
+            if matches is None:
+                continue
             if not matches:
                 self.complain(
                     key,
@@ -61,6 +67,47 @@ class _Finder:
                 )
             found |= dict.fromkeys(matches)
         return tuple(found)
+
+    def _matches(self, key: str, pattern: str) -> list[Path] | None:
+        """Return the files that a pattern matches, in the first folder where it does; None if it may not be looked for."""
+        absolute = pattern.startswith("/")
+        if not self.reach.trusted and (absolute or ".." in Path(pattern).parts):
+            self.complain(key, f"'{pattern}' leads out of the folder that it is written in; {REMEDY}")
+            return None
+        for base in self.folders:
+            where, relative = (Path("/"), pattern.lstrip("/")) if absolute else (base, pattern)
+            try:
+                matches = sorted(path.resolve() for path in where.glob(relative) if path.is_file())
+            except (OSError, RuntimeError, ValueError, NotImplementedError) as error:
+                self.complain(key, f"'{pattern}' is no pattern for files ({error}); write for example 'board_*.png'")
+                return None
+            refusal = next((text for path in matches if (text := self.reach.refusal(path)) is not None), None)
+            if refusal is not None:
+                self.complain(key, f"'{pattern}' {refusal}")
+                return None
+            if matches:
+                return matches
+        return []
+
+    def database(self, url: str | None) -> str | None:
+        """Return a database's URL, if the campaign may read it: a file below its folder, read with SQLite."""
+        if url is None or self.reach.trusted:
+            return url
+        kind, separator, rest = url.partition(":///")
+        if not separator or kind not in ("sqlite", "sqlite+pysqlite") or set("?$") & set(rest):
+            said = "only SQLite files below the campaign's folder are read unasked, written 'sqlite:///log.db'"
+            self.complain("pressure.url", f"'{_hidden(url)}': {said}; {REMEDY}")
+            return None
+        path = self.reach.path(self.folders[0], rest)
+        refusal = "is no path" if path is None else self.reach.refusal(path)
+        if refusal is not None:
+            self.complain("pressure.url", f"'{rest}' {refusal}")
+        return url if refusal is None else None
+
+
+def _hidden(url: str) -> str:
+    """A URL without its password."""
+    return re.sub(r"(//[^:/@]*):[^@]*@", r"\1:***@", url)
 
 
 def _nearby(folder: Path, name: str) -> str:
@@ -73,10 +120,10 @@ def _nearby(folder: Path, name: str) -> str:
 
 
 def resolve_camera(
-    part: CameraPart, folders: Folders, files: Files, experiment: str | None = None
+    part: CameraPart, reach: Reach, folders: Folders, files: Files, experiment: str | None = None
 ) -> tuple[CameraSpec | None, list[Problem]]:
     """Return the camera, or what is wrong with it."""
-    finder = _Finder(folders, files, experiment)
+    finder = _Finder(reach, folders, files, experiment)
     if part.file is None and (part.board is None or part.photos is None):
         lacking = "board" if part.board is None else "photos"
         finder.complain(f"camera.{lacking}", "is missing; give board and photos, or the file of an earlier calibration")
@@ -122,15 +169,15 @@ def _lens_of(profile: str | None) -> str:
 
 
 def resolve_experiment(
-    parsed: ExperimentFile, name: str, actuator: Actuator, folders: Folders, files: Files
+    parsed: ExperimentFile, name: str, actuator: Actuator, reach: Reach, folders: Folders, files: Files
 ) -> tuple[ExperimentSpec, list[Problem]]:
     """Return the experiment as far as it can be resolved, and what is wrong with it."""
     role = parsed.role or "train"
-    finder = _Finder(folders, files, name)
+    finder = _Finder(reach, folders, files, name)
     video, track = _source(parsed, finder)
     camera, problems = None, []
     if parsed.camera is not None:
-        camera, problems = resolve_camera(parsed.camera, folders, files, name)
+        camera, problems = resolve_camera(parsed.camera, reach, folders, files, name)
     elif video is not None:
         finder.complain(
             "camera", "is missing; pictures need it (board and photos, or the file of an earlier calibration)"
@@ -179,7 +226,8 @@ def _source(parsed: ExperimentFile, finder: _Finder) -> tuple[VideoSpec | None, 
         assert parsed.frames is not None
         folder = finder.file("frames.folder", parsed.frames.folder, folder=True)
         times = finder.file("frames.times", parsed.frames.times or "frames.csv")
-        return VideoSpec(None, folder, times, parsed.frames.rate), None
+        within = finder.reach.within
+        return VideoSpec(None, folder, times, parsed.frames.rate, within), None
     assert parsed.video is not None
     return VideoSpec(finder.file("video.file", parsed.video.file), rate_Hz=parsed.video.rate), None
 
@@ -195,7 +243,7 @@ def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
         )
     return PressureSpec(
         file=finder.file("pressure.file", part.file),
-        url=part.url,
+        url=finder.database(part.url),
         query=part.query,
         time=part.time,
         pressure=part.pressure,

@@ -32,12 +32,16 @@ class CameraSpec:
 
 @dataclass(frozen=True)
 class VideoSpec:
-    """A video `file`, or a folder of `frames` with their `times` table; `rate_Hz` overrides recorded times."""
+    """A video `file`, or a folder of `frames` with their `times` table; `rate_Hz` overrides recorded times.
+
+    No picture may lie outside of `within`, where that is given.
+    """
 
     file: Path | None = None
     frames: Path | None = None
     times: Path | None = None
     rate_Hz: float | None = None
+    within: Path | None = None
 
 
 @dataclass(frozen=True)

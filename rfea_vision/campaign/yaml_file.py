@@ -11,6 +11,8 @@ import yaml
 from rfea_vision.errors import InputError
 
 KeyPath = tuple[str | int, ...]
+# Far beyond what a person writes, and read within a second: what is more is a mistake, or meant to stop the machine.
+_MOST_BYTES, _MOST_DEPTH, _MOST_VALUES = 1_000_000, 20, 50_000
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ def read_yaml(path: Path) -> YamlFile:
         If the file is missing, not UTF-8, not YAML, holds a key twice or is not a mapping.
     """
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_text(path)
     except FileNotFoundError as error:
         raise InputError(f"{path}: not found") from error
     except IsADirectoryError as error:
@@ -49,8 +51,7 @@ def read_yaml(path: Path) -> YamlFile:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}:{line}: not UTF-8 text; save the file as UTF-8") from error
     try:
-        node = yaml.compose(text, Loader=yaml.SafeLoader)
-        content = yaml.safe_load(text)
+        content, node = parse_yaml(text)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f":{mark.line + 1}" if mark else ""
@@ -66,6 +67,49 @@ def read_yaml(path: Path) -> YamlFile:
     lines: dict[KeyPath, int] = {}
     _collect(path, node, (), lines)
     return YamlFile(path, content, lines)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file of settings; whoever made it, it does not fill the memory or block."""
+    if not path.is_file() and path.exists() and not path.is_dir():
+        raise InputError(f"{path}: is no plain file; put one in its place")
+    with path.open("rb") as stream:
+        raw = stream.read(_MOST_BYTES + 1)
+    if len(raw) > _MOST_BYTES:
+        raise InputError(f"{path}: is larger than {_MOST_BYTES / 1e6:g} MB; this file holds settings, not data")
+    return raw.decode("utf-8-sig")
+
+
+def parse_yaml(text: str) -> tuple[Any, yaml.Node | None]:
+    """The value that YAML stands for and its nodes.
+
+    Raises
+    ------
+    yaml.YAMLError, ValueError
+        If it is not YAML, is nested too deeply, or would grow beyond all measure as its aliases are written out.
+    """
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):  # flat: what is nested deeply cannot exhaust the stack
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MOST_DEPTH:
+            raise yaml.MarkedYAMLError(problem=f"nested more than {_MOST_DEPTH} deep", problem_mark=event.start_mark)
+    node = yaml.compose(text, Loader=yaml.SafeLoader)
+    if _size(node, {}) > _MOST_VALUES:
+        raise ValueError(f"its aliases stand for more than {_MOST_VALUES} values; write out what is meant")
+    return yaml.safe_load(text), node
+
+
+def _size(node: yaml.Node | None, known: dict[int, int]) -> int:
+    """Number of values below a node with every alias written out; one that holds itself is endless."""
+    if id(node) not in known:
+        known[id(node)] = _MOST_VALUES + 1  # as long as it is being counted
+        children: list[yaml.Node] = []
+        if isinstance(node, yaml.MappingNode):
+            children = [part for pair in node.value for part in pair]
+        elif isinstance(node, yaml.SequenceNode):
+            children = node.value
+        known[id(node)] = 1 + sum(_size(child, known) for child in children)
+    return known[id(node)]
 
 
 def _collect(path: Path, node: yaml.Node | None, keys: KeyPath, lines: dict[KeyPath, int]) -> None:

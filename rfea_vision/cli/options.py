@@ -13,6 +13,7 @@ from rfea_vision.cli.console import ConsoleListener
 from rfea_vision.units import parse_quantity
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
+_TRUST = "rfea_vision.trust"
 
 
 class Quantity(click.ParamType):
@@ -57,9 +58,25 @@ def output_options(command: _Command) -> _Command:
     )(command)
 
 
+def trust_option(command: _Command) -> _Command:
+    """Add --trust; `trusted` tells whether it was given, so that no command has to hand it on."""
+    return click.option(
+        "--trust",
+        is_flag=True,
+        expose_value=False,
+        callback=lambda ctx, param, value: ctx.meta.__setitem__(_TRUST, value),
+        help="Let the campaign read outside of its folder, and from database servers.",
+    )(command)
+
+
+def trusted() -> bool:
+    """Whether the command that runs was given --trust."""
+    return bool(click.get_current_context().meta.get(_TRUST))
+
+
 def campaign_options(command: _Command) -> _Command:
     """Add the argument CAMPAIGN and the options of every command that works on one."""
-    command = output_options(command)
+    command = trust_option(output_options(command))
     command = click.option("--force", is_flag=True, help="Redo the stage even if nothing has changed.")(command)
     command = click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")(
         command
@@ -121,7 +138,7 @@ def opened(campaign: Path, out: Path | None, *, force: tuple[str, ...] = ()) -> 
     from rfea_vision.stages import Workspace
 
     with ConsoleListener().shown() as listener:
-        work = Workspace(load_campaign(campaign, out), listener=listener, force=force)
+        work = Workspace(load_campaign(campaign, out, trust=trusted()), listener=listener, force=force)
         try:
             yield work
         finally:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table
-from rfea_vision.cli.options import output_options
+from rfea_vision.cli.options import output_options, trust_option, trusted
 from rfea_vision.errors import InputError
 
 
@@ -30,6 +30,7 @@ def init_command(folder: Path, as_json: bool, debug: bool) -> None:
 
 @click.command("check")
 @click.argument("campaign", type=click.Path(path_type=Path))
+@trust_option
 @output_options
 def check_command(campaign: Path, as_json: bool, debug: bool) -> int:
     """What is wrong with a campaign, all at once.
@@ -39,7 +40,7 @@ def check_command(campaign: Path, as_json: bool, debug: bool) -> int:
     from rfea_vision.campaign.check import check_campaign
 
     with ConsoleListener().shown() as listener:
-        checked = check_campaign(campaign, listener.begin("check", campaign.name))
+        checked = check_campaign(campaign, listener.begin("check", campaign.name), trust=trusted())
     errors = [item for item in checked.problems if item.severity == "error"]
     if as_json:
         problems = [item.as_dict() for item in checked.problems]

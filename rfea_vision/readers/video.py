@@ -13,14 +13,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
+from av.container import InputContainer
 from av.error import FFmpegError
 from numpy.typing import NDArray
 
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.readers.pictures import read_grey
 
 Luma = NDArray[np.uint8]
+MOST_PIXELS = 1 << 28  # of one picture; a phone's 200 megapixels are less
+_CONTAINERS = (
+    "mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpegts", "mpeg", "mpegvideo", "m4v", "asf", "flv",
+    "ogg", "nut", "h264", "hevc", "mxf", "ivf", "yuv4mpegpipe", "mjpeg", "dv", "gif",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -70,7 +76,7 @@ class VideoSource(FrameSource):
 
     def times_s(self) -> NDArray[np.float64]:
         if "times" not in self._cache:
-            with av.open(str(self.path)) as container:
+            with _opened(self.path) as container:
                 stream = container.streams.video[0]
                 base = float(stream.time_base or 0)
                 stamps = sorted(packet.pts for packet in container.demux(stream) if packet.pts is not None)
@@ -83,10 +89,11 @@ class VideoSource(FrameSource):
 
     def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         """Decode from `start_frame` on; a damaged end stops the sequence, so that what came before is kept."""
-        with av.open(str(self.path)) as container:
+        with _opened(self.path) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
             stream.codec_context.thread_count = self.threads
+            stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
             number, first, last = 0, None, -np.inf
             base = float(stream.time_base or 0)
             seek_to = self._seek(container, stream, start_frame)
@@ -139,14 +146,34 @@ class FolderSource(FrameSource):
 
     def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         for file, time in zip(self.files[start_frame:], self.times[start_frame:], strict=True):
-            luma = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            luma = read_grey(file)
             if luma is None:
                 raise InputError(f"{file}: not a readable picture; remove it from the frames table or copy it again")
             if (luma.shape[1], luma.shape[0]) != self.size:
                 raise InputError(
                     f"{file}: {luma.shape[1]} x {luma.shape[0]} px, the first frame has {self.size[0]} x {self.size[1]}"
                 )
-            yield time, np.asarray(luma, dtype=np.uint8)
+            yield time, luma
+
+
+def _opened(path: Path) -> InputContainer:
+    """Open a container of one of the kinds above, and nothing that it names: FFmpeg also reads lists of files and addresses."""
+    try:
+        path.resolve(strict=True)
+        return av.open(
+            f"file:{path}", container_options={"protocol_whitelist": "file", "format_whitelist": ",".join(_CONTAINERS)}
+        )
+    except (OSError, ValueError) as error:
+        if isinstance(error, FFmpegError):
+            raise
+        raise InputError(f"{path}: video.file cannot be opened ({error}); check the name") from error
+
+
+def _lies_in(file: Path, folder: Path) -> bool:
+    try:
+        return file.resolve().is_relative_to(folder)
+    except (OSError, RuntimeError, ValueError):
+        return False
 
 
 def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
@@ -167,10 +194,11 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
     if rate_Hz is not None and not rate_Hz > 0:
         raise InputError(f"{path}: video.rate must be positive, such as 240 Hz")
     try:
-        with av.open(str(path)) as container:
+        with _opened(path) as container:
             if not container.streams.video:
                 raise InputError(f"{path}: video.file holds no video stream; give a video")
             stream = container.streams.video[0]
+            stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
             nominal = float(stream.average_rate) if stream.average_rate else None
             count = stream.frames or None
             first = next(container.decode(stream), None)
@@ -186,8 +214,12 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
     return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, quarter_turns=turns, first_pts_s=start)
 
 
-def open_frames(folder: Path, times_csv: Path, rate_Hz: float | None = None) -> FrameSource:
+def open_frames(
+    folder: Path, times_csv: Path, rate_Hz: float | None = None, *, within: Path | None = None
+) -> FrameSource:
     """Open a folder of pictures listed in `times_csv` (columns ``file`` and ``time_s``).
+
+    No picture may lie outside of `within`, where that is given: links and ``..`` in names are followed first.
 
     Raises
     ------
@@ -202,6 +234,11 @@ def open_frames(folder: Path, times_csv: Path, rate_Hz: float | None = None) -> 
     if not rows or "file" not in rows[0] or (rate_Hz is None and "time_s" not in rows[0]):
         raise InputError(f"{times_csv}: frames.times needs columns file,time_s and at least one row")
     files = tuple(folder / str(row["file"]).strip() for row in rows)
+    outside = next((file for file in files if within is not None and not _lies_in(file, within)), None)
+    if outside is not None:
+        raise InputError(
+            f"{times_csv}: frames.times: '{outside}' leads out of the campaign's folder; copy the pictures into it, or give --trust"
+        )
     missing = next((file for file in files if not file.is_file()), None)
     if missing is not None:
         raise InputError(f"{missing}: named in {times_csv.name} but not there; copy it or remove the row")
@@ -211,7 +248,7 @@ def open_frames(folder: Path, times_csv: Path, rate_Hz: float | None = None) -> 
         raise InputError(f"{times_csv}: frames.times: time_s must be a number in every row ({error})") from error
     if not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0):
         raise InputError(f"{times_csv}: frames.times: time_s must be finite and must not run backwards; sort the rows")
-    first = cv2.imread(str(files[0]), cv2.IMREAD_GRAYSCALE)
+    first = read_grey(files[0])
     if first is None:
         raise InputError(f"{files[0]}: not a readable picture; copy it again")
     rate = rate_Hz or (

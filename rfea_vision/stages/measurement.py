@@ -21,8 +21,8 @@ from rfea_vision.stages.stored import Stored
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
-CALIBRATION_CODE = ("calibration",)
-TRACK_CODE = ("calibration", "vision", "readers.video")
+CALIBRATION_CODE = ("calibration", "readers.pictures")
+TRACK_CODE = ("calibration", "vision", "readers.video", "readers.pictures")
 CLIP_CODE = TRACK_CODE
 TABLE_CODE = ("readers.tables", "readers.tracks")
 SYNC_CODE = ("sync", "readers.pressure", "readers.tables", "readers.database")
@@ -291,7 +291,7 @@ def open_source(video: VideoSpec) -> Any:
     if video.file is not None:
         return open_video(video.file, video.rate_Hz)
     assert video.frames is not None and video.times is not None
-    return open_frames(video.frames, video.times, video.rate_Hz)
+    return open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
 
 
 def _pictures(video: VideoSpec) -> list[Path]:

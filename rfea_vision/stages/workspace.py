@@ -18,7 +18,9 @@ from rfea_vision.stages.stored import Stored, values
 _Result = TypeVar("_Result")
 
 
-def open_campaign(path: Path | str, out: Path | str | None = None, *, listener: Listener | None = None) -> Workspace:
+def open_campaign(
+    path: Path | str, out: Path | str | None = None, *, listener: Listener | None = None, trust: bool = False
+) -> Workspace:
     """Open a campaign folder to work on.
 
     Parameters
@@ -26,13 +28,14 @@ def open_campaign(path: Path | str, out: Path | str | None = None, *, listener: 
     path : campaign folder, or a lone folder with an experiment.yaml
     out : where results go; default ``<campaign>/rfea``
     listener : hears of every stage and its progress
+    trust : let it read outside of its folder, and from database servers
 
     Raises
     ------
     InputError
         If the campaign or one of its experiments is not right.
     """
-    return Workspace(load_campaign(path, out), listener=listener)
+    return Workspace(load_campaign(path, out, trust=trust), listener=listener)
 
 
 class Workspace:

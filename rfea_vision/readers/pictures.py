@@ -1,0 +1,25 @@
+"""Pictures as grey levels; what cannot be read is None, whatever the decoder makes of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+
+
+def read_grey(path: Path, *, as_stored: bool = False) -> Picture | None:
+    """Read a picture, turned as its file says or, `as_stored`, as the sensor saw it; None if it cannot be read.
+
+    OpenCV returns nothing for what it does not know and raises for what is too large or damaged.
+    """
+    how = cv2.IMREAD_GRAYSCALE | (cv2.IMREAD_IGNORE_ORIENTATION if as_stored else 0)
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+        found = cv2.imdecode(data, how) if data.size else None
+    except (OSError, cv2.error, MemoryError):
+        return None
+    return None if found is None else np.asarray(found, dtype=np.uint8)
