@@ -17,7 +17,7 @@ from rfea_vision.artefacts.judgement import (
     Tie,
     WorstPlace,
 )
-from rfea_vision.artefacts.measurement import Actuator, Calibration, Recording, Track
+from rfea_vision.artefacts.measurement import Actuator, Calibration, Hints, Recording, Track
 
 __all__ = [
     "Actuator",
@@ -28,6 +28,7 @@ __all__ = [
     "EffectSet",
     "ExperimentScore",
     "Floors",
+    "Hints",
     "Ladder",
     "Metrics",
     "ModelFit",

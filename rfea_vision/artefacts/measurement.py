@@ -47,6 +47,41 @@ class Actuator:
         return asdict(self)
 
 
+Pixel = tuple[float, float]
+Box = tuple[float, float, float, float]
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What a person points at in the first frame of a film, in pixels; boxes are x, y, width and height.
+
+    Attributes
+    ----------
+    clamp : two points across the first visible cross-section
+    tip : the end of the tube
+    centre_line : points on the centre line between the two, in order from the clamp
+    region : where in the picture the tube moves
+    exclude : where it never is: a hose, a hand, another tube
+    colour : of the tube, red, green and blue of 255
+    mark_colour : of the marks on the tube
+    mark_points : the marks themselves, in the order in which they lie along the tube
+    masks : folder with one mask per frame, made by another program
+    keypoints : table of points along the tube in every frame, made by another program
+    """
+
+    clamp: tuple[Pixel, Pixel] | None = None
+    tip: Pixel | None = None
+    centre_line: tuple[Pixel, ...] = ()
+    region: Box | None = None
+    exclude: tuple[Box, ...] = ()
+    colour: Colour | None = None
+    mark_colour: Colour | None = None
+    mark_points: tuple[Pixel, ...] = ()
+    masks: Path | None = None
+    keypoints: Path | None = None
+
+
 @dataclass(frozen=True)
 class Calibration:
     """Lens, and the plane of motion seen through it.

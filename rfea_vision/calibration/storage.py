@@ -12,6 +12,7 @@ import yaml
 
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.bundle import COEFFICIENTS
+from rfea_vision.calibration.scale import assumed_pose_covariance
 from rfea_vision.errors import InputError
 from rfea_vision.files import whole_file, write_text
 
@@ -174,6 +175,8 @@ def _from_values(path: Path, values: dict[str, Any]) -> Calibration:
     parameters = 4 + count
     nothing = np.zeros((parameters, parameters))
     joint = values.get("joint_covariance")
+    translation = np.ravel(np.asarray(values.get("plane_translation_mm", np.full(3, np.nan)), dtype=float))
+    unknown = assumed_pose_covariance(translation)  # of a plane that was written by hand
     return Calibration(
         image_width=width,
         image_height=height,
@@ -183,8 +186,8 @@ def _from_values(path: Path, values: dict[str, Any]) -> Calibration:
         rms_px=float(values.get("rms") or np.nan),
         intrinsics_covariance=np.asarray(values.get("intrinsics_covariance", nothing), dtype=float),
         plane_rotation=np.asarray(values.get("plane_rotation", np.eye(3)), dtype=float),
-        plane_translation_mm=np.ravel(np.asarray(values.get("plane_translation_mm", np.full(3, np.nan)), dtype=float)),
-        plane_pose_covariance=np.asarray(values.get("plane_pose_covariance", np.full((6, 6), np.nan)), dtype=float),
+        plane_translation_mm=translation,
+        plane_pose_covariance=np.asarray(values.get("plane_pose_covariance", unknown), dtype=float),
         plane_tilt_deg=float(values.get("plane_tilt_deg", np.nan)),
         vertical=str(values.get("vertical", "board")),
         photos=tuple(values.get("photos_json", ())),

@@ -119,7 +119,8 @@ def _experiment_problems(experiment: ExperimentSpec) -> list[Problem]:
         key = "track" if experiment.track is not None else "video"
         problems.append(Problem(file, str(error), key, experiment=experiment.name))
     if experiment.pressure.file is None and experiment.pressure.url is None:
-        return problems  # said already
+        text = "is missing: the pictures can be tracked, but nothing can be synchronised or fitted"
+        return [*problems, _warning(file, experiment, "pressure", text)]
     try:
         from rfea_vision.readers.pressure import read_pressure
 

@@ -6,15 +6,24 @@ import re
 from glob import has_magic
 from pathlib import Path
 
-from rfea_vision.artefacts import Actuator
+from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.campaign.problems import Problem, problem_at
 from rfea_vision.campaign.reach import REMEDY, Reach, is_file, is_folder
-from rfea_vision.campaign.schema import CameraPart, ExperimentFile, PlumbPart, PressurePart, SyncPart
-from rfea_vision.campaign.specs import CameraSpec, ExperimentSpec, PressureSpec, SyncSpec, TrackSpec, VideoSpec
+from rfea_vision.campaign.schema import CameraPart, ExperimentFile, PlumbPart, PressurePart, ScalePart, SyncPart
+from rfea_vision.campaign.specs import (
+    CameraSpec,
+    ExperimentSpec,
+    PressureSpec,
+    ScaleSpec,
+    SyncSpec,
+    TrackSpec,
+    VideoSpec,
+)
 from rfea_vision.campaign.yaml_file import YamlFile
 from rfea_vision.data import read_camera_profile
 from rfea_vision.errors import InputError
 
+SCALE_EXAMPLE = "scale: {points: [[212, 80], [230, 640]], distance: 155 mm}"
 Folders = tuple[Path, ...]
 Files = tuple[YamlFile, ...]
 
@@ -124,10 +133,14 @@ def resolve_camera(
 ) -> tuple[CameraSpec | None, list[Problem]]:
     """Return the camera, or what is wrong with it."""
     finder = _Finder(reach, folders, files, experiment)
-    if part.file is None and (part.board is None or part.photos is None):
+    photographed = part.board is not None and part.photos is not None
+    if part.file is None and part.scale is None and not photographed:
         lacking = "board" if part.board is None else "photos"
-        finder.complain(f"camera.{lacking}", "is missing; give board and photos, or the file of an earlier calibration")
+        remedy = "give board and photos, the file of an earlier calibration, or a scale"
+        finder.complain(f"camera.{lacking}", f"is missing; {remedy} ({SCALE_EXAMPLE})")
         return None, finder.problems
+    if part.scale is not None and (part.file is not None or photographed):
+        finder.complain("camera.scale", "stands beside a calibration, which knows the scale; keep one of the two")
     if part.file is not None and part.photos is not None:
         finder.complain(
             "camera.file", "stands beside camera.photos; keep the earlier calibration or the photos, not both"
@@ -156,12 +169,54 @@ def resolve_camera(
         plane=finder.file("camera.plane", part.plane),
         file=finder.file("camera.file", part.file),
         vertical=vertical,
-        clamp=part.clamp,
-        tip=part.tip,
+        scale=_scale(part, finder),
+        hints=_hints(part, finder),
         board_offset_mm=part.board_offset * 1000.0,
         lens=part.lens or _lens_of(part.profile),
     )
     return (None if finder.problems else camera), finder.problems
+
+
+def _scale(part: CameraPart, finder: _Finder) -> ScaleSpec | None:
+    scale = part.scale
+    if scale is None:
+        return None
+    if not isinstance(scale, ScalePart):
+        if (part.clamp is None or part.tip is None) and finder.experiment is not None:
+            lacking = "clamp" if part.clamp is None else "tip"
+            finder.complain(f"camera.{lacking}", "is missing; 'scale: tube' measures from camera.clamp to camera.tip")
+        return ScaleSpec()
+    count = len(scale.points)
+    if (scale.distance is None) == (scale.places is None):
+        finder.complain("camera.scale", f"needs either distance or places; for example '{SCALE_EXAMPLE}'")
+    elif scale.distance is not None and (count != 2 or scale.points[0] == scale.points[1]):
+        finder.complain("camera.scale.points", f"a distance lies between two different points, found {count}; give two")
+    elif scale.places is not None and len(scale.places) != count:
+        finder.complain("camera.scale.places", f"has {len(scale.places)} places for {count} points; give one for each")
+    return ScaleSpec(
+        scale.points,
+        None if scale.distance is None else 1e3 * scale.distance,
+        tuple((1e3 * x, 1e3 * y) for x, y in scale.places or ()),
+        None if scale.error is None else 1e3 * scale.error,
+    )
+
+
+def _hints(part: CameraPart, finder: _Finder) -> Hints:
+    if part.clamp is not None and part.clamp[0] == part.clamp[1]:
+        finder.complain("camera.clamp", "its two points are one; give the two edges of the first visible cross-section")
+    marks = part.marks
+    return Hints(
+        clamp=part.clamp,
+        tip=part.tip,
+        centre_line=tuple(part.centre_line or ()),
+        region=part.region,
+        exclude=tuple(part.exclude or ()),
+        colour=part.colour,
+        mark_colour=marks if isinstance(marks, tuple) else None,
+        mark_points=tuple(marks) if isinstance(marks, list) else (),
+        masks=finder.file("camera.masks", part.masks, folder=True),
+        keypoints=finder.file("camera.keypoints", part.keypoints),
+    )
 
 
 def _lens_of(profile: str | None) -> str:
@@ -180,9 +235,9 @@ def resolve_experiment(
         camera, problems = resolve_camera(parsed.camera, reach, folders, files, name)
     elif video is not None:
         finder.complain(
-            "camera", "is missing; pictures need it (board and photos, or the file of an earlier calibration)"
+            "camera", f"is missing; pictures need it: board and photos, an earlier calibration, or {SCALE_EXAMPLE}"
         )
-    pressure = _pressure(parsed.pressure or PressurePart(), finder)
+    pressure = PressureSpec(folder=folders[0]) if parsed.pressure is None else _pressure(parsed.pressure, finder)
     experiment = ExperimentSpec(
         name=name,
         folder=folders[0],

@@ -70,6 +70,31 @@ def _named_board(value: object) -> object:
     return read_board(value)
 
 
+_COLOURS = {
+    "red": (200, 40, 40),
+    "orange": (240, 140, 30),
+    "yellow": (230, 210, 40),
+    "green": (50, 150, 60),
+    "blue": (40, 80, 200),
+    "black": (25, 25, 25),
+    "white": (240, 240, 240),
+}
+
+
+def _colour(value: object) -> object:
+    """Let a name or ``#rrggbb`` stand for red, green and blue."""
+    if not isinstance(value, str):
+        return value
+    if value in _COLOURS:
+        return _COLOURS[value]
+    digits = value.removeprefix("#")
+    if len(digits) == 6 and all(digit in "0123456789abcdefABCDEF" for digit in digits):
+        return tuple(int(digits[i : i + 2], 16) for i in (0, 2, 4))
+    raise ValueError(
+        f"'{value}' is no colour; give one of {', '.join(_COLOURS)}, or '#rrggbb' as a picture editor shows it"
+    )
+
+
 Length = Annotated[float, _quantity("m", "4 mm", positive=True), _shown("4 mm")]
 Offset = Annotated[float, _quantity("m", "3 mm"), _shown("3 mm")]
 Density = Annotated[float, _quantity("kg/m^3", "965 kg/m^3", positive=True), _shown("965 kg/m^3")]
@@ -77,7 +102,9 @@ Duration = Annotated[float, _quantity("s", "12 ms"), _shown("12 ms")]
 Rate = Annotated[float, _quantity("Hz", "240 Hz", positive=True), _shown("240 Hz")]
 Pressure = Annotated[float, _quantity("kPa", "101.3 kPa"), _shown("101.3 kPa")]
 Text = Annotated[str, BeforeValidator(_text)]
+Rgb = Annotated[tuple[int, int, int], BeforeValidator(_colour)]
 PixelPair = tuple[tuple[float, float], tuple[float, float]]
+PixelBox = tuple[float, float, Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 Role = Literal["train", "validate", "test", "ignore"]
 
 
@@ -114,9 +141,22 @@ class PlumbPart(_Part):
     plumb: PixelPair
 
 
-class CameraPart(_Part):
-    """How the pictures are to be read. Either `board` and `photos`, or `file` of an earlier calibration.
+class ScalePart(_Part):
+    """A scale without a board: two `points` in pixels and their `distance`; or four and more, and their `places`.
 
+    `error` is the standard error of the distance, or of each place.
+    """
+
+    points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
+    distance: Length | None = None
+    places: Annotated[tuple[tuple[Offset, Offset], ...], Field(min_length=4)] | None = None
+    error: Length | None = None
+
+
+class CameraPart(_Part):
+    """How the pictures are to be read: `board` and `photos`, or `file` of an earlier calibration, or a `scale` alone.
+
+    `clamp`, `tip`, `centre_line`, `region`, `exclude`, `colour` and `marks` are hints, in pixels of the first frame.
     `profile` names a file of calib/cameras, whose lens model is taken where `lens` is not given.
     """
 
@@ -128,8 +168,16 @@ class CameraPart(_Part):
     profile: Annotated[str | None, BeforeValidator(_camera_profile)] = None
     lens: Literal["auto", "brown5", "brown8", "fisheye"] | None = None
     vertical: Literal["board", "rest", "image"] | PlumbPart = "board"
+    scale: Literal["tube"] | ScalePart | None = None
     clamp: PixelPair | None = None
     tip: tuple[float, float] | None = None
+    centre_line: list[tuple[float, float]] | None = None
+    region: PixelBox | None = None
+    exclude: list[PixelBox] | None = None
+    colour: Rgb | None = None
+    marks: Rgb | Annotated[list[tuple[float, float]], Field(min_length=1)] | None = None
+    masks: str | None = None
+    keypoints: str | None = None
 
 
 class VideoPart(_Part):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rfea_vision.artefacts import Actuator
+from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,16 +16,29 @@ Pixel = tuple[float, float]
 
 
 @dataclass(frozen=True)
+class ScaleSpec:
+    """Points in pixels whose distance (two) or places on the plane (four or more) in mm are known.
+
+    No points: the tube's own length between `camera.clamp` and `camera.tip`.
+    """
+
+    points: tuple[Pixel, ...] = ()
+    distance_mm: float | None = None
+    places_mm: tuple[Pixel, ...] = ()
+    error_mm: float | None = None
+
+
+@dataclass(frozen=True)
 class CameraSpec:
-    """How pictures are turned into millimetres: a board with photos, or the file of an earlier calibration."""
+    """How pictures are turned into millimetres: a board with photos, the file of an earlier calibration, or a scale."""
 
     board: Board | None = None
     photos: tuple[Path, ...] = ()
     plane: Path | None = None
     file: Path | None = None
     vertical: str | dict[str, Any] = "board"
-    clamp: tuple[Pixel, Pixel] | None = None
-    tip: Pixel | None = None
+    scale: ScaleSpec | None = None
+    hints: Hints = field(default_factory=Hints)
     board_offset_mm: float = 0.0
     lens: str = "auto"
 

@@ -10,7 +10,9 @@ from markupsafe import Markup, escape
 
 _REASONS = {
     "no_tube": "no tube was found",
-    "occluded": "part of the tube was hidden",
+    "occluded": "something stood in front of the tube",
+    "edge_lost": "an edge of the tube was not to be seen",
+    "off_hints": "what was found was not where the hints point",
     "blurred": "the picture is blurred",
     "width_off": "the width is not that of the tube",
     "length_off": "the length is not that of the tube",

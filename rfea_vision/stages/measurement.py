@@ -5,10 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rfea_vision.artefacts import Calibration, Recording, Track
+from rfea_vision.artefacts import Calibration, Hints, Recording, Track
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import whole_file, write_text
@@ -38,6 +39,8 @@ def calibration_path(work: Workspace, experiment: ExperimentSpec | None) -> Path
 def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> Stored[Calibration]:
     """Calibrate one camera from its photos, or take over an earlier calibration."""
     inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
+    size = _picture_size(work, camera) if camera.scale is not None else None
+    scaled = (camera.hints, size, work.campaign.actuator.length) if camera.scale is not None else None
 
     def load(file: Path) -> Calibration:
         from rfea_vision.calibration import load_calibration
@@ -51,6 +54,10 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
         from rfea_vision.calibration.thumbnails import save_thumbnails
 
         vertical = camera.vertical if isinstance(camera.vertical, str) else "plumb"
+        if size is not None:
+            calibration = _scaled(camera, size, 1e3 * work.campaign.actuator.length)
+            save_calibration(path, calibration)
+            return calibration, [path], str(calibration.quality["note"])
         if camera.file is not None:
             calibration = load(camera.file)
             if camera.plane is not None and camera.board is not None:
@@ -67,7 +74,7 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
                 vertical=vertical,
                 board_offset_mm=camera.board_offset_mm,
                 lens=camera.lens,
-                clamp_px=camera.clamp,
+                clamp_px=camera.hints.clamp,
                 tube_length_mm=1e3 * work.campaign.actuator.length,
                 progress=progress,
             )
@@ -84,11 +91,38 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
         "calibrate",
         subject,
         inputs=inputs,
-        options={"camera": camera},
+        options={"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled},
         code=CALIBRATION_CODE,
         make=make,
         load=lambda: load(path),
     )
+
+
+def _picture_size(work: Workspace, camera: CameraSpec) -> tuple[int, int]:
+    """Width and height of the first pictures that were taken with a camera."""
+    for experiment in work.campaign.experiments:
+        if experiment.video is not None and experiment.camera == camera:
+            return open_source(experiment.video).size
+    raise InputError(
+        f"{work.campaign.root / 'campaign.yaml'}: camera.scale: no experiment has a video of this camera; give one, "
+        "or write the scale into the experiment.yaml whose video it belongs to"
+    )
+
+
+def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Calibration:
+    """Calibration by `camera.scale`."""
+    from rfea_vision.calibration.scale import TUBE_SPREAD, scaled_by_distance, scaled_by_places
+
+    scale, hints = camera.scale, camera.hints
+    assert scale is not None
+    if scale.places_mm:
+        return scaled_by_places(size, scale.points, scale.places_mm, error_mm=scale.error_mm)
+    if scale.distance_mm is not None:
+        return scaled_by_distance(size, scale.points, scale.distance_mm, error_mm=scale.error_mm)
+    assert hints.clamp is not None and hints.tip is not None
+    (ax, ay), (bx, by) = hints.clamp
+    line = [((ax + bx) / 2, (ay + by) / 2), *hints.centre_line, hints.tip]
+    return scaled_by_distance(size, line, length_mm, error_mm=TUBE_SPREAD * length_mm)
 
 
 def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
@@ -113,8 +147,7 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
             calibration.value,
             experiment.actuator,
             vertical=camera.vertical,
-            clamp_px=camera.clamp,
-            tip_px=camera.tip,
+            hints=camera.hints,
             lamp_box=lamp,
             checkpoint=path.with_name(".track-so-far.npz"),
             progress=progress,
@@ -238,6 +271,11 @@ def synchronise(work: Workspace, experiment: ExperimentSpec) -> Stored[Recording
     """Bring the track and the pressure log of one experiment on one clock."""
     tracked = work.track_of(experiment)
     spec, sync = experiment.pressure, experiment.sync
+    if spec.file is None and spec.url is None:
+        raise InputError(
+            f"{experiment.folder / 'experiment.yaml'}: pressure: is missing; 'rfea track' needs none, what comes after it "
+            "does: 'pressure: {file: pressure.csv}'"
+        )
     path = work.out / experiment.name / "recording.nc"
     log: PressureLog | None = None
     before = runs_before(work.campaign, experiment)

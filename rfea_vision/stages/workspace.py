@@ -67,9 +67,11 @@ class Workspace:
     def calibrate(self) -> Calibration | None:
         """Calibrate the campaign's camera, and those of experiments with their own; None where nothing is pictured."""
         found: list[Stored[Calibration]] = []
-        if self.campaign.camera is not None:
+        camera = self.campaign.camera
+        # A scale without a board belongs to the film it was read from.
+        if camera is not None and (camera.scale is None or any(item.camera == camera for item in self._active())):
             path = measurement.calibration_path(self, None)
-            found.append(measurement.calibrate(self, self.campaign.camera, path, self.campaign.name))
+            found.append(measurement.calibrate(self, camera, path, self.campaign.name))
         found += [self.calibration_of(item) for item in self._active() if item.video is not None]
         return found[0].value if found else None
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.artefacts import Actuator
+from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import project, unproject
 from rfea_vision.vision.cap import cap_levels, measure_cap
 from rfea_vision.vision.curve import (
@@ -21,12 +21,13 @@ from rfea_vision.vision.curve import (
 from rfea_vision.vision.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates, light_at_end
 from rfea_vision.vision.fitted import State, Workspace
 from rfea_vision.vision.follow import turning
-from rfea_vision.vision.locate import Path, find_paths
+from rfea_vision.vision.locate import Path, cut_at, find_paths, hinted_paths
 from rfea_vision.vision.sides import fit_sides, measure_sides, move_state, update_levels
 
 FloatArray = NDArray[np.float64]
 
 LEAST_SCORE = 0.02  # of something of unknown place: below it lies all that is a quarter longer or shorter than the tube
+HINT_REACH = 1.5  # half widths: how far from where a person points the tube may begin or end
 CAP_LOOKS, CAP_GAIN = 8, 0.7
 REACH_SHARE = 0.25  # of the length: how far from the ends of a path the tube's ends are looked for
 
@@ -41,6 +42,15 @@ class Scene:
     px_per_mm: float
     clamp_px: FloatArray | None = None
     tip_px: FloatArray | None = None
+    hints: Hints = field(default_factory=Hints)
+
+    @property
+    def line_px(self) -> FloatArray:
+        """What is known of the centre line in the first frame (n, 2) px, from the clamp to the tip."""
+        points = np.asarray(self.hints.centre_line, dtype=float).reshape(-1, 2)
+        first = [] if self.clamp_px is None else [self.clamp_px.mean(axis=0)]
+        last = [] if self.tip_px is None else [self.tip_px]
+        return np.vstack([*first, *points, *last]) if len(points) or first or last else np.empty((0, 2))
 
     @property
     def half_mm(self) -> float:
@@ -64,11 +74,13 @@ class Begin:
 
 def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | str:
     """Find and fit the tube in one picture; a sentence where there is none."""
-    hints = [
-        h for h in (None if scene.clamp_px is None else scene.clamp_px.mean(axis=0), scene.tip_px) if h is not None
-    ]
-    near = np.array(hints).reshape(-1, 2) if hints else None
-    paths = find_paths(picture, 2 * scene.half_mm * scene.px_per_mm, scene.length_mm * scene.px_per_mm, near_px=near)
+    near = scene.line_px if len(scene.line_px) else None
+    length_px = scene.length_mm * scene.px_per_mm
+    allowed = allowed_pixels(picture.shape, scene.hints)
+    paths = find_paths(picture, 2 * scene.half_mm * scene.px_per_mm, length_px, near_px=near, allowed=allowed)
+    if scene.clamp_px is not None and scene.tip_px is not None:
+        ends = scene.line_px[[0, -1]]
+        paths = [cut_at(path, ends, length_px) for path in paths] + hinted_paths(scene.line_px)
     best: Begin | None = None
     reason = "no_tube: no ribbon of the tube's width and length is in the picture"
     for path in paths[:6]:
@@ -77,6 +89,8 @@ def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | 
         found = fit_path(picture, scene, work, path)
         if isinstance(found, str):
             reason = found
+        elif away := off_hints(found.state, scene, first=True):
+            reason = away
         elif near is None and found.score < LEAST_SCORE:
             reason = "no_tube: what has the tube's width is not of its length"
         elif best is None or found.score > best.score:
@@ -84,16 +98,43 @@ def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | 
     return best if best is not None else reason
 
 
+def off_hints(state: State, scene: Scene, *, first: bool = False) -> str:
+    """Why a fit cannot be the tube that was pointed at: it starts elsewhere, or in the first frame ends elsewhere."""
+    reach = HINT_REACH * scene.half_mm
+    places = []
+    if scene.clamp_px is not None:
+        places.append(("clamp", unproject(scene.camera, scene.clamp_px).mean(axis=0), 0.0))
+    if first and scene.tip_px is not None:
+        places.append(("tip", unproject(scene.camera, scene.tip_px), 1.0))
+    for name, place, u in places:
+        off = float(np.linalg.norm(np.array(point_and_tangent(state.coefficients, u)[:2]) - place))
+        if off > reach:
+            return f"off_hints: what was found lies {off:.1f} mm from camera.{name}"
+    return ""
+
+
+def allowed_pixels(shape: tuple[int, ...], hints: Hints) -> NDArray[np.bool_] | None:
+    """Where the tube may be, by `region` and `exclude`; None for everywhere."""
+    if hints.region is None and not hints.exclude:
+        return None
+    allowed = np.full(shape[:2], hints.region is None)
+    boxes = [(box, False) for box in hints.exclude]
+    for (x, y, width, height), inside in ([] if hints.region is None else [(hints.region, True)]) + boxes:
+        allowed[max(round(y), 0) : max(round(y + height), 0), max(round(x), 0) : max(round(x + width), 0)] = inside
+    return allowed
+
+
 def oriented(path_mm: FloatArray, scene: Scene) -> FloatArray:
     """Order a path from clamp to tip: the tube leaves its clamp downwards, and bends to its side."""
-    if scene.clamp_px is not None:
-        clamp = unproject(scene.camera, scene.clamp_px).mean(axis=0)
-        flip = np.linalg.norm(path_mm[-1] - clamp) < np.linalg.norm(path_mm[0] - clamp)
-        return path_mm[::-1] if flip else path_mm
-    if scene.tip_px is not None:
-        tip = unproject(scene.camera, scene.tip_px)
-        flip = np.linalg.norm(path_mm[0] - tip) < np.linalg.norm(path_mm[-1] - tip)
-        return path_mm[::-1] if flip else path_mm
+    if scene.clamp_px is not None or scene.tip_px is not None:
+        forward = 0.0  # how much nearer the hints are to the ends that they should be at
+        if scene.clamp_px is not None:
+            clamp = unproject(scene.camera, scene.clamp_px).mean(axis=0)
+            forward += float(np.linalg.norm(path_mm[-1] - clamp) - np.linalg.norm(path_mm[0] - clamp))
+        if scene.tip_px is not None:
+            tip = unproject(scene.camera, scene.tip_px)
+            forward += float(np.linalg.norm(path_mm[0] - tip) - np.linalg.norm(path_mm[-1] - tip))
+        return path_mm if forward >= 0 else path_mm[::-1]
     n = max(len(path_mm) // 10, 1)
     first = path_mm[n] - path_mm[0]
     last = path_mm[-1 - n] - path_mm[-1]

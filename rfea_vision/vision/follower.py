@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.vision import fitted
-from rfea_vision.vision.begin import Begin, Scene, begin
+from rfea_vision.vision.begin import Begin, Scene, begin, off_hints
 from rfea_vision.vision.bump import CameraWatch
 from rfea_vision.vision.cap import CAP_VERTICES
 from rfea_vision.vision.coarse import bend_search
@@ -31,6 +31,7 @@ WHOLE = 0.85  # of whose edges so much is seen
 LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
 PATIENCE = 24  # bad frames after fewer good ones than that, before something else is looked for
 SEARCH_ALL, SEARCH_EVERY = 48, 4  # the first frames are all searched for a tube, later ones now and then
+COVERED_STEP = 0.3  # of the light step at the edges: by so much the light on the tube changes where something covers it
 LEAST_CLAMPS = 4
 FIRST_FRAMES = 30  # frames in which the shape of the tube's end is learned fast
 
@@ -61,6 +62,7 @@ class Follower:
         self.clamp_errors: list[float] = []
         self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
         self.watch: CameraWatch | None = None
+        self._seen: NDArray[np.uint8] | None = None  # the picture of the last good frame
 
     def memory(self) -> dict[str, Any]:
         """Everything that the next frame depends on, for a checkpoint."""
@@ -105,18 +107,22 @@ class Follower:
             return "duplicate"
         self._brighten(self.judge.brightening(luma))
         reason = self._fit_predicted(luma, time_s)
+        assert self.state is not None
+        reason = reason or off_hints(self.state, self.scene)
         elsewhere = reason not in ("", "width_off")  # a tube that is found, but has the wrong width, is not looked for
         if elsewhere and self.good:
             reason = self._look_elsewhere(luma, reason)
         if reason:
             self.missed += 1
             assert self.state is not None
+            reason = self._explained(reason, luma)
             self.state.coefficients[:] = self.motion.last
             if self.good == 0 or (self.good < LEAST_GOOD and self.missed >= PATIENCE):
                 self.searched += 1
                 self._begin_anew()  # a tube that enters later than what was taken for one
             return reason
         self._accept(time_s)
+        self._seen = luma
         self._read_marks(luma)
         if self.good <= FIRST_FRAMES:
             self._look_at_clamp(luma)
@@ -128,6 +134,36 @@ class Follower:
     def moved_mm(self) -> FloatArray:
         """By how much the camera's view of the plane has moved since the first frames (2,)."""
         return self.watch.moved_mm if self.watch is not None else np.zeros(2)
+
+    def _explained(self, reason: str, luma: NDArray[np.uint8]) -> str:
+        """Where along the tube the edges were lost, on which side, and whether something stands in front there."""
+        if reason not in ("edge_lost", "tip_hidden") or self._seen is None:
+            return reason
+        left, right = self.work.sections[0] > 0, self.work.sections[1] > 0
+        lost = np.flatnonzero(~(left & right))
+        if lost.size == 0:
+            lost = np.array([len(left) - 1])
+        run = max(np.split(lost, np.flatnonzero(np.diff(lost) > 1) + 1), key=len)
+        ends = np.array([run[0], run[-1] + 1]) / len(left)
+        sides = ("left", not left[run].any()), ("right", not right[run].any())
+        side = " and ".join(name for name, gone in sides if gone) or "one"
+        covered = self._covered(luma, ends)
+        where = "{:.0f} to {:.0f} mm from the clamp".format(*(ends * self.scene.length_mm))
+        if covered and reason == "edge_lost":
+            return f"occluded: the tube looks unlike before, {where}"
+        light = "the tube itself looks as before" if not covered else "its light has changed"
+        return f"{reason}: no edge on the {side} side, {where}; {light}"
+
+    def _covered(self, luma: NDArray[np.uint8], ends: FloatArray) -> bool:
+        """Whether the light on the tube between two places `ends` (shares of its length) is not what it was."""
+        assert self.state is not None and self._seen is not None
+        now, before = np.empty(SAMPLES), np.empty(SAMPLES)
+        light_along(luma, self.scene.camera, self.motion.last, self.state.width, now)
+        light_along(self._seen, self.scene.camera, self.motion.last, self.state.width, before)
+        part = slice(int(ends[0] * SAMPLES), max(int(ends[1] * SAMPLES), int(ends[0] * SAMPLES) + 4))
+        step = abs(float(np.median(self.state.reference[:2])))
+        unlike = np.abs(now - before)[part] > max(COVERED_STEP * step, 6.0 * self.noise)
+        return bool(unlike.mean() > 0.5)
 
     def _find(self, luma: NDArray[np.uint8]) -> str:
         """Search the whole picture for a tube to begin with; the reason where there is none."""
@@ -278,7 +314,9 @@ class Follower:
             return "no_tube"
         clamp = self.state.clamp.copy()
         place = np.array([clamp[:2]])
-        found = begin(luma, replace(self.scene, clamp_px=None, tip_px=None), self.work)
+        found = begin(
+            luma, replace(self.scene, tip_px=None, hints=replace(self.scene.hints, tip=None, centre_line=())), self.work
+        )
         if isinstance(found, str):
             return found
         if np.linalg.norm(found.state.clamp[:2] - place[0]) > 4.0:

@@ -68,7 +68,7 @@ class Judge:
         self._gain = 1.0
 
     def __call__(self, luma: NDArray[np.uint8], measured: FloatArray) -> str:
-        """Empty if good, else a reason of FORMATS: no_tube, occluded, blurred, width_off, length_off, touches_border."""
+        """Empty if good, else a reason: no_tube, edge_lost, blurred, width_off, length_off, tip_hidden, touches_border."""
         numbers: list[float] = measured.tolist()
         height, width = luma.shape
         x, y = numbers[fitted.TIP_X], numbers[fitted.TIP_Y]
@@ -82,18 +82,18 @@ class Judge:
         if max(numbers[fitted.BLUR], numbers[fitted.END_BLUR]) > 0.9 * MOST_BLUR * half_px:
             return "blurred"
         if used < LEAST_USED or numbers[fitted.LENGTH] == 0:
-            return "no_tube" if used < 0.2 else "occluded"
+            return "no_tube" if used < 0.2 else "edge_lost"
         unseen = numbers[fitted.END_GAP] > LONGEST_END_GAP or numbers[fitted.CAP_CONTRAST] < LEAST_CAP_CONTRAST
         if unseen and numbers[fitted.SMEAR] > SMEARED * half_px and numbers[fitted.CAP_CONTRAST] > FAINT_CAP:
             return "blurred"  # towards the end, where the tube is fastest, it fades; where it is hidden it is gone
         if numbers[fitted.LONGEST_GAP] > LONGEST_GAP or numbers[fitted.END_GAP] > LONGEST_END_GAP:
-            return "occluded"
+            return "edge_lost"
         if numbers[fitted.LAST_STEP] > SETTLED_PX:
             return "no_fit"
         strange = numbers[fitted.END_ODD] > 0
         if max(numbers[fitted.END_LONE], strange * numbers[fitted.END_GAP]) > LONGEST_LONE_END:
             # One edge alone draws the end to its side. Of a tube that was seen well before, something hides the end.
-            return "width_off" if strange and len(self.recent) < RECENT else "occluded"
+            return "width_off" if strange and len(self.recent) < RECENT else "edge_lost"
         if numbers[fitted.CONTRAST] < LEAST_END_CONTRAST:
             return "blurred"
         if abs(numbers[fitted.WIDTH] / (2 * self.scene.half_mm) - 1) > WIDTH_OFF:
@@ -101,7 +101,7 @@ class Judge:
         if numbers[fitted.CAP_USED] < 0.3 or numbers[fitted.CAP_CONTRAST] < LEAST_CAP_CONTRAST:
             return "tip_hidden"
         if numbers[fitted.ONE_SIDED] > 0.5 and numbers[fitted.INFLATION] > 4.0:
-            return "occluded"  # one edge is seen, and what is taken for it is not an edge of a tube
+            return "edge_lost"  # one edge is seen, and what is taken for it is not an edge of a tube
         return self._length(numbers)
 
     def _length(self, numbers: list[float]) -> str:

@@ -25,13 +25,17 @@ SEEDS = 40
 
 @dataclass(frozen=True)
 class Path:
-    """A candidate: ordered points (n, 2) px, `polarity` +1 where the tube is lighter, mean response and score."""
+    """A candidate: ordered points (n, 2) px, `polarity` +1 where the tube is lighter, mean response and score.
+
+    `strength` is the response over the picture's usual contrast, as it counts in the score.
+    """
 
     points: FloatArray
     polarity: int
     response: float
     score: float
     length_px: float
+    strength: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,12 @@ def _pair_edges(gx, gy, width, response):
 
 
 def find_paths(
-    picture: NDArray[np.uint8], width_px: float, length_px: float, *, near_px: FloatArray | None = None
+    picture: NDArray[np.uint8],
+    width_px: float,
+    length_px: float,
+    *,
+    near_px: FloatArray | None = None,
+    allowed: NDArray[np.bool_] | None = None,
 ) -> list[Path]:
     """Candidate centre lines, best first.
 
@@ -96,8 +105,12 @@ def find_paths(
     picture : (h, w) luma
     width_px, length_px : expected width and length of the tube
     near_px : points (n, 2) that the path must pass within three widths (a clamp or tip that is known)
+    allowed : (h, w) where the tube may be
     """
     field = ribbon_field(picture, width_px)
+    if allowed is not None:
+        size = (field.response.shape[3], field.response.shape[2])
+        field.response[:, :, cv2.resize(allowed.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 0] = 0.0
     step = 0.35 * width_px * field.scale
     paths: list[Path] = []
     for polarity in (0, 1):
@@ -127,6 +140,32 @@ def find_paths(
     return sorted(paths, key=lambda path: -path.score)
 
 
+def cut_at(path: Path, ends_px: FloatArray, length_px: float) -> Path:
+    """The part of a path between the points that are nearest to `ends_px` (2, 2), scored anew; it ends at those."""
+    gaps = np.linalg.norm(path.points[:, None] - ends_px[None], axis=-1)
+    i, j = (int(k) for k in gaps.argmin(axis=0))
+    part = path.points[i : j + 1] if i <= j else path.points[j : i + 1][::-1]
+    middle = part[1:-1] if len(part) > 4 else part[:0]
+    points = np.vstack([ends_px[0], middle, ends_px[1]])
+    length = float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    score = path.score if len(middle) == 0 else _length_score(length / length_px) * path.strength
+    return Path(points, path.polarity, path.response, score, length, path.strength)
+
+
+def hinted_paths(line_px: FloatArray) -> list[Path]:
+    """The line through the hints (n, 2) itself, as a lighter and as a darker tube."""
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line_px, axis=0), axis=1))])
+    along = np.linspace(0.0, steps[-1], 40)
+    points = np.column_stack([np.interp(along, steps, line_px[:, k]) for k in (0, 1)])
+    return [Path(points, polarity, 0.0, 1.0, float(steps[-1])) for polarity in (1, -1)]
+
+
+def _length_score(ratio: float) -> float:
+    """How well a length fits, `ratio` to that of the tube: it may be partly hidden, and grows a little when bent."""
+    misfit = np.log(ratio) / (0.25 if ratio < 1 else 0.18)
+    return float(np.exp(-0.5 * misfit**2))
+
+
 def _passes(path: Path, near_px: FloatArray, reach: float) -> bool:
     gaps = np.linalg.norm(path.points[:, None] - np.asarray(near_px, dtype=float)[None], axis=-1)
     return bool(np.all(gaps.min(axis=0) < reach))
@@ -135,10 +174,8 @@ def _passes(path: Path, near_px: FloatArray, reach: float) -> bool:
 def _scored(points: FloatArray, polarity: int, response: float, contrast: float, length_px: float) -> Path:
     length = float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     ratio = length / length_px
-    # A tube may be partly hidden (shorter) and grows when bent (a little longer).
-    misfit = np.log(ratio) / (0.25 if ratio < 1 else 0.18)
-    score = np.exp(-0.5 * misfit**2) * np.sqrt(min(response / contrast, 3.0)) + 0.02 * min(ratio, 1.0)
-    return Path(points, polarity, response, float(score), length)
+    strength = float(np.sqrt(min(response / contrast, 3.0)))
+    return Path(points, polarity, response, _length_score(ratio) * strength + 0.02 * min(ratio, 1.0), length, strength)
 
 
 def _seeds(best: NDArray[np.float32], spacing: int) -> list[tuple[int, int]]:

@@ -17,6 +17,8 @@ from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.clip import clip_step, rig_to_plane
 from rfea_vision.vision.track import matched_to
 
+RED, GREY = (220, 0, 60), (150, 150, 150)
+
 
 def preview_video(
     source: FrameSource,
@@ -27,7 +29,7 @@ def preview_video(
     every: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write the frames with centre line, edges and tip drawn on them; rejected frames carry their reason.
+    """Write the frames with centre line, edges and tip drawn on them; rejected frames carry their reason, and where the tube was last.
 
     `every` takes each so-many-th frame; by default about thirty a second.
     """
@@ -35,6 +37,7 @@ def preview_video(
     data = track.dataset
     midline, edges, valid = data["midline"].values, data["edges"].values, track.valid
     reasons = data["reason"].values
+    details = data["reason_detail"].values if "reason_detail" in data else np.full(len(reasons), "")
     step = every or clip_step(track.time_s)
     width, height = (2 * (side // 2) for side in source.size)
     with whole_file(out_mp4) as temporary, av.open(str(temporary), "w", format="mp4") as container:
@@ -57,7 +60,12 @@ def preview_video(
                 tip = project(camera, rig_to_plane(track, midline[number, -1]))
                 cv2.circle(canvas, (round(tip[0]), round(tip[1])), 6, (220, 0, 60), 1, cv2.LINE_AA)
             else:
-                cv2.putText(canvas, str(reasons[number]), (20, 40), cv2.FONT_HERSHEY_SIMPLEX, 1.0, (220, 0, 60), 2)
+                before = np.flatnonzero(valid[:number])
+                if before.size:  # where it was last
+                    pixels = project(camera, rig_to_plane(track, midline[before[-1]]))
+                    cv2.polylines(canvas, [np.round(pixels * 16).astype(np.int32)], False, GREY, 1, cv2.LINE_AA, 4)
+                for k, text in enumerate((str(reasons[number]), str(details[number]))):
+                    cv2.putText(canvas, text, (20, 40 + 30 * k), cv2.FONT_HERSHEY_SIMPLEX, 1.0 - 0.4 * k, RED, 2)
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(canvas[:height, :width]), format="rgb24").reformat(
                 format="yuv420p"
             )

@@ -136,7 +136,9 @@ class Rows:
 
     @property
     def commonest_reason(self) -> str:
-        return Counter(reason for reason in self.reasons if reason).most_common(1)[0][0]
+        """The commonest reason, in the words of the first frame that has it; empty where all frames were measured."""
+        codes = Counter(reason.partition(":")[0] for reason in self.reasons if reason).most_common(1)
+        return next((reason for reason in self.reasons if codes and reason.startswith(codes[0][0])), "")
 
     def part(self, name: str) -> slice:
         """Rows of `shift_rows`: ``node`` positions, ``bend2`` d2/du2, ``tip_slope`` d/du, ``joint`` its differences."""

@@ -90,6 +90,8 @@ def build_dataset(
     reason = np.array([text.split(":")[0] for text in rows.reasons], dtype=object).astype(str)
     variables["valid"] = (("time",), valid.astype(np.int8))
     variables["reason"] = (("time",), reason)
+    details = [text.partition(": ")[2] for text in rows.reasons]
+    variables["reason_detail"] = (("time",), np.array(details, dtype=object).astype(str))
     if np.isfinite(lamp).any():
         variables["lamp"] = (("time",), lamp)
     dataset = xr.Dataset(
@@ -389,6 +391,6 @@ def _units(name: str) -> dict[str, str]:
         return {"units": "px"}
     if name == "lamp":
         return {"long_name": "mean grey level in the lamp's box"}
-    if name in ("edge_noise", "reason"):
+    if name in ("edge_noise", "reason", "reason_detail"):
         return {}
     return {"units": "mm"}

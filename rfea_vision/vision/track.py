@@ -11,20 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.artefacts import Actuator, Calibration, Track
+from rfea_vision.artefacts import Actuator, Calibration, Hints, Track
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.begin import Scene, scale_at
 from rfea_vision.vision.checkpoint import Checkpoint
-from rfea_vision.vision.follower import LEAST_GOOD, Follower
+from rfea_vision.vision.follower import Follower
 from rfea_vision.vision.rows import Rows
 from rfea_vision.vision.shape import build_dataset
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 
+LEAST_SHARE = 0.5  # of the frames: a film of which less was measured tells more of what disturbs than of the tube
 GIVE_UP_AFTER = 2400  # frames without any tube before the search is called off
 PIXELS_AHEAD = 16_000_000
 
@@ -35,8 +36,7 @@ def track_frames(
     actuator: Actuator,
     *,
     vertical: str | dict[str, Any] = "board",
-    clamp_px: Sequence[Sequence[float]] | None = None,
-    tip_px: Sequence[float] | None = None,
+    hints: Hints | None = None,
     lamp_box: Sequence[float] | None = None,
     nodes: int = 33,
     segments: int = 16,
@@ -51,8 +51,7 @@ def track_frames(
     calibration : lens and plane of motion, for pictures of the same shape
     actuator : outer radius and length predict how wide and how long the tube looks
     vertical : ``board``, ``rest``, ``image`` or ``{"plumb": [[x, y], [x, y]]}`` in px
-    clamp_px : two pixels across the first visible cross-section in the first frame; replaces the search
-    tip_px : pixel of the tip in the first frame, for scenes with several tubes
+    hints : what a person pointed at in the first frame
     lamp_box : x, y, width and height in px of a lamp whose brightness is to be read in every frame
     nodes, segments : nodes of the centre line, and segments of the elongation
     checkpoint : file that keeps what is done; an interrupted run goes on from it and ends with the same result
@@ -68,10 +67,10 @@ def track_frames(
     InputError
         If the calibration has no plane or belongs to pictures of another shape.
     DataError
-        If no tube is found anywhere.
+        If no tube is found, or fewer than half of the frames could be measured.
     """
     calibration = matched_to(calibration, source)
-    scene = make_scene(calibration, actuator, vertical, clamp_px, tip_px, source.size)
+    scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size)
     lamp = lamp_window(lamp_box, source.size)
     follower = Follower(scene)
     rows = Rows(nodes, segments)
@@ -91,11 +90,8 @@ def track_frames(
                 progress(done + 1, max(total, done + 1))
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
-    if follower.start is None or not rows.any_valid or (follower.good < LEAST_GOOD and rows.good < 0.5 * len(rows)):
-        raise DataError(
-            f"{source.path}: no tube found ({rows.commonest_reason}); give camera.clamp and camera.tip in pixels, "
-            "check actuator.outer_radius and actuator.length, or film it before a wall of another grey than its rims"
-        )
+    if follower.start is None or rows.good < LEAST_SHARE * len(rows):
+        raise DataError(too_few(source.path, rows, scene))
     attributes = {
         "source": source.path.name,
         "clamp_found_by": follower.start.base.kind,
@@ -105,6 +101,25 @@ def track_frames(
     track = Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
     kept.remove()
     return track
+
+
+def too_few(path: Path, rows: Rows, scene: Scene) -> str:
+    """Say how much of a film could be measured, what was in the way, and the one thing to try."""
+    measured = f"{rows.good} of {len(rows)} frames could be measured" if rows.any_valid else "no tube found"
+    return f"{path}: {measured} ({rows.commonest_reason}); {next_hint(scene)}"
+
+
+def next_hint(scene: Scene) -> str:
+    """The hint that has not been given and helps most."""
+    if scene.clamp_px is None or scene.tip_px is None:
+        lacking = [name for name in ("clamp", "tip") if getattr(scene.hints, name) is None]
+        return f"give {' and '.join(f'camera.{name}' for name in lacking)}, in pixels of the first frame"
+    if len(scene.hints.centre_line) < 2:
+        return "give a few points of the tube in the first frame as camera.centre_line, from the clamp to the tip"
+    return (
+        "check the hints against the first frame, and actuator.outer_radius and actuator.length against the tube, "
+        "or film it before a wall of another colour"
+    )
 
 
 def frames_ahead(size: tuple[int, int]) -> int:
@@ -170,22 +185,22 @@ def make_scene(
     calibration: Calibration,
     actuator: Actuator,
     vertical: str | dict[str, Any],
-    clamp_px: Sequence[Sequence[float]] | None,
-    tip_px: Sequence[float] | None,
+    hints: Hints,
     size: tuple[int, int],
 ) -> Scene:
     """Gather what is known before the first frame."""
     camera = camera_vector(calibration)
-    clamp = None if clamp_px is None else np.asarray(clamp_px, dtype=float).reshape(-1, 2)
-    tip = None if tip_px is None else np.asarray(tip_px, dtype=float).ravel()
-    for name, hint in (("clamp", clamp), ("tip", None if tip is None else tip[None])):
+    clamp = None if hints.clamp is None else np.asarray(hints.clamp, dtype=float).reshape(-1, 2)
+    tip = None if hints.tip is None else np.asarray(hints.tip, dtype=float).ravel()
+    line = np.asarray(hints.centre_line, dtype=float).reshape(-1, 2)
+    for name, hint in (("clamp", clamp), ("tip", None if tip is None else tip[None]), ("centre_line", line)):
         if hint is not None and (np.any(hint < 0) or np.any(hint > np.array(size))):
             raise InputError(f"camera.{name}: {hint.tolist()} lies outside the picture of {size[0]} x {size[1]} px")
     middle = np.array([size[0] / 2, size[1] / 2])
     px_per_mm = scale_at(camera, middle)
     if not np.isfinite(px_per_mm):
         raise InputError("camera.plane: the plane of motion is not in front of the camera; take the plane photo again")
-    return Scene(camera, actuator, down_direction(camera, vertical, middle), px_per_mm, clamp, tip)
+    return Scene(camera, actuator, down_direction(camera, vertical, middle), px_per_mm, clamp, tip, hints)
 
 
 def down_direction(camera: FloatArray, vertical: str | dict[str, Any], middle_px: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Actuator
+from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.vision import track_frames
 
@@ -128,9 +128,9 @@ def test_bad_frames_keep_their_row_and_say_why(small_lens):
     track = track_frames(memory_source(pictures, times), true_calibration(small_lens), Actuator())
     reasons = track.dataset["reason"].values
     assert len(reasons) == 40
-    assert reasons[10] in ("no_tube", "occluded")
+    assert reasons[10] in ("no_tube", "occluded", "edge_lost")
     assert reasons[20] == "duplicate"
-    assert reasons[30] in ("no_tube", "occluded", "tip_hidden")
+    assert reasons[30] in ("no_tube", "occluded", "edge_lost", "tip_hidden")
     others = np.delete(np.arange(40), [10, 20, 30])
     assert track.valid[others].all()
     assert np.isnan(track.dataset["tip"].values[10]).all()
@@ -143,7 +143,14 @@ def test_a_tip_outside_the_picture_is_said(small_lens):
     track = track_frames(memory_source(pictures, times), true_calibration(lens), Actuator())
     reasons = track.dataset["reason"].values
     assert track.valid[0] and not track.valid[-1]
-    assert set(reasons[~track.valid]) <= {"touches_border", "length_off", "tip_hidden", "no_tube", "occluded"}
+    assert set(reasons[~track.valid]) <= {
+        "touches_border",
+        "length_off",
+        "tip_hidden",
+        "no_tube",
+        "occluded",
+        "edge_lost",
+    }
     assert "touches_border" in reasons
 
 
@@ -173,14 +180,16 @@ def test_hints_override_what_is_found(small_lens):
         memory_source(pictures, times),
         true_calibration(small_lens),
         Actuator(length=0.145),
-        clamp_px=clamp.tolist(),
-        tip_px=tip.tolist(),
+        hints=Hints(clamp=clamp.tolist(), tip=tip.tolist()),
     )
     np.testing.assert_allclose(track.dataset["tip"].values[0], [0, -145], atol=0.1)
     assert track.dataset.attrs["clamp_found_by"] == "hint"
     with pytest.raises(InputError, match=r"camera\.clamp"):
         track_frames(
-            memory_source(pictures, times), true_calibration(small_lens), Actuator(), clamp_px=[[-5, 0], [5, 5]]
+            memory_source(pictures, times),
+            true_calibration(small_lens),
+            Actuator(),
+            hints=Hints(clamp=((-5, 0), (5, 5))),
         )
 
 

@@ -1,0 +1,162 @@
+"""Millimetres without a board: a known distance in the picture, a few known places, or the tube itself.
+
+What no photo of a board has measured is assumed, and its uncertainty is part of every standard error: how long the
+lens is, how far it bends straight lines, and how squarely the camera looks at the plane of motion.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+
+from rfea_vision.artefacts import Calibration
+from rfea_vision.calibration.projection import rotation_matrix
+from rfea_vision.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+FOCAL_SHARE = (
+    0.8  # focal length over the longer side of the picture: 28 mm on 36 mm film, as main cameras of phones have
+)
+FOCAL_SPREAD = 0.25  # 1 s.d. of its logarithm: from 22 to 36 mm, and the crop of a stabilised film
+DISTORTION_SPREAD = 0.03  # 1 s.d. of k1: phones correct most of it in the camera
+TILT_SPREAD_DEG = 3.0  # how squarely a camera is set up by eye
+DEPTH_SPREAD = 0.005  # the scale lies in front of or behind the tube's axis by so much of the distance to the camera
+POINTING_PX = 1.5  # how well a person points
+READING_MM = 0.5  # how well a ruler is read
+TUBE_SPREAD = 0.02  # of its nominal length: what of a tube sticks out of its clamp
+FACING = np.diag([1.0, -1.0, -1.0])  # plane to camera: x to the right, y up, z towards the camera
+
+
+def scaled_by_distance(
+    size: tuple[int, int], points_px: ArrayLike, distance_mm: float, *, error_mm: float | None = None
+) -> Calibration:
+    """Calibration of a camera that looks squarely at the plane of motion, from one distance in it.
+
+    Parameters
+    ----------
+    size : width and height of the pictures in px
+    points_px : (n, 2) pixels of a line whose length is `distance_mm`; two points, or more along a curve
+    error_mm : standard error of the distance; by default what reading a ruler leaves
+
+    Raises
+    ------
+    InputError
+        If the points lie nearer to each other than a person can point.
+    """
+    points = np.asarray(points_px, dtype=float)
+    pixels = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    if pixels < 10 * POINTING_PX:
+        raise InputError(f"camera.scale.points: they are {pixels:.0f} px apart; take two that are far apart")
+    error = READING_MM if error_mm is None else error_mm
+    focal = FOCAL_SHARE * max(size)
+    depth = focal * distance_mm / pixels
+    relative = float(np.sqrt(2 * (POINTING_PX / pixels) ** 2 + (error / distance_mm) ** 2 + DEPTH_SPREAD**2))
+    pose = np.diag([*np.full(3, np.radians(TILT_SPREAD_DEG) ** 2), 0.0, 0.0, (relative * depth) ** 2])
+    pose[2, 2] = 0.0  # the picture's own axes are those of the plane
+    described = {
+        "note": f"scale from {distance_mm:g} mm over {pixels:.0f} px; lens and tilt of the camera are assumed",
+        "scale_stderr_percent": 100 * relative,
+        "tilt_stderr_deg": TILT_SPREAD_DEG,
+    }
+    # A longer lens at a longer distance gives the same scale: only the bending of lines is free.
+    lens = np.diag([0.0, 0.0, 0.0, 0.0, DISTORTION_SPREAD**2, 0.0, 0.0, 0.0, 0.0])
+    return _calibration(size, focal, FACING, np.array([0.0, 0.0, depth]), lens, pose, described, np.nan)
+
+
+def scaled_by_places(
+    size: tuple[int, int], points_px: ArrayLike, places_mm: ArrayLike, *, error_mm: float | None = None
+) -> Calibration:
+    """Calibration with perspective, from four or more points of the plane whose places are known.
+
+    Parameters
+    ----------
+    size : width and height of the pictures in px
+    points_px, places_mm : (n, 2) pixels, and x to the right and y up (or down: it is seen which) on the plane
+    error_mm : standard error of each place; by default what reading a ruler leaves
+
+    Raises
+    ------
+    InputError
+        If the points lie on one line or do not fit their places.
+    """
+    pixels, places = np.asarray(points_px, dtype=float), np.array(places_mm, dtype=float)
+    homography, _ = cv2.findHomography(places, pixels)
+    if homography is None or np.linalg.matrix_rank(places - places.mean(axis=0), tol=1e-6 * np.abs(places).max()) < 2:
+        raise InputError("camera.scale.places: they lie on one line; take four corners of a rectangle")
+    if np.linalg.det(homography[:2, :2]) > 0:  # y was measured downwards, as in the picture
+        places[:, 1] *= -1.0
+    focal = FOCAL_SHARE * max(size)
+    spread = np.linalg.norm(np.ptp(pixels, axis=0)) / np.linalg.norm(np.ptp(places, axis=0))
+    noise_px = float(np.hypot(POINTING_PX, spread * (READING_MM if error_mm is None else error_mm)))
+    middle = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
+    depth = focal / spread
+    start = np.array([0.0, 0, 0, *((pixels.mean(axis=0) - middle) / focal * depth), depth, 0.0])
+    start[3:5] -= FACING[:2, :2] @ places.mean(axis=0)
+
+    def residual(parameters: FloatArray) -> FloatArray:
+        length = focal * np.exp(parameters[6])
+        there = (rotation_matrix(parameters[:3]) @ FACING)[:, :2] @ places.T + parameters[3:6, None]
+        seen = middle + length * (there[:2] / there[2]).T
+        return np.append(((seen - pixels) / noise_px).ravel(), parameters[6] / FOCAL_SPREAD)
+
+    found = least_squares(residual, start, x_scale=[0.1, 0.1, 0.1, depth, depth, depth, 0.1])
+    if not np.all(np.isfinite(found.x)) or found.x[5] <= 0:
+        raise InputError("camera.scale.places: they do not fit their points; check the order of both lists")
+    rms_px = float(np.sqrt(np.mean(np.sum((residual(found.x)[:-1] * noise_px).reshape(-1, 2) ** 2, axis=1))))
+    if rms_px > 6 * noise_px:
+        raise InputError(
+            f"camera.scale.places: they miss their points by {rms_px:.0f} px; check the order of both lists, and the units"
+        )
+    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    length = focal * float(np.exp(found.x[6]))
+    pick = np.zeros((9 + 6, 7))  # fx, fy, cx, cy, five of the lens, rotation, translation
+    pick[0, 6] = pick[1, 6] = length
+    pick[9:, :6] = np.eye(6)
+    joint = pick @ covariance @ pick.T
+    joint[4, 4] = DISTORTION_SPREAD**2
+    joint[14, 14] += (DEPTH_SPREAD * found.x[5]) ** 2
+    described = {"note": f"scale from {len(pixels)} places; the lens is assumed", "noise_px": noise_px}
+    rotation = rotation_matrix(found.x[:3]) @ FACING
+    return _calibration(size, length, rotation, found.x[3:6], joint[:9, :9], joint[9:, 9:], described, rms_px, joint)
+
+
+def assumed_pose_covariance(translation_mm: FloatArray) -> FloatArray:
+    """Covariance (6, 6) of a plane that was written down without one: as of a camera that is set up by eye."""
+    tilt, shift = np.radians(TILT_SPREAD_DEG) ** 2, (DEPTH_SPREAD * float(translation_mm[2])) ** 2
+    return np.diag([tilt, tilt, 0.0, 0.0, 0.0, shift])
+
+
+def _calibration(
+    size: tuple[int, int],
+    focal: float,
+    rotation: FloatArray,
+    translation: FloatArray,
+    lens: FloatArray,
+    pose: FloatArray,
+    quality: dict[str, Any],
+    rms_px: float,
+    joint: FloatArray | None = None,
+) -> Calibration:
+    matrix = np.array([[focal, 0.0, (size[0] - 1) / 2], [0.0, focal, (size[1] - 1) / 2], [0.0, 0.0, 1.0]])
+    return Calibration(
+        image_width=size[0],
+        image_height=size[1],
+        camera_matrix=matrix,
+        distortion=np.zeros(5),
+        model="brown5",
+        rms_px=rms_px,
+        intrinsics_covariance=lens,
+        plane_rotation=rotation,
+        plane_translation_mm=translation,
+        plane_pose_covariance=pose,
+        plane_tilt_deg=float(np.degrees(np.arccos(np.clip(-rotation[2, 2], -1, 1)))),
+        vertical="board",
+        photos=(),
+        quality=quality,
+        joint_covariance=joint,
+    )
