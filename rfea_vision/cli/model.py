@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rfea_vision.cli.console import print_json, print_table
-from rfea_vision.cli.fit import print_metrics
-from rfea_vision.cli.options import ask, campaign_options, opened
-from rfea_vision.options import CritiqueOptions, FitOptions
+from rfea_vision.cli.fit import knowledge_options, print_metrics
+from rfea_vision.cli.options import Quantity, campaign_options, effect_file_option, enough_option, model_options, opened
 
 if TYPE_CHECKING:
     from rfea_vision.artefacts import Comparison, Diagnosis, Ladder
@@ -47,22 +46,18 @@ def compare_command(
 @click.command("diagnose")
 @campaign_options
 @click.argument("model", required=False)
-@ask("diagnose", options=CritiqueOptions)
+@effect_file_option
+@enough_option
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")
 def diagnose_command(
-    campaign: Path,
-    model: str | None,
-    options: CritiqueOptions,
-    out: Path | None,
-    force: bool,
-    as_json: bool,
-    debug: bool,
+    campaign: Path, model: str | None, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any
 ) -> None:
     """Which effect is missing from a model.
 
     By default from the one fitted last.
     """
     with opened(campaign, out, force=("diagnose",) if force else ()) as work:
-        diagnosis = work.diagnose(model, options)
+        diagnosis = work.diagnose(model, **choices)
     if as_json:
         print_json(diagnosis.model_dump(mode="json", by_alias=True))
     else:
@@ -71,22 +66,24 @@ def diagnose_command(
 
 @click.command("improve")
 @campaign_options
-@ask("improve", fit=FitOptions, critique=CritiqueOptions)
-def improve_command(
-    campaign: Path,
-    fit: FitOptions,
-    critique: CritiqueOptions,
-    out: Path | None,
-    force: bool,
-    as_json: bool,
-    debug: bool,
-) -> None:
+@model_options
+@knowledge_options
+@enough_option
+@click.option(
+    "--budget",
+    "budget_s",
+    type=Quantity("s", "5min"),
+    default="5min",
+    show_default=True,
+    help="Time after which no further rung is begun.",
+)
+def improve_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any) -> None:
     """Fit, diagnose, add one effect, again.
 
     Until a verdict ends it; then the report is written.
     """
     with opened(campaign, out, force=("improve",) if force else ()) as work:
-        ladder = work.improve(fit, critique)
+        ladder = work.improve(**choices)
         report = work.report()
     if as_json:
         print_json({**ladder.model_dump(mode="json"), "report": str(report)})

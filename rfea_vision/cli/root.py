@@ -27,6 +27,7 @@ _COMMANDS = {
     "power": ("power",),
     "effects": ("effects",),
     "chain": ("report", "run", "batch"),
+    "workbench": ("open",),
     "export": ("export",),
     "twin": ("simulate", "demo"),
 }

@@ -10,8 +10,9 @@ import xarray as xr
 
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observation import MM, Observed, observe_recording
-from rfea_vision.fitting.residuals import predict_observed
+from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import rebuild
 from rfea_vision.fitting.solver import fit_clocks
 
@@ -37,11 +38,19 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     return out
 
 
-def _predict_one(simulator, par: np.ndarray, item: Observed, recording: Recording, clock: float) -> xr.Dataset:
-    data = recording.dataset
-    nodes = data.sizes.get("node", NODES)
-    fractions = np.linspace(0, 1, nodes)
+def _predict_one(simulator: Model, par: np.ndarray, item: Observed, recording: Recording, clock: float) -> xr.Dataset:
+    """Prediction for one recording whose clock is `clock` s off; NaN where the model cannot be simulated on it."""
+    fractions = np.linspace(0, 1, recording.dataset.sizes.get("node", NODES))
     predicted = predict_observed(simulator, par, item, (), clock, fractions)
+    return as_dataset(simulator, item, recording, predicted, fractions).assign_attrs(clock_offset_s=clock)
+
+
+def as_dataset(
+    simulator: Model, item: Observed, recording: Recording, predicted: Predicted | None, fractions: np.ndarray
+) -> xr.Dataset:
+    """What was simulated for an experiment at `fractions` of the centre line, beside what was measured, on all its frames."""
+    data = recording.dataset
+    nodes = fractions.size
     note = (
         ""
         if predicted is not None
@@ -85,7 +94,6 @@ def _predict_one(simulator, par: np.ndarray, item: Observed, recording: Recordin
         attrs={
             "experiment": item.name,
             "role": item.role,
-            "clock_offset_s": clock,
             "line": "centre line",
             "note": note,
         },

@@ -44,9 +44,13 @@ class Pack:
         """Row numbers, evenly spaced, that keep at most about `most` of `count` rows, fewer at a lower detail."""
         return stride(count, max(2, round(self.detail * most)))
 
-    def base64(self) -> str:
+    def bytes(self) -> bytes:
         """Everything added so far."""
-        return base64.b64encode(zlib.compress(b"".join(self._parts), 9)).decode("ascii")
+        return b"".join(self._parts)
+
+    def base64(self) -> str:
+        """Everything added so far, as one line."""
+        return base64.b64encode(zlib.compress(self.bytes(), 9)).decode("ascii")
 
 
 def stride(count: int, most: int) -> np.ndarray:

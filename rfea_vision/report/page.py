@@ -54,12 +54,12 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
         "experiments": experiments,
         "rungs": rungs,
         "calibration": calibration,
-        "length_mm": _length_mm(evidence),
-        "bends": _bends(evidence),
+        "length_mm": length_mm_of(evidence),
+        "bends": bends_of(evidence),
     }
     shown = [errors_of(step, evidence) for step in evidence.steps]
     return environment().get_template("page.html.j2").render(
-        title=title, bends=_bends(evidence), evidence=evidence, titles=titles, experiments=experiments,
+        title=title, bends=bends_of(evidence), evidence=evidence, titles=titles, experiments=experiments,
         commands=commands, figures=figures_in(shown[-1].unit if shown else "mm"),
         checks=_said_of_runs(evidence, "length_check"), placed=_said_of_runs(evidence, "calibration_sentence"),
         headline=prose.headline(evidence, titles), findings=list(prose.findings(evidence, titles)),
@@ -126,15 +126,16 @@ def static(name: str) -> Markup:
 
 def safe_json(value: Any) -> Markup:
     """JSON that may stand inside a script element: no NaN, no closing tag."""
-    text = json.dumps(_finite(value), separators=(",", ":"), allow_nan=False, default=str)
+    text = json.dumps(finite(value), separators=(",", ":"), allow_nan=False, default=str)
     return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """The same with None in place of what JSON cannot say."""
     if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
+        return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
@@ -169,11 +170,13 @@ def _said_of_runs(evidence: Evidence, key: str) -> list[dict[str, str]]:
     ]
 
 
-def _bends(evidence: Evidence) -> str:
+def bends_of(evidence: Evidence) -> str:
+    """The side to which the tube bends."""
     return str(evidence.steps[0].fit.actuator.get("bends", "left")) if evidence.steps else "left"
 
 
-def _length_mm(evidence: Evidence) -> float | None:
+def length_mm_of(evidence: Evidence) -> float | None:
+    """Length of the tube; None without a model."""
     for step in evidence.steps:
         if step.fit.actuator.get("length"):
             return 1000 * float(step.fit.actuator["length"])

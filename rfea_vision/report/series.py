@@ -145,6 +145,13 @@ def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str,
         note = "was kept for the final score" if experiment.role == "test" else "was not predicted"
         why.setdefault("prediction", f"{experiment.name} {note} by {step.rung.model}.")
         return {"why": why}
+    return pack_modelled(modelled, data, experiment, pack, why, step.rung.model)
+
+
+def pack_modelled(
+    modelled: xr.Dataset, data: xr.Dataset, experiment: Experiment, pack: Pack, why: dict[str, str], model: str
+) -> dict[str, Any]:
+    """Series of one prediction for an experiment whose measurement is `data`; `why` is added to."""
     time = data["time"].values
     kinds = {"series": pack.rows(len(time), MOST_SAMPLES), "carpet": pack.rows(len(time), MOST_COLUMNS)}
     kinds["pose"] = _pose_rows(experiment, data, pack)
@@ -163,14 +170,14 @@ def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str,
         if name in modelled and np.isfinite(modelled[name].values).any():
             record[key] = pack.add(modelled[name].values[where[kind]])
         else:
-            why[key] = f"prediction.nc of {step.rung.model} has no {name.replace('_', ' ')} for {experiment.name}."
+            why[key] = f"prediction.nc of {model} has no {name.replace('_', ' ')} for {experiment.name}."
             if key in ("carpet", "gap", "midline") and "midline" not in data:
                 why[key] = (
                     f"{experiment.name} was measured without a centre line, so its error along the tube is unknown."
                 )
     record |= _error(modelled, data, where["series"], kinds["series"], pack)
     if "error" not in record:
-        why["error"] = f"{experiment.name} has neither tip nor bend angle in prediction.nc of {step.rung.model}."
+        why["error"] = f"{experiment.name} has neither tip nor bend angle in prediction.nc of {model}."
     if "phase" in modelled:
         record["phase"] = _stretches(modelled["phase"].values.astype(str), modelled["time"].values)
     return record

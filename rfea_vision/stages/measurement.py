@@ -140,18 +140,8 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
     lamp = experiment.sync.box if experiment.sync.method == "led" else None
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
-        from rfea_vision.vision import track_frames
-
-        found = track_frames(
-            open_source(video),
-            calibration.value,
-            experiment.actuator,
-            vertical=camera.vertical,
-            hints=camera.hints,
-            lamp_box=lamp,
-            checkpoint=path.with_name(".track-so-far.npz"),
-            progress=progress,
-        )
+        checkpoint = path.with_name(".track-so-far.npz")
+        found = follow(experiment, calibration.value, open_source(video), checkpoint=checkpoint, progress=progress)
         _say_calibration(found, calibration.value, experiment)
         found.save(path)
         return found, [path], describe_track(found)
@@ -168,6 +158,23 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
     )
     _clip(work, experiment, tracked, path, calibration)
     return tracked
+
+
+def follow(experiment: ExperimentSpec, calibration: Calibration, source: Any, **more: Any) -> Track:
+    """Track the tube through a source of this experiment's pictures, with its hints; `more` as for `track_frames`."""
+    from rfea_vision.vision import track_frames
+
+    camera, sync = experiment.camera, experiment.sync
+    assert camera is not None
+    return track_frames(
+        source,
+        calibration,
+        experiment.actuator,
+        vertical=camera.vertical,
+        hints=camera.hints,
+        lamp_box=sync.box if sync.method == "led" else None,
+        **more,
+    )
 
 
 def _say_calibration(found: Track, calibration: Calibration, experiment: ExperimentSpec) -> None:

@@ -11,10 +11,8 @@ import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.options import CritiqueOptions, FitOptions
-from rfea_vision.options.asking import as_record, from_record
 from rfea_vision.progress import Progress
-from rfea_vision.stages.cache import StageRecord
+from rfea_vision.stages.choices import ModelChoices, choices_of, choose
 from rfea_vision.stages.products import (
     describe_fit,
     describe_rung,
@@ -30,7 +28,7 @@ from rfea_vision.stages.stored import Stored, values
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
-CODE = ("artefacts", "options", "tube", "steady", "dynamics", "effects", "fitting", "critique")
+CODE = ("artefacts", "tube", "steady", "dynamics", "effects", "fitting", "critique")
 PREDICTED_ROLES = ("train", "validate")
 RUNG_FILES = ("model.json", "prediction.nc", "comparison.json", "diagnosis.json")
 
@@ -56,18 +54,18 @@ def last_model(work: Workspace) -> str | None:
     return names[-1] if names else None
 
 
-def fit(work: Workspace, options: FitOptions) -> Stored[ModelFit]:
+def fit(work: Workspace, choices: ModelChoices) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
     recordings = work.recordings(*PREDICTED_ROLES)
     actuator = common_actuator(work, recordings)
-    folder = model_folder(work, options.name)
+    folder = model_folder(work, choices.name)
 
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
         from rfea_vision.critique import with_residual_torque
         from rfea_vision.fitting import fit_model, predict
 
         measured = values(recordings)
-        model = fit_model(measured, actuator, options, progress=progress)
+        model = fit_model(measured, actuator, choices.fit_options(), progress=progress)
         model = model.model_copy(update={"inputs": work.raw_inputs()})
         save_prediction(folder, with_residual_torque(model, measured, predict(model, measured)))
         model.save(folder / "model.json")
@@ -76,8 +74,8 @@ def fit(work: Workspace, options: FitOptions) -> Stored[ModelFit]:
 
     return work.run(
         "fit",
-        options.name,
-        **_fit_parts(work, options, recordings, actuator),
+        choices.name,
+        **_fit_parts(work, choices, recordings, actuator),
         make=make,
         load=lambda: ModelFit.load(folder / "model.json"),
     )
@@ -85,22 +83,18 @@ def fit(work: Workspace, options: FitOptions) -> Stored[ModelFit]:
 
 def fitted(work: Workspace, name: str) -> Stored[ModelFit]:
     """Return a model by name, fitted again with the same choices if it is out of date."""
-    options = fitted_with(work.cache.record(f"fit/{name}"))
-    if options is not None:
-        return fit(work, options)
+    record = work.cache.record(f"fit/{name}")
+    choices = choices_of(record) if record is not None else None
+    if choices is not None:
+        return fit(work, choices)
     file = model_folder(work, name) / "model.json"
     if file.is_file():
         return Stored(lambda: ModelFit.load(file))
     if name == "base":
-        return fit(work, FitOptions())
+        return fit(work, choose())
     there = ", ".join(model_names(work)) or "none"
     where = f"{work.out / 'models'}: no model '{name}'; there are: {there}"
     raise InputError(f"{where}; 'rfea fit --name {name}' makes one")
-
-
-def fitted_with(record: StageRecord | None) -> FitOptions | None:
-    """Return the options with which a model was fitted, or a ladder climbed; None if no record says."""
-    return from_record(FitOptions, record.options.get("fit")) if record is not None else None
 
 
 def compare(work: Workspace, name: str) -> Stored[Comparison]:
@@ -125,13 +119,23 @@ def compare(work: Workspace, name: str) -> Stored[Comparison]:
     )
 
 
-def diagnose(work: Workspace, name: str, options: CritiqueOptions) -> Stored[Diagnosis]:
+def diagnose(
+    work: Workspace,
+    name: str,
+    *,
+    effect_files: Sequence[Path | str] = (),
+    seed: int = 0,
+    enough: float | None = None,
+) -> Stored[Diagnosis]:
     """Say which effect is missing."""
     model = fitted(work, name)
     compared = compare(work, name)
     folder = model_folder(work, name)
     recordings = work.recordings(*PREDICTED_ROLES)
-    options = _with_files(options, fitted_with(work.cache.record(f"fit/{name}")))
+    record = work.cache.record(f"fit/{name}")
+    choices = choices_of(record) if record is not None else None
+    given = choose(effect_files=effect_files).effect_files
+    files = given or (choices.effect_files if choices is not None else ())
 
     def make(progress: Progress) -> tuple[Diagnosis, list[Path], str]:
         from rfea_vision.critique import diagnose as diagnose_model
@@ -139,9 +143,11 @@ def diagnose(work: Workspace, name: str, options: CritiqueOptions) -> Stored[Dia
         diagnosis, experiment = diagnose_model(
             model.value,
             values(recordings),
-            options,
+            effect_files=files,
             where=compared.value.where,
+            seed=seed,
             progress=progress,
+            **_asked(enough),
         )
         pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)
         outputs = save_diagnosis(folder, diagnosis, pressure)
@@ -150,17 +156,16 @@ def diagnose(work: Workspace, name: str, options: CritiqueOptions) -> Stored[Dia
     return work.run(
         "diagnose",
         name,
-        **_diagnose_parts(work, name, recordings, options),
+        **_diagnose_parts(work, name, recordings, files, seed, enough),
         make=make,
         load=lambda: Diagnosis.load(folder / "diagnosis.json"),
     )
 
 
-def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> Stored[Ladder]:
+def improve(work: Workspace, choices: ModelChoices, *, budget_s: float, enough: float | None = None) -> Stored[Ladder]:
     """Climb the ladder; every rung is written as it comes, and a climb that was interrupted goes on from there."""
     recordings = work.recordings("train", "validate", "test")
     actuator = common_actuator(work, recordings)
-    critique = _with_files(critique, options)
     path = work.out / Ladder.FILE
 
     def make(progress: Progress) -> tuple[Ladder, list[Path], str]:
@@ -168,7 +173,7 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
 
         outputs: list[Path] = []
         rungs: list[Rung] = []
-        finished = _finished(work, options, critique, recordings, actuator)
+        finished = _finished(work, choices, recordings, actuator, enough)
         for model, diagnosis in finished:
             rungs.append(rung_of(model, diagnosis, rungs))
             outputs.extend(model_folder(work, model.name) / file for file in RUNG_FILES)
@@ -178,7 +183,7 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
             model: ModelFit, predictions: Mapping[str, xr.Dataset], comparison: Comparison, diagnosis: Diagnosis
         ) -> None:
             rung = (model, predictions, comparison, diagnosis)
-            outputs.extend(_save_rung(work, options, critique, recordings, actuator, rung))
+            outputs.extend(_save_rung(work, choices, recordings, actuator, rung, enough))
             rungs.append(rung_of(model, diagnosis, rungs))
             Ladder(rungs=rungs, noise_floor_mm=model.noise_floor_mm, stopped_because="not finished").save(path)
             work.listener.note(describe_rung(rungs[-1]))
@@ -186,11 +191,12 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
         ladder = climb(
             values(recordings),
             actuator,
-            replace(options, study_segments=True),
-            critique,
+            replace(choices.fit_options(), study_segments=True),
+            budget_s=budget_s,
             on_rung=on_rung,
             finished=finished,
             progress=progress,
+            **_asked(enough),
         )
         ladder.save(path)
         return ladder, [path, *dict.fromkeys(outputs)], ladder.stopped_because
@@ -198,9 +204,9 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
     return work.run(
         "improve",
         "ladder",
-        inputs=list(options.effect_files),
+        inputs=list(choices.effect_files),
         also=_recording_hashes(work, recordings),
-        options={"fit": as_record(options), "critique": as_record(critique), "actuator": actuator},
+        options={"fit": choices.as_record(), "actuator": actuator, "budget_s": budget_s, "enough": enough},
         code=CODE,
         make=make,
         load=lambda: Ladder.load(path),
@@ -208,7 +214,7 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
 
 
 def _finished(
-    work: Workspace, options: FitOptions, critique: CritiqueOptions, recordings: Recordings, actuator: Actuator
+    work: Workspace, choices: ModelChoices, recordings: Recordings, actuator: Actuator, enough: float | None
 ) -> list[tuple[ModelFit, Diagnosis]]:
     """Rungs of the ladder as it stands that are still true, from the first up to one that is not."""
     path = work.out / Ladder.FILE
@@ -220,8 +226,8 @@ def _finished(
         if not (folder / "model.json").is_file():
             break
         model = ModelFit.load(folder / "model.json")
-        own = _for_rung(options, model)
-        judged = _diagnose_parts(work, model.name, recordings, critique)
+        own = choices.for_rung(model)
+        judged = _diagnose_parts(work, model.name, recordings, choices.effect_files, choices.seed, enough)
         if not work.has("fit", model.name, **_fit_parts(work, own, recordings, actuator)):
             break
         if not work.has("diagnose", model.name, **judged):
@@ -230,23 +236,18 @@ def _finished(
     return found
 
 
-def _for_rung(options: FitOptions, model: ModelFit) -> FitOptions:
-    """Return the same options for another rung: its effects, and its segments where it has more."""
-    return replace(options, name=model.name, effects=tuple(model.effects), segments=model.segments)
-
-
-def _with_files(critique: CritiqueOptions, fit: FitOptions | None) -> CritiqueOptions:
-    """Return the critique's options with the effect files of the fit, where it has none of its own."""
-    return critique if critique.effect_files or fit is None else replace(critique, effect_files=fit.effect_files)
+def _asked(enough: float | None) -> dict[str, Any]:
+    """The share asked of a name, where one is asked for; else the critique's own."""
+    return {} if enough is None else {"enough": enough}
 
 
 def _save_rung(
     work: Workspace,
-    options: FitOptions,
-    critique: CritiqueOptions,
+    choices: ModelChoices,
     recordings: Recordings,
     actuator: Actuator,
     rung: tuple[ModelFit, Mapping[str, xr.Dataset], Comparison, Diagnosis],
+    enough: float | None,
 ) -> list[Path]:
     """Write a rung's artefacts, and note them as if fit, compare and diagnose had been called one by one."""
     model, predictions, comparison, diagnosis = rung
@@ -256,12 +257,12 @@ def _save_rung(
     save_prediction(folder, predictions)
     model.save(fit_files[0])
     save_timings(folder, model)
-    own = _for_rung(options, model)
+    own = choices.for_rung(model)
     work.remember("fit", model.name, fit_files, **_fit_parts(work, own, recordings, actuator))
     comparison.save(folder / "comparison.json")
     work.remember("compare", model.name, [folder / "comparison.json"], **_compare_parts(work, model.name))
     outputs = save_diagnosis(folder, *without_pressure(diagnosis))
-    parts = _diagnose_parts(work, model.name, recordings, critique)
+    parts = _diagnose_parts(work, model.name, recordings, choices.effect_files, choices.seed, enough)
     work.remember("diagnose", model.name, outputs, **parts)
     return [*fit_files, folder / "comparison.json", *outputs]
 
@@ -269,11 +270,11 @@ def _save_rung(
 # -- what each stage depends on ------------------------------------------------------------------------------------
 
 
-def _fit_parts(work: Workspace, options: FitOptions, recordings: Recordings, actuator: Actuator) -> dict[str, Any]:
+def _fit_parts(work: Workspace, choices: ModelChoices, recordings: Recordings, actuator: Actuator) -> dict[str, Any]:
     return {
-        "inputs": list(options.effect_files),
+        "inputs": list(choices.effect_files),
         "also": _recording_hashes(work, recordings, PREDICTED_ROLES),
-        "options": {"fit": as_record(options), "actuator": actuator},
+        "options": {"fit": choices.as_record(), "actuator": actuator},
         "code": CODE,
     }
 
@@ -283,11 +284,12 @@ def _compare_parts(work: Workspace, name: str) -> dict[str, Any]:
     return {"inputs": [], "also": [work.cache.sha256(file) for file in files], "options": {}, "code": CODE}
 
 
-def _diagnose_parts(work: Workspace, name: str, recordings: Recordings, critique: CritiqueOptions) -> dict[str, Any]:
+def _diagnose_parts(
+    work: Workspace, name: str, recordings: Recordings, files: Sequence[Path], seed: int, enough: float | None
+) -> dict[str, Any]:
     model = work.cache.sha256(model_folder(work, name) / "model.json")
     also = [model, *_recording_hashes(work, recordings, PREDICTED_ROLES)]
-    options = {"critique": as_record(replace(critique, budget_s=None))}  # the budget ends a climb, no diagnosis
-    return {"inputs": list(critique.effect_files), "also": also, "options": options, "code": CODE}
+    return {"inputs": list(files), "also": also, "options": {"seed": seed, "enough": enough}, "code": CODE}
 
 
 def _recording_hashes(work: Workspace, recordings: Recordings, roles: Sequence[str] | None = None) -> list[str]:

@@ -1,6 +1,7 @@
 // Series: one deflated block of 16-bit numbers; an address is {at, shape, zero, step}.
 const manifest = JSON.parse(document.getElementById("manifest").textContent);
 let block = null;
+function takeBlock(bytes) { block = bytes; }
 const unpacked = new WeakMap();
 
 function bytesOf(text) {
@@ -16,9 +17,9 @@ async function openSeries() {
   element.textContent = "";
 }
 
-// The array behind an address, as numbers (NaN where there is none); undefined where there is no address.
+// The array behind an address, as numbers (NaN where there is none); undefined where there is no address. An array is itself.
 function series(address) {
-  if (!address) return undefined;
+  if (!address || ArrayBuffer.isView(address)) return address ?? undefined;
   let out = unpacked.get(address);
   if (out) return out;
   const count = address.shape.reduce((a, b) => a * b, 1), whole = new Int16Array(block, address.at, count);
@@ -73,7 +74,7 @@ function tell(name) { for (const action of listeners[name] ?? []) action(); }
 
 const shownRung = () => state.earlier ? Math.max(0, state.rung - 1) : state.rung;
 const rung = () => manifest.rungs[shownRung()];
-const rungBefore = () => state.earlier ? undefined : manifest.rungs[state.rung - 1];
+const rungBefore = () => state.earlier ? undefined : rung()?.before ?? manifest.rungs[state.rung - 1];
 const experiment = () => manifest.experiments[state.experiment];
 const prediction = (of = rung()) => of?.experiments[experiment()?.name];
 

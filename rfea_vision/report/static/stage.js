@@ -4,9 +4,9 @@ const stage = {canvas: document.querySelector("#stage canvas"), films: new Map()
 function filmOf(e) {
   if (!e?.clip) return undefined;
   if (!stage.films.has(e.name)) {
-    const source = document.querySelector(`script[data-clip="${CSS.escape(e.name)}"]`), film = document.createElement("video");
+    const film = document.createElement("video");
     film.muted = true; film.playsInline = true; film.preload = "auto";
-    film.src = URL.createObjectURL(new Blob([bytesOf(source.textContent)], {type: "video/mp4"}));
+    film.src = e.clip.address ?? addressIn(document.querySelector(`script[data-clip="${CSS.escape(e.name)}"]`));
     film.addEventListener("loadeddata", () => seek(true));
     film.addEventListener("seeked", () => { film.busy = false; seek(); paintStage(); });
     film.addEventListener("error", () => { film.broken = true; paintStage(); });
@@ -14,6 +14,8 @@ function filmOf(e) {
   }
   return stage.films.get(e.name);
 }
+
+const addressIn = script => URL.createObjectURL(new Blob([bytesOf(script.textContent)], {type: "video/mp4"}));
 
 const pose = () => { const e = experiment(); return e?.tp ? nearest(series(e.tp), state.time) : 0; };
 const poseTime = k => series(experiment().tp)[k];
@@ -32,6 +34,7 @@ const filmRect = e => e?.clip && {left: e.clip.x_min_mm, top: e.clip.y_max_mm, w
 
 // The rectangle to show, in mm: it holds the film and every pose.
 let lastView = {};
+function forgetView() { lastView = {}; }
 function stageView() {
   const e = experiment();
   if (lastView.of !== e) { lastView = {of: e, ...findView(e)}; lastView.corner = lensCorner(lastView); }

@@ -1,0 +1,41 @@
+"""The command that opens the workbench."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import webbrowser
+from pathlib import Path
+
+import click
+
+from rfea_vision.errors import InputError
+
+
+@click.command("open")
+@click.argument("folder", metavar="CAMPAIGN|FOLDER", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on this machine; default a free one.")
+@click.option("--no-browser", is_flag=True, help="Print the address and leave opening it to you.")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+def open_command(folder: Path, out: Path | None, port: int, no_browser: bool, debug: bool) -> None:
+    """The workbench: a local page.
+
+    To set a campaign up by pointing, play its model, add an effect and watch the error fall. It works on the same folder
+    as the commands, and shows them. Only this machine reaches it. Ctrl-C ends it.
+    """
+    if not all(importlib.util.find_spec(name) for name in ("starlette", "uvicorn")):
+        raise InputError("rfea open: the extra 'workbench' is not installed; pip install 'rfea-vision[workbench]'")
+    from rfea_vision.workbench.serve import serve
+
+    def ready(address: str) -> None:
+        click.echo(address)
+        click.echo("The address carries a secret: give it to nobody. Ctrl-C ends the workbench.", err=True)
+        if not no_browser:
+            webbrowser.open(address)
+
+    try:
+        with contextlib.suppress(KeyboardInterrupt):  # the way to end it
+            serve(folder, out=out, port=port, ready=ready)
+    except OSError as error:
+        raise InputError(f"--port {port}: cannot be used ({error.strerror}); choose another") from error

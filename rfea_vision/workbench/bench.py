@@ -1,0 +1,62 @@
+"""One campaign on the desk: its artefacts as the page wants them, and the player of its models."""
+
+from __future__ import annotations
+
+import threading
+from functools import lru_cache
+from pathlib import Path
+
+from rfea_vision.artefacts import ModelFit
+from rfea_vision.campaign.loading import OUTPUT_FOLDER
+from rfea_vision.errors import InputError
+from rfea_vision.report.collect import Evidence, collect
+from rfea_vision.workbench.evidence import evidence_packet, newest
+from rfea_vision.workbench.play import Chosen, Player
+
+
+class Bench:
+    """Reads the results of a campaign anew when they have changed."""
+
+    def __init__(self, folder: Path, out: Path | None) -> None:
+        self.folder = folder
+        self.out = out if out is not None else folder / OUTPUT_FOLDER
+        self._lock = threading.Lock()
+        self._read: tuple[float, Evidence, bytes] | None = None
+        self._player: tuple[float, Player] | None = None
+
+    def evidence(self) -> tuple[Evidence, bytes]:
+        """The artefacts, and the packet that the page draws."""
+        with self._lock:
+            age = newest(self.out)
+            if self._read is None or self._read[0] != age:
+                evidence = collect(self.out)
+                self._read = (age, evidence, evidence_packet(evidence, self.folder.name))
+            return self._read[1], self._read[2]
+
+    def player(self) -> Player:
+        """The player of the recordings as they now are."""
+        evidence, _ = self.evidence()
+        with self._lock:
+            age = max((file.stat().st_mtime for file in self.out.glob("*/recording.nc")), default=0.0)
+            if self._player is None or self._player[0] != age:
+                self._player = (age, Player({item.name: item for item in evidence.experiments}))
+            return self._player[1]
+
+    def chosen(self, model: str, effects: tuple[str, ...], files: tuple[Path, ...]) -> Chosen:
+        """A model to play with.
+
+        Raises
+        ------
+        InputError
+            If there is no such model.
+        """
+        known = {file.parent.name: file for file in self.out.glob("models/*/model.json")}
+        if model not in known:
+            raise InputError(f"{model}: no such model yet; 'rfea fit' makes one")
+        return Chosen(load_fit(known[model], known[model].stat().st_mtime_ns), effects, files)
+
+
+@lru_cache(maxsize=32)
+def load_fit(file: Path, changed: int) -> ModelFit:
+    """A model, read once as long as its file does not change."""
+    return ModelFit.load(file)

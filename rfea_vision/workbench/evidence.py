@@ -1,0 +1,62 @@
+"""What the page draws of the artefacts: the report's own records, as one packet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rfea_vision.report import prose
+from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.pack import Pack
+from rfea_vision.report.page import bends_of, length_mm_of
+from rfea_vision.report.series import pack_experiment, pack_step
+from rfea_vision.workbench.packets import packet
+
+
+def evidence_packet(evidence: Evidence, title: str) -> bytes:
+    """The manifest of the report for this campaign, with what the workbench says beside each rung."""
+    pack, titles = Pack(), prose.effect_titles(evidence)
+    rungs = [
+        pack_step(step, evidence, pack, titles)
+        | {"effects": list(step.fit.effects), "diagnosis": _diagnosis(step, titles), "runs": _runs(step)}
+        for step in evidence.steps
+    ]
+    experiments = [pack_experiment(experiment, pack) for experiment in evidence.experiments]
+    for number, experiment in enumerate(experiments):
+        if experiment["clip"]:
+            experiment["clip"]["address"] = f"clip/{number}"
+    manifest = {
+        "title": title, "experiments": experiments, "rungs": rungs, "calibration": {"photos": []},
+        "length_mm": length_mm_of(evidence), "bends": bends_of(evidence), "headline": prose.headline(evidence, titles),
+    }  # fmt: skip
+    return packet(manifest, pack)
+
+
+def _runs(step: Step) -> dict[str, float | None]:
+    """Error of each run as it was fitted: of the tip in mm, or of the angle in deg where there is no tip."""
+    scores = step.fit.experiments
+    return {name: one.angle_rmse_deg if one.tip_rmse_mm is None else one.tip_rmse_mm for name, one in scores.items()}
+
+
+def _diagnosis(step: Step, titles: Mapping[str, str]) -> dict[str, Any] | None:
+    """The diagnosis of one rung as it is saved, with the titles of its effects; None where nobody has asked yet."""
+    if step.diagnosis is None:
+        return None
+    record = step.diagnosis.model_dump(mode="json")
+    for candidate in record.get("candidates", []):
+        candidate["title"] = titles.get(candidate["effect"], candidate["effect"])
+    return record
+
+
+def newest(folder: Path) -> float:
+    """When anything below the results folder that the page draws was written last."""
+    patterns = (
+        "ladder.json",
+        "*/track.nc",
+        "*/recording.nc",
+        "*/clip.json",
+        "models/*/*.json",
+        "models/*/prediction.nc",
+    )
+    return max((file.stat().st_mtime for pattern in patterns for file in folder.glob(pattern)), default=0.0)

@@ -1,0 +1,76 @@
+"""The server's end of a worker: one job at a time, what happens is told to whoever listens, and any job can be stopped."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+Tell = Callable[[dict[str, Any]], None]
+
+
+class Worker:
+    """A process that does jobs; it is started with the first, and anew after one was stopped."""
+
+    def __init__(self, tell: Tell) -> None:
+        self.tell = tell
+        self.job: dict[str, Any] | None = None
+        self._process: subprocess.Popen[str] | None = None
+        self._lock = threading.Lock()
+
+    def warm(self) -> None:
+        """Start the process, so that the first job need not wait for it."""
+        with self._lock:
+            self._ready()
+
+    def submit(self, job: dict[str, Any]) -> bool:
+        """Begin a job; False if another is not finished."""
+        with self._lock:
+            if self.job is not None:
+                return False
+            process = self._ready()
+            self.job = job
+            self.tell({"event": "begun", **_told(job)})
+            assert process.stdin is not None
+            process.stdin.write(json.dumps(job) + "\n")
+            process.stdin.flush()
+            return True
+
+    def stop(self) -> None:
+        """End the process and with it its job; what was finished is kept, for files are written whole or not at all."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is not None:
+            process.terminate()
+            try:
+                process.wait(timeout=5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+    def _ready(self) -> subprocess.Popen[str]:
+        if self._process is None or self._process.poll() is not None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "rfea_vision.workbench.worker"],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8",
+            )  # fmt: skip
+            threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()
+        return self._process
+
+    def _listen(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        for line in process.stdout:
+            event = json.loads(line)
+            job = self.job or {}
+            if event["event"] in ("finished", "failed"):
+                self.job = None
+            self.tell({**_told(job), **event})
+        job, self.job = self.job, None
+        if job is not None:
+            self.tell({**_told(job), "event": "stopped"})
+
+
+def _told(job: dict[str, Any]) -> dict[str, Any]:
+    return {key: job[key] for key in ("index", "do", "command", "label") if key in job}

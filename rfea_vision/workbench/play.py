@@ -1,0 +1,217 @@
+"""The model under the slider: compiled laws and prepared recordings kept ready, so that a look takes a twentieth of a second."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfea_vision.artefacts import ModelFit, Recording
+from rfea_vision.artefacts.measurement import Actuator
+from rfea_vision.dynamics.simulation import Excitation, Model
+from rfea_vision.errors import InputError
+from rfea_vision.fitting.observation import MM, Observed, observe_recording
+from rfea_vision.fitting.prediction import NODES, as_dataset
+from rfea_vision.fitting.problem import make_model, start_vector
+from rfea_vision.fitting.refine import EXACT_ORDER
+from rfea_vision.fitting.residuals import Predicted, predict_observed
+from rfea_vision.fitting.scoring import options_of
+from rfea_vision.report.collect import Experiment
+from rfea_vision.report.pack import Pack
+from rfea_vision.report.series import pack_modelled
+from rfea_vision.workbench.sliders import Slider, sliders_of
+
+#: Longest step of a look, and how far Newton is taken: the third-order integrator loses by it less than 0.001 mm of the tip's
+#: RMSE against the fit's own 1 ms and 1e-8, at a fifth of the time (measured by `python -m benchmarks workbench`).
+LONGEST_STEP_S, TOLERANCE, FIT_TOLERANCE = 4e-3, 1e-5, 1e-8
+ROLES = ("train", "validate")  # what is looked at while one chooses proves nothing: test runs are left out
+TIP = np.array([1.0])
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A model to play with: the fit it starts from, the effects it has, and the files of one's own laws."""
+
+    fit: ModelFit
+    effects: tuple[str, ...]
+    files: tuple[Path, ...] = ()
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What the compiled law depends on; of one's own laws the content counts."""
+        texts = tuple(file.read_text(encoding="utf-8") for file in self.files)
+        return self.fit.segments, self.fit.joints, self.effects, texts, repr(sorted(self.fit.actuator.items()))
+
+    def model(self) -> Model:
+        """The model, with the integrator that values are refined for.
+
+        Raises
+        ------
+        InputError
+            If an effect is unknown or its law is wrong.
+        """
+        actuator = Actuator(**self.fit.actuator)
+        options = replace(options_of(self.fit), effects=self.effects, effect_files=self.files)
+        mirror = -1.0 if actuator.bends == "right" else 1.0
+        return replace(make_model(actuator, options, mirror), order=EXACT_ORDER, tolerance=TOLERANCE)
+
+
+@dataclass(frozen=True)
+class Run:
+    """One recording made ready: as the fit sees it, and with the long steps of a look."""
+
+    item: Observed
+    quick: Observed
+    experiment: Experiment
+    recording: Recording
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Places on the centre line that are drawn."""
+        return np.linspace(0, 1, self.recording.dataset.sizes.get("node", NODES))
+
+
+class Player:
+    """Simulates the training and held-out runs of a campaign with any parameters."""
+
+    def __init__(self, experiments: Mapping[str, Experiment]) -> None:
+        self.runs: dict[str, Run] = {}
+        for name, experiment in experiments.items():
+            if experiment.recording is not None and experiment.role in ROLES:
+                recording = Recording(experiment.recording)
+                item = observe_recording(recording)
+                self.runs[name] = Run(item, quickened(item), experiment, recording)
+        self._models: dict[Any, Future[Model]] = {}
+        self._compiler = ThreadPoolExecutor(1)
+        self._threads = ThreadPoolExecutor(2)
+        self._lock = threading.Lock()
+
+    def open(self, chosen: Chosen) -> list[Slider]:
+        """Sliders of a model; its law is compiled behind the scenes from here on.
+
+        Raises
+        ------
+        InputError
+            If an effect is unknown or its law is wrong.
+        """
+        model = chosen.model()
+        with self._lock:
+            if chosen.key not in self._models:
+                self._models[chosen.key] = self._compiler.submit(self._compiled, model, chosen)
+        return sliders_of(chosen.fit, model, start_vector(model, Actuator(**chosen.fit.actuator), chosen.fit.segments))
+
+    def ready(self, chosen: Chosen) -> bool:
+        """Whether the law has been compiled; raises what kept it from being so."""
+        future = self._models.get(chosen.key)
+        return future is not None and future.done() and future.result() is not None
+
+    def _compiled(self, model: Model, chosen: Chosen) -> Model:
+        """Derive and compile by running a quarter of a second of the first run."""
+        run = next(iter(self.runs.values()), None)
+        if run is not None:
+            excitation = run.quick.excitation
+            count = max(2, round(0.25 / excitation.step_s))
+            short = Excitation(excitation.start_s, excitation.step_s, excitation.pressure[:count])
+            start = start_vector(model, Actuator(**chosen.fit.actuator), chosen.fit.segments)
+            model.simulate(start, short, np.array([short.start_s]))
+        return model
+
+    def play(
+        self, chosen: Chosen, values: Mapping[str, float], shown: str, *, exact: bool = False
+    ) -> tuple[dict[str, Any], Pack]:
+        """One look: the modelled tube of the run that is shown, and the errors of all.
+
+        Parameters
+        ----------
+        chosen : the model
+        values : parameters in SI; one that is missing keeps its fitted value, or is absent
+        shown : name of the run whose tube is wanted
+        exact : in the steps of a fit, not in those of a look
+
+        Returns
+        -------
+        dict, Pack
+            Header for the page, with the addresses of its arrays in the pack.
+
+        Raises
+        ------
+        InputError
+            If a value is no number or no such run is there.
+        """
+        begun = time.perf_counter()
+        if shown not in self.runs:
+            raise InputError(f"{shown}: is no training or held-out run that has been synchronised")
+        self.open(chosen)
+        model = self._models[chosen.key].result()
+        par = _vector(chosen, model, values)
+        looks = {
+            name: self._threads.submit(self._look, model, par, chosen.fit, name, shown, exact) for name in self.runs
+        }
+        seen = {name: future.result() for name, future in looks.items()}
+        run, pack = self.runs[shown], Pack()
+        modelled = as_dataset(model, run.item, run.recording, seen[shown], run.nodes)
+        why = {} if seen[shown] else {"prediction": f"The model cannot be simulated on {shown} with these values."}
+        record = pack_modelled(modelled, run.recording.dataset, run.experiment, pack, why, "this model")
+        header = {"run": record, **_errors(self.runs, seen), "ms": 1000 * (time.perf_counter() - begun)}
+        return header, pack
+
+    def _look(
+        self, model: Model, par: np.ndarray, fit: ModelFit, name: str, shown: str, exact: bool
+    ) -> Predicted | None:
+        run = self.runs[name]
+        score = fit.experiments.get(name)
+        clock = float(score.nuisance.get("clock_offset_s", 0.0)) if score is not None else 0.0
+        fractions = run.nodes if name == shown else TIP
+        if exact:
+            return predict_observed(replace(model, tolerance=FIT_TOLERANCE), par, run.item, (), clock, fractions)
+        quick = predict_observed(model, par, run.quick, (), clock, fractions)
+        # what long steps do not survive, short ones may
+        return quick if quick is not None else predict_observed(model, par, run.item, (), clock, fractions)
+
+
+def quickened(item: Observed) -> Observed:
+    """The same run with the longest steps of a look."""
+    while 2 * item.excitation.step_s <= LONGEST_STEP_S:
+        item = item.coarser()
+    return item
+
+
+def _vector(chosen: Chosen, model: Model, values: Mapping[str, float]) -> np.ndarray:
+    """Parameters in the model's order: as asked, else as fitted, else absent."""
+    start = start_vector(model, Actuator(**chosen.fit.actuator), chosen.fit.segments)
+    absent: dict[str, float] = {
+        f"{effect.id}.{name}": spec.absent
+        for effect in model.effects
+        for name, spec in effect.parameters.items()
+        if spec.absent is not None
+    }
+    fitted = {name: parameter.value for name, parameter in chosen.fit.parameters.items()}
+    known = {**absent, **fitted, **values}
+    return np.array([known.get(name, first) for name, first in zip(model.names, start, strict=True)], dtype=float)
+
+
+def _errors(runs: Mapping[str, Run], seen: Mapping[str, Predicted | None]) -> dict[str, Any]:
+    """Root mean square error of every run and role: of the tip in mm or, where only an angle was measured, of it in deg."""
+    squares: dict[str, np.ndarray | None] = {}
+    with_tip = all(run.item.has_tip for run in runs.values())
+    for name, run in runs.items():
+        one = seen[name]
+        if one is None:
+            squares[name] = None
+        elif with_tip:
+            squares[name] = np.sum(((run.item.points[:, -1] - one.points[:, -1]) / MM) ** 2, axis=1)
+        else:
+            squares[name] = np.rad2deg(run.item.angle - one.angle) ** 2
+    by_run = {name: None if parts is None else float(np.sqrt(np.nanmean(parts))) for name, parts in squares.items()}
+    roles: dict[str, float | None] = {}
+    for role in ROLES:
+        parts = [squares[name] for name, run in runs.items() if run.item.role == role]
+        whole = [part for part in parts if part is not None]
+        roles[role] = float(np.sqrt(np.nanmean(np.concatenate(whole)))) if whole and len(whole) == len(parts) else None
+    return {"unit": "mm" if with_tip else "deg", "runs": by_run, **roles}

@@ -1,0 +1,155 @@
+"""Addresses of the workbench, below the token. Each route calls one function and says its error in a sentence."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from rfea_vision.errors import RfeaError
+from rfea_vision.workbench.desk import Desk, shown
+
+BINARY = "application/octet-stream"
+LARGEST_BODY = 1_000_000
+KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+Answer = Callable[[int, dict[str, Any]], Any]
+
+
+def application(desk: Desk) -> Starlette:
+    """The server's routes over one desk."""
+    from rfea_vision.workbench import answers
+
+    def get(path: str, answer: Callable[..., Response]) -> Route:
+        async def endpoint(request: Request) -> Response:
+            return await run_in_threadpool(_said, answer, desk, *_place(desk, request), dict(request.query_params))
+
+        return Route(path, endpoint)
+
+    def post(path: str, answer: Callable[..., Response]) -> Route:
+        async def endpoint(request: Request) -> Response:
+            return await run_in_threadpool(_said, answer, desk, *_place(desk, request), await _body(request))
+
+        return Route(path, endpoint, methods=["POST"])
+
+    return Starlette(
+        routes=[
+            Route("/", lambda request: RedirectResponse("c/0/" if desk.single else "folder/")),
+            Route("/folder/", lambda request: static("index.html")),
+            Route("/c/{index:int}/", lambda request: static("index.html")),
+            Route("/static/{name}", lambda request: static(request.path_params["name"])),
+            Route("/report/{name}", lambda request: of_report(request.path_params["name"])),
+            Route("/events", events(desk)),
+            get("/campaigns", answers.campaigns),
+            post("/stop", answers.stop),
+            get("/c/{index:int}/state", answers.state),
+            get("/c/{index:int}/evidence", answers.evidence),
+            get("/c/{index:int}/clip/{number:int}", answers.clip),
+            get("/c/{index:int}/effects", answers.effects),
+            post("/c/{index:int}/model", answers.model),
+            post("/c/{index:int}/play", answers.play),
+            post("/c/{index:int}/job", answers.job),
+        ]
+    )
+
+
+def _place(desk: Desk, request: Request) -> tuple[int, ...]:
+    """Numbers in the address: of the campaign, and of what is asked of it."""
+    numbers = tuple(int(request.path_params[key]) for key in ("index", "number") if key in request.path_params)
+    if "index" in request.path_params and numbers[0] >= len(desk.campaigns):
+        raise HTTPException(404)
+    return numbers
+
+
+async def _body(request: Request) -> dict[str, Any]:
+    """The JSON object that was sent; a form or a plain text, which another page could send unasked, is refused."""
+    if request.headers.get("content-type") != "application/json":
+        raise HTTPException(415)
+    data = b""
+    async for part in request.stream():
+        data += part
+        if len(data) > LARGEST_BODY:
+            raise HTTPException(413)
+    try:
+        content = json.loads(data)
+    except ValueError as error:
+        raise HTTPException(400) from error
+    if not isinstance(content, dict):
+        raise HTTPException(400)
+    return content
+
+
+def _said(answer: Callable[..., Response], *arguments: Any) -> Response:
+    """The answer, or why there is none."""
+    try:
+        return answer(*arguments)
+    except RfeaError as error:
+        return JSONResponse({"error": str(error)}, 422)
+    except (KeyError, TypeError, ValueError) as error:
+        return JSONResponse({"error": f"the page asked for something that is not there ({error})"}, 400)
+
+
+def static(name: str) -> Response:
+    """A file of the page."""
+    file = resources.files("rfea_vision.workbench").joinpath("static", name)
+    kind = KINDS.get(Path(name).suffix)
+    if kind is None or "/" in name or not file.is_file():
+        raise HTTPException(404)
+    return Response(file.read_bytes(), media_type=kind)
+
+
+#: The report's scripts that the workbench draws with, in their order, and the names that its own modules take from them.
+REPORT_SCRIPTS = ("data", "pen", "plot", "time", "where", "shape", "stage", "controls")
+EXPORTED = (
+    "manifest", "state", "on", "tell", "series", "show", "extent", "nearest", "takeBlock", "unpacked", "experiment", "rung",
+    "prediction", "plots", "Figure", "scale", "padded", "axisX", "axisY", "area", "colours", "ticks", "timeBox", "timeScale",
+    "cursorAt", "download", "stage", "paintStage", "seek", "play", "pose", "poseTime", "setTime", "setWindow", "zoom", "step",
+    "chooseRung", "chooseExperiment", "holdEarlier", "showTime", "showMarks", "toggleScale", "toggleTheme", "setTheme", "jumpToPeak",
+    "forgetView",
+)  # fmt: skip
+
+
+def of_report(name: str) -> Response:
+    """The report's style sheet, and its scripts as one module."""
+    from rfea_vision.report.page import static as text_of
+
+    if name == "style.css":
+        return Response(str(text_of(name)), media_type="text/css")
+    if name != "report.js":
+        raise HTTPException(404)
+    parts = [str(text_of(f"{script}.js")) for script in REPORT_SCRIPTS]
+    return Response("\n".join([*parts, f"export {{{', '.join(EXPORTED)}}};"]), media_type="text/javascript")
+
+
+def events(desk: Desk) -> Callable[[Request], Awaitable[Response]]:
+    """Server-sent events of everything that happens."""
+
+    async def stream() -> AsyncIterator[str]:
+        queue = desk.listen()
+        try:
+            yield ": listening\n\n"
+            while not desk.ending():
+                try:
+                    event = await asyncio.wait_for(queue.get(), 0.5)
+                except TimeoutError:
+                    continue
+                yield f"data: {json.dumps(event, default=str)}\n\n"
+        finally:
+            desk.leave(queue)
+
+    async def endpoint(request: Request) -> Response:
+        return StreamingResponse(stream(), media_type="text/event-stream")
+
+    return endpoint
+
+
+__all__ = ["BINARY", "FileResponse", "application", "shown"]

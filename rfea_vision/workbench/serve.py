@@ -1,0 +1,61 @@
+"""Starting and stopping the server; heavy libraries are loaded behind the page's back."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import uvicorn
+
+from rfea_vision.workbench.desk import Desk
+from rfea_vision.workbench.guard import Guard
+from rfea_vision.workbench.routes import application
+
+TOKEN_BYTES = 24  # 192 bits: cannot be tried out
+
+
+def serve(folder: Path, *, out: Path | None = None, port: int = 0, ready: Callable[[str], None]) -> None:
+    """Serve the workbench of a campaign, or of a folder of campaigns, until interrupted.
+
+    Parameters
+    ----------
+    folder : campaign, lone experiment, or a folder that holds campaigns
+    out : where results go; default ``<campaign>/rfea``
+    port : of 127.0.0.1; 0 takes a free one
+    ready : called with the page's address once it answers
+
+    Raises
+    ------
+    InputError
+        If there is no campaign.
+    OSError
+        If the port is taken.
+    """
+    with socket.create_server(("127.0.0.1", port)) as listening:
+        port = listening.getsockname()[1]
+        token = secrets.token_urlsafe(TOKEN_BYTES)
+        desk = Desk(folder, out)
+        config = uvicorn.Config(
+            Guard(application(desk), token, port), log_level="error", lifespan="off", timeout_graceful_shutdown=1,
+            http="h11", ws="none", access_log=False, server_header=False,
+        )  # fmt: skip
+        server = uvicorn.Server(config)
+        desk.ending = lambda: server.should_exit
+        announce = threading.Thread(target=_announce, args=(server, ready, f"http://127.0.0.1:{port}/{token}/"))
+        announce.daemon = True
+        announce.start()
+        try:
+            server.run(sockets=[listening])
+        finally:
+            desk.close()
+
+
+def _announce(server: uvicorn.Server, ready: Callable[[str], None], address: str) -> None:
+    """Say the address once the server answers."""
+    while not server.started and not server.should_exit:
+        threading.Event().wait(0.01)
+    if server.started:
+        ready(address)

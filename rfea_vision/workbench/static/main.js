@@ -1,0 +1,153 @@
+// The page: which step is shown, what is next, what is under way. The steps themselves are modules of their own.
+import {Figure, chooseExperiment, chooseRung, experiment, manifest, on, paintStage, play as playFilm, seek, setTheme, setTime, show, showTime, state, step, takeBlock, tell, toggleTheme, zoom, pose, poseTime, showMarks, forgetView, stage, toggleScale} from "../report/report.js";
+import {every, h, one} from "./dom.js";
+import {ask, get, here, listenTo, packetOf} from "./server.js";
+import * as play from "./play.js";
+
+const steps = {play};
+export const campaign = {state: null, panel: "", job: null};
+const listen = (selector, event, action) => every(selector).forEach(element => element.addEventListener(event, () => action(element)));
+
+// What stands in the files: state first, then the series that the figures draw.
+export async function reload() {
+  campaign.state = await get("state");
+  one("#title").textContent = campaign.state.name;
+  document.title = `${campaign.state.name} · rfea workbench`;
+  const {header, block} = await packetOf(await fetch("evidence"));
+  const chosen = manifest.rungs[state.rung]?.model, run = experiment()?.name;
+  takeBlock(block);
+  Object.assign(manifest, header);
+  forgetView(); stage.films.clear();
+  play.keepLive();
+  state.rung = Math.max(0, manifest.rungs.findIndex(r => r.model === chosen));
+  showRungs(); showNext(); showLog();
+  for (const part of Object.values(steps)) part.reload?.(campaign.state);
+  chooseExperiment(Math.max(0, manifest.experiments.findIndex(e => e.name === run)));
+  tell("rung");
+}
+
+// The ladder of the rail: every model with its errors; the one that is played stands last.
+function showRungs() {
+  const rungs = manifest.rungs, values = rungs.flatMap(r => [r.train, r.validate, r.floor]).filter(v => v > 0).map(Math.log10);
+  const low = Math.min(...values) - 0.15, high = Math.max(...values) + 0.15, at = v => `${100 * (Math.log10(v) - low) / (high - low || 1)}%`;
+  one("#rungs").replaceChildren(...rungs.map((r, i) => h("button", {type: "button", role: "radio", class: "rung", data: {rung: r.model}, aria: {checked: String(i === state.rung)}, tabIndex: i === state.rung ? 0 : -1, onclick: () => pick(i)},
+    h("span", {class: "key"}, r.live ? "◆" : String(i + 1)), h("span", {class: "name"}, r.name),
+    h("span", {class: "dots", aria: {hidden: "true"}}, ...["floor", "train", "validate"].filter(kind => r[kind] > 0).map(kind => h("i", {class: kind, style: {left: at(r[kind])}}))),
+    h("span", {class: "error"}, h("span", {class: "sr"}, "Error: "), `${show(r.validate ?? r.train, 3)} ${r.unit}`))));
+  one("#rungs-legend").hidden = !rungs.length;
+}
+export function refreshRungs() { showRungs(); }
+function pick(index) { chooseRung(index); showRungs(); play.startFrom(manifest.rungs[index]); one("[role=radio][aria-checked=true]")?.focus(); }
+
+// One thing to do next, highlighted; it is the same sentence that the command line would end with.
+function showNext() {
+  const next = campaign.state.next, button = one("#next-do");
+  one("#next-say").textContent = next.say;
+  button.hidden = !next.label; button.textContent = next.label ?? "";
+  one("#next-command").textContent = "";
+}
+export async function doNext() {
+  const next = campaign.state?.next;
+  if (!next?.label) return;
+  go(next.panel);
+  if (next.experiment) chooseExperiment(manifest.experiments.findIndex(e => e.name === next.experiment));
+  if (next.do) await begin(next.do, next.options, next.label); else await guarded(reload);
+}
+
+// Begin a command on this campaign; what goes wrong is said on the page.
+export const begin = (what, options, label) => guarded(() => ask("job", {do: what, options, label}));
+export async function guarded(action) {
+  try { one("#fault").hidden = true; return await action(); } catch (error) { complain(error.message); return undefined; }
+}
+export function complain(sentence) { const fault = one("#fault"); fault.textContent = sentence; fault.hidden = false; }
+
+const settled = new Set();
+export function onJob(action) { settled.add(action); }
+function hear(event) {
+  if (event.event === "begun") campaign.job = event;
+  const mine = event.index === here, box = one("#job");
+  if (event.event === "begun") {
+    box.hidden = false; one("#job-label").textContent = event.label || event.do; one("#job-command").textContent = event.command ?? ""; one("#job-say").textContent = ""; one("#job-bar").removeAttribute("value");
+    one("#next").classList.add("busy");
+  }
+  if (event.event === "stage") one("#job-say").textContent = `${event.stage} ${event.subject}`;
+  if (event.event === "progress") { const bar = one("#job-bar"); bar.max = event.total || 1; if (event.total) bar.value = event.done; one("#job-say").textContent = `${event.stage} ${event.subject}: ${event.done} of ${event.total}`; }
+  if (event.event === "note" || (event.event === "ended" && event.sentence)) one("#said").textContent = event.sentence;
+  if (event.event === "note" && mine) guarded(reload);
+  if (["finished", "failed", "stopped"].includes(event.event)) {
+    box.hidden = true; one("#next").classList.remove("busy"); campaign.job = null;
+    if (event.event === "failed") complain(event.error);
+    if (mine) guarded(reload).then(() => settled.forEach(action => action(event)));
+  }
+  for (const part of Object.values(steps)) part.hear?.(event, mine);
+}
+
+function showLog() { one("#log").textContent = campaign.state.log.map(line => line.command).join("\n") || "Nothing yet: each action adds its command here."; }
+
+export function go(name) { location.hash = `#/${name}`; }
+function route() {
+  const wanted = location.hash.slice(2), name = wanted in steps ? wanted : here < 0 ? "batch" : steps[campaign.state?.next?.panel] ? campaign.state.next.panel : "play";
+  campaign.panel = name;
+  for (const panel of every("[data-panel]")) panel.hidden = panel.dataset.panel !== name;
+  for (const link of every(".places a")) { if (link.hash === `#/${name}`) link.setAttribute("aria-current", "step"); else link.removeAttribute("aria-current"); }
+  steps[name]?.shown?.();
+  Figure.redraw(); paintStage();
+}
+
+// Keys; none of them while one types.
+let going = false;
+const keys = {
+  ArrowLeft: event => step(event.shiftKey ? -10 : -1), ArrowRight: event => step(event.shiftKey ? 10 : 1), " ": () => playFilm(),
+  "[": () => chooseExperiment(state.experiment - 1), "]": () => chooseExperiment(state.experiment + 1),
+  "+": () => zoom("in"), "=": () => zoom("in"), "-": () => zoom("out"), 0: () => zoom("all"), t: toggleTheme, n: doNext, "?": () => one("#help").showModal(),
+};
+function listenKeys() {
+  addEventListener("keydown", event => {
+    const at = event.target instanceof Element ? event.target : document.body;
+    if (one("#help").open || at.matches("textarea, select, input:not([type=range]):not([type=checkbox])")) return;
+    if ((event.ctrlKey || event.metaKey) && event.key === "z") { event.preventDefault(); return play.undo(); }
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (at.matches("button, summary, a, input[type=checkbox]") && event.key === " ") return;
+    if (at.matches("input[type=range]") && event.key.startsWith("Arrow")) return;
+    if (going && /^[1-6]$/.test(event.key)) { location.hash = every(".places a")[Number(event.key) - 1].hash; going = false; return; }
+    going = event.key === "g";
+    const ladder = at.closest(".ladder");
+    if (ladder && (event.key === "ArrowUp" || event.key === "ArrowDown")) { event.preventDefault(); return pick(Math.min(manifest.rungs.length - 1, Math.max(0, state.rung + (event.key === "ArrowDown" ? 1 : -1)))); }
+    const action = keys[event.key] ?? keys[event.key.toLowerCase()];
+    if (action) { event.preventDefault(); action(event); }
+  });
+}
+
+function wire() {
+  listen("#theme", "click", toggleTheme);
+  listen("#keys", "click", () => one("#help").showModal());
+  listen("#next-do", "click", () => doNext());
+  listen("#job-stop", "click", () => guarded(() => ask("../../stop", {})));
+  listen("[data-zoom]", "click", element => zoom(element.dataset.zoom));
+  listen("#scrub", "input", element => setTime(poseTime(Number(element.value))));
+  listen("#play", "click", () => playFilm());
+  listen("#lens, #outline", "change", paintStage);
+  listen(".same-scale", "change", element => toggleScale(element.checked));
+  listenKeys();
+  on("rung experiment", showMarks);
+  on("rung", () => { Figure.redraw(); paintStage(); });
+  on("experiment", () => { const e = experiment(); if (e?.tp) one("#scrub").max = e.tp.shape[0] - 1; Figure.redraw(); paintStage(); });
+  on("window", () => Figure.redraw());
+  on("time", () => { showTime(); Figure.move(); seek(); paintStage(); });
+  new ResizeObserver(() => paintStage()).observe(stage.canvas.parentElement);
+  addEventListener("hashchange", route);
+  listenTo(hear);
+}
+
+async function start() {
+  setTheme(document.documentElement.dataset.theme);
+  state.same = false;
+  for (const element of every("[data-figure][data-height]")) element.style.setProperty("--height", `${element.dataset.height}px`);
+  for (const part of Object.values(steps)) part.build?.();
+  Figure.all = every("[data-figure]").map(element => new Figure(element));
+  wire();
+  if (here >= 0) await guarded(reload);
+  route();
+  document.documentElement.dataset.ready = "yes";
+}
+start();

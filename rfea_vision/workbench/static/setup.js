@@ -1,0 +1,231 @@
+// Set up by pointing: frames of every film, hints on top of them, the track while it is made, and why frames were refused.
+import {show} from "../report/report.js";
+import {every, h, one} from "./dom.js";
+import {ask, get} from "./server.js";
+import {begin, campaign, complain, guarded, onJob, reload as reloadAll} from "./main.js";
+
+const seen = {run: 0, frame: 0, film: null, picture: null, line: null, reason: "", tool: "look", points: [], cursor: null, tried: new Map(), photo: -1};
+const tools = {
+  look: {label: "Look", say: "Move through the film; choose what to point at."},
+  clamp: {label: "Clamp", count: 2, say: "Click the two edges of the first cross-section that is seen: left, then right."},
+  tip: {label: "Tip", count: 1, say: "Click the middle of the tube's free end."},
+  region: {label: "Region", box: true, say: "Drag a box around everywhere that the tube goes."},
+  exclude: {label: "Leave out", box: true, many: true, say: "Drag a box over a hose, a hand or a label that is not the tube."},
+};
+// Why a frame is refused, in words, and the tool that may mend it.
+const reasons = {
+  no_tube: ["no tube was found", "clamp", "Point at the clamp"], occluded: ["part of the tube was hidden", "exclude", "Leave out what hides it"], width_off: ["the width is not that of the tube", "clamp", "Point at both edges"],
+  length_off: ["the length is not that of the tube", "tip", "Point at the tip"], tip_hidden: ["the tip was hidden", "tip", "Point at the tip"], no_fit: ["the curve did not settle", "region", "Say where the tube is"],
+  blurred: ["the picture is blurred: film with a shorter exposure", null], touches_border: ["the tube leaves the picture: film with more room", null], duplicate: ["the recorder wrote the picture before once more", null],
+};
+const filmed = () => campaign.state.experiments.filter(e => e.pictures);
+const run = () => filmed()[seen.run];
+const numberOf = e => campaign.state.experiments.indexOf(e);
+
+export function build() {
+  one('[data-panel="setup"]').append(
+    h("h2", {}, "Set up by pointing"),
+    h("div", {class: "tabs", role: "tablist", id: "films", aria: {label: "Film"}}),
+    h("div", {class: "pointing", id: "pointing"},
+      h("div", {},
+        h("div", {class: "tools", role: "radiogroup", id: "tools", aria: {label: "What to point at"}}),
+        h("p", {class: "muted", id: "tool-say", role: "status"}),
+        h("canvas", {id: "frame", tabIndex: 0, role: "application", aria: {label: "Picture of the film. With the arrow keys the cross moves, with Enter it points."}}),
+        h("div", {class: "transport"}, h("input", {type: "range", id: "frame-slider", min: "0", max: "0", value: "0", aria: {label: "Frame"}}), h("output", {id: "frame-clock"})),
+        h("p", {id: "frame-reason", class: "muted"})),
+      h("aside", {class: "beside"},
+        h("h3", {}, "Pointed at"), h("ul", {class: "plainlist", id: "hints"}),
+        h("label", {class: "muted"}, h("input", {type: "checkbox", id: "for-all"}), "for all films (campaign.yaml)"),
+        h("div", {class: "buttons"}, h("button", {type: "button", id: "try", onclick: tryOut}, "Try the first 2 s"), h("button", {type: "button", id: "measure", onclick: () => begin("sync", {names: [run().name]}, `Measure ${run().name}`)}, "Measure this film")),
+        h("h3", {}, "Refused frames"), h("ul", {class: "plainlist", id: "refused"}),
+        h("h3", {}, "Photos of the board"), h("ul", {class: "plainlist", id: "photos"}))),
+    h("p", {class: "absent", id: "no-films", hidden: true}, "No run of this campaign has pictures: the tracks came from another tool."));
+  one("#frame-slider").addEventListener("input", event => showFrame(Number(event.target.value)));
+  pointing(one("#frame"));
+  new ResizeObserver(paint).observe(one("#pointing"));
+  onJob(event => { if (event.do === "try" && event.event === "finished" && event.result) one("#tool-say").textContent = `${event.result.good} of the first ${event.result.frames} frames were tracked.`; });
+}
+
+export function reload() {
+  const films = filmed();
+  one("#no-films").hidden = films.length > 0; one("#pointing").hidden = !films.length;
+  seen.run = Math.min(seen.run, Math.max(0, films.length - 1));
+  one("#films").replaceChildren(...films.map((e, i) => h("button", {type: "button", role: "tab", aria: {selected: String(i === seen.run)}, data: {film: e.name}, onclick: () => choose(i)}, e.name, " ", h("small", {}, e.tracked ? `${Math.round(100 * e.tracked.good / e.tracked.frames)} %` : "new"))));
+  if (!films.length) return;
+  one("#tools").replaceChildren(...Object.entries(tools).filter(([key]) => key === "look" || campaign.state.pointable.includes(key)).map(([key, tool]) => h("button", {type: "button", role: "radio", aria: {checked: String(key === seen.tool)}, data: {tool: key}, onclick: () => take(key)}, tool.label)));
+  showHints(); showRefused(); showPhotos();
+  if (campaign.panel === "setup") shown();
+}
+export function shown() { if (filmed().length) guarded(() => openFilm()); }
+async function choose(i) { seen.run = i; seen.film = null; seen.photo = -1; seen.points = []; reload(); }
+
+async function openFilm() {
+  const e = run();
+  if (seen.film?.name !== e.name) {
+    seen.film = {name: e.name, ...await get(`film/${numberOf(e)}`)};
+    one("#frame-slider").max = seen.film.frames - 1;
+    seen.frame = Math.min(seen.frame, seen.film.frames - 1);
+  }
+  await showFrame(seen.frame);
+}
+
+// Pictures are asked for one at a time; of those that wait only the last counts.
+let busy = false;
+async function showFrame(frame) {
+  seen.frame = frame; seen.photo = -1;
+  one("#frame-slider").value = frame;
+  one("#frame-clock").textContent = `${(seen.film.times[frame] ?? 0).toFixed(3)} s`;
+  if (busy) return;
+  busy = true;
+  let shownFrame = -1;
+  while (shownFrame !== seen.frame) {
+    shownFrame = seen.frame;
+    const number = numberOf(run()), picture = new Image();
+    picture.src = `picture/${number}?frame=${shownFrame}`;
+    try {
+      const [outline] = await Promise.all([get(`outline/${number}?frame=${shownFrame}`), picture.decode()]);
+      Object.assign(seen, {picture, line: outline.line, reason: outline.reason});
+    } catch (error) { complain(error.message); break; }
+    paint();
+  }
+  busy = false;
+  one("#frame-reason").textContent = seen.reason ? `Refused: ${reasons[seen.reason.split(":")[0]]?.[0] ?? seen.reason}.` : "";
+}
+async function showPhoto(index) {
+  const picture = new Image();
+  picture.src = `photo/${index}`;
+  try { await picture.decode(); } catch { return complain("this photo cannot be read"); }
+  Object.assign(seen, {picture, line: null, reason: "", photo: index});
+  one("#frame-reason").textContent = campaign.state.photos[index].note;
+  paint();
+}
+
+// -- drawing ---------------------------------------------------------------------------------------------------------------
+const fitTo = () => { const canvas = one("#frame"), wide = canvas.parentElement.clientWidth, p = seen.picture; return p ? Math.min(wide / p.naturalWidth, 640 / p.naturalHeight) : 1; };
+export function paint() {
+  const canvas = one("#frame"), p = seen.picture;
+  if (!p || !canvas.parentElement.clientWidth) return;
+  const k = fitTo(), dense = Math.min(3, devicePixelRatio || 1), w = p.naturalWidth * k, tall = p.naturalHeight * k;
+  canvas.style.width = `${w}px`; canvas.style.height = `${tall}px`;
+  canvas.width = Math.round(w * dense); canvas.height = Math.round(tall * dense);
+  const c = canvas.getContext("2d");
+  c.setTransform(dense, 0, 0, dense, 0, 0);
+  c.drawImage(p, 0, 0, w, tall);
+  if (seen.photo >= 0) return;
+  // pixel (0, 0) is the middle of the first pixel
+  const s = k * p.naturalWidth / seen.film.width, at = ([x, y]) => [(x + 0.5) * s, (y + 0.5) * s];
+  const stroke = (points, colour, width, dash = []) => { c.beginPath(); points.map(at).forEach(([x, y], i) => i ? c.lineTo(x, y) : c.moveTo(x, y)); c.setLineDash(dash); c.strokeStyle = "rgb(0 0 0 / .55)"; c.lineWidth = width + 2; c.stroke(); c.strokeStyle = colour; c.lineWidth = width; c.stroke(); c.setLineDash([]); };
+  const dot = (point, colour) => { const [x, y] = at(point); c.beginPath(); c.arc(x, y, 4.5, 0, 7); c.fillStyle = colour; c.fill(); c.strokeStyle = "#fff"; c.lineWidth = 1.5; c.stroke(); };
+  const box = ([x, y, w0, h0], colour, fill) => { const [a, b] = at([x, y]); if (fill) { c.fillStyle = fill; c.fillRect(a, b, w0 * s, h0 * s); } c.strokeStyle = colour; c.lineWidth = 2; c.setLineDash([6, 4]); c.strokeRect(a, b, w0 * s, h0 * s); c.setLineDash([]); };
+  const hints = run().hints;
+  if (hints.region) box(hints.region, "#2ec4a0");
+  for (const one_ of hints.exclude ?? []) box(one_, "#ff7b6b", "rgb(255 123 107 / .25)");
+  if (run().sync.box) box(run().sync.box, "#f0e442");
+  const tried = seen.tried.get(run().name)?.[seen.frame], line = tried ? tried.line : seen.line;
+  if (line) stroke(line, tried ? "#2ec4a0" : "#56b4e9", 2.5);
+  if (hints.clamp) { stroke(hints.clamp, "#f0932b", 2); hints.clamp.forEach(point => dot(point, "#f0932b")); }
+  if (hints.tip) dot(hints.tip, "#dd9dc2");
+  seen.points.forEach(point => dot(point, "#f0e442"));
+  if (seen.drag) box(boxOf(seen.drag), "#f0e442");
+  if (seen.cursor) { const [x, y] = at(seen.cursor); c.strokeStyle = "#fff"; c.lineWidth = 1; c.beginPath(); c.moveTo(x - 12, y); c.lineTo(x + 12, y); c.moveTo(x, y - 12); c.lineTo(x, y + 12); c.stroke(); }
+}
+const boxOf = ([[x0, y0], [x1, y1]]) => [Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0)].map(v => Math.round(v));
+
+// -- pointing: with mouse, finger or keys -----------------------------------------------------------------------------------
+export const pixelOf = (canvas, event, film) => { const r = canvas.getBoundingClientRect(), s = film.width / r.width; return [(event.clientX - r.left) * s - 0.5, (event.clientY - r.top) * s - 0.5].map(v => Math.round(10 * v) / 10); };
+function pointing(canvas) {
+  canvas.addEventListener("pointerdown", event => {
+    const tool = tools[seen.tool];
+    if (seen.tool === "look" || !seen.film) return;
+    const at = pixelOf(canvas, event, seen.film);
+    if (tool.box) { seen.drag = [at, at]; canvas.setPointerCapture(event.pointerId); } else point(at);
+    paint();
+  });
+  canvas.addEventListener("pointermove", event => { if (seen.drag) { seen.drag[1] = pixelOf(canvas, event, seen.film); paint(); } });
+  canvas.addEventListener("pointerup", () => { const drag = seen.drag; seen.drag = null; if (drag) finishBox(boxOf(drag)); });
+  canvas.addEventListener("keydown", event => {
+    const by = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1]}[event.key], far = event.shiftKey ? 25 : 5;
+    if (seen.tool === "look" || !seen.film || !(by || event.key === "Enter")) return;
+    event.preventDefault(); event.stopPropagation();
+    seen.cursor ??= [seen.film.width / 2, seen.film.height / 2];
+    if (by) { seen.cursor = [seen.cursor[0] + far * by[0], seen.cursor[1] + far * by[1]]; one("#tool-say").textContent = `Column ${seen.cursor[0]}, row ${seen.cursor[1]}.`; paint(); return; }
+    if (!tools[seen.tool].box) return point([...seen.cursor]);
+    seen.points.push([...seen.cursor]);
+    if (seen.points.length === 2) { const corners = seen.points; seen.points = []; finishBox(boxOf(corners)); }
+    paint();
+  });
+}
+function take(key) {
+  seen.tool = key; seen.points = []; seen.cursor = null;
+  for (const button of every("#tools button")) button.setAttribute("aria-checked", String(button.dataset.tool === key));
+  one("#tool-say").textContent = tools[key].say + (key === "look" ? "" : " Hints are for the first frame, which is shown.");
+  if (key !== "look" && seen.frame) showFrame(0); // hints are pixels of the first frame
+  if (key !== "look") one("#frame").focus();
+}
+function point(at) {
+  seen.points.push(at);
+  const tool = tools[seen.tool];
+  if (seen.points.length < tool.count) return paint();
+  const points = seen.points;
+  seen.points = [];
+  keep(seen.tool, tool.count === 1 ? points[0] : points);
+}
+function finishBox(box) {
+  if (box[2] < 3 || box[3] < 3) return paint();
+  keep(seen.tool, tools[seen.tool].many ? [...(run().hints[seen.tool] ?? []), box] : box);
+}
+
+// A hint goes into the files at once; taken away, its key is set to null.
+async function keep(key, value) {
+  const said = await guarded(() => ask(`hint/${numberOf(run())}`, {key, value, all: one("#for-all").checked}));
+  if (!said) return;
+  take("look");
+  seen.tried.delete(run().name);
+  one("#tool-say").textContent = `${said.file}: camera.${key} ${value === null ? "taken away" : "written"}.`;
+  await guarded(reloadAll);
+}
+function showHints() {
+  const hints = run().hints, words = {clamp: v => `${v[0].join(", ")} to ${v[1].join(", ")} px`, tip: v => `${v.join(", ")} px`, region: v => `${v[2]} × ${v[3]} px at ${v[0]}, ${v[1]}`, exclude: v => v.length === 1 ? "one box" : `${v.length} boxes`};
+  const there = Object.keys(words).filter(key => hints[key] && (!Array.isArray(hints[key]) || hints[key].length));
+  one("#hints").replaceChildren(...there.map(key => h("li", {}, h("b", {}, tools[key].label), " ", h("span", {class: "muted"}, words[key](hints[key])), " ", h("button", {type: "button", class: "plain", aria: {label: `Take ${tools[key].label} away`}, onclick: () => keep(key, null)}, "take away"))),
+    ...(there.length ? [] : [h("li", {class: "muted"}, "Nothing: the tube is looked for in the whole picture.")]));
+}
+
+function showRefused() {
+  const found = run().tracked?.reasons ?? {}, count = run().tracked;
+  one("#refused").replaceChildren(...(count ? [h("li", {class: "muted"}, `${count.frames - count.good} of ${count.frames} frames${run().changed ? "; the hints have changed since" : ""}.`)] : [h("li", {class: "muted"}, "Not measured yet.")]),
+    ...Object.entries(found).map(([reason, number]) => {
+      const [words, tool, remedy] = reasons[reason.split(":")[0]] ?? [reason, null];
+      return h("li", {}, h("b", {}, String(number)), ` ${words} `, h("button", {type: "button", class: "plain", onclick: () => nextRefused(reason)}, "show"), tool && campaign.state.pointable.includes(tool) ? h("button", {type: "button", class: "plain remedy", onclick: () => take(tool)}, remedy) : null);
+    }));
+}
+async function nextRefused(reason) {
+  const {frames} = await get(`refused/${numberOf(run())}?reason=${encodeURIComponent(reason)}`);
+  const next = frames.find(frame => frame > seen.frame) ?? frames[0];
+  if (next !== undefined) showFrame(next);
+}
+function showPhotos() {
+  one("#photos").replaceChildren(...campaign.state.photos.map((photo, i) => h("li", {}, h("button", {type: "button", class: "plain", onclick: () => showPhoto(i)}, photo.name), " ", h("span", {class: "muted"}, photo.note))),
+    ...(campaign.state.photos.length ? [] : [h("li", {class: "muted"}, "None: the scale comes from elsewhere.")]));
+}
+
+// -- the track of the first seconds, over the film while it is made ---------------------------------------------------------
+async function tryOut() {
+  const name = run().name;
+  seen.tried.set(name, []);
+  take("look");
+  await guarded(() => ask(`try/${numberOf(run())}`, {seconds: 2}));
+}
+export function hear(event, mine) {
+  if (!mine || event.event !== "tried") return;
+  const had = seen.tried.get(event.name)?.length ?? 0;
+  seen.tried.set(event.name, event.frames);
+  const refused = event.frames.filter(frame => frame.reason).length;
+  one("#tool-say").textContent = `${event.frames.length - refused} of the first ${event.frames.length} frames tracked${refused ? `; refused: ${reasons[event.frames.find(f => f.reason).reason.split(":")[0]]?.[0] ?? event.frames.find(f => f.reason).reason}` : ""}.`;
+  if (event.name === run()?.name) follow(had, event.frames.length);
+}
+async function follow(from, to) { // run through what is new, a frame in so many that it takes about a second
+  const step = Math.max(1, Math.round((to - from) / 12));
+  for (let frame = from; frame < to; frame += step) { await showFrame(frame); await new Promise(done => setTimeout(done, 60)); }
+  showFrame(to - 1);
+}

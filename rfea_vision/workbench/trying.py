@@ -1,0 +1,86 @@
+"""Hints tried out on the first seconds of a film: the track appears over the picture while it is made."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfea_vision.calibration.projection import camera_vector, project
+from rfea_vision.errors import DataError, InputError
+from rfea_vision.readers.video import FrameSource, Luma
+from rfea_vision.stages import open_campaign
+from rfea_vision.stages.measurement import follow, open_source
+from rfea_vision.vision.clip import rig_to_plane
+from rfea_vision.vision.track import matched_to
+
+#: The film is followed from its first frame in ever longer pieces, each the very track that `rfea track` would make of it: the
+#: first is there at once, and all together cost one and a half times the last.
+FIRST_FRAMES, LONGER = 24, 3
+
+
+@dataclass(frozen=True)
+class Beginning(FrameSource):
+    """The first frames of another source."""
+
+    whole: FrameSource = field(kw_only=True)
+    count: int = field(kw_only=True)
+
+    def times_s(self) -> np.ndarray:
+        """Time of every frame in s."""
+        return self.whole.times_s()[: self.count]
+
+    def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
+        """Frames up to the last of the beginning."""
+        yield from itertools.islice(self.whole.frames(start_frame), max(self.count - start_frame, 0))
+
+
+def try_hints(
+    campaign: Path, out: str | None, say: Callable[[dict[str, Any]], None], *, name: str, seconds: float
+) -> dict[str, Any]:
+    """Follow the tube through the first seconds of one film with the hints that now stand in the files.
+
+    Every piece is told as it is there: ``{"event": "tried", "name", "frames": [{"frame", "reason", "line"}, ...]}``, lines in
+    pixels.
+
+    Raises
+    ------
+    InputError, DataError
+        As `rfea track` would; nothing is written but the calibration.
+    """
+    work = open_campaign(campaign, out)
+    experiment = work.campaign.experiment(name)
+    if experiment.video is None:
+        raise InputError(f"{name}: has no pictures to point at")
+    calibration = work.calibration_of(experiment).value
+    source = open_source(experiment.video)
+    total = int(np.searchsorted(source.times_s(), seconds))
+    camera = camera_vector(matched_to(calibration, source))
+    count, good, failure = FIRST_FRAMES, 0, ""
+    while True:
+        count = min(count, total)
+        piece = Beginning(source.path, source.size, count, source.rate_Hz, whole=source, count=count)
+        try:
+            track = follow(experiment, calibration, piece)
+        except DataError as error:
+            failure = str(error)
+        else:
+            failure = ""
+            lines = project(camera, rig_to_plane(track, track.dataset["midline"].values)).round(1)
+            reasons = track.dataset["reason"].values.astype(str)
+            frames = [
+                {"frame": number, "reason": reason, "line": None if reason else line.tolist()}
+                for number, (reason, line) in enumerate(zip(reasons, lines, strict=True))
+            ]
+            good = int(track.valid.sum())
+            say({"event": "tried", "name": name, "frames": frames})
+        if count >= total:
+            break
+        count *= LONGER
+    if failure:
+        raise DataError(failure)
+    return {"frames": total, "good": good}

@@ -1,0 +1,112 @@
+"""A small campaign of the twin that hides one effect, the workbench opened on it, and a Chromium that Playwright drives."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rfea_vision.stages import open_campaign
+from rfea_vision.twin import TwinOptions, parse_hidden, simulate
+
+SEGMENTS = 4
+HIDDEN = {"k1": 0.2, "T": 0.5}
+
+
+@dataclass(frozen=True)
+class Served:
+    """A workbench that runs: its address, and the folder that it was opened on."""
+
+    address: str
+    folder: Path
+    process: subprocess.Popen[str]
+
+
+@pytest.fixture(scope="session")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two training runs and a held-out one of 2 s as tracks, and the paper's model fitted to them."""
+    folder = tmp_path_factory.mktemp("twin") / "tube-A"
+    options = TwinOptions(
+        hidden=parse_hidden([f"maxwell.{name}={value}{'s' if name == 'T' else ''}" for name, value in HIDDEN.items()]),
+        roles=("train", "train", "validate"), duration_s=2.0, rate_Hz=60, noise_mm=0.03, sync="common_clock", seed=3,
+    )  # fmt: skip
+    simulate(folder, options)
+    open_campaign(folder).fit(segments=SEGMENTS)
+    return folder
+
+
+@pytest.fixture
+def campaign(fitted: Path, tmp_path: Path) -> Path:
+    """A copy that a test may change."""
+    return Path(shutil.copytree(fitted, tmp_path / "tube-A"))
+
+
+@pytest.fixture(scope="module")
+def serve() -> Iterator[Callable[..., Served]]:
+    """Open the workbench on a folder; it is ended after the tests of a file."""
+    open_ones: list[subprocess.Popen[str]] = []
+
+    def begin(folder: Path) -> Served:
+        code = "import sys; from rfea_vision.cli import main; main(sys.argv[1:])"
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, "open", str(folder), "--no-browser"], stdout=subprocess.PIPE, text=True
+        )
+        open_ones.append(process)
+        assert process.stdout is not None
+        return Served(process.stdout.readline().strip(), folder, process)
+
+    yield begin
+    for process in open_ones:
+        process.send_signal(signal.SIGINT)
+    assert [process.wait(timeout=20) for process in open_ones] == [0] * len(open_ones), "Ctrl-C did not end it cleanly"
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    from playwright.sync_api import sync_playwright
+
+    executable = next(
+        (path for path in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if path), None
+    )
+    if executable is None:
+        if os.environ.get("CI"):
+            pytest.fail("CI is set but there is no Chromium: install the package chromium")
+        pytest.skip("no Chromium on this machine: install the package chromium to run these tests")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(chromium: Any) -> Iterator[Callable[..., Any]]:
+    """Open an address; at the end the page must not have complained, nor asked anybody else for anything."""
+    pages: list[tuple[Any, list[str], list[str]]] = []
+
+    def go(address: str, *, width: int = 1280, height: int = 900, wait: bool = True) -> Any:
+        page = chromium.new_page(viewport={"width": width, "height": height})
+        page.set_default_timeout(30_000)
+        complaints: list[str] = []
+        requests: list[str] = []
+        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: requests.append(request.url))
+        pages.append((page, complaints, requests))
+        page.goto(address)
+        if wait:
+            page.wait_for_selector("html[data-ready=yes]")
+        return page
+
+    yield go
+    for page, complaints, requests in pages:
+        page.close()
+        assert complaints == []
+        assert {url.split("/")[2] for url in requests if url.startswith("http")} <= {requests[0].split("/")[2]}

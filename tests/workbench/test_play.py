@@ -1,0 +1,58 @@
+"""A look says what the fit says."""
+
+from __future__ import annotations
+
+import pytest
+
+from rfea_vision.artefacts import ModelFit
+from rfea_vision.errors import InputError
+from rfea_vision.report.collect import collect
+from rfea_vision.workbench.play import Chosen, Player
+
+
+@pytest.fixture(scope="module")
+def player(fitted):
+    return Player({item.name: item for item in collect(fitted / "rfea").experiments})
+
+
+@pytest.fixture(scope="module")
+def base(fitted):
+    return ModelFit.load(fitted / "rfea" / "models" / "base" / "model.json")
+
+
+def test_a_look_at_fitted_values_has_the_errors_of_the_fit(player, base):
+    chosen = Chosen(base, ())
+    exact, _ = player.play(chosen, {}, "mixed-3", exact=True)
+    quick, _ = player.play(chosen, {}, "mixed-3")
+    assert exact["train"] == pytest.approx(base.metrics["train"].tip_rmse_mm, abs=1e-6)
+    for name, score in base.experiments.items():
+        assert exact["runs"][name] == pytest.approx(score.tip_rmse_mm, abs=1e-6)
+        assert quick["runs"][name] == pytest.approx(score.tip_rmse_mm, abs=2e-3)
+
+
+def test_an_effect_of_the_catalogue_is_absent_until_its_slider_moves(player, base):
+    chosen = Chosen(base, ("maxwell",))
+    sliders = {slider.name: slider for slider in player.open(chosen)}
+    amplitude = sliders["maxwell.k1"]
+    assert amplitude.value == amplitude.zero == 0.0 and amplitude.low <= 0.0 < amplitude.high
+    absent, _ = player.play(chosen, {}, "mixed-3", exact=True)
+    there, _ = player.play(chosen, {"maxwell.k1": 0.2, "maxwell.T": 0.5}, "mixed-3")
+    assert absent["validate"] == pytest.approx(base.metrics["validate"].tip_rmse_mm, abs=1e-6)
+    assert abs(there["validate"] - absent["validate"]) > 0.1
+
+
+def test_every_slider_holds_its_fitted_value_and_interval(player, base):
+    for slider in player.open(Chosen(base, ())):
+        known = base.parameters[slider.name]
+        assert slider.low < slider.value < slider.high and slider.value == known.value and slider.unit == known.unit
+        assert slider.interval is None or slider.interval == known.interval_95
+
+
+def test_values_that_no_tube_survives_are_said_not_drawn(player, base):
+    header, _ = player.play(Chosen(base, ()), {"k_ref": 1e-6, "k_slope": 0.0}, "mixed-3")
+    assert header["validate"] is None and "cannot be simulated" in header["run"]["why"]["prediction"]
+
+
+def test_a_test_run_or_an_unknown_one_is_not_shown(player, base):
+    with pytest.raises(InputError, match="no training or held-out run"):
+        player.play(Chosen(base, ()), {}, "elsewhere")

@@ -1,0 +1,91 @@
+"""One key is set; comments, order and form of everything else stay as people left them."""
+
+from __future__ import annotations
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rfea_vision.errors import InputError
+from rfea_vision.workbench.yaml_edit import set_keys, with_key
+
+WRITTEN = """# our tube, see lab book p. 12
+format: rfea-campaign/1
+name: "tube A"   # silicone
+camera:
+  board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}  # bought
+  photos:
+    - a.jpg
+    - b.jpg
+  # the clamp is found well enough
+
+sync: motion # try led
+"""
+CLAMP = [[10.5, 20], [30, 20]]
+
+
+@pytest.mark.parametrize(
+    ("keys", "value", "there"),
+    [
+        (
+            ("camera", "clamp"),
+            CLAMP,
+            "  photos:\n    - a.jpg\n    - b.jpg\n  clamp: [[10.5, 20], [30, 20]]\n  # the clamp",
+        ),
+        (("camera", "board", "marker"), "8 mm", "square: 12 mm, marker: 8 mm}  # bought"),
+        (("camera", "board", "square"), "10 mm", "square: 10 mm}  # bought"),
+        (("camera", "photos"), "c.jpg", "  photos: c.jpg\n  # the clamp"),
+        (("name",), "tube B", "name: tube B   # silicone"),
+        (("sync",), {"method": "offset", "value": "12.5 ms"}, "sync: {method: offset, value: 12.5 ms} # try led"),
+        (("rig", "gravity"), "up", "sync: motion # try led\nrig:\n  gravity: up\n"),
+    ],
+)
+def test_only_the_key_changes(keys, value, there):
+    changed = with_key(WRITTEN, keys, value)
+    assert there in changed
+    for comment in (
+        "# our tube, see lab book p. 12",
+        "# silicone",
+        "# bought",
+        "# the clamp is found well enough",
+        "# try led",
+    ):
+        assert comment in changed
+
+
+def test_a_value_set_twice_stands_once():
+    once = with_key(WRITTEN, ("camera", "clamp"), CLAMP)
+    assert with_key(once, ("camera", "clamp"), CLAMP) == once
+    assert with_key(once, ("camera", "clamp"), None).count("clamp:") == 1
+
+
+def test_windows_line_ends_stay(tmp_path):
+    file = tmp_path / "campaign.yaml"
+    file.write_bytes(WRITTEN.replace("\n", "\r\n").encode())
+    set_keys(file, {("camera", "tip"): [1, 2]})
+    assert file.read_bytes().count(b"\r\n") == file.read_bytes().count(b"\n") == WRITTEN.count("\n") + 1
+
+
+@pytest.mark.parametrize("text", ["a: &x {b: 1}\ncamera: *x\n", "camera: [1, 2]\n- b\n"])
+def test_what_cannot_be_changed_alone_is_left(tmp_path, text):
+    file = tmp_path / "campaign.yaml"
+    file.write_text(text)
+    with pytest.raises(InputError, match="by hand"):
+        set_keys(file, {("camera", "clamp"): CLAMP})
+    assert file.read_text() == text
+
+
+names = st.text("abcxyz_", min_size=1, max_size=4)
+leaves = st.one_of(
+    st.integers(-9, 9), st.text("ab :#'\"é", max_size=6), st.none(), st.lists(st.integers(0, 9), max_size=3)
+)
+trees = st.dictionaries(names, st.one_of(leaves, st.dictionaries(names, leaves, max_size=3)), min_size=1, max_size=4)
+
+
+@given(trees, names, names, leaves, st.sampled_from([True, False, None]))
+def test_any_key_of_any_file(tree, first, second, value, style):
+    text = yaml.safe_dump(tree, default_flow_style=style, allow_unicode=True)
+    changed = yaml.safe_load(with_key(text, (first, second), value))
+    inner = tree.get(first) if isinstance(tree.get(first), dict) else {}
+    assert changed == {**tree, first: {**inner, second: value}}
