@@ -27,6 +27,7 @@ _COMMON_UNITS = (
     "MPa",
     "bar",
     "mbar",
+    "hPa",
     "psi",
     "s",
     "ms",
@@ -83,6 +84,17 @@ def conversion_factor(unit: str, to: str) -> float:
     if have.dimensionality != want.dimensionality:
         raise ValueError(f"'{unit}' is not a unit of the right kind; write one that converts to '{to}'")
     return float(_registry().Quantity(1.0, have).to(want).magnitude)
+
+
+_REFERENCED = re.compile(r"^(bar|psi|kPa|MPa|Pa|mbar|hPa)\s*[\[(]?(g|a|gauge|abs|absolute|rel)[\])]?$", re.IGNORECASE)
+
+
+def pressure_unit(text: str) -> tuple[str, str | None]:
+    """Take apart ``psig``, ``bar(a)``, ``kPa abs``: the unit, and ``gauge``, ``absolute`` or None."""
+    match = _REFERENCED.match(text.strip())
+    if match is None:
+        return text, None
+    return match[1], "absolute" if match[2].lower().startswith("a") else "gauge"
 
 
 def parse_quantity(value: object, to: str, *, example: str) -> float:

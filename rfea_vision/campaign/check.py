@@ -114,7 +114,13 @@ def _experiment_problems(experiment: ExperimentSpec) -> list[Problem]:
         elif experiment.track is not None:
             from rfea_vision.readers.tracks import read_track
 
-            track_s = read_track(experiment.track.file, bends=experiment.actuator.bends).time_s
+            by_camera = experiment.camera is not None and experiment.track.scale_mm is None
+            track_s = read_track(
+                experiment.track.file,
+                bends=experiment.actuator.bends,
+                spec=experiment.track,
+                to_rig_mm=(lambda pixels: pixels) if by_camera else None,  # lengths are not what is looked at here
+            ).time_s
     except RfeaError as error:
         key = "track" if experiment.track is not None else "video"
         problems.append(Problem(file, str(error), key, experiment=experiment.name))

@@ -9,7 +9,15 @@ from pathlib import Path
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.campaign.problems import Problem, problem_at
 from rfea_vision.campaign.reach import REMEDY, Reach, is_file, is_folder
-from rfea_vision.campaign.schema import CameraPart, ExperimentFile, PlumbPart, PressurePart, ScalePart, SyncPart
+from rfea_vision.campaign.schema import (
+    CameraPart,
+    ExperimentFile,
+    PlumbPart,
+    PressurePart,
+    ScalePart,
+    SyncPart,
+    TrackPart,
+)
 from rfea_vision.campaign.specs import (
     CameraSpec,
     ExperimentSpec,
@@ -275,8 +283,7 @@ def _source(parsed: ExperimentFile, finder: _Finder) -> tuple[VideoSpec | None, 
         return None, None
     if names == ["track"]:
         assert parsed.track is not None
-        path = finder.file("track.file", parsed.track.file)
-        return None, TrackSpec(path) if path is not None else None
+        return None, _track(parsed.track, finder)
     if names == ["frames"]:
         assert parsed.frames is not None
         folder = finder.file("frames.folder", parsed.frames.folder, folder=True)
@@ -285,6 +292,25 @@ def _source(parsed: ExperimentFile, finder: _Finder) -> tuple[VideoSpec | None, 
         return VideoSpec(None, folder, times, parsed.frames.rate, within), None
     assert parsed.video is not None
     return VideoSpec(finder.file("video.file", parsed.video.file), rate_Hz=parsed.video.rate), None
+
+
+def _track(part: TrackPart, finder: _Finder) -> TrackSpec | None:
+    path = finder.file("track.file", part.file)
+    if path is None:
+        return None
+    named = ["all"] if part.points == "all" else part.points or []
+    return TrackSpec(
+        path,
+        points=tuple(tuple(item) if isinstance(item, list) else (item,) for item in named),
+        individual=part.individual,
+        axes=part.axes,
+        scale_mm=None if part.scale is None else 1e3 * part.scale,
+        rate_Hz=part.rate,
+        origin=None if part.origin is None else tuple(part.origin),
+        confidence=part.confidence,
+        time=part.time,
+        angle=part.angle,
+    )
 
 
 def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
@@ -305,7 +331,8 @@ def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
         unit=part.unit,
         time_unit=part.time_unit,
         reference=part.reference,
-        ambient_kPa=part.ambient,
+        ambient_kPa=part.ambient if isinstance(part.ambient, float) else 0.0,
+        ambient=part.ambient if isinstance(part.ambient, str) else None,
         folder=finder.folders[0],
     )
 

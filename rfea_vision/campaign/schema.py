@@ -6,11 +6,12 @@ These models describe one file as it is written. Inheritance, paths and whatever
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
-from rfea_vision.units import conversion_factor, parse_quantity
+from rfea_vision.units import conversion_factor, parse_quantity, pressure_unit
 
 
 def _quantity(unit: str, example: str, *, positive: bool = False) -> BeforeValidator:
@@ -36,9 +37,16 @@ def _text(value: object) -> object:
     return value if value is None or isinstance(value, bool | list | dict) else str(value)
 
 
+def _pressure_or_column(value: object) -> object:
+    """Read a quantity in kPa; what begins with no number names a column of the log."""
+    if isinstance(value, str) and not re.match(r"\s*[+-]?[.\d]", value):
+        return value
+    return parse_quantity(value, "kPa", example="101.3 kPa")
+
+
 def _pressure_unit(value: object) -> object:
     if isinstance(value, str):
-        conversion_factor(value, "kPa")
+        conversion_factor(pressure_unit(value)[0], "kPa")
     return value
 
 
@@ -100,9 +108,10 @@ Offset = Annotated[float, _quantity("m", "3 mm"), _shown("3 mm")]
 Density = Annotated[float, _quantity("kg/m^3", "965 kg/m^3", positive=True), _shown("965 kg/m^3")]
 Duration = Annotated[float, _quantity("s", "12 ms"), _shown("12 ms")]
 Rate = Annotated[float, _quantity("Hz", "240 Hz", positive=True), _shown("240 Hz")]
-Pressure = Annotated[float, _quantity("kPa", "101.3 kPa"), _shown("101.3 kPa")]
 Text = Annotated[str, BeforeValidator(_text)]
 Rgb = Annotated[tuple[int, int, int], BeforeValidator(_colour)]
+Ambient = Annotated[float | str, BeforeValidator(_pressure_or_column), _shown("101.3 kPa")]
+Axis = Annotated[Literal["x", "y", "z", "-x", "-y", "-z"], BeforeValidator(_text)]
 PixelPair = tuple[tuple[float, float], tuple[float, float]]
 PixelBox = tuple[float, float, Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 Role = Literal["train", "validate", "test", "ignore"]
@@ -196,13 +205,32 @@ class FramesPart(_Part):
 
 
 class TrackPart(_Part):
-    """A track made by another tool."""
+    """A track made by another tool.
+
+    Of a file with named points (DeepLabCut, SLEAP, Tierpsy, movement, c3d, or columns such as ``tip_x_px``): `points` from the
+    clamp to the tip, a list in the list being a group whose mean counts, or ``all``; `individual`; `axes` of the file that
+    are the rig's x and y, such as ``[x, -z]``; `scale`, the length of one unit of the file; `rate`, where it names no times;
+    `origin`, where the clamp is in the file's units; `confidence`, below which a point is not taken. Of a table, `time` and
+    `angle` name columns that are not called ``time_s`` and ``angle_deg``; their units are those of the header.
+    """
 
     file: str | None = None
+    points: Literal["all"] | list[Text | list[Text]] | None = None
+    individual: Text | None = None
+    axes: tuple[Axis, Axis] | None = None
+    scale: Length | None = None
+    rate: Rate | None = None
+    origin: list[float] | None = Field(None, min_length=2, max_length=3)
+    confidence: Annotated[float, Field(ge=0.0, le=1.0)] = 0.6
+    time: Text | None = None
+    angle: Text | None = None
 
 
 class PressurePart(_Part):
-    """The pressure log: a table in a file or from a database, the columns to take, and their units."""
+    """The pressure log: a table in a file or from a database, the columns to take, and their units.
+
+    `ambient` is a pressure or the name of a column; without `reference`, a unit such as ``psia`` or ``bar(g)`` says it.
+    """
 
     file: str | None = None
     url: str | None = None
@@ -211,8 +239,8 @@ class PressurePart(_Part):
     pressure: Text | None = None
     unit: Annotated[str | None, BeforeValidator(_pressure_unit)] = None
     time_unit: Annotated[str | None, BeforeValidator(_time_unit)] = None
-    reference: Literal["gauge", "absolute"] = "gauge"
-    ambient: Pressure = 101.325
+    reference: Literal["gauge", "absolute"] | None = None
+    ambient: Ambient = 101.325
 
 
 class SyncPart(_Part):

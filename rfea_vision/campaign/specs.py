@@ -59,14 +59,34 @@ class VideoSpec:
 
 @dataclass(frozen=True)
 class TrackSpec:
-    """A track made by another tool."""
+    """A track made by another tool; of named points, which lie on the tube and how they become mm in the rig frame.
+
+    Attributes
+    ----------
+    points : from the clamp to the tip; of a group the mean counts; ``("all",)`` for all in the file's order
+    axes : of the file, that are the rig's x and y, such as ``("x", "-z")``
+    scale_mm : length of one unit of the file
+    rate_Hz : of the frames, where the file names no times
+    origin : place of the clamp in the file's units, where none of the points is there
+    confidence : points that the tracker trusts less are left out
+    time, angle : columns of a table, where they are not called ``time_s`` and ``angle_deg``
+    """
 
     file: Path
+    points: tuple[tuple[str, ...], ...] = ()
+    individual: str | None = None
+    axes: tuple[str, str] | None = None
+    scale_mm: float | None = None
+    rate_Hz: float | None = None
+    origin: tuple[float, ...] | None = None
+    confidence: float = 0.6
+    time: str | None = None
+    angle: str | None = None
 
 
 @dataclass(frozen=True)
 class PressureSpec:
-    """A pressure log in a file or behind a database URL, and how to read it."""
+    """A pressure log in a file or behind a database URL, and how to read it; `ambient` names a column."""
 
     file: Path | None = None
     url: str | None = None
@@ -75,8 +95,9 @@ class PressureSpec:
     pressure: str | None = None
     unit: str | None = None
     time_unit: str | None = None
-    reference: str = "gauge"
+    reference: str | None = None
     ambient_kPa: float = 101.325
+    ambient: str | None = None
     folder: Path = Path()
 
 

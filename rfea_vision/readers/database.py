@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers.tables import MOST_VALUES, Table, frame_table
+from rfea_vision.readers.kinds.base import MOST_VALUES, Table, frame_table
 
 # A query that has not ended by then counts to infinity, or makes the database do work that belongs into it.
 LONGEST_QUERY_S = 20.0

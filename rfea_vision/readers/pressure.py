@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -12,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.errors import InputError
+from rfea_vision.readers.columns import column, in_unit, unit_of
 from rfea_vision.readers.database import read_query
-from rfea_vision.readers.tables import Table, read_table
-from rfea_vision.units import conversion_factor
+from rfea_vision.readers.kinds.base import Table
+from rfea_vision.readers.tables import read_table
+from rfea_vision.units import pressure_unit
 
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import PressureSpec
@@ -80,22 +80,42 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
             f"{spec.folder}: pressure: no file and no url; write for example 'pressure: {{file: pressure.csv}}'"
         )
     time_name, pressure_name = _choose_columns(table, spec)
-    pressure = table.numbers(pressure_name)
-    pressure_unit = spec.unit or _unit_of(table, pressure_name, "kPa")
-    pressure_kPa = pressure * _factor(table, pressure_unit, "kPa", "pressure.unit")
-    if spec.reference == "absolute":
-        pressure_kPa = pressure_kPa - spec.ambient_kPa
+    pressure_kPa, said = _in_kPa(table, pressure_name, spec.unit)
+    if (spec.reference or said) == "absolute":
+        pressure_kPa = pressure_kPa - _ambient_kPa(table, pressure_name, spec)
     if time_name is None:
         time_s = table.times_s[pressure_name]
     else:
-        unit = spec.time_unit or _unit_of(table, time_name, "s")
-        time_s = table.numbers(time_name) * _factor(table, unit, "s", "pressure.time_unit")
+        time_s = in_unit(table, time_name, "s", "pressure.time", spec.time_unit)
     others = {
-        column: table.numbers(column)
-        for column, values in table.columns.items()
-        if column not in (time_name, pressure_name) and values.shape == time_s.shape and values.dtype.kind in "fiub"
+        other: table.numbers(other)
+        for other, values in table.columns.items()
+        if other not in (time_name, pressure_name) and values.shape == time_s.shape and values.dtype.kind in "fiub"
     }
     return PressureLog(time_s, pressure_kPa, name, table.source, others)
+
+
+def _in_kPa(table: Table, name: str, given: str | None) -> tuple[FloatArray, str | None]:
+    """Return a column of pressures in kPa, and whether its unit says gauge or absolute."""
+    unit, said = pressure_unit(given or unit_of(table, name, "kPa"))
+    return in_unit(table, name, "kPa", "pressure.pressure", unit), said
+
+
+def _ambient_kPa(table: Table, pressure: str, spec: PressureSpec) -> FloatArray | float:
+    """Return what is subtracted from an absolute pressure: a number, or a column brought to the pressure's times."""
+    if spec.ambient is None:
+        return spec.ambient_kPa
+    name = column(table, spec.ambient, "pressure.ambient")
+    unit = None if unit_of(table, name, "") else spec.unit
+    ambient_kPa, _ = _in_kPa(table, name, unit)
+    if name in table.times_s and pressure in table.times_s:
+        return np.interp(table.times_s[pressure], table.times_s[name], ambient_kPa)
+    if ambient_kPa.shape != table.columns[pressure].shape:
+        counts = f"{ambient_kPa.size} and {table.columns[pressure].size} rows"
+        raise InputError(
+            f"{table.source}: pressure.ambient: '{name}' and '{pressure}' have {counts}; give equally long ones"
+        )
+    return ambient_kPa
 
 
 def _choose_columns(table: Table, spec: PressureSpec) -> tuple[str | None, str]:
@@ -104,38 +124,7 @@ def _choose_columns(table: Table, spec: PressureSpec) -> tuple[str | None, str]:
     bare_pair = spec.time is None and spec.pressure is None and len(names) == 2 and spec.url is not None
     if bare_pair and not {"time_s", "pressure_kPa"} & set(names):
         return names[0], names[1]  # SELECT t, p FROM ...
-    pressure = _column(table, spec.pressure or "pressure_kPa", "pressure.pressure")
+    pressure = column(table, spec.pressure or "pressure_kPa", "pressure.pressure")
     if spec.time is None and pressure in table.times_s:
         return None, pressure
-    return _column(table, spec.time or "time_s", "pressure.time"), pressure
-
-
-def _column(table: Table, name: str, key: str) -> str:
-    if name in table.columns:
-        return name
-    names = list(table.columns)
-    shown = ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    example = f"'{key.split('.')[1]}: {close[0] if close else names[0]}'"
-    raise InputError(f"{table.source}: no column '{name}' ({key}); there are: {shown}; name one, for example {example}")
-
-
-def _unit_of(table: Table, name: str, default: str) -> str:
-    """Return the unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``."""
-    if table.units.get(name):
-        return table.units[name]
-    match = re.search(r"(?:_|\s*[\[(])([A-Za-z]+)[\])]?$", name)
-    if match:
-        try:
-            conversion_factor(match[1], default)
-        except ValueError:
-            return default
-        return match[1]
-    return default
-
-
-def _factor(table: Table, unit: str, to: str, key: str) -> float:
-    try:
-        return conversion_factor(unit, to)
-    except ValueError as error:
-        raise InputError(f"{table.source}: {key}: {error}") from error
+    return column(table, spec.time or "time_s", "pressure.time"), pressure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import InputError
-from rfea_vision.readers.tables import Table, read_table
+from rfea_vision.readers.columns import in_unit
+from rfea_vision.readers.kinds.base import Table
+from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
+from rfea_vision.readers.tables import read_table
+
+if TYPE_CHECKING:
+    from rfea_vision.campaign.specs import TrackSpec
 
 FloatArray = NDArray[np.float64]
 
@@ -22,13 +28,18 @@ _LAST_CHORDS = 4
 """Chords at the tip end over which the tangent's angle is carried on to the tip."""
 
 
-def read_track(path: Path, *, bends: str = "left") -> Track:
-    """Read a table of positions in the rig frame (camera-right x, mm) or of angles (deg).
+def read_track(
+    path: Path, *, bends: str = "left", spec: TrackSpec | None = None, to_rig_mm: Lengths | None = None
+) -> Track:
+    """Read a table of positions in the rig frame (camera-right x, mm) or of angles (deg), or poses of another tool.
 
     Parameters
     ----------
-    path : any table with ``time_s`` and at least one of the groups above; optional ``sigma_mm``, ``sigma_deg``
+    path : any table with ``time_s`` and at least one of the groups above; optional ``sigma_mm``, ``sigma_deg``; or a
+        file of named points, of which `spec` says which lie on the tube
     bends : the direction in which angles are positive
+    spec : which points, axes, scale and rate; needed where the file holds named points
+    to_rig_mm : pixels to mm along the rig's axes, where a calibrated camera is known
 
     Returns
     -------
@@ -42,8 +53,14 @@ def read_track(path: Path, *, bends: str = "left") -> Track:
         If columns are missing or do not belong together, time does not increase, or no row is complete.
     """
     table = read_table(path)
-    time_s = _time(table)
-    nodes, tip, angle = _nodes(table), _pair(table), _optional(table, "angle_deg")
+    points = points_in(table, spec)
+    if points is not None:
+        assert spec is not None
+        time_s, nodes, tip = nodes_of_points(points, spec, to_rig_mm)
+        angle = None
+    else:
+        time_s = _time(table, spec.time if spec is not None else None)
+        nodes, tip, angle = _nodes(table), _pair(table), _angle(table, spec.angle if spec is not None else None)
     if nodes is None and tip is None and angle is None:
         raise InputError(
             f"{path}: no columns of a track; needed are time_s and {_KNOWN}; there are: {', '.join(table.columns)}"
@@ -105,12 +122,13 @@ def noise_of(values: FloatArray) -> float:
     return float(max(spread, rounding, 1e-6))
 
 
-def _time(table: Table) -> FloatArray:
-    if "time_s" not in table.columns:
+def _time(table: Table, given: str | None) -> FloatArray:
+    name = given or "time_s"
+    if given is None and name not in table.columns:
         raise InputError(
-            f"{table.source}: no column 'time_s'; there are: {', '.join(table.columns)}; rename the column of time"
+            f"{table.source}: no column 'time_s'; there are: {', '.join(table.columns)}; name it with 'track.time'"
         )
-    time_s = table.numbers("time_s")
+    time_s = in_unit(table, name, "s", "track.time")
     if time_s.size < 2:
         raise InputError(f"{table.source}: {time_s.size} rows; a track of at least two is needed")
     for wrong, fault in (
@@ -119,8 +137,14 @@ def _time(table: Table) -> FloatArray:
     ):
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
-            raise InputError(f"{table.source}: time_s, row {row + 1}: {fault}; correct or remove the row")
+            raise InputError(f"{table.source}: {name}, row {row + 1}: {fault}; correct or remove the row")
     return time_s
+
+
+def _angle(table: Table, given: str | None) -> FloatArray | None:
+    if given is None and "angle_deg" not in table.columns:
+        return None
+    return in_unit(table, given or "angle_deg", "deg", "track.angle")
 
 
 def _optional(table: Table, name: str) -> FloatArray | None:

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 CALIBRATION_CODE = ("calibration", "readers.pictures")
 TRACK_CODE = ("calibration", "vision", "readers.video", "readers.pictures")
 CLIP_CODE = TRACK_CODE
-TABLE_CODE = ("readers.tables", "readers.tracks")
-SYNC_CODE = ("sync", "readers.pressure", "readers.tables", "readers.database")
+TABLE_CODE = ("readers.tables", "readers.tracks", "readers.poses", "readers.columns", "readers.kinds")
+SYNC_CODE = ("sync", "readers.pressure", "readers.tables", "readers.kinds", "readers.columns", "readers.database")
 
 
 def calibration_path(work: Workspace, experiment: ExperimentSpec | None) -> Path:
@@ -258,8 +258,16 @@ def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> S
     source = experiment.track
     assert source is not None
 
+    camera = experiment.camera if source.points and source.scale_mm is None else None
+    calibration = None if camera is None else work.calibration_of(experiment).value
+
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
-        found = read_track(source.file, bends=experiment.actuator.bends)
+        to_rig_mm = None
+        if calibration is not None and camera is not None:
+            from rfea_vision.vision.track import rig_axes_mm
+
+            to_rig_mm = rig_axes_mm(calibration, camera.vertical)
+        found = read_track(source.file, bends=experiment.actuator.bends, spec=source, to_rig_mm=to_rig_mm)
         found.save(path)
         return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
 
@@ -267,7 +275,8 @@ def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> S
         "track",
         experiment.name,
         inputs=[source.file],
-        options={"bends": experiment.actuator.bends},
+        also=[] if camera is None else [work.cache.sha256(calibration_path(work, experiment))],
+        options={"bends": experiment.actuator.bends, "track": source},
         code=TABLE_CODE,
         make=make,
         load=lambda: Track.load(path),

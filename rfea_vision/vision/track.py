@@ -221,3 +221,12 @@ def down_direction(camera: FloatArray, vertical: str | dict[str, Any], middle_px
         raise InputError(f"camera.vertical: '{vertical}' is unknown; use board, rest, image or plumb")
     down = line[1] - line[0]
     return down / np.linalg.norm(down)
+
+
+def rig_axes_mm(calibration: Calibration, vertical: str | dict[str, Any]) -> Callable[[FloatArray], FloatArray]:
+    """Return what turns pixels (..., 2) into mm (..., 2) along camera-right and up, from an origin of no meaning."""
+    camera = camera_vector(calibration)
+    middle = np.array([calibration.image_width / 2, calibration.image_height / 2])
+    down = down_direction(camera, vertical, middle)
+    axes = np.array([[-down[1], down[0]], [-down[0], -down[1]]])
+    return lambda pixels: unproject(camera, pixels) @ axes.T

@@ -8,6 +8,7 @@ import zlib
 
 import asammdf
 import cv2
+import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -15,7 +16,7 @@ import pytest
 import scipy.io
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers import tables
+from rfea_vision.readers.kinds import base
 from rfea_vision.readers.tables import read_table
 from rfea_vision.readers.video import open_frames, open_video
 
@@ -37,14 +38,28 @@ def _mdf(path):
 
 @pytest.mark.parametrize(("name", "write"), [("a.parquet", _parquet), ("a.mat", _mat), ("a.mf4", _mdf)])
 def test_what_unpacks_to_too_much_is_refused_before(tmp_path, name, write, monkeypatch):
-    monkeypatch.setattr(tables, "MOST_VALUES", 250_000)
+    monkeypatch.setattr(base, "MOST_VALUES", 250_000)
     write(tmp_path / name)
     with pytest.raises(InputError, match="are read at most"):
         read_table(tmp_path / name)
 
 
+def _hdf5_elsewhere(path, target):
+    with h5py.File(path, "w") as file:
+        file["node_names"] = [b"tip"]
+        file["tracks"] = h5py.ExternalLink(str(target), "/secret")
+
+
+def test_a_file_that_leads_to_another_is_refused(tmp_path):
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["secret"] = np.zeros((1, 2, 1, 5))
+    _hdf5_elsewhere(tmp_path / "a.h5", tmp_path / "other.h5")
+    with pytest.raises(InputError, match="'tracks' lies in another file"):
+        read_table(tmp_path / "a.h5")
+
+
 def test_a_long_text_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(tables, "MOST_VALUES", 100)
+    monkeypatch.setattr(base, "MOST_VALUES", 100)
     (tmp_path / "a.csv").write_text("time_s,pressure_kPa\n" + "1,2\n" * 1000)
     with pytest.raises(InputError, match="are read at most"):
         read_table(tmp_path / "a.csv")

@@ -1,0 +1,1 @@
+"""One file per family of files; `readers/tables.py` lists them."""

@@ -1,0 +1,198 @@
+"""What every reader gives: columns, or named points over time. And what a reader says of itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from rfea_vision.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+# 400 MB as float64: a log of two columns at 10 kHz for 40 min. A small file may announce, or unpack to, far more.
+MOST_VALUES = 50_000_000
+
+
+def refuse_too_much(path: Path, values: float) -> None:
+    """Raise the error of a file that holds, or says that it holds, more than a log can."""
+    if values > MOST_VALUES:
+        raise InputError(f"{path}: announces {values:.2g} values, {MOST_VALUES:.2g} are read at most; export a part of it")
+
+
+@dataclass(frozen=True)
+class Points:
+    """Named points over time, as a tracker of poses or a motion capture system gives them.
+
+    Attributes
+    ----------
+    source : what to call them in an error
+    names : of the points
+    positions : (time, point, 2 or 3); NaN where a point was not seen. Axes as in the file; `y_down` says if y points down
+    unit : ``px`` or a unit of length; empty where the file does not say it
+    time_s : (time,), or None where the file counts frames and names no rate
+    confidence : (time, point) from 0 to 1, or None
+    """
+
+    source: str
+    names: tuple[str, ...]
+    positions: FloatArray
+    unit: str = ""
+    time_s: FloatArray | None = None
+    confidence: FloatArray | None = None
+    y_down: bool = False
+
+
+@dataclass(frozen=True)
+class Table:
+    """Named columns; they may differ in length, as the channels of one .mat or .mf4 file do.
+
+    Attributes
+    ----------
+    source : what to call the table in an error
+    columns : name to one-dimensional array
+    units : name to unit, where the file itself says it
+    times_s : name to the time of each sample, where the file keeps one per channel (.mf4)
+    points : by individual (one entry with an empty name where there is only one), where the file holds poses
+    """
+
+    source: str
+    columns: Mapping[str, np.ndarray]
+    units: Mapping[str, str] = field(default_factory=dict)
+    times_s: Mapping[str, np.ndarray] = field(default_factory=dict)
+    points: Mapping[str, Points] = field(default_factory=dict)
+
+    def numbers(self, name: str) -> np.ndarray:
+        """Return a column as float64.
+
+        Raises
+        ------
+        InputError
+            If the column holds something that is not a number, naming the first such row (counted from 1).
+        """
+        values = self.columns[name]
+        if values.dtype.kind in "fiub":
+            return values.astype(np.float64)
+        if values.dtype.kind in "mMc":
+            kind = "complex numbers" if values.dtype.kind == "c" else "dates or durations"
+            raise InputError(f"{self.source}: column '{name}' holds {kind}; export it as plain numbers with a unit")
+        numbers = np.asarray(pd.to_numeric(pd.Series(values), errors="coerce"), dtype=np.float64)
+        wrong = np.flatnonzero(np.isnan(numbers) & ~np.asarray(pd.isna(values)))
+        if wrong.size:
+            row = int(wrong[0])
+            where = f"{self.source}: column '{name}', row {row + 1}"
+            raise InputError(f"{where}: '{values[row]}' is not a number; correct or remove the row")
+        return numbers
+
+
+def _any_file(path: Path) -> bool:
+    return True
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of file.
+
+    Attributes
+    ----------
+    title : what people call it
+    endings : of the file's name, lower case, with the dot
+    read : the reader; whatever it raises is said in one sentence by `read_table`
+    is_mine : tells kinds apart that share an ending; the first in the list that says yes reads
+    extra : the extra of this package that brings the library it needs, if it is no plain dependency
+    """
+
+    title: str
+    endings: tuple[str, ...]
+    read: Callable[[Path], Table]
+    is_mine: Callable[[Path], bool] = _any_file
+    extra: str = ""
+
+
+def frame_table(source: str, frame: pd.DataFrame) -> Table:
+    """Return a data frame as a table."""
+    return Table(source, {str(name).strip(): frame[name].to_numpy() for name in frame.columns})
+
+
+def points_table(source: str, points: Mapping[str, Points]) -> Table:
+    """Return poses as a table: the columns are those of the first individual, named ``point.x``, for those who look."""
+    first = next(iter(points.values()))
+    columns = {
+        f"{name}.{axis}": first.positions[:, index, place]
+        for index, name in enumerate(first.names)
+        for place, axis in enumerate("xyz"[: first.positions.shape[2]])
+    }
+    return Table(source, columns, points=dict(points))
+
+
+@contextmanager
+def hdf5(path: Path) -> Generator[Any]:
+    """Open an HDF5 file to read, unless it leads to other files or announces more than a log holds."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        links: dict[str, Any] = {}
+        file.visititems_links(links.__setitem__)
+        announced = 0
+        for name, link in links.items():
+            node = file[name] if isinstance(link, h5py.HardLink) else None
+            if node is None or getattr(node, "external", None) or getattr(node, "is_virtual", False):
+                raise InputError(f"{path}: '{name}' lies in another file, or is a link; export it with its values")
+            announced += int(node.size or 0) if isinstance(node, h5py.Dataset) else 0
+        refuse_too_much(path, announced)
+        yield file
+
+
+def has_members(path: Path, *names: str) -> bool:
+    """Say whether an HDF5 file holds all of these datasets or groups."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return all(file.get(name, getlink=True) is not None for name in names)
+    except OSError:
+        return False
+
+
+_AXIS = re.compile(r"^(?P<name>.*?)[._ ]?(?P<axis>[xyzXYZ])(?:[_ ]*[\[(]?(?P<unit>px|um|µm|mm|cm|m)[\])]?)?$")
+
+
+def points_of_columns(
+    source: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], time_s: FloatArray | None
+) -> Points | None:
+    """Gather columns such as ``tip1_x_mm, tip1_y_mm`` or ``/tip.point.x`` as points; None where there are none."""
+    rows = max((values.size for values in columns.values()), default=0) if time_s is None else time_s.size
+    found: dict[str, dict[str, str]] = {}
+    said: dict[str, str] = {}
+    for column, values in columns.items():
+        match = _AXIS.match(column)
+        if match and match["name"] and values.size == rows and values.dtype.kind in "fiu":
+            found.setdefault(match["name"], {})[match["axis"].lower()] = column
+            said[column] = match["unit"] or units.get(column, "")
+    axes = ("x", "y", "z") if any("z" in item for item in found.values()) else ("x", "y")
+    whole = {name: item for name, item in found.items() if all(axis in item for axis in axes)}
+    if not whole:
+        return None
+    kinds = {said[item[axis]] for item in whole.values() for axis in axes}
+    values = [np.stack([columns[item[axis]].astype(float) for axis in axes], axis=1) for item in whole.values()]
+    unit = kinds.pop() if len(kinds) == 1 else ""
+    return Points(source, tuple(whole), np.stack(values, axis=1), unit, time_s, y_down=unit == "px")
+
+
+def unseen(positions: FloatArray, confidence: FloatArray | None, least: float) -> FloatArray:
+    """Return the positions with NaN where the tracker trusts itself less than `least`."""
+    if confidence is None:
+        return positions
+    return np.where((confidence >= least)[..., None], positions, np.nan)
+
+
+def listed(names: Sequence[str], most: int = 12) -> str:
+    """Return names for a sentence, the first of many."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,0 +1,94 @@
+"""MATLAB files: to version 7 through SciPy, 7.3 (which is HDF5) through h5py, with the same names of columns.
+
+Struct fields become ``name.field``, of struct arrays ``name(3).field``; the columns of a matrix ``name(2)``.
+"""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfea_vision.readers.kinds.base import Kind, Table, hdf5, refuse_too_much
+
+
+def _is_hdf5(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return b"MATLAB 7.3" in stream.read(32)
+
+
+def read_mat(path: Path) -> Table:
+    """Read a file to version 7."""
+    from scipy.io import loadmat
+
+    refuse_too_much(path, _unpacked_bytes(path) / 8)
+    columns: dict[str, np.ndarray] = {}
+    for name, value in loadmat(path, squeeze_me=True, struct_as_record=False).items():
+        if not name.startswith("__"):
+            _collect(name, value, columns)
+    return Table(str(path), columns)
+
+
+def _unpacked_bytes(path: Path) -> int:
+    """How large the compressed variables of a MATLAB 5 file say that they are (MAT-File Format, 1-7 to 1-10)."""
+    raw = path.read_bytes()
+    order, at, total = "little" if raw[126:128] == b"IM" else "big", 128, 0
+    while at + 8 <= len(raw):
+        kind, size = (int.from_bytes(raw[at + shift : at + shift + 4], order) for shift in (0, 4))
+        if kind == 15:  # miCOMPRESSED
+            inner = zlib.decompressobj().decompress(raw[at + 8 : at + 8 + min(size, 1000)], 8)
+            total += int.from_bytes(inner[4:8], order)
+        at += 8 + size
+    return total
+
+
+def _collect(name: str, value: Any, columns: dict[str, np.ndarray]) -> None:
+    if hasattr(value, "_fieldnames"):
+        for key in value._fieldnames:
+            _collect(f"{name}.{key}", getattr(value, key), columns)
+    elif isinstance(value, np.ndarray) and value.dtype == object:
+        for index, item in enumerate(value.ravel(), start=1):
+            _collect(f"{name}({index})", item, columns)
+    elif isinstance(value, np.ndarray) and value.ndim == 1 and value.size > 1:
+        columns[name] = value
+    elif isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu":
+        columns |= {f"{name}({index})": column for index, column in enumerate(value.T, start=1)}
+
+
+def read_mat73(path: Path) -> Table:
+    """Read a file of version 7.3."""
+    columns: dict[str, np.ndarray] = {}
+    with hdf5(path) as file:
+        for name in file:
+            if not name.startswith("#"):
+                _collect73(name, file[name], file, columns)
+    return Table(str(path), columns)
+
+
+def _collect73(name: str, node: Any, file: Any, columns: dict[str, np.ndarray]) -> None:
+    import h5py
+
+    if isinstance(node, h5py.Group):
+        for key in node:
+            _collect73(f"{name}.{key}", node[key], file, columns)
+        return
+    made_of = node.attrs.get("MATLAB_class", b"")
+    if made_of == b"char" or "MATLAB_empty" in node.attrs:
+        return
+    if node.dtype == h5py.ref_dtype:  # cells, and the fields of struct arrays: log(3).p is the third of log.p
+        base, dot, field = name.rpartition(".")
+        for index, reference in enumerate(node[()].T.ravel(), start=1):
+            item = f"{base}({index}){dot}{field}" if dot and made_of != b"cell" else f"{name}({index})"
+            _collect73(item, file[reference], file, columns)
+        return
+    values = node[()].T if node.ndim == 2 else node[()]  # MATLAB lies column by column
+    if values.dtype.kind in "fiu":
+        _collect(name, np.squeeze(values), columns)
+
+
+KINDS = (
+    Kind("MATLAB 7.3", (".mat",), read_mat73, _is_hdf5),
+    Kind("MATLAB", (".mat",), read_mat),
+)

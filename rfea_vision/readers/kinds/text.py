@@ -1,0 +1,106 @@
+"""Text: commas, semicolons, tabs or blanks, decimal points or commas, with whatever an instrument writes above it."""
+
+from __future__ import annotations
+
+import csv
+import re
+from io import StringIO
+from pathlib import Path
+
+import pandas as pd
+
+from rfea_vision.errors import InputError
+from rfea_vision.readers.kinds.base import Kind, Table, frame_table, refuse_too_much
+
+_SEPARATORS = (";", "\t", ",", r"\s+")
+_LOOKED_AT = 200
+"""Lines in which the header and the way numbers are written are looked for: more than any instrument writes above."""
+_BYTES_PER_VALUE = 10
+"""Of text, as logs are written: seven digits, a point, a sign or a blank, a separator."""
+_POINT = re.compile(r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf)$", re.IGNORECASE)
+_COMMA = re.compile(r"^[+-]?(\d{1,3}(\.\d{3})+|\d+|),\d+([eE][+-]?\d+)?$")
+_UNIT_CELL = re.compile(r"^\s*[\[(]?\s*([^\d\s\[\]()]{1,8}|m/s\^?2)?\s*[\])]?\s*$")
+
+
+def _decoded(path: Path) -> str:
+    """Return the text: UTF-8, UTF-16 with its mark, or the Windows code page of western Europe."""
+    refuse_too_much(path, path.stat().st_size / _BYTES_PER_VALUE)
+    raw = path.read_bytes()
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return raw.decode("utf-16")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        try:
+            return raw.decode("cp1252")
+        except UnicodeDecodeError:
+            line = error.object[: error.start].count(b"\n") + 1
+            raise InputError(f"{path}:{line}: not UTF-8 text; save the file as UTF-8") from error
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if separator == r"\s+":
+        return line.split()
+    cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+    return [cell.strip() for cell in (cells[:-1] if cells and not cells[-1].strip() else cells)]
+
+
+def _is_number(cell: str) -> bool:
+    return bool(_POINT.match(cell) or _COMMA.match(cell))
+
+
+def _header(lines: list[str], separator: str) -> tuple[int, int] | None:
+    """Return the lines (from 0) of the header and of the first data, for the widest table that this separator gives.
+
+    A header holds no number and stands right above the data, or above a line of units that stands there.
+    """
+    rows = [_cells(line, separator) for line in lines[:_LOOKED_AT]]
+    for index, row in enumerate(rows[:-1]):
+        if not row or any(_is_number(cell) for cell in row):
+            continue
+        for first in (index + 1, index + 2):
+            if first >= len(rows) or len(rows[first]) != len(row):
+                continue
+            units = rows[index + 1] if first == index + 2 else []
+            if units and not (len(units) == len(row) and all(_UNIT_CELL.match(cell) for cell in units)):
+                continue
+            last = rows[-1] if len(lines) <= _LOOKED_AT else rows[first]
+            if any(_is_number(cell) for cell in rows[first]) and len(last) in (len(row), 0):
+                return index, first
+    return None
+
+
+def read_text(path: Path) -> Table:
+    """Read one table of text."""
+    every = [line for line in _decoded(path).splitlines() if line.strip() and not line.startswith("#")]
+    found = {sep: place for sep in _SEPARATORS if (place := _header(every, sep)) is not None}
+    if found:
+        separator = max(found, key=lambda sep: len(_cells(every[found[sep][0]], sep)))
+        header, first = found[separator]
+    else:
+        top = every[0] if every else ""
+        separator = max("\t;,", key=top.count)
+        if any(_is_number(cell) for cell in _cells(top, separator)[:1]):
+            raise InputError(f"{path}:1: no header line; name the columns, for example 'time_s,pressure_kPa'")
+        header, first = 0, 1
+    sample = [cell for line in every[first : first + _LOOKED_AT] for cell in _cells(line, separator)]
+    comma = any(_COMMA.match(cell) for cell in sample) and not any("." in c and _POINT.match(c) for c in sample)
+    frame = pd.read_csv(
+        StringIO("\n".join([every[header], *every[first:]])),
+        sep=separator,
+        decimal="," if comma else ".",
+        thousands="." if comma else None,
+        comment="#",
+        skipinitialspace=True,
+        index_col=False,
+    )
+    refuse_too_much(path, frame.size)
+    table = frame_table(str(path), frame)
+    if first == header + 2:
+        cells = [cell.strip("[]() ") for cell in _cells(every[header + 1], separator)]
+        units = {name: unit for name, unit in zip(table.columns, cells, strict=False) if unit}
+        return Table(table.source, table.columns, units)
+    return table
+
+
+KINDS = (Kind("text", (".csv", ".txt", ".tsv", ".dat", ".asc"), read_text),)
