@@ -8,7 +8,8 @@ from typing import Any
 from benchmarks.hidden_campaigns import recordings_of
 from rfea_vision.critique import improve
 from rfea_vision.critique.diagnosis import judge
-from rfea_vision.fitting.fit import FitOptions, fit, make_problem
+from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.options import FitOptions
 from rfea_vision.twin import TwinOptions
 
 CASES = {

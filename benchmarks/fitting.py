@@ -18,11 +18,12 @@ from benchmarks.dense import DenseTube
 from benchmarks.engine import pressure_Pa
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED
-from rfea_vision.fitting import FitOptions, residuals
+from rfea_vision.fitting import residuals
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.fit import Problem, _steady_start, make_model, make_problem
 from rfea_vision.fitting.solver import Solution, solve_from_afar
 from rfea_vision.fitting.steady_fit import find_plateaus
+from rfea_vision.options import FitOptions
 from rfea_vision.stages import open_campaign
 from rfea_vision.twin import TwinOptions, simulate
 

@@ -20,7 +20,8 @@ from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
-from rfea_vision.fitting.fit import FitOptions, carried, make_model
+from rfea_vision.fitting.fit import carried, make_model
+from rfea_vision.options import FitOptions
 from rfea_vision.twin import BaseParameters, TwinOptions, simulate
 from rfea_vision.twin.draw import (
     Run,

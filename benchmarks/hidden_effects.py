@@ -32,8 +32,9 @@ from rfea_vision import __version__
 from rfea_vision.artefacts import Comparison, Diagnosis, ModelFit
 from rfea_vision.critique import improve
 from rfea_vision.errors import RfeaError
-from rfea_vision.fitting.fit import FitOptions, Problem, fit, make_problem
+from rfea_vision.fitting.fit import Problem, fit, make_problem
 from rfea_vision.fitting.scoring import score
+from rfea_vision.options import FitOptions
 
 RESULTS = FOLDER / "results.jsonl"
 ROLES = ("train", "train", "validate", "test")
@@ -74,7 +75,7 @@ def run_case(case: Case) -> dict[str, Any]:
 
     started = time.perf_counter()
     processor = time.process_time()
-    ladder = improve(recordings, actuator, FitOptions(), budget_s=3600, on_rung=on_rung)  # no verdict by the clock
+    ladder = improve(recordings, actuator, FitOptions(), on_rung=on_rung)
     seconds, processor_s = time.perf_counter() - started, time.process_time() - processor
     first, last = rungs[0], rungs[-1]
     reached = ladder.test["tip_rmse_mm"] if ladder.test else None

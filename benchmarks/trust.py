@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator, ModelFit, Recording
-from rfea_vision.fitting import FitOptions
 from rfea_vision.fitting.fit import make_problem, refit
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.refine import refine
+from rfea_vision.options import FitOptions
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.recipes import load_recipe, run_recipe
 from rfea_vision.twin import TwinOptions, paper_campaign, simulate

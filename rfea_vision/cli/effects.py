@@ -10,24 +10,25 @@ import click
 
 import rfea_vision.data
 from rfea_vision.cli.console import print_json, print_table
-from rfea_vision.cli.options import effect_file_option, output_options
+from rfea_vision.cli.options import ask, output_options
 from rfea_vision.errors import InputError
+from rfea_vision.options import CritiqueOptions
 
 _TEMPLATE = Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt"
 
 
 @click.group("effects", invoke_without_command=True)
-@effect_file_option
+@ask("effects", options=CritiqueOptions)
 @output_options
 @click.pass_context
-def effects_command(context: click.Context, effect_files: tuple[Path, ...], as_json: bool, debug: bool) -> None:
+def effects_command(context: click.Context, options: CritiqueOptions, as_json: bool, debug: bool) -> None:
     """The catalogue of effects.
 
     'show ID' tells of one, 'new FILE' writes a template of one's own.
     """
     if context.invoked_subcommand is not None:
         return
-    effects = _known(effect_files)
+    effects = _known(options.effect_files)
     if as_json:
         print_json([_facts(effect) for effect in effects.values()])
         return
@@ -37,11 +38,11 @@ def effects_command(context: click.Context, effect_files: tuple[Path, ...], as_j
 
 @effects_command.command("show")
 @click.argument("effect_id", metavar="ID")
-@effect_file_option
+@ask("effects", options=CritiqueOptions)
 @output_options
-def show_command(effect_id: str, effect_files: tuple[Path, ...], as_json: bool, debug: bool) -> None:
+def show_command(effect_id: str, options: CritiqueOptions, as_json: bool, debug: bool) -> None:
     """One effect: its law, its parameters, what it is mistaken for and what tells them apart."""
-    effects = _known(effect_files)
+    effects = _known(options.effect_files)
     if effect_id not in effects:
         close = difflib.get_close_matches(effect_id, effects, n=1)
         hint = f"did you mean '{close[0]}'?" if close else "'rfea effects' lists them"

@@ -1,73 +1,36 @@
-"""The command fit, and the options by which a person says what is known beforehand."""
+"""The command fit, and how a fitted model is shown."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
 from rfea_vision.cli.console import print_json, print_table
-from rfea_vision.cli.options import Quantity, campaign_options, model_options, opened
+from rfea_vision.cli.options import ask, campaign_options, opened
+from rfea_vision.options import FitOptions
 
 if TYPE_CHECKING:
     from rfea_vision.artefacts import ModelFit
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
-
-
-def knowledge_options(command: _Command) -> _Command:
-    """Add what fit and improve may be told of parameters and of the data."""
-    command = click.option(
-        "--pressure-zero",
-        "pressure_zero_sd",
-        type=Quantity("Pa", "1kPa"),
-        metavar="SD",
-        help="Standard error of the pressure sensor's zero, then found for every run, such as 1kPa.",
-    )(command)
-    command = click.option(
-        "--loss",
-        type=click.Choice(["auto", "linear", "huber"]),
-        default="auto",
-        show_default=True,
-        help="huber: for tracks with wrong frames; auto takes it where a track leaves the model in jumps.",
-    )(command)
-    command = click.option(
-        "--bound", multiple=True, metavar="NAME=LOW..HIGH", help="Other bounds, as in r_hyd=3mm..4mm; may be repeated."
-    )(command)
-    command = click.option(
-        "--prior",
-        multiple=True,
-        metavar="NAME=VALUE±SD",
-        help="What was weighed or measured, as in payload.m=2g±0.1g or modulus=2MPa±0.3MPa; may be repeated.",
-    )(command)
-    return click.option(
-        "--fix", multiple=True, metavar="NAME=VALUE", help="Hold a parameter, as in r_hyd=3.6mm; may be repeated."
-    )(command)
-
 
 @click.command("fit")
 @campaign_options
-@model_options
-@knowledge_options
-@click.option(
-    "--add", "effects", multiple=True, metavar="EFFECT", help="An effect beside the base model; may be repeated."
-)
-@click.option(
-    "--study-segments", is_flag=True, help="Try 2, 4, 8, 16 and 32 segments too: errors, path of the tip, seconds."
-)
-@click.option("--profile", multiple=True, metavar="NAME", help="Profile likelihood of a parameter; may be repeated.")
-@click.option("--leave-one-out", is_flag=True, help="Fit again without each training run, and score that run.")
-@click.option("--name", metavar="MODEL", help="Name of the model; default base, base+EFFECT, ...")
+@ask("fit", options=FitOptions)
 @click.pass_context
 def fit_command(
-    context: click.Context, campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any
+    context: click.Context,
+    campaign: Path,
+    options: FitOptions,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    debug: bool,
 ) -> None:
     """Fit one model, and score it on held-out runs."""
-    add = tuple(effect for item in choices.pop("effects") for effect in item.split(","))
     with opened(campaign, out, force=("fit",) if force else ()) as work:
-        model = work.fit(choices.pop("name"), add=add, **choices)
+        model = work.fit(options)
     if as_json:
         print_json(model.model_dump(mode="json"))
     else:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from rfea_vision.cli.console import print_json, print_table
-from rfea_vision.cli.fit import knowledge_options, print_metrics
-from rfea_vision.cli.options import Quantity, campaign_options, effect_file_option, enough_option, model_options, opened
+from rfea_vision.cli.fit import print_metrics
+from rfea_vision.cli.options import ask, campaign_options, opened
+from rfea_vision.options import CritiqueOptions, FitOptions
 
 if TYPE_CHECKING:
     from rfea_vision.artefacts import Comparison, Diagnosis, Ladder
@@ -46,18 +47,22 @@ def compare_command(
 @click.command("diagnose")
 @campaign_options
 @click.argument("model", required=False)
-@effect_file_option
-@enough_option
-@click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")
+@ask("diagnose", options=CritiqueOptions)
 def diagnose_command(
-    campaign: Path, model: str | None, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any
+    campaign: Path,
+    model: str | None,
+    options: CritiqueOptions,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    debug: bool,
 ) -> None:
     """Which effect is missing from a model.
 
     By default from the one fitted last.
     """
     with opened(campaign, out, force=("diagnose",) if force else ()) as work:
-        diagnosis = work.diagnose(model, **choices)
+        diagnosis = work.diagnose(model, options)
     if as_json:
         print_json(diagnosis.model_dump(mode="json", by_alias=True))
     else:
@@ -66,24 +71,22 @@ def diagnose_command(
 
 @click.command("improve")
 @campaign_options
-@model_options
-@knowledge_options
-@enough_option
-@click.option(
-    "--budget",
-    "budget_s",
-    type=Quantity("s", "5min"),
-    default="5min",
-    show_default=True,
-    help="Time after which no further rung is begun.",
-)
-def improve_command(campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, **choices: Any) -> None:
+@ask("improve", fit=FitOptions, critique=CritiqueOptions)
+def improve_command(
+    campaign: Path,
+    fit: FitOptions,
+    critique: CritiqueOptions,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    debug: bool,
+) -> None:
     """Fit, diagnose, add one effect, again.
 
     Until a verdict ends it; then the report is written.
     """
     with opened(campaign, out, force=("improve",) if force else ()) as work:
-        ladder = work.improve(**choices)
+        ladder = work.improve(fit, critique)
         report = work.report()
     if as_json:
         print_json({**ladder.model_dump(mode="json"), "report": str(report)})

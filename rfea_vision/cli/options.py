@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from types import UnionType
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import click
 
 from rfea_vision.cli.console import ConsoleListener
+from rfea_vision.options.asking import Option, asked_by, read_flags
 from rfea_vision.units import parse_quantity
+
+if TYPE_CHECKING:
+    from rfea_vision.stages import Workspace
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 _TRUST = "rfea_vision.trust"
@@ -34,20 +40,6 @@ class Quantity(click.ParamType):
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         return "QUANTITY"
-
-
-class Segments(click.ParamType):
-    """A number of bodies from 1 to 256, or ``auto``."""
-
-    name = "segments"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
-        if value == "auto":
-            return value
-        return click.IntRange(1, 256).convert(value, param, ctx)
-
-    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        return "[INTEGER|auto]"
 
 
 def output_options(command: _Command) -> _Command:
@@ -84,55 +76,52 @@ def campaign_options(command: _Command) -> _Command:
     return click.argument("campaign", type=click.Path(path_type=Path))(command)
 
 
-def effect_file_option(command: _Command) -> _Command:
-    """Add --effect-file."""
+def ask(name: str, **kinds: type) -> Callable[[Any], Any]:
+    """Add every option of these classes that the command `name` takes, and pass one object of each on under its keyword."""
+
+    def decorate(command: Any) -> Any:
+        asked = tuple(asked_by(name, *kinds.values()))
+
+        @functools.wraps(command)
+        def called(*args: Any, **params: Any) -> Any:
+            values = {option.key: params.pop(option.name) for option in asked}
+            given = {key: value for key, value in values.items() if value not in (None, ())}
+            options = {key: read_flags(kind, given, name) for key, kind in kinds.items()}
+            return command(*args, **params, **options)
+
+        for option in reversed(asked):
+            called = _click_option(option)(called)
+        return called
+
+    return decorate
+
+
+def _click_option(option: Option) -> Callable[[Any], Any]:
+    """One option of the command line; what is written is read by the class that declares it."""
+    default, metavar = option.default, option.asked.metavar
+    choices = next((get_args(item) for item in _members(option.info.annotation) if get_origin(item) is Literal), ())
+    plain = default if isinstance(default, str | int) and default != "" else None
+    if option.is_switch:
+        return click.option(option.flag, option.name, is_flag=True, help=option.info.description)
     return click.option(
-        "--effect-file",
-        "effect_files",
-        type=click.Path(path_type=Path),
-        multiple=True,
-        metavar="FILE.py",
-        help="An effect of one's own, as 'rfea effects new' writes it; may be repeated.",
-    )(command)
+        option.flag,
+        option.name,
+        type=click.Choice(choices) if choices else int if option.info.annotation is int and metavar is None else str,
+        multiple=not isinstance(default, str | int | float | None),
+        default=plain,
+        show_default=plain is not None,
+        metavar=metavar,
+        help=option.info.description,
+    )
 
 
-def enough_option(command: _Command) -> _Command:
-    """Add --enough: how much of the misfit an effect must explain to be named."""
-    return click.option(
-        "--enough",
-        type=Quantity("1", "97%"),
-        metavar="SHARE",
-        help="Share of the misfit (squared error above the noise) that must be explained to earn a name; default 97%.",
-    )(command)
-
-
-def model_options(command: _Command) -> _Command:
-    """Add the choices of the model that fit and improve share."""
-    command = click.option("--seed", type=int, default=0, show_default=True, help="Seed of everything random.")(command)
-    command = effect_file_option(command)
-    command = click.option(
-        "--observe",
-        type=click.Choice(["tip_y", "tip", "midline", "angle"]),
-        help="What of the recordings is fitted; default the richest that all of them offer.",
-    )(command)
-    command = click.option(
-        "--joints",
-        type=click.Choice(["middle", "start"]),
-        default="middle",
-        show_default=True,
-        help="Joints in the middle of their arc, or at the start of the body as in the paper.",
-    )(command)
-    return click.option(
-        "--segments",
-        type=Segments(),
-        default=16,
-        show_default=True,
-        help="Number of bodies; auto: as few as bring the error near the noise floor.",
-    )(command)
+def _members(annotation: Any) -> tuple[Any, ...]:
+    """The members of a union, or the annotation itself."""
+    return get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
 
 
 @contextmanager
-def opened(campaign: Path, out: Path | None, *, force: tuple[str, ...] = ()) -> Iterator[Any]:
+def opened(campaign: Path, out: Path | None, *, force: tuple[str, ...] = ()) -> Iterator[Workspace]:
     """Open a campaign with bars on stderr while the block runs."""
     from rfea_vision.campaign import load_campaign
     from rfea_vision.stages import Workspace

@@ -8,13 +8,14 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json, print_table
-from rfea_vision.cli.options import campaign_options, effect_file_option, opened
+from rfea_vision.cli.options import ask, campaign_options, opened
+from rfea_vision.options import CritiqueOptions
 
 
 @click.command("power")
 @campaign_options
 @click.argument("model", required=False)
-@effect_file_option
+@ask("power", options=CritiqueOptions)
 def power_command(
     campaign: Path,
     model: str | None,
@@ -22,7 +23,7 @@ def power_command(
     force: bool,
     as_json: bool,
     debug: bool,
-    effect_files: tuple[Path, ...],
+    options: CritiqueOptions,
 ) -> None:
     """Which effects these recordings could reveal, and how strong they must be.
 
@@ -35,7 +36,7 @@ def power_command(
         names = work.model_names()
         fit = work.model(model or names[-1]) if model or names else work.fit()
         recordings = {name: stored.value for name, stored in work.recordings("train", "validate").items()}
-    rows = power_study(fit, recordings, effect_files=effect_files)
+    rows = power_study(fit, recordings, effect_files=options.effect_files)
     if as_json:
         print_json({"model": fit.name, "noise_floor_mm": fit.noise_floor_mm, "effects": [asdict(row) for row in rows]})
         return

@@ -12,8 +12,9 @@ import click
 
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table
 from rfea_vision.cli.model import print_ladder
-from rfea_vision.cli.options import Quantity, opened, output_options
+from rfea_vision.cli.options import Quantity, ask, opened, output_options
 from rfea_vision.errors import InputError
+from rfea_vision.options import CritiqueOptions
 
 _DEMO = "hidden-effect"
 
@@ -158,12 +159,10 @@ def _roles(count: int | None, roles: str | None) -> tuple[str, ...] | None:
 @click.option(
     "--folder", type=click.Path(path_type=Path), default="demo", show_default=True, help="Where it is copied to."
 )
-@click.option(
-    "--budget", "budget_s", type=Quantity("s", "5min"), default="5min", show_default=True, help="Time for the ladder."
-)
+@ask("demo", options=CritiqueOptions)
 @click.option("--force", is_flag=True, help="Redo the ladder even if nothing has changed.")
 @output_options
-def demo_command(folder: Path, budget_s: float, force: bool, as_json: bool, debug: bool) -> None:
+def demo_command(folder: Path, options: CritiqueOptions, force: bool, as_json: bool, debug: bool) -> None:
     """The example campaign, all the way to the report."""
     from rfea_vision.artefacts import Diagnosis
     from rfea_vision.data import data_folder
@@ -175,7 +174,7 @@ def demo_command(folder: Path, budget_s: float, force: bool, as_json: bool, debu
     if not (campaign / "campaign.yaml").is_file():
         shutil.copytree(example, campaign, ignore=shutil.ignore_patterns("rfea", ".*"), dirs_exist_ok=True)
     with opened(campaign, None, force=("improve",) if force else ()) as work:
-        ladder = work.improve(budget_s=budget_s)
+        ladder = work.improve(critique=options)
         report = work.report()
         models = work.out / "models"
     answer = example.with_name(f"{_DEMO}-truth.json")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from rfea_vision.critique.next_experiment import design_next
 from rfea_vision.critique.refinement import SEGMENTS, screen_segments
 from rfea_vision.critique.screening import Screened, available, offered, screen
 from rfea_vision.critique.trials import (
-    EXPLAINED,
     FAR,
     REFITS,
     Refitted,
@@ -33,6 +32,7 @@ from rfea_vision.critique.trials import (
 from rfea_vision.critique.verdict import Verdict, decide
 from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
 from rfea_vision.fitting.scoring import options_of
+from rfea_vision.options import CritiqueOptions
 
 FloatArray = NDArray[np.float64]
 
@@ -52,11 +52,9 @@ def judge(
     problem: Problem,
     fitted: Fitted,
     *,
+    options: CritiqueOptions,
     candidates: Sequence[str] | None = None,
-    effect_files: Sequence[Path] = (),
     where: Sequence[WorstPlace] = (),
-    seed: int = 0,
-    enough: float = EXPLAINED,
     expected: Sequence[str] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
@@ -73,11 +71,11 @@ def judge(
             progress(min(steps, REFITS + 1), REFITS + 2)
 
     errors, floor = errors_of(problem, fitted), floor_of(problem, fitted)
-    effects = offered(problem, fitted, candidates, effect_files)
+    effects = offered(problem, fitted, candidates, options.effect_files)
     present = available(effects, {e.id for e in fitted.model.effects})
     screened: list[Screened] = screen(problem, fitted, present) if present else []
     step()
-    trials = Trials(problem, fitted, errors, floor, effects, tuple(effect_files), enough, step)
+    trials = Trials(problem, fitted, errors, floor, effects, options.effect_files, options.enough, step)
     left = structure(errors, floor)
     if left >= STRUCTURE_FLOORS and candidates is None and (finer := screen_segments(problem, fitted, floor)):
         screened.append(finer)
@@ -95,7 +93,7 @@ def judge(
     if verdict.rivals:
         pair = verdict.rivals[:2]
         names = [next(e for e in r.added if e in verdict.tied[0].effects) for r in pair]
-        following, pressure = design_next(problem, [r.fitted for r in pair], names, seed)
+        following, pressure = design_next(problem, [r.fitted for r in pair], names, options.seed)
     diagnosis = _diagnosis(trials, verdict, screened, singles).model_copy(
         update={"where": list(where), "next_experiment": following}
     )
@@ -167,33 +165,22 @@ def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
 def diagnose(
     model: ModelFit,
     recordings: Mapping[str, Recording],
+    options: CritiqueOptions | None = None,
     *,
     candidates: Sequence[str] | None = None,
-    effect_files: Sequence[Path] = (),
     where: Sequence[WorstPlace] = (),
-    seed: int = 0,
-    enough: float = EXPLAINED,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Diagnosis, xr.Dataset | None]:
     """Name the effect that is missing from a fitted model, or say that none is, or that none on offer explains what is left.
 
-    `enough` is the share of the squared error above the noise that an effect, or a few together, must explain to be named.
     Returns the diagnosis and, where it names a tie, the pressure of the next experiment (`pressure` in kPa over `log_time`).
     """
     zero_sd = float(model.given.get("pressure_zero_sd", 0.0))
     problem = make_problem(recordings, Actuator(**model.actuator), model.observe, pressure_zero_sd=zero_sd)  # type: ignore[arg-type]
     fitted = refit_artefact(model, problem)
-    files = tuple(effect_files) or fitted.options.effect_files
-    judgement = judge(
-        problem,
-        fitted,
-        candidates=candidates,
-        effect_files=files,
-        where=where,
-        seed=seed,
-        enough=enough,
-        progress=progress,
-    )
+    asked = options or CritiqueOptions()
+    asked = replace(asked, effect_files=asked.effect_files or fitted.options.effect_files)
+    judgement = judge(problem, fitted, options=asked, candidates=candidates, where=where, progress=progress)
     return judgement.diagnosis, judgement.next_pressure
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,12 @@ from rfea_vision.critique.measures import Errors, delta_bic, errors_of, matters
 from rfea_vision.critique.refinement import SEGMENTS
 from rfea_vision.critique.refinement import TITLE as SEGMENTS_TITLE
 from rfea_vision.critique.torque import with_residual_torque
-from rfea_vision.critique.trials import EXPLAINED, Refitted
+from rfea_vision.critique.trials import Refitted
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, fit, make_problem, refit
+from rfea_vision.fitting.fit import Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.scoring import as_artefact, score
+from rfea_vision.options import CritiqueOptions, FitOptions
 
 OnRung = Callable[[ModelFit, dict[str, xr.Dataset], Comparison, Diagnosis], None]
 MOST_RUNGS = 6
@@ -53,12 +53,10 @@ def improve(
     recordings: Mapping[str, Recording],
     actuator: Actuator,
     options: FitOptions | None = None,
+    critique: CritiqueOptions | None = None,
     *,
-    budget_s: float = 300.0,
     on_rung: OnRung | None = None,
     candidates: Sequence[str] | None = None,
-    effect_files: Sequence[Path] = (),
-    enough: float = EXPLAINED,
     finished: Sequence[tuple[ModelFit, Diagnosis]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Ladder:
@@ -66,12 +64,13 @@ def improve(
 
     Choosing uses the training and validation runs only; test runs, where there are any, are scored once at the end.
     `on_rung` receives every rung as soon as it stands. `finished` are the rungs of an earlier climb that was interrupted:
-    they are climbed again without being fitted or judged anew. `enough` is as for `diagnose`.
+    they are climbed again without being fitted or judged anew.
     """
     started = time.monotonic()
+    judged = critique or CritiqueOptions()
     chosen = options or FitOptions()
-    files = tuple(effect_files) or chosen.effect_files
-    chosen = replace(chosen, effect_files=files)
+    chosen = replace(chosen, effect_files=judged.effect_files or chosen.effect_files)
+    judged = replace(judged, effect_files=chosen.effect_files)
     problem = make_problem(recordings, actuator, chosen.observe, pressure_zero_sd=chosen.pressure_zero_sd)
     in_mm = problem.train[0].has_tip
     fitted = refit_artefact(finished[0][0], problem) if finished else fit(problem, chosen)
@@ -94,11 +93,9 @@ def improve(
             judgement = judge(
                 problem,
                 fitted,
+                options=judged,
                 candidates=candidates,
-                effect_files=files,
                 where=comparison.where,
-                seed=chosen.seed,
-                enough=enough,
                 expected=expected,
             )
             diagnosis, refitted = judgement.diagnosis, judgement.refitted
@@ -116,8 +113,8 @@ def improve(
         if name is None:
             stopped = "the only effect named had been dropped before: it does not earn its place"
             break
-        if time.monotonic() - started > budget_s:
-            stopped = f"the time budget of {budget_s:.0f} s is used up; the last diagnosis still names {name}"
+        if judged.budget_s is not None and time.monotonic() - started > judged.budget_s:
+            stopped = f"the time budget of {judged.budget_s:.0f} s is used up; the last diagnosis still names {name}"
             break
         before, added = fitted, name
         expected = [other for other in diagnosis.named if other != name]
@@ -126,7 +123,7 @@ def improve(
             fitted = refit_artefact(following, problem)
             dropped |= {*before.options.effects, name} - {*following.effects, SEGMENTS}
             continue
-        trial = refitted.get(name) or refit_named(problem, fitted, name, files)
+        trial = refitted.get(name) or refit_named(problem, fitted, name, judged.effect_files)
         if trial is None:
             stopped = f"{name} is named, but could not be fitted again"
             break

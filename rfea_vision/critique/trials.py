@@ -26,10 +26,9 @@ from rfea_vision.effects.base import Effect
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added
 from rfea_vision.fitting.observation import MM
-from rfea_vision.fitting.problem import PER_JOINT
+from rfea_vision.options.critique import EXPLAINED
+from rfea_vision.options.fit import PER_JOINT
 
-#: Share of the squared error above the noise from which on a misfit counts as explained, unless asked otherwise.
-EXPLAINED = 0.97
 #: Structure below this share of the tube's length (0.03 mm of 155) is within the systematic errors of calibration, clamp
 #: and the chain's own segments, however fine the noise: it earns no effect a name, and denies none.
 NEGLIGIBLE_SHARE = 2e-4

@@ -15,13 +15,14 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.observation import Observed
-from rfea_vision.fitting.problem import FitOptions, Problem, make_model, make_problem, parse_effects, start_vector
+from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import evened, seen_scale
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
+from rfea_vision.options import FitOptions
 
 __all__ = [
     "FitOptions",

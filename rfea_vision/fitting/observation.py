@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -14,9 +13,9 @@ from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.nuisance import BEFORE_S, FORGOTTEN_S, Unknowns, unknowns_of
+from rfea_vision.options.fit import Observe
 
 FloatArray = NDArray[np.float64]
-Observe = Literal["midline", "tip", "tip_y", "angle"]
 
 FITTED_NODES = 8
 MM = 1e-3

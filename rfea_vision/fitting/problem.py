@@ -1,83 +1,25 @@
-"""What is fitted to what: the options of a fit, the recordings made ready, and the model that both describe."""
+"""What is fitted to what: the recordings made ready, and the model that both describe."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Chain, Model
-from rfea_vision.effects.base import BASE_PARAMETERS
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, largest_bend
-from rfea_vision.fitting.observation import Observe, Observed, default_observe, observe_recording
+from rfea_vision.fitting.observation import Observed, default_observe, observe_recording
+from rfea_vision.options.fit import FitOptions, Observe
 
 FloatArray = NDArray[np.float64]
-PER_JOINT = BASE_PARAMETERS[:6]
 #: A run whose pressure stays within this is no excitation.
 CONSTANT_PA = 5e3
 WRONG_SIDE_RAD = 0.3
-
-
-@dataclass(frozen=True)
-class FitOptions:
-    """What to fit and how.
-
-    Attributes
-    ----------
-    effects : ids, each optionally with a place: ``coulomb@2`` acts at joint 2 alone
-    observe : what of the recordings is compared; None takes the richest that all of them offer
-    fixed : parameters held at a value (SI; per joint of a chain of `segments`, as are bounds and priors)
-    bounds : lowest and highest value of parameters (SI), instead of the usual ones
-    priors : value and standard error that is known of parameters beforehand (SI): a weighed payload; ``modulus`` (Pa) stands
-        for the Young's modulus of the wall, see `coordinates.stiffness_per_modulus`
-    starts : number of random starts beside the regular ones
-    loss : ``linear``; ``huber`` where many frames are wrong; ``auto`` takes it where the track leaves the model in jumps
-    pressure_zero_sd : standard error (Pa) of the zero of the pressure sensor, which may then differ from run to run
-    auto_segments : whether `segments` is only where the search for their number begins
-    study_segments : whether other numbers of segments are tried
-    leave_one_out : whether the fit is repeated without each training run
-    profile : parameters whose profile likelihood is wanted
-    """
-
-    name: str = "base"
-    segments: int = 16
-    joints: Literal["middle", "start"] = "middle"
-    effects: tuple[str, ...] = ()
-    observe: Observe | None = None
-    effect_files: tuple[Path, ...] = ()
-    seed: int = 0
-    fixed: Mapping[str, float] = field(default_factory=dict)
-    starts: int = 2
-    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    priors: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    loss: Literal["auto", "linear", "huber"] = "auto"
-    pressure_zero_sd: float = 0.0
-    auto_segments: bool = False
-    study_segments: bool = False
-    leave_one_out: bool = False
-    profile: tuple[str, ...] = ()
-
-    def with_segments(self, segments: int) -> FitOptions:
-        """Return the same options for another number of segments: what is given per joint goes with it."""
-        factor = segments / self.segments
-
-        def of(name: str) -> float:
-            return factor if name in PER_JOINT else 1.0
-
-        return replace(
-            self,
-            segments=segments,
-            fixed={name: of(name) * value for name, value in self.fixed.items()},
-            bounds={name: (of(name) * low, of(name) * high) for name, (low, high) in self.bounds.items()},
-            priors={name: (of(name) * mean, of(name) * sd) for name, (mean, sd) in self.priors.items()},
-        )
 
 
 @dataclass(frozen=True)

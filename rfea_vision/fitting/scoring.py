@@ -15,7 +15,7 @@ from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.discretisation import drift
-from rfea_vision.fitting.fit import FitOptions, Fitted, Problem, make_model
+from rfea_vision.fitting.fit import Fitted, Problem, make_model
 from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
 from rfea_vision.fitting.problem import CONSTANT_PA
@@ -23,6 +23,7 @@ from rfea_vision.fitting.refine import EXACT_ORDER, refine
 from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.solver import fit_clocks
+from rfea_vision.options import FitOptions
 
 FloatArray = NDArray[np.float64]
 

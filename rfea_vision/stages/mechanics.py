@@ -11,8 +11,10 @@ import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.options import CritiqueOptions, FitOptions
+from rfea_vision.options.asking import as_record, from_record
 from rfea_vision.progress import Progress
-from rfea_vision.stages.choices import ModelChoices, choices_of, choose
+from rfea_vision.stages.cache import StageRecord
 from rfea_vision.stages.products import (
     describe_fit,
     describe_rung,
@@ -28,7 +30,7 @@ from rfea_vision.stages.stored import Stored, values
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
-CODE = ("artefacts", "tube", "steady", "dynamics", "effects", "fitting", "critique")
+CODE = ("artefacts", "options", "tube", "steady", "dynamics", "effects", "fitting", "critique")
 PREDICTED_ROLES = ("train", "validate")
 RUNG_FILES = ("model.json", "prediction.nc", "comparison.json", "diagnosis.json")
 
@@ -54,18 +56,18 @@ def last_model(work: Workspace) -> str | None:
     return names[-1] if names else None
 
 
-def fit(work: Workspace, choices: ModelChoices) -> Stored[ModelFit]:
+def fit(work: Workspace, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
     recordings = work.recordings(*PREDICTED_ROLES)
     actuator = common_actuator(work, recordings)
-    folder = model_folder(work, choices.name)
+    folder = model_folder(work, options.name)
 
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
         from rfea_vision.critique import with_residual_torque
         from rfea_vision.fitting import fit_model, predict
 
         measured = values(recordings)
-        model = fit_model(measured, actuator, choices.fit_options(), progress=progress)
+        model = fit_model(measured, actuator, options, progress=progress)
         model = model.model_copy(update={"inputs": work.raw_inputs()})
         save_prediction(folder, with_residual_torque(model, measured, predict(model, measured)))
         model.save(folder / "model.json")
@@ -74,8 +76,8 @@ def fit(work: Workspace, choices: ModelChoices) -> Stored[ModelFit]:
 
     return work.run(
         "fit",
-        choices.name,
-        **_fit_parts(work, choices, recordings, actuator),
+        options.name,
+        **_fit_parts(work, options, recordings, actuator),
         make=make,
         load=lambda: ModelFit.load(folder / "model.json"),
     )
@@ -83,18 +85,22 @@ def fit(work: Workspace, choices: ModelChoices) -> Stored[ModelFit]:
 
 def fitted(work: Workspace, name: str) -> Stored[ModelFit]:
     """Return a model by name, fitted again with the same choices if it is out of date."""
-    record = work.cache.record(f"fit/{name}")
-    choices = choices_of(record) if record is not None else None
-    if choices is not None:
-        return fit(work, choices)
+    options = fitted_with(work.cache.record(f"fit/{name}"))
+    if options is not None:
+        return fit(work, options)
     file = model_folder(work, name) / "model.json"
     if file.is_file():
         return Stored(lambda: ModelFit.load(file))
     if name == "base":
-        return fit(work, choose())
+        return fit(work, FitOptions())
     there = ", ".join(model_names(work)) or "none"
     where = f"{work.out / 'models'}: no model '{name}'; there are: {there}"
     raise InputError(f"{where}; 'rfea fit --name {name}' makes one")
+
+
+def fitted_with(record: StageRecord | None) -> FitOptions | None:
+    """Return the options with which a model was fitted, or a ladder climbed; None if no record says."""
+    return from_record(FitOptions, record.options.get("fit")) if record is not None else None
 
 
 def compare(work: Workspace, name: str) -> Stored[Comparison]:
@@ -119,23 +125,13 @@ def compare(work: Workspace, name: str) -> Stored[Comparison]:
     )
 
 
-def diagnose(
-    work: Workspace,
-    name: str,
-    *,
-    effect_files: Sequence[Path | str] = (),
-    seed: int = 0,
-    enough: float | None = None,
-) -> Stored[Diagnosis]:
+def diagnose(work: Workspace, name: str, options: CritiqueOptions) -> Stored[Diagnosis]:
     """Say which effect is missing."""
     model = fitted(work, name)
     compared = compare(work, name)
     folder = model_folder(work, name)
     recordings = work.recordings(*PREDICTED_ROLES)
-    record = work.cache.record(f"fit/{name}")
-    choices = choices_of(record) if record is not None else None
-    given = choose(effect_files=effect_files).effect_files
-    files = given or (choices.effect_files if choices is not None else ())
+    options = _with_files(options, fitted_with(work.cache.record(f"fit/{name}")))
 
     def make(progress: Progress) -> tuple[Diagnosis, list[Path], str]:
         from rfea_vision.critique import diagnose as diagnose_model
@@ -143,11 +139,9 @@ def diagnose(
         diagnosis, experiment = diagnose_model(
             model.value,
             values(recordings),
-            effect_files=files,
+            options,
             where=compared.value.where,
-            seed=seed,
             progress=progress,
-            **_asked(enough),
         )
         pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)
         outputs = save_diagnosis(folder, diagnosis, pressure)
@@ -156,16 +150,17 @@ def diagnose(
     return work.run(
         "diagnose",
         name,
-        **_diagnose_parts(work, name, recordings, files, seed, enough),
+        **_diagnose_parts(work, name, recordings, options),
         make=make,
         load=lambda: Diagnosis.load(folder / "diagnosis.json"),
     )
 
 
-def improve(work: Workspace, choices: ModelChoices, *, budget_s: float, enough: float | None = None) -> Stored[Ladder]:
+def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> Stored[Ladder]:
     """Climb the ladder; every rung is written as it comes, and a climb that was interrupted goes on from there."""
     recordings = work.recordings("train", "validate", "test")
     actuator = common_actuator(work, recordings)
+    critique = _with_files(critique, options)
     path = work.out / Ladder.FILE
 
     def make(progress: Progress) -> tuple[Ladder, list[Path], str]:
@@ -173,7 +168,7 @@ def improve(work: Workspace, choices: ModelChoices, *, budget_s: float, enough: 
 
         outputs: list[Path] = []
         rungs: list[Rung] = []
-        finished = _finished(work, choices, recordings, actuator, enough)
+        finished = _finished(work, options, critique, recordings, actuator)
         for model, diagnosis in finished:
             rungs.append(rung_of(model, diagnosis, rungs))
             outputs.extend(model_folder(work, model.name) / file for file in RUNG_FILES)
@@ -183,7 +178,7 @@ def improve(work: Workspace, choices: ModelChoices, *, budget_s: float, enough: 
             model: ModelFit, predictions: Mapping[str, xr.Dataset], comparison: Comparison, diagnosis: Diagnosis
         ) -> None:
             rung = (model, predictions, comparison, diagnosis)
-            outputs.extend(_save_rung(work, choices, recordings, actuator, rung, enough))
+            outputs.extend(_save_rung(work, options, critique, recordings, actuator, rung))
             rungs.append(rung_of(model, diagnosis, rungs))
             Ladder(rungs=rungs, noise_floor_mm=model.noise_floor_mm, stopped_because="not finished").save(path)
             work.listener.note(describe_rung(rungs[-1]))
@@ -191,12 +186,11 @@ def improve(work: Workspace, choices: ModelChoices, *, budget_s: float, enough: 
         ladder = climb(
             values(recordings),
             actuator,
-            replace(choices.fit_options(), study_segments=True),
-            budget_s=budget_s,
+            replace(options, study_segments=True),
+            critique,
             on_rung=on_rung,
             finished=finished,
             progress=progress,
-            **_asked(enough),
         )
         ladder.save(path)
         return ladder, [path, *dict.fromkeys(outputs)], ladder.stopped_because
@@ -204,9 +198,9 @@ def improve(work: Workspace, choices: ModelChoices, *, budget_s: float, enough: 
     return work.run(
         "improve",
         "ladder",
-        inputs=list(choices.effect_files),
+        inputs=list(options.effect_files),
         also=_recording_hashes(work, recordings),
-        options={"fit": choices.as_record(), "actuator": actuator, "budget_s": budget_s, "enough": enough},
+        options={"fit": as_record(options), "critique": as_record(critique), "actuator": actuator},
         code=CODE,
         make=make,
         load=lambda: Ladder.load(path),
@@ -214,7 +208,7 @@ def improve(work: Workspace, choices: ModelChoices, *, budget_s: float, enough: 
 
 
 def _finished(
-    work: Workspace, choices: ModelChoices, recordings: Recordings, actuator: Actuator, enough: float | None
+    work: Workspace, options: FitOptions, critique: CritiqueOptions, recordings: Recordings, actuator: Actuator
 ) -> list[tuple[ModelFit, Diagnosis]]:
     """Rungs of the ladder as it stands that are still true, from the first up to one that is not."""
     path = work.out / Ladder.FILE
@@ -226,8 +220,8 @@ def _finished(
         if not (folder / "model.json").is_file():
             break
         model = ModelFit.load(folder / "model.json")
-        own = choices.for_rung(model)
-        judged = _diagnose_parts(work, model.name, recordings, choices.effect_files, choices.seed, enough)
+        own = _for_rung(options, model)
+        judged = _diagnose_parts(work, model.name, recordings, critique)
         if not work.has("fit", model.name, **_fit_parts(work, own, recordings, actuator)):
             break
         if not work.has("diagnose", model.name, **judged):
@@ -236,18 +230,23 @@ def _finished(
     return found
 
 
-def _asked(enough: float | None) -> dict[str, Any]:
-    """The share asked of a name, where one is asked for; else the critique's own."""
-    return {} if enough is None else {"enough": enough}
+def _for_rung(options: FitOptions, model: ModelFit) -> FitOptions:
+    """Return the same options for another rung: its effects, and its segments where it has more."""
+    return replace(options, name=model.name, effects=tuple(model.effects), segments=model.segments)
+
+
+def _with_files(critique: CritiqueOptions, fit: FitOptions | None) -> CritiqueOptions:
+    """Return the critique's options with the effect files of the fit, where it has none of its own."""
+    return critique if critique.effect_files or fit is None else replace(critique, effect_files=fit.effect_files)
 
 
 def _save_rung(
     work: Workspace,
-    choices: ModelChoices,
+    options: FitOptions,
+    critique: CritiqueOptions,
     recordings: Recordings,
     actuator: Actuator,
     rung: tuple[ModelFit, Mapping[str, xr.Dataset], Comparison, Diagnosis],
-    enough: float | None,
 ) -> list[Path]:
     """Write a rung's artefacts, and note them as if fit, compare and diagnose had been called one by one."""
     model, predictions, comparison, diagnosis = rung
@@ -257,12 +256,12 @@ def _save_rung(
     save_prediction(folder, predictions)
     model.save(fit_files[0])
     save_timings(folder, model)
-    own = choices.for_rung(model)
+    own = _for_rung(options, model)
     work.remember("fit", model.name, fit_files, **_fit_parts(work, own, recordings, actuator))
     comparison.save(folder / "comparison.json")
     work.remember("compare", model.name, [folder / "comparison.json"], **_compare_parts(work, model.name))
     outputs = save_diagnosis(folder, *without_pressure(diagnosis))
-    parts = _diagnose_parts(work, model.name, recordings, choices.effect_files, choices.seed, enough)
+    parts = _diagnose_parts(work, model.name, recordings, critique)
     work.remember("diagnose", model.name, outputs, **parts)
     return [*fit_files, folder / "comparison.json", *outputs]
 
@@ -270,11 +269,11 @@ def _save_rung(
 # -- what each stage depends on ------------------------------------------------------------------------------------
 
 
-def _fit_parts(work: Workspace, choices: ModelChoices, recordings: Recordings, actuator: Actuator) -> dict[str, Any]:
+def _fit_parts(work: Workspace, options: FitOptions, recordings: Recordings, actuator: Actuator) -> dict[str, Any]:
     return {
-        "inputs": list(choices.effect_files),
+        "inputs": list(options.effect_files),
         "also": _recording_hashes(work, recordings, PREDICTED_ROLES),
-        "options": {"fit": choices.as_record(), "actuator": actuator},
+        "options": {"fit": as_record(options), "actuator": actuator},
         "code": CODE,
     }
 
@@ -284,12 +283,11 @@ def _compare_parts(work: Workspace, name: str) -> dict[str, Any]:
     return {"inputs": [], "also": [work.cache.sha256(file) for file in files], "options": {}, "code": CODE}
 
 
-def _diagnose_parts(
-    work: Workspace, name: str, recordings: Recordings, files: Sequence[Path], seed: int, enough: float | None
-) -> dict[str, Any]:
+def _diagnose_parts(work: Workspace, name: str, recordings: Recordings, critique: CritiqueOptions) -> dict[str, Any]:
     model = work.cache.sha256(model_folder(work, name) / "model.json")
     also = [model, *_recording_hashes(work, recordings, PREDICTED_ROLES)]
-    return {"inputs": list(files), "also": also, "options": {"seed": seed, "enough": enough}, "code": CODE}
+    options = {"critique": as_record(replace(critique, budget_s=None))}  # the budget ends a climb, no diagnosis
+    return {"inputs": list(critique.effect_files), "also": also, "options": options, "code": CODE}
 
 
 def _recording_hashes(work: Workspace, recordings: Recordings, roles: Sequence[str] | None = None) -> list[str]:

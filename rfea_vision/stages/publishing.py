@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Ladder
 from rfea_vision.files import write_text
+from rfea_vision.options import CritiqueOptions
+from rfea_vision.options.asking import from_record, written
 from rfea_vision.progress import Progress
 from rfea_vision.stages import mechanics
-from rfea_vision.stages.choices import choices_of
+from rfea_vision.stages.cache import StageRecord
 from rfea_vision.stages.stored import Stored
 
 if TYPE_CHECKING:
@@ -70,10 +73,10 @@ def side_by_side(first: Workspace, second: Workspace) -> Path:
 def bring_up_to_date(work: Workspace) -> None:
     """Redo what stands on changed data: the ladder with its options, single models with theirs."""
     ladder = work.cache.record("improve/ladder")
-    choices = choices_of(ladder) if ladder is not None else None
+    options = mechanics.fitted_with(ladder)
     names = mechanics.model_names(work)
-    if ladder is not None and choices is not None:
-        mechanics.improve(work, choices, budget_s=float(ladder.options["budget_s"]))
+    if ladder is not None and options is not None:
+        mechanics.improve(work, options, _critique_of(ladder))
     elif not names:
         work.improve()
     climbed = rung_models(work)
@@ -88,32 +91,23 @@ def rung_models(work: Workspace) -> set[str]:
     return {rung.model for rung in Ladder.load(path).rungs} if path.is_file() else set()
 
 
+def _critique_of(ladder: StageRecord) -> CritiqueOptions:
+    """Return the critique's options with which a ladder was climbed."""
+    return from_record(CritiqueOptions, ladder.options.get("critique")) or CritiqueOptions()
+
+
 def commands(work: Workspace) -> list[str]:
     """Return the commands that make these results again."""
-    campaign = work.campaign.root.name
+    campaign = shlex.quote(work.campaign.root.name)
     made = []
     climbed = rung_models(work)
+    ladder = work.cache.record("improve/ladder")
+    options = mechanics.fitted_with(ladder)
     if climbed:
-        made.append(f"rfea improve {campaign}")
+        asked = written("improve", options, _critique_of(ladder)) if ladder is not None and options is not None else ""
+        made.append(f"rfea improve {campaign} {asked}".rstrip())
     for record in work.cache.records("fit"):
-        fit = record.options.get("fit", {})
-        name = record.key.partition("/")[2]
-        if name in climbed:
-            continue
-        added = "".join(f" --add {effect}" for effect in fit.get("effects", ()))
-        segments = "auto" if fit.get("more", {}).get("auto_segments") else fit.get("segments")
-        choices = f"--segments {segments} --joints {fit.get('joints')}"
-        choices += f" --observe {fit['observe']}" if fit.get("observe") else ""
-        made.append(f"rfea fit {campaign} {choices}{added}{_further(fit.get('more', {}))} --name {name}")
+        options = mechanics.fitted_with(record)
+        if options is not None and options.name not in climbed:
+            made.append(f"rfea fit {campaign} {written('fit', options)}")
     return [*made, f"rfea report {campaign}"]
-
-
-def _further(more: dict[str, Any]) -> str:
-    """Return the options of a fit beyond the usual ones, as they are written."""
-    parts = [f" --{key} '{item}'" for key in ("fix", "prior", "bound", "profile") for item in more.get(key, ())]
-    parts += [f" --{key.replace('_', '-')}" for key in ("study_segments", "leave_one_out") if more.get(key)]
-    if "loss" in more:
-        parts.append(f" --loss {more['loss']}")
-    if "pressure_zero_sd" in more:
-        parts.append(f" --pressure-zero {more['pressure_zero_sd']:g}Pa")
-    return "".join(parts)

@@ -2,97 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic.dataclasses import dataclass
 
 from rfea_vision.campaign.problems import unknown_key, validation_problems
 from rfea_vision.campaign.yaml_file import read_yaml
 from rfea_vision.data import list_recipes
 from rfea_vision.errors import InputError
+from rfea_vision.options import CritiqueOptions, FitOptions
+from rfea_vision.options.asking import CLOSED, Asked, asked_by, explain, json_schema, read
 from rfea_vision.stages.workspace import Workspace
-from rfea_vision.units import parse_quantity
 
 
-class _Step(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+@dataclass(frozen=True, kw_only=True, config=CLOSED)
+class Subjects:
+    """What a step works on, where it is not everything."""
+
+    names: Annotated[tuple[str, ...], Asked(("track", "sync"))] = Field(
+        default=(), description="These experiments alone."
+    )
+    models: Annotated[tuple[str, ...], Asked(("compare",))] = Field(
+        default=(), description="These models; default all there are."
+    )
+    model: Annotated[str | None, Asked(("diagnose",))] = Field(
+        default=None, description="The model; default the one fitted last."
+    )
 
 
-class MeasureStep(_Step):
-    """Options of track and sync."""
-
-    names: tuple[str, ...] = ()
-
-
-class EmptyStep(_Step):
-    """Options of a step that has none."""
-
-
-def _items(value: object) -> object:
-    """Take ``{r_hyd: 3.6 mm}`` for what the command line writes as ``r_hyd=3.6 mm``."""
-    return tuple(f"{name}={text}" for name, text in value.items()) if isinstance(value, dict) else value
-
-
-Items = Annotated[tuple[str, ...], BeforeValidator(_items)]
-
-
-class ModelStep(_Step):
-    """What fit and improve have in common."""
-
-    segments: int | Literal["auto"] = 16
-    joints: Literal["middle", "start"] = "middle"
-    observe: Literal["tip_y", "tip", "midline", "angle"] | None = None
-    effect_files: tuple[str, ...] = ()
-    seed: int = 0
-    fix: Items = ()
-    prior: Items = ()
-    bound: Items = ()
-    loss: Literal["auto", "linear", "huber"] = "auto"
-    pressure_zero: Annotated[
-        float | None, BeforeValidator(lambda value: parse_quantity(value, "Pa", example="1 kPa"))
-    ] = None
-
-
-class FitStep(ModelStep):
-    """Options of fit."""
-
-    name: str | None = None
-    add: tuple[str, ...] = ()
-    study_segments: bool = False
-    profile: tuple[str, ...] = ()
-    leave_one_out: bool = False
-
-
-class CompareStep(_Step):
-    """Options of compare; no models means all there are."""
-
-    models: tuple[str, ...] = ()
-
-
-class DiagnoseStep(_Step):
-    """Options of diagnose; no model means the one fitted last."""
-
-    model: str | None = None
-    effect_files: tuple[str, ...] = ()
-    seed: int = 0
-
-
-class ImproveStep(ModelStep):
-    """Options of improve."""
-
-    budget: Annotated[float, BeforeValidator(lambda value: parse_quantity(value, "s", example="5 min"))] = 300.0
-
-
-_STEPS: dict[str, type[_Step]] = {
-    "calibrate": EmptyStep,
-    "track": MeasureStep,
-    "sync": MeasureStep,
-    "fit": FitStep,
-    "compare": CompareStep,
-    "diagnose": DiagnoseStep,
-    "improve": ImproveStep,
-    "report": EmptyStep,
+#: What each step may be told.
+STEPS: dict[str, tuple[type, ...]] = {
+    "calibrate": (),
+    "track": (Subjects,),
+    "sync": (Subjects,),
+    "fit": (FitOptions,),
+    "compare": (Subjects,),
+    "diagnose": (Subjects, CritiqueOptions),
+    "improve": (FitOptions, CritiqueOptions),
+    "report": (),
 }
 
 
@@ -111,20 +61,40 @@ class Recipe(BaseModel):
             raise ValueError("steps is empty; name at least one stage, for example '- improve'")
         for step in self.steps:
             for name in [step] if isinstance(step, str) else step:
-                if name not in _STEPS:
-                    raise ValueError(unknown_key(name, _STEPS).replace("key", "step"))
+                if name not in STEPS:
+                    raise ValueError(unknown_key(name, STEPS).replace("key", "step"))
         return self
 
-    def calls(self) -> list[tuple[str, _Step]]:
-        """Return each step's stage and options.
+    def calls(self) -> list[tuple[str, tuple[Any, ...]]]:
+        """Return each step's stage, and what it is told: one object of each of its classes in `STEPS`.
 
         Raises
         ------
-        ValidationError
+        InputError
             If an option is unknown or of the wrong kind.
         """
         pairs = [(step, {}) if isinstance(step, str) else next(iter(step.items())) for step in self.steps]
-        return [(name, _STEPS[name].model_validate(options or {})) for name, options in pairs]
+        return [(name, _told(name, options or {})) for name, options in pairs]
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> dict[str, Any]:
+        schema = handler.resolve_ref_schema(handler(core))
+        options = {name: json_schema(name, *kinds) for name, kinds in STEPS.items()}
+        one = {"type": "object", "properties": options, "additionalProperties": False, "maxProperties": 1}
+        schema["properties"]["steps"]["items"] = {"anyOf": [{"enum": list(STEPS)}, one]}
+        return schema
+
+
+def _told(name: str, options: Mapping[str, Any]) -> tuple[Any, ...]:
+    known = {option.key for option in asked_by(name, *STEPS[name])}
+    for key in options:
+        if key not in known:
+            raise InputError(unknown_key(key, known) if known else f"unknown key '{key}'; {name} has no options")
+    try:
+        return tuple(read(kind, options, name) for kind in STEPS[name])
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise InputError(f"{first['loc'][0]}: {explain(first)}") from error
 
 
 def load_recipe(name_or_path: str) -> Recipe:
@@ -151,25 +121,24 @@ def load_recipe(name_or_path: str) -> Recipe:
     for index, step in enumerate(recipe.steps):
         try:
             Recipe(steps=(step,)).calls()
-        except ValidationError as error:
+        except InputError as error:
             name = step if isinstance(step, str) else next(iter(step))
-            problem = validation_problems(error, _STEPS[name], (file,))[0]
-            line = file.line_of(("steps", index))
-            raise InputError(f"{path}:{line}: {name}: {problem.key}: {problem.message}") from error
+            raise InputError(f"{path}:{file.line_of(('steps', index))}: {name}: {error}") from error
     return recipe
 
 
 def run_recipe(work: Workspace, recipe: Recipe) -> dict[str, Any]:
     """Run the steps in order and return what the last of each kind gave."""
-    results: dict[str, Any] = {}
-    for name, options in recipe.calls():
-        arguments = options.model_dump()
-        if isinstance(options, ModelStep):
-            arguments["pressure_zero_sd"] = arguments.pop("pressure_zero")
-        if isinstance(options, CompareStep):
-            results[name] = work.compare(*options.models)
-        elif isinstance(options, ImproveStep):
-            results[name] = work.improve(budget_s=arguments.pop("budget"), **arguments)
-        else:
-            results[name] = getattr(work, name)(**arguments)
-    return results
+    return {name: _RUN[name](work, *told) for name, told in recipe.calls()}
+
+
+_RUN: dict[str, Callable[..., object]] = {
+    "calibrate": Workspace.calibrate,
+    "track": lambda work, which: work.track(which.names),
+    "sync": lambda work, which: work.sync(which.names),
+    "fit": Workspace.fit,
+    "compare": lambda work, which: work.compare(*which.models),
+    "diagnose": lambda work, which, options: work.diagnose(which.model, options),
+    "improve": Workspace.improve,
+    "report": Workspace.report,
+}

@@ -9,10 +9,11 @@ from typing import Any, TypeVar
 from rfea_vision.artefacts import Calibration, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
 from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
 from rfea_vision.errors import DataError, InputError, RfeaError
+from rfea_vision.options import CritiqueOptions, FitOptions
+from rfea_vision.options.asking import declares, from_keywords
 from rfea_vision.progress import Listener, Progress
 from rfea_vision.stages import measurement, mechanics, publishing
 from rfea_vision.stages.cache import StageCache
-from rfea_vision.stages.choices import choose
 from rfea_vision.stages.stored import Stored, values
 
 _Result = TypeVar("_Result")
@@ -106,16 +107,15 @@ class Workspace:
 
     # -- mechanics -----------------------------------------------------------------------------------------------
 
-    def fit(self, name: str | None = None, *, add: Sequence[str] = (), **choices: Any) -> ModelFit:
+    def fit(self, options: FitOptions | None = None, /, **asked: object) -> ModelFit:
         """Fit one model to the training experiments.
 
         Parameters
         ----------
-        name : folder of the model; default ``base``, ``base+maxwell``, ...
-        add : ids of effects beside the base model
-        choices : ``segments``, ``joints``, ``observe``, ``effect_files``, ``seed``, or any other option of the fit
+        options : what to fit and how
+        asked : fields of `FitOptions`, in place of `options`: ``fit(segments=8, add=["maxwell"])``
         """
-        return mechanics.fit(self, choose(name, add=add, **choices)).value
+        return mechanics.fit(self, options or from_keywords(FitOptions, asked)).value
 
     def model(self, name: str) -> ModelFit:
         """Return a model by name, fitted again if it is out of date."""
@@ -130,30 +130,27 @@ class Workspace:
         return values({name: mechanics.compare(self, name) for name in models or self.model_names() or ("base",)})
 
     def diagnose(
-        self,
-        model: str | None = None,
-        *,
-        effect_files: Sequence[Path | str] = (),
-        seed: int = 0,
-        enough: float | None = None,
+        self, model: str | None = None, options: CritiqueOptions | None = None, /, **asked: object
     ) -> Diagnosis:
         """Ask which effect is missing from a model (default: the one fitted last, or the base model).
 
-        `enough` is the share of the misfit, as squared error above the noise, that must be explained to earn a name.
+        `asked` are fields of `CritiqueOptions`, in place of `options`.
         """
         name = model or mechanics.last_model(self) or "base"
-        return mechanics.diagnose(self, name, effect_files=effect_files, seed=seed, enough=enough).value
+        return mechanics.diagnose(self, name, options or from_keywords(CritiqueOptions, asked)).value
 
-    def improve(self, *, budget_s: float = 300.0, enough: float | None = None, **choices: Any) -> Ladder:
+    def improve(
+        self, fit: FitOptions | None = None, critique: CritiqueOptions | None = None, **asked: object
+    ) -> Ladder:
         """Fit, diagnose, add one effect, again, until a verdict ends it.
 
-        Parameters
-        ----------
-        budget_s : time after which no further rung is begun
-        enough : as for `diagnose`
-        choices : as for `fit`
+        `asked` are fields of `FitOptions` and of `CritiqueOptions`, in place of `fit` and `critique`.
         """
-        return mechanics.improve(self, choose("base", **choices), budget_s=budget_s, enough=enough).value
+        own = {name: value for name, value in asked.items() if not declares(CritiqueOptions, name)}
+        both = {name: value for name, value in asked.items() if declares(FitOptions, name)}
+        judged = {name: value for name, value in asked.items() if declares(CritiqueOptions, name)}
+        fit = fit or from_keywords(FitOptions, {**own, **both})
+        return mechanics.improve(self, fit, critique or from_keywords(CritiqueOptions, judged)).value
 
     # -- publishing ----------------------------------------------------------------------------------------------
 

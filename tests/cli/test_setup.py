@@ -63,7 +63,7 @@ def test_help_is_quick_to_load():
         (["trak"], "Did you mean 'track'?"),
         (["fit"], "Missing argument 'CAMPAIGN'"),
         (["fit", "x", "--segmnts", "3"], "'--segments'"),
-        (["fit", "x", "--segments", "0"], "0 is not in the range"),
+        (["fit", "x", "--segments", "0"], "greater than or equal to 1"),
         (["fit", "x", "--observe", "toe"], "'toe' is not one of"),
         (["improve", "x", "--budget", "5"], "'5' has no unit; write for example '5min'"),
         (["improve", "x", "--budget", "5 kg"], "not a unit of the right kind"),
@@ -173,7 +173,7 @@ def test_recipes_of_the_package_are_right():
     assert set(list_recipes()) >= {"default", "paper"}
     steps = load_recipe("paper").calls()
     assert [name for name, _ in steps] == ["fit", "fit", "compare", "report"]
-    assert [options.model_dump()["joints"] for name, options in steps if name == "fit"] == ["start", "start"]
+    assert [told[0].joints for name, told in steps if name == "fit"] == ["start", "start"]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,8 @@ from rfea_vision.artefacts import Recording
 from rfea_vision.critique import diagnose, improve
 from rfea_vision.critique.screening import available
 from rfea_vision.effects.catalogue import find_effects
-from rfea_vision.fitting import FitOptions, fit_model
+from rfea_vision.fitting import fit_model
+from rfea_vision.options import CritiqueOptions, FitOptions
 
 OPTIONS = FitOptions(segments=6, starts=0)
 TILT = (("gravity_tilt.angle", -0.08),)
@@ -43,7 +44,7 @@ def test_a_part_is_named_only_where_less_is_asked_of_a_name(campaign):
     recordings, actuator = campaign((("fan.F", 0.01), *TILT))
     model = fit_model(recordings, actuator, OPTIONS)
     strict, _ = diagnose(model, recordings, candidates=["gravity_tilt"])
-    lenient, _ = diagnose(model, recordings, candidates=["gravity_tilt"], enough=0.6)
+    lenient, _ = diagnose(model, recordings, CritiqueOptions(enough=0.6), candidates=["gravity_tilt"])
     assert strict.verdict == "unexplained" and strict.named == []
     assert "gravity_tilt" in strict.sentence and "97 %" in strict.sentence
     assert lenient.verdict == "missing" and lenient.named == ["gravity_tilt"]

@@ -10,8 +10,9 @@ import pytest
 from rfea_vision.artefacts import Ladder, Recording
 from rfea_vision.critique import improve, power_study
 from rfea_vision.critique.diagnosis import Judgement, judge
-from rfea_vision.fitting import FitOptions, fit_model
+from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.options import CritiqueOptions, FitOptions
 
 OPTIONS = FitOptions(segments=6, starts=0)
 RIVALS = ("payload", "gravity_tilt", "maxwell", "stiffness_profile")
@@ -96,7 +97,7 @@ def test_choosing_does_not_look_at_test_runs(campaign):
 
 
 def test_the_ladder_keeps_to_its_budget(campaign):
-    ladder, _ = climbed(campaign((("gravity_tilt.angle", -0.08),)), ("gravity_tilt",), budget_s=0.0)
+    ladder, _ = climbed(campaign((("gravity_tilt.angle", -0.08),)), ("gravity_tilt",), critique=CritiqueOptions(budget_s=0))
     assert len(ladder.rungs) == 1
     assert "budget" in ladder.stopped_because and "gravity_tilt" in ladder.stopped_because
 

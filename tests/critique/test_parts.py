@@ -17,11 +17,11 @@ from rfea_vision.critique.next_experiment import STEP_S, limits, profiles
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.trials import Trials
 from rfea_vision.effects.catalogue import find_effects
-from rfea_vision.fitting import FitOptions
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.observation import noise_floor_mm
 from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.options import FitOptions
 
 
 def test_phases_of_a_trapezium():

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Recording
-from rfea_vision.fitting import FitOptions
+from rfea_vision.options import FitOptions
 from rfea_vision.stages import open_campaign
 from rfea_vision.twin import TwinOptions, simulate
 from rfea_vision.twin.draw import noise_like

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from rfea_vision.fitting.discretisation import drift
-from rfea_vision.fitting.fit import FitOptions, fit, make_problem
+from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.refine import refine
+from rfea_vision.options import FitOptions
 
 SEGMENTS = 6
 

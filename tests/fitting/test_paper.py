@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from rfea_vision.cli.root import rfea
 from rfea_vision.errors import InputError
 from rfea_vision.fitting.coordinates import stiffness_per_modulus
+from rfea_vision.options import FitOptions
 from rfea_vision.stages import open_campaign
-from rfea_vision.stages.choices import choose
 from rfea_vision.stages.recipes import load_recipe, run_recipe
 
 
@@ -89,17 +89,16 @@ def test_the_command_line_takes_what_is_known(campaign):
 )
 def test_what_is_written_wrongly_is_said(given, says):
     with pytest.raises(InputError, match=says):
-        choose(**given).fit_options()
+        FitOptions(**given)
 
 
 def test_units_stop_at_the_door():
-    options = choose(
-        fix=["maxwell.k1=3%"], prior=["payload.m=2g+-0.1g", "modulus=2MPa±0.3MPa"], bound=["r_hyd=3mm..4mm"]
-    ).fit_options()
+    given = {"fix": ["maxwell.k1=3%"], "prior": ["payload.m=2g+-0.1g", "modulus=2MPa±0.3MPa"], "bound": ["r_hyd=3mm..4mm"]}
+    options = FitOptions(**given)
     assert options.fixed == {"maxwell.k1": pytest.approx(0.03)}
     assert options.priors == {"payload.m": pytest.approx((2e-3, 1e-4)), "modulus": pytest.approx((2e6, 3e5))}
     assert options.bounds == {"r_hyd": pytest.approx((3e-3, 4e-3))}
-    assert choose(segments="auto").fit_options().auto_segments
+    assert FitOptions(segments="auto").auto_segments
 
 
 def test_a_modulus_is_that_of_a_ring_that_bends_about_its_side():
@@ -121,7 +120,6 @@ def test_the_papers_own_table_lies_within_the_bounds():
 
     from rfea_vision.artefacts import Actuator
     from rfea_vision.dynamics.parameters import PUBLISHED
-    from rfea_vision.fitting import FitOptions
     from rfea_vision.fitting.coordinates import build
     from rfea_vision.fitting.fit import make_model
 

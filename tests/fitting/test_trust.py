@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting import FitOptions, fit_model
+from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.fit import fit, make_problem, refit
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.scoring import as_artefact, options_of
 from rfea_vision.fitting.studies import enough_segments, leave_one_out, segments_study
+from rfea_vision.options import FitOptions
 from tests.fitting.runs import OPTIONS, SEGMENTS, noisy
 
 

@@ -9,8 +9,9 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.simulation import Excitation
-from rfea_vision.fitting.fit import FitOptions, make_model, start_vector
+from rfea_vision.fitting.fit import make_model, start_vector
 from rfea_vision.fitting.residuals import seen_by_camera
+from rfea_vision.options import FitOptions
 
 SEGMENTS = 4
 NODES = np.array([0.0, 0.5, 1.0])

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+from pydantic import BeforeValidator, ValidationInfo
 
 from rfea_vision.errors import InputError
+from rfea_vision.options.asking import written_by_people
 from rfea_vision.units import parse_quantity
 
 MODULUS = "modulus"
@@ -28,6 +32,47 @@ def units_of(effect_files: Sequence[Path]) -> dict[str, str]:
         **BASE_UNITS,
         **{f"{effect.id}.{name}": spec.unit for effect in found for name, spec in effect.parameters.items()},
     }
+
+
+def known_values(read: Callable[[Sequence[str], Mapping[str, str]], Mapping[str, Any]]) -> BeforeValidator:
+    """Take what people write, ``r_hyd=3.6mm`` or ``{r_hyd: 3.6 mm}``, for values in SI; a mapping in Python is in SI already."""
+
+    def parse(value: object, info: ValidationInfo) -> object:
+        if isinstance(value, Mapping):
+            if not value or not written_by_people(info):
+                return value
+            value = [f"{name}={text}" for name, text in value.items()]
+        if not isinstance(value, list | tuple):
+            return value
+        return read([str(item) for item in value], units_of(info.data.get("effect_files", ()))) if value else {}
+
+    return BeforeValidator(parse, json_schema_input_type=dict[str, str] | list[str])
+
+
+def write_fixed(values: Mapping[str, float], options: Any) -> list[str]:
+    """Write values of parameters as `read_fixed` reads them."""
+    return _write(values, options, "")
+
+
+def write_priors(values: Mapping[str, tuple[float, float]], options: Any) -> list[str]:
+    """Write values and standard errors as `read_priors` reads them."""
+    return _write(values, options, "±")
+
+
+def write_bounds(values: Mapping[str, tuple[float, float]], options: Any) -> list[str]:
+    """Write bounds as `read_bounds` reads them."""
+    return _write(values, options, "..")
+
+
+def _write(values: Mapping[str, Any], options: Any, between: str) -> list[str]:
+    units = {**units_of(options.effect_files), MODULUS: "Pa"}
+    out = []
+    for name, value in values.items():
+        unit = units[name].replace(" ", "*") if units[name] != "1" else ""
+        out.append(
+            f"{name}={between.join(f'{x:.9g}{unit}' for x in (value if isinstance(value, tuple) else (value,)))}"
+        )
+    return out
 
 
 def read_fixed(items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
