@@ -59,6 +59,7 @@ class Metrics(_Json):
 class ExperimentScore(Metrics):
     role: str
     frames_used: int = 0
+    step_s: float | None = None  # longest step of the integrator on this run
     nuisance: dict[str, float] = Field(default_factory=dict)
 
 
@@ -71,6 +72,7 @@ class ModelFit(_Json):
     joints: Literal["middle", "start"] = "middle"
     effects: list[str] = Field(default_factory=list)
     observe: str = "midline"
+    order: int = 3  # of the integrator with which the values were refined and scored
     status: Literal["converged", "not_converged", "refused"] = "converged"
     message: str = ""
     actuator: dict[str, Any] = Field(default_factory=dict)

@@ -26,7 +26,7 @@ from rfea_vision.files import write_text
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
 
-GENERATOR_VERSION = "11"
+GENERATOR_VERSION = "12"
 _NUMPY_FUNCTIONS = (
     "inertia",
     "gravity",

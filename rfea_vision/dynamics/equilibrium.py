@@ -6,7 +6,6 @@ import numpy as np
 from numba import float64, int64, njit, types
 
 from rfea_vision.dynamics.engine import factor, kinematics, solve
-from rfea_vision.dynamics.newton import wound_up
 from rfea_vision.dynamics.sensitivity import (
     C_PRESSURE,
     CARRY_ROWS,
@@ -39,6 +38,7 @@ from rfea_vision.dynamics.system import (
     RESIDUAL,
     STEP,
     SYSTEM,
+    TAU_THETA,
     VECTOR,
     allocate,
     call_joint_law,
@@ -46,6 +46,8 @@ from rfea_vision.dynamics.system import (
 )
 
 LARGEST_STEP = 0.3  # rad per Newton step
+#: Of a fall: how the resistance changes from step to step, the steps it may take, and the share of the first at which it ends.
+EASED, STIFFENED, FALLING_STEPS, LET_GO = 0.5, 4.0, 100_000, 1e-12
 
 
 @njit(**ALLOCATING)
@@ -79,8 +81,8 @@ def _derivatives(system, work, out_par, relaxed, dpressure, free, S_phi, S_z):
 
 
 @njit(**INLINE)
-def _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive):
-    """Newton's change of every angle (column STEP), with the hidden states relaxed."""
+def _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, resistance):
+    """Newton's change of every angle (column STEP), with the hidden states relaxed; `resistance` (N m/rad) to it in every joint."""
     body, z = work.body, work.z
     joint_angles(body, work.theta, work.rate)
     if system.states > 0:
@@ -89,6 +91,8 @@ def _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, press
             for a in range(system.states):
                 z[j, a] = relaxed[j, a, 0]
     call_joint_law(joint_law, system, work, pressure, work.out)
+    for j in range(work.out.shape[0]):
+        work.out[j, TAU_THETA] -= resistance
     for j in range(drive.size):
         work.out[j, 0] += drive[j]
     kinematics(system, body, work.motion)
@@ -103,10 +107,50 @@ def _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, press
         solve(system, body, 3, RESIDUAL, STEP, work.d)
 
 
+@njit(**INLINE)
+def _largest_change(body):
+    """Largest change of a joint's angle in column STEP; not a number if any is not."""
+    largest, total = abs(body[0, STEP]), body[0, STEP]
+    for i in range(1, body.shape[0] - 1):
+        largest = max(largest, abs(body[i, STEP] - body[i - 1, STEP]))
+        total += body[i, STEP]
+    return largest if np.isfinite(total) else np.nan  # max() passes over what is not a number
+
+
+@njit(**INLINE)
+def _smallest_pivot(body):
+    """Smallest pivot of the stiffness along the chain: positive where it is stable."""
+    smallest = np.inf
+    for i in range(1, body.shape[0] - 1):
+        smallest = min(smallest, body[i, BETA])
+    return smallest
+
+
+@njit(**INLINE)
+def _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, resistance):
+    """Let the chain go downhill until it comes to rest (pseudo-transient continuation: Kelley and Keyes 1998,
+    doi:10.1137/S0036142996304796), as through a liquid whose resistance eases off.
+    """
+    body, end = work.body, LET_GO * resistance
+    for _ in range(FALLING_STEPS):
+        _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, resistance)
+        largest = _largest_change(body)
+        if not (largest < LARGEST_STEP) or _smallest_pivot(body) <= 0:
+            if resistance > 1e300:
+                return
+            resistance *= STIFFENED
+            continue
+        for i in range(body.shape[0] - 1):
+            body[i, PHI] += body[i, STEP]
+        if resistance < end:
+            return
+        resistance *= EASED
+
+
 @njit(
     types.Tuple((int64, float64))(
         *(JOINT_LAW, JOINT_CUBE, JOINT_CUBE, FORCE_LAW, SYSTEM),
-        *(float64, VECTOR, VECTOR, INDEX, VECTOR, MATRIX, MATRIX, CUBE),
+        *(float64, VECTOR, VECTOR, INDEX, float64, VECTOR, MATRIX, MATRIX, CUBE),
     ),
     **OPTIONS,
 )
@@ -120,6 +164,7 @@ def equilibrium(
     dpressure,
     drive,
     free,
+    fall,
     phi,
     z,
     S_phi,
@@ -127,6 +172,7 @@ def equilibrium(
 ):
     """Solve for phi (n + 1) in place, from the start that it holds; S_phi (n + 1, p), S_z (n, m, p) follow.
 
+    With a positive `fall` (N m/rad, about a joint's stiffness) the chain is let go at the start and comes to rest first.
     Returns (status, stability): the smallest pivot of the stiffness along the chain, positive where it is stable.
     """
     n, m, count = system.chain.shape[0], system.states, system.par.size
@@ -134,28 +180,23 @@ def equilibrium(
     body, status = work.body, NOT_CONVERGED
     for i in range(n + 1):
         body[i, PHI] = phi[i]
+    if fall > 0:
+        _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, fall)
     for _ in range(60):
-        _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive)
-        largest, total = abs(body[0, STEP]), body[0, STEP]
-        for i in range(1, n + 1):
-            largest = max(largest, abs(body[i, STEP] - body[i - 1, STEP]))
-            total += body[i, STEP]
-        if not np.isfinite(total):  # max() passes over what is not a number
+        _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, 0.0)
+        largest = _largest_change(body)
+        if not np.isfinite(largest):
             return BLOWN_UP, 0.0
         part = min(1.0, LARGEST_STEP / largest) if largest > 0 else 1.0
         for i in range(n + 1):
             body[i, PHI] += part * body[i, STEP]
-        if largest < 1e-12:
+        if largest < 1e-12 * max(1.0, abs(body[n, PHI])):
             status = OK
             break
-    stability = np.inf
-    for i in range(1, n + 1):
-        stability = min(stability, body[i, BETA])
+    stability = _smallest_pivot(body)
     for i in range(n + 1):
         phi[i] = body[i, PHI]
     z[:, :] = work.z
-    if wound_up(body):
-        return BLOWN_UP, stability
     if free.size > 0 and status == OK:
         joint_angles(body, work.theta, work.rate)
         out_par = np.zeros((n, 2 + m, count))

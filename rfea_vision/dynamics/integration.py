@@ -42,6 +42,7 @@ from rfea_vision.dynamics.system import (
     JOINT_CUBE,
     JOINT_LAW,
     MATRIX,
+    NOT_CONVERGED,
     OK,
     OM,
     OPTIONS,
@@ -57,9 +58,9 @@ from rfea_vision.dynamics.system import (
 class Course(NamedTuple):
     """What drives a run, and where it is read off.
 
-    pressure (steps, stages) at the stage times; dpressure (steps, stages, parameters) or with no rows; drive
-    (steps, stages, n) torques or with no rows; free: parameters to differentiate by; frames (sorted) by the step that
-    they fall in and the fraction of it
+    pressure (steps, 1 + stages) at the start of each step and at its stage times; dpressure (steps, 1 + stages, parameters)
+    or with no rows; drive (steps, 1 + stages, n) torques or with no rows; free: parameters to differentiate by; frames
+    (sorted) by the step that they fall in and the fraction of it
     """
 
     tableau: Any
@@ -89,6 +90,11 @@ class Trace(NamedTuple):
     out_z: Any
     out_S: Any
 
+
+#: A step may be cut down to 2^-HALVINGS of it.
+HALVINGS = 14
+#: Beside two for every step of the course; a run that asks for more is not getting anywhere.
+MOST_EXTRA_STEPS = 50_000
 
 COURSE = types.NamedTuple((MATRIX, float64, MATRIX, CUBE, CUBE, INDEX, INDEX, VECTOR, float64), Course)
 TRACE = types.NamedTuple((VECTOR, VECTOR, MATRIX, MATRIX, CUBE, MATRIX, MATRIX, CUBE, CUBE), Trace)
@@ -227,25 +233,54 @@ def _read_frame(t, h, old, body, lanes, out_phi, out_om, out_S):
             out_S[i, column] = before + h01 * lanes[b, i, S_PHI + k] + h11 * lanes[b, i, S_OM + k]
 
 
+class Part(NamedTuple):
+    """What drives a part of a step: pressure (stages,), its derivatives (stages, parameters), torques (stages, n)."""
+
+    pressure: Any
+    dpressure: Any
+    drive: Any
+
+
 @njit(**INLINE)
-def _step(laws, system, course, work, stages, derivatives, step, no_drive, no_pressure):
-    """Every stage of one step, with its derivatives. Returns (status, Newton iterations)."""
-    tableau, h, free = course.tableau, course.step_s, course.free
+def _drive_part(course, part, step, begin, size):
+    """The course over the part of a step that begins at the fraction `begin`; linear between the ends of the step.
+
+    So it is at the sensor. Behind a line with a lag it is not quite, within a step that had to be cut.
+    """
+    count = course.tableau.shape[0]
+    for stage in range(count):
+        node, whole = 0.0, stage + 1
+        for b in range(stage + 1):
+            node += course.tableau[stage, b]
+        x = begin + size * node
+        row = course.pressure[step]
+        part.pressure[stage] = row[whole] if size == 1.0 else row[0] + x * (row[count] - row[0])
+        for k in range(part.dpressure.shape[1]):
+            rows = course.dpressure[step]
+            part.dpressure[stage, k] = rows[whole, k] if size == 1.0 else rows[0, k] + x * (rows[count, k] - rows[0, k])
+        for k in range(part.drive.shape[1]):
+            rows = course.drive[step]
+            part.drive[stage, k] = rows[whole, k] if size == 1.0 else rows[0, k] + x * (rows[count, k] - rows[0, k])
+
+
+@njit(**INLINE)
+def _step(laws, system, course, work, stages, derivatives, part, h):
+    """Every stage of one step of length h, with its derivatives. Returns (status, Newton iterations)."""
+    tableau, free = course.tableau, course.free
     count, iterations, w = tableau.shape[0], 0, derivatives.w
     for stage in range(count):
         s = start_stage(work, stages, tableau, stage, h)
-        torques = course.drive[step, stage] if course.drive.shape[0] > 0 else no_drive
-        sensed = course.pressure[step, stage]
-        status, used, felt = solve_stage(laws, system, work, sensed, torques, s, course.tolerance)
+        status, used, felt = solve_stage(
+            laws, system, work, part.pressure[stage], part.drive[stage], s, course.tolerance
+        )
         iterations += used
         if status != OK:
             return status, iterations
         if free.size > 0:
             for b in range(2):
                 w[b] = h * tableau[stage, b] if b < stage else 0.0
-            by_par = course.dpressure[step, stage] if course.dpressure.shape[0] > 0 else no_pressure
             last = stage == count - 1
-            _sensitivity_stage(laws, system, work, derivatives, felt, by_par, free, s, stage, last)
+            _sensitivity_stage(laws, system, work, derivatives, felt, part.dpressure[stage], free, s, stage, last)
         keep_stage(work, stages, stage, system.states, s)
     if system.states > 0:
         for j in range(work.z.shape[0]):
@@ -254,45 +289,91 @@ def _step(laws, system, course, work, stages, derivatives, step, no_drive, no_pr
     return OK, iterations
 
 
-@njit(types.Tuple((int64, int64, int64))(JOINT_LAW, JOINT_CUBE, FORCE_LAW, SYSTEM, COURSE, TRACE), **OPTIONS)
+@njit(**INLINE)
+def _begin_step(body, stages, lanes):
+    """The end of a step is the start of the next."""
+    for i in range(stages.old.shape[0]):
+        stages.old[i, 0], stages.old[i, 1], stages.old[i, 2] = body[i, PHI], body[i, OM], body[i, AL]
+    for block in range(lanes.shape[0]):
+        close_step(lanes[block], lanes.shape[2] // ROWS)
+
+
+@njit(**INLINE)
+def _step_back(body, stages):
+    """Undo a step that failed; derivatives and hidden states begin from what `close_step` and `z_old` keep."""
+    for i in range(stages.old.shape[0]):
+        body[i, PHI], body[i, OM], body[i, AL] = stages.old[i, 0], stages.old[i, 1], stages.old[i, 2]
+
+
+@njit(types.Tuple((int64, int64, int64, int64))(JOINT_LAW, JOINT_CUBE, FORCE_LAW, SYSTEM, COURSE, TRACE), **OPTIONS)
 def integrate(joint_law, joint_parameters, force_law, system, course, trace):
     """March along the course from the start that `trace` holds, at rest as far as its derivatives go.
 
+    A step that fails is halved, and halved again, down to 2^-`HALVINGS` of it; behind the trouble steps grow again.
     Frames are read off by cubic Hermite interpolation inside each step.
-    Returns (status, steps done, Newton iterations).
+    Returns (status, whole steps done, steps taken in all, Newton iterations).
     """
-    n, m, h, count = system.chain.shape[0], system.states, course.step_s, course.tableau.shape[0]
+    n, m, count = system.chain.shape[0], system.states, course.tableau.shape[0]
     laws, work = Laws(joint_law, joint_parameters, force_law), allocate(system)
     body = work.body
     stages = Stages(
         np.zeros((count, n + 1)),
         np.zeros((count, n + 1)),
         np.zeros((count, n, max(m, 1))),
-        np.zeros((n + 1, 2)),
+        np.zeros((n + 1, 3)),
         trace.z.copy(),
     )
     derivatives = _start_lanes(system, course, trace)
-    lanes = derivatives.lanes
-    no_drive, no_pressure = np.zeros(0), np.zeros(0)
+    part = Part(
+        np.zeros(count),
+        np.zeros((count, course.dpressure.shape[2] if course.dpressure.shape[0] > 0 else 0)),
+        np.zeros((count, course.drive.shape[2] if course.drive.shape[0] > 0 else 0)),
+    )
     for i in range(n + 1):
         body[i, PHI], body[i, OM] = trace.phi[i], trace.om[i]
-    frame, iterations = 0, 0
-    for step in range(course.pressure.shape[0]):
-        for i in range(n + 1):
-            stages.old[i, 0], stages.old[i, 1] = body[i, PHI], body[i, OM]
-        for block in range(lanes.shape[0]):
-            close_step(lanes[block], lanes.shape[2] // ROWS)
-        status, used = _step(laws, system, course, work, stages, derivatives, step, no_drive, no_pressure)
-        iterations += used
-        if status != OK:
-            return status, step, iterations
-        while frame < course.frame_step.size and course.frame_step[frame] <= step:
-            t = course.frame_fraction[frame]
-            _read_frame(t, h, stages.old, body, lanes, trace.out_phi[frame], trace.out_om[frame], trace.out_S[frame])
-            if m > 0:
-                trace.out_z[frame] = work.z
-            frame += 1
+    frame, iterations, taken, steps = 0, 0, 0, course.pressure.shape[0]
+    most = 2 * steps + MOST_EXTRA_STEPS
+    whole = 1 << HALVINGS
+    for step in range(steps):
+        place, size = 0, whole
+        while place < whole:
+            _begin_step(body, stages, derivatives.lanes)
+            status = NOT_CONVERGED
+            while True:
+                h = course.step_s * (size / whole)
+                _drive_part(course, part, step, place / whole, size / whole)
+                status, used = _step(laws, system, course, work, stages, derivatives, part, h)
+                iterations += used
+                taken += 1
+                if status == OK or size == 1 or taken > most:
+                    break
+                _step_back(body, stages)
+                size //= 2
+            if status != OK:
+                return status, step, taken, iterations
+            end = (place + size) / whole
+            while frame < course.frame_step.size and (
+                course.frame_step[frame] < step
+                or (course.frame_step[frame] == step and course.frame_fraction[frame] <= end)
+            ):
+                t = (course.frame_fraction[frame] - place / whole) * (whole / size)
+                _read_frame(
+                    t,
+                    h,
+                    stages.old,
+                    body,
+                    derivatives.lanes,
+                    trace.out_phi[frame],
+                    trace.out_om[frame],
+                    trace.out_S[frame],
+                )
+                if m > 0:
+                    trace.out_z[frame] = work.z
+                frame += 1
+            place += size
+            if place % (2 * size) == 0 and size < whole:
+                size *= 2
     for i in range(n + 1):
         trace.phi[i], trace.om[i] = body[i, PHI], body[i, OM]
     trace.z[:, :] = stages.z_old
-    return OK, course.pressure.shape[0], iterations
+    return OK, steps, taken, iterations

@@ -33,6 +33,24 @@ ACROSS, GRAVITY, TIME = sp.symbols("across g time", real=True)
 CONSTANTS: tuple[sp.Symbol, ...] = (COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR)
 BASE = {name: sp.Symbol(name, real=True) for name in BASE_PARAMETERS}
 
+#: Springs and dampers are the paper's down to this share of their value at rest, and never fall below half of it: a tube
+#: that swings past straight, or bends further than it was ever seen to, is still held and still comes to rest.
+LEAST_SHARE = sp.Rational(1, 20)
+#: The bore is the paper's as long as the arc keeps this share of the shortening that would close it, and never closes.
+OPEN_SHARE = sp.Rational(1, 5)
+
+
+def kept_above(value: sp.Expr, knee: Any, depth: Any) -> sp.Expr:
+    """`value` where it is above `knee`; below, on twice differentiable, a curve that never falls by `depth` below the knee."""
+    below = knee - value
+    return sp.Piecewise((value, value >= knee), (knee - depth + depth**3 / (depth**2 + depth * below + below**2), True))
+
+
+def _kept_positive(value: sp.Expr, at_rest: sp.Symbol) -> sp.Expr:
+    """A coefficient that stays positive wherever the tube goes; `at_rest` is its scale."""
+    knee = LEAST_SHARE * sp.Abs(at_rest)
+    return kept_above(value, knee, knee / 2)
+
 
 @dataclass(frozen=True)
 class Law:
@@ -69,19 +87,21 @@ def _base_joint(effects: Sequence[Effect]) -> Joint:
         rubber = effect.rubber_volume(joint, rubber)
     joint.expressions["outer_radius"] = outer
     # Eq. InnerRadius: the rubber of one arc keeps its volume while the centre line grows by r_o theta.
-    stretched = ARC + OUTER * THETA
-    inner = sp.sqrt(outer**2 - (OUTER**2 - INNER**2) * rubber * ARC / stretched)
+    closed = (OUTER**2 - INNER**2) * rubber / outer**2
+    spare = OPEN_SHARE * (1 - closed)
+    inner = outer * sp.sqrt(1 - closed / kept_above(1 + OUTER * THETA / ARC, closed + spare, spare / 2))
     joint.expressions["inner_radius"] = inner
     stiffness: sp.Expr = BASE["k_ref"] + BASE["k_slope"] * (inner - INNER)
     for effect in effects:
         stiffness = effect.stiffness(joint, stiffness)
-    joint.expressions["stiffness"] = stiffness
-    rising = BASE["b_pos_ref"] + BASE["b_pos_slope"] * (inner - INNER)
-    falling = BASE["b_neg_ref"] + BASE["b_neg_slope"] * (inner - INNER)
-    damping: sp.Expr = sp.Piecewise((rising, RATE >= 0), (falling, True))
-    for effect in effects:
-        damping = effect.damping(joint, damping)
-    joint.expressions["damping"] = damping
+    joint.expressions["stiffness"] = _kept_positive(stiffness, BASE["k_ref"])
+    ways = []
+    for way in ("b_pos", "b_neg"):
+        damping: sp.Expr = BASE[f"{way}_ref"] + BASE[f"{way}_slope"] * (inner - INNER)
+        for effect in effects:
+            damping = effect.damping(joint, damping)
+        ways.append(_kept_positive(damping, BASE[f"{way}_ref"]))
+    joint.expressions["damping"] = sp.Piecewise((ways[0], RATE >= 0), (ways[1], True))
     return joint
 
 

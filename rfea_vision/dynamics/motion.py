@@ -18,6 +18,7 @@ class Motion:
 
     phi : (frames, n + 1) absolute angles, index 0 the clamp (rad); rate : the same per second
     sensitivity : (frames, n + 1, p) d phi / d free parameter; states : (frames, n, m) at the end of the step
+    steps : that were taken; more than the excitation has where some had to be cut
     pivot : how far outside the hinge line the clamp turns (m), and the derivatives of that by the free parameters
     """
 
@@ -30,6 +31,7 @@ class Motion:
     free: NDArray[np.int64]
     newton_iterations: int = 0
     pivot: FloatArray = field(default_factory=lambda: np.zeros(1))
+    steps: int = 0
 
     @property
     def ok(self) -> bool:

@@ -24,7 +24,6 @@ from rfea_vision.dynamics.system import (
     joint_angles,
 )
 
-LARGEST_JOINT_ANGLE = 3.0  # rad; beyond it the chain has wound up
 NEWTON_STEPS = 1000
 PATIENCE = 6  # full Newton steps before the residual is watched
 SMALLEST_PART = 1e-7  # a kink that turns within 1e-3 rad/s is that narrow
@@ -113,19 +112,10 @@ def move(system, work, s, part):
 
 
 @njit(**INLINE)
-def wound_up(body):
-    """Whether any joint has turned further than a tube can."""
-    largest = 0.0
-    for i in range(1, body.shape[0] - 1):
-        largest = max(largest, abs(body[i, PHI] - body[i - 1, PHI]))
-    return largest > LARGEST_JOINT_ANGLE
-
-
-@njit(**INLINE)
 def solve_stage(laws, system, work, sensed, drive, s, tolerance):
     """Newton on one stage, from the guess that `work` holds. Returns (status, iterations, felt pressure).
 
-    Where full Newton does not settle within a few steps (it can jump for ever between the sides of a kink, as dry
+    Where full Newton does not settle within a few (it can jump for ever between the sides of a kink, as dry
     friction has), steps are halved until the residual falls. The factors are those of the last iteration, taken within
     the tolerance of the answer.
     """
@@ -148,5 +138,5 @@ def solve_stage(laws, system, work, sensed, drive, s, tolerance):
         if not (largest < 1.0):
             return BLOWN_UP, iteration, felt
         if largest < tolerance:
-            return BLOWN_UP if wound_up(body) else OK, iteration, felt
+            return OK, iteration, felt
     return NOT_CONVERGED, NEWTON_STEPS, felt

@@ -17,7 +17,7 @@ from rfea_vision.dynamics.excitation import Excitation, lagged
 from rfea_vision.dynamics.integration import Course, Trace, integrate
 from rfea_vision.dynamics.motion import Motion, Steady
 from rfea_vision.dynamics.shape import centre_line
-from rfea_vision.dynamics.system import OK, System
+from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
 
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
@@ -40,6 +40,23 @@ TABLEAUX: dict[int, FloatArray] = {
         ]
     ),
 }
+
+
+#: How far (rad) any body may turn between two neighbours on the way to a steady state, so that no branch is jumped over.
+LARGEST_STRIDE = 1.5
+
+
+def _why(status: int, done: int, taken: int, excitation: Excitation) -> str:
+    """When a run failed, where in the log, and why."""
+    time_s = excitation.start_s + done * excitation.step_s
+    reasons = {
+        NOT_CONVERGED: "no step is short enough for what happens there",
+        BLOWN_UP: "the motion grows without end",
+    }
+    return (
+        f"the simulation failed at {time_s:.3f} s of the log, at {excitation.pressure[done] / 1e3:.1f} kPa, after {taken} steps: "
+        f"{reasons.get(status, 'for no known reason')}"
+    )
 
 
 @dataclass(frozen=True)
@@ -163,8 +180,13 @@ class Model:
         *,
         start: FloatArray | None = None,
         drive: FloatArray | None = None,
+        fall: bool = False,
     ) -> Steady:
-        """Steady state at one pressure (Pa), by continuation from the unloaded tube unless a start is given."""
+        """Steady state at one pressure (Pa), by continuation from the unloaded tube unless a start is given.
+
+        Where that branch ends before the pressure is reached (a limit point, or a tube that stands upright and buckles), no
+        steady state is found; with `fall`, the one into which the tube falls from there.
+        """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
         module, system = self.law.module, self.system(par)
@@ -177,30 +199,39 @@ class Model:
         S_phi, S_z = np.zeros((n + 1, index.size)), np.zeros((n, m, index.size))
         laws = (module.joint_law, module.joint_law_parameters, module.relaxed_states, module.body_force)
 
-        def solve(value: float, guess: FloatArray, wanted: NDArray[np.int64]) -> tuple[int, float]:
-            return equilibrium(*laws, system, value, dpressure, torque, wanted, guess, states, S_phi, S_z)
+        def solve(value: float, guess: FloatArray, wanted: NDArray[np.int64], falling: float = 0.0) -> bool:
+            nonlocal stability
+            status, stability = equilibrium(
+                *laws, system, value, dpressure, torque, wanted, falling, guess, states, S_phi, S_z
+            )
+            return status == OK and stability > 0
 
-        none = np.zeros(0, dtype=np.int64)
-        reached, stride = (0.0, target) if start is None else (target, 0.0)
+        none, stability = np.zeros(0, dtype=np.int64), 0.0
+        reached, stride, branch_ended = (target, 0.0, False) if start is not None else (0.0, target, False)
         if start is None:
-            solve(0.0, phi, none)
-            while reached != target:
+            guess = phi.copy()
+            branch_ended = not solve(0.0, guess, none)
+            phi = phi if branch_ended else guess
+            while reached != target and not branch_ended:
                 guess = phi.copy()
                 aim = target if abs(target - reached) <= abs(stride) else reached + stride
-                status, stability = solve(aim, guess, none)
-                if status == OK and stability > 0 and np.max(np.abs(guess - phi)) < 1.5:
+                if solve(aim, guess, none) and np.max(np.abs(guess - phi)) < LARGEST_STRIDE:
                     phi, reached = guess, aim
                 elif abs(stride) > 1e-3 * abs(target):
                     stride /= 2
                 else:
-                    return Steady(False, phi, states, S_phi, S_z, reached, 0.0)
-        status, stability = solve(target, phi, index)
-        return Steady(status == OK and stability > 0, phi, states, S_phi, S_z, target, stability)
+                    branch_ended = True
+        found = not branch_ended and solve(target, phi, index)
+        if fall and not found:
+            # A nudge, so that a tube that stands exactly upright does fall.
+            phi = phi + 1e-3 * np.arange(n + 1) / n
+            found = solve(target, phi, index, 10 * abs(float(par[0])))
+        return Steady(found, phi, states, S_phi, S_z, target if found else reached, stability)
 
     def _course(self, par: FloatArray, excitation: Excitation, frames_s: FloatArray, free: NDArray[np.int64]) -> Course:
         """The excitation at the stage times, and where the frames fall."""
         tableau = TABLEAUX[self.order]
-        nodes = tableau.sum(axis=1)
+        nodes = np.concatenate([[0.0], tableau.sum(axis=1)])
         felt, dfelt = self._felt(par, excitation, nodes)
         drive = np.zeros((0, 0, self.chain.bodies))
         if excitation.drive is not None:
@@ -234,7 +265,7 @@ class Model:
         pivot = self.pivot(par, index)
         if start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
-            rest = self.steady(par, float(excitation.pressure[0]), list(free), drive=first_drive)
+            rest = self.steady(par, float(excitation.pressure[0]), list(free), drive=first_drive, fall=True)
             if not rest.found:
                 message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
                 return Motion(1, message, out_phi, out_om, out_z, out_S, index, pivot=pivot)
@@ -243,7 +274,7 @@ class Model:
             phi, om = (np.concatenate([[0.0], np.cumsum(values)]) for values in start)
             begin = (phi, om, np.zeros((n, m)), np.zeros((n + 1, p)), np.zeros((n, m, p)))
         module = self.law.module
-        status, done, iterations = integrate(
+        status, done, taken, iterations = integrate(
             module.joint_law,
             module.joint_law_parameters,
             module.body_force,
@@ -251,8 +282,8 @@ class Model:
             self._course(par, excitation, frames_s, index),
             Trace(*begin, out_phi, out_om, out_z, out_S),
         )
-        message = "" if status == OK else f"the simulation failed after {done * excitation.step_s:.3f} s"
-        return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot)
+        message = "" if status == OK else _why(status, done, taken, excitation)
+        return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot, taken)
 
     def pivot(self, par: FloatArray, free: Sequence[int] | NDArray[np.int64] = ()) -> FloatArray:
         """Where the clamp turns (m outside the hinge line), followed by the derivatives by the free parameters."""

@@ -12,7 +12,7 @@ from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observation import MM, Observed, observe_recording
-from rfea_vision.fitting.residuals import Predicted, predict_observed
+from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
 from rfea_vision.fitting.scoring import rebuild
 from rfea_vision.fitting.solver import fit_clocks
 
@@ -42,7 +42,8 @@ def _predict_one(simulator: Model, par: np.ndarray, item: Observed, recording: R
     """Prediction for one recording whose clock is `clock` s off; NaN where the model cannot be simulated on it."""
     fractions = np.linspace(0, 1, recording.dataset.sizes.get("node", NODES))
     predicted = predict_observed(simulator, par, item, (), clock, fractions)
-    return as_dataset(simulator, item, recording, predicted, fractions).assign_attrs(clock_offset_s=clock)
+    note = "" if predicted is not None else why_not(simulator, par, item, clock)
+    return as_dataset(simulator, item, recording, predicted, fractions).assign_attrs(clock_offset_s=clock, note=note)
 
 
 def as_dataset(
@@ -51,11 +52,6 @@ def as_dataset(
     """What was simulated for an experiment at `fractions` of the centre line, beside what was measured, on all its frames."""
     data = recording.dataset
     nodes = fractions.size
-    note = (
-        ""
-        if predicted is not None
-        else "the model could not be simulated on this run: it winds up or rings without end"
-    )
     frames = data.sizes["time"]
     flip = np.array([item.mirror, 1.0])
     line = np.full((frames, nodes, 2), np.nan)
@@ -95,6 +91,5 @@ def as_dataset(
             "experiment": item.name,
             "role": item.role,
             "line": "centre line",
-            "note": note,
         },
     )

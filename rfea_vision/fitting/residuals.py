@@ -84,6 +84,15 @@ def predict_observed(
     )
 
 
+def why_not(model: Model, par: FloatArray, item: Observed, clock_s: float = 0.0) -> str:
+    """Why an experiment cannot be simulated: when, where in the log, and why. Empty where it can."""
+    frames = np.clip(item.time + clock_s, item.excitation.start_s, item.excitation.end_s)
+    message = model.simulate(par, item.excitation, frames).message
+    if message or predict_observed(model, par, item, (), clock_s) is not None:
+        return message
+    return "the start of the run, which the log does not tell, could not be found"
+
+
 def _flat(points: FloatArray, angle: FloatArray) -> FloatArray:
     """Points (frames, m, 2) and angle (frames,) side by side: (frames, 2 m + 1)."""
     return np.concatenate([points.reshape(angle.size, 2 * points.shape[1]), angle[:, None]], axis=1)

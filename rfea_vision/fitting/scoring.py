@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,13 +19,16 @@ from rfea_vision.fitting.fit import Fitted, Problem, make_model
 from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
 from rfea_vision.fitting.problem import CONSTANT_PA
-from rfea_vision.fitting.refine import EXACT_ORDER, refine
+from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.residual_tests import examine_residuals
-from rfea_vision.fitting.residuals import Predicted, predict_observed
+from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.options import FitOptions
 
 FloatArray = NDArray[np.float64]
+
+
+METRICS = ("tip_rmse_mm", "tip_x_rmse_mm", "tip_y_rmse_mm", "midline_rmse_mm", "angle_rmse_deg")
 
 
 @dataclass(frozen=True)
@@ -94,9 +97,8 @@ def score(
     for item, clock in zip(items, offsets, strict=True):
         predicted = predict_observed(model, par, item, (), float(clock))
         if predicted is None:
-            scores[item.name] = ExperimentScore(
-                role=item.role, notes={"tip_rmse_mm": "the model could not be simulated on this run"}
-            )
+            why = f"left out: {why_not(model, par, item, float(clock))}"
+            scores[item.name] = ExperimentScore(role=item.role, notes=dict.fromkeys(METRICS, why))
             continue
         parts[item.name] = gaps(item, predicted)
         used[item.name] = float(clock)
@@ -104,23 +106,43 @@ def score(
         nuisance = {"clock_offset_s": float(clock)} if item.clock_free else {}
         nuisance |= predicted.nuisance
         scores[item.name] = ExperimentScore(
-            role=item.role, frames_used=int(item.time.size), nuisance=nuisance, **metrics.model_dump()
+            role=item.role,
+            frames_used=int(item.time.size),
+            step_s=item.excitation.step_s,
+            nuisance=nuisance,
+            **metrics.model_dump(),
         )
     return scores, parts, used
 
 
 def metrics_by_role(problem: Problem, scores: dict[str, ExperimentScore], parts: dict[str, Gaps]) -> dict[str, Metrics]:
-    """Pooled metrics for each role that was scored."""
+    """Pooled metrics for each role that was scored, over the runs that could be simulated; a note names the others."""
     out = {}
     for role in ("train", "validate", "test"):
         names = [name for name, s in scores.items() if s.role == role]
         if not names:
             continue
-        if any(name not in parts for name in names):
-            out[role] = Metrics(notes={"tip_rmse_mm": "the model could not be simulated on every run of this role"})
-        else:
-            out[role] = pooled([parts[name] for name in names], problem.actuator.length / MM)
+        without = [name for name in names if name not in parts]
+        out[role] = pooled([parts[name] for name in names if name in parts], problem.actuator.length / MM)
+        if without:
+            out[role].notes["runs"] = f"without {', '.join(without)}, where the model could not be simulated"
     return out
+
+
+def comparable_runs(candidates: Sequence[Mapping[str, ExperimentScore]], role: str) -> tuple[str, ...]:
+    """Runs of a role on which every candidate could be simulated: the only ones on which candidates may be compared."""
+    names = [name for name, one in candidates[0].items() if one.role == role] if candidates else []
+    return tuple(name for name in names if all(name in c and c[name].frames_used > 0 for c in candidates))
+
+
+def error_over(
+    scores: Mapping[str, ExperimentScore], names: Sequence[str], metric: str = "tip_rmse_mm"
+) -> float | None:
+    """Root mean square error over some runs, every frame with the same weight; None where one of them does not have it."""
+    pairs = [(getattr(scores[name], metric), scores[name].frames_used) for name in names]
+    if not pairs or any(value is None for value, _ in pairs):
+        return None
+    return float(np.sqrt(sum(value**2 * count for value, count in pairs) / sum(count for _, count in pairs)))
 
 
 def _message(fitted: Fitted) -> str:
@@ -157,6 +179,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         joints=options.joints,
         effects=list(options.effects),
         observe=problem.train[0].observe,
+        order=best.model.order,
         status="refused" if refused else "converged" if fitted.solution.converged else "not_converged",
         message=refused or _message(fitted),
         actuator=problem.actuator.as_dict(),
@@ -242,4 +265,4 @@ def rebuild(artefact: ModelFit) -> tuple[Model, FloatArray]:
     """The model, with the integrator that its values were refined for, and its parameter vector from `model.json`."""
     actuator = Actuator(**artefact.actuator)
     model = make_model(actuator, options_of(artefact), -1.0 if actuator.bends == "right" else 1.0)
-    return replace(model, order=EXACT_ORDER), np.array([artefact.parameters[name].value for name in model.names])
+    return replace(model, order=artefact.order), np.array([artefact.parameters[name].value for name in model.names])

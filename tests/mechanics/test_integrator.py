@@ -1,10 +1,16 @@
 """The integrator and the chain: orders as claimed, energy, an independent code, and an honest end of a run that fails."""
 
+import re
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
 from benchmarks.dense import DenseTube
-from rfea_vision.dynamics.simulation import Chain, Excitation, Model
+from benchmarks.robustness import failures
+from rfea_vision.dynamics.parameters import scaled
+from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Chain, Excitation, Model
+from rfea_vision.effects.base import Effect, EffectParameter
 
 # A tube with one constant damper: smooth, so that orders show.
 SMOOTH = np.array([0.17, 0.0, 1.5e-3, 0.0, 1.5e-3, 0.0, 0.0036])
@@ -141,22 +147,78 @@ def test_straight_tube_at_rest_stays(actuator, published):
     assert motion.ok and np.abs(motion.phi).max() < 1e-12 and np.abs(motion.rate).max() < 1e-9
 
 
-@pytest.mark.parametrize("change", [(0, -1.0), (2, -0.05), (0, np.nan)])
-def test_blow_up_is_a_status_not_a_crash(change, actuator, published):
+class DrivesItself(Effect):
+    """A damper of a user's own that feeds the motion."""
+
+    id = "drives_itself"
+    title = reference = "test"
+    source_text = "drives_itself 1"
+    parameters: ClassVar = {"c": EffectParameter("N*m*s/rad", 0.0, 0.0, 10.0, 0.1, "gain")}
+
+    def joint_torque(self, joint):
+        return self.c * joint.rate
+
+
+@pytest.mark.parametrize("change", [(7, 0.5), (0, np.nan)])
+def test_a_run_that_fails_says_when_where_and_why(change, actuator, published):
     index, value = change
-    par = published.copy()
+    par = np.append(published, 0.0)
     par[index] = value
     time = np.arange(0, 1, 1e-3)
     excitation = Excitation.from_log(time, np.interp(time, [0.1, 0.2], [0, 200e3]), 0, 0.99)
-    motion = Model(Chain.tube(actuator, 8)).simulate(par, excitation, np.array([0.9]), range(7))
-    assert not motion.ok and motion.status != 0 and motion.message
+    motion = Model(Chain.tube(actuator, 8), (DrivesItself(),)).simulate(par, excitation, np.array([0.9]), range(8))
+    assert not motion.ok and motion.status != 0
+    assert re.search(r"at 0\.1\d\d s .* kPa.*without end" if index else "no steady state.*0.0 kPa", motion.message)
+
+
+@pytest.mark.parametrize("seed", range(0, 90, 3))
+def test_what_the_bounds_allow_can_be_simulated(seed):
+    """Every third of the first ninety of the two thousand random runs of `benchmarks.robustness`."""
+    assert not failures(range(seed, seed + 1))
+
+
+@pytest.mark.parametrize("way", ["b_neg", "k"])
+def test_springs_and_dampers_hold_wherever_the_tube_goes(way, actuator, published):
+    """A slope that turns them around half a degree past straight, as fits have found it, rings nothing up."""
+    par = scaled(published, 8, 16)
+    place = {"k": 0, "b_neg": 4}[way]
+    par[place + 1] = 181.0 * par[place] / 1e-4
+    time = np.arange(0, 2, 1e-3)
+    pressure = np.interp(time, [0.2, 0.21, 0.6, 0.61], [0, 60e3, 60e3, 0])
+    excitation = Excitation.from_log(time, pressure, 0, 1.99)
+    motion = Model(Chain.tube(actuator, 16)).simulate(par, excitation, np.linspace(0, 1.9, 400), range(7))
+    assert motion.ok and motion.phi[:, -1].min() < -0.01  # it does swing past straight
+    assert np.abs(motion.phi[-20:]).max() < 0.05
+
+
+def test_a_step_that_fails_is_halved(actuator, published):
+    """A jump of 350 kPa in a step of 0.1 s: met in parts, with the derivatives of what was done."""
+    coarse = Excitation(0.0, 0.1, np.array([0.0, 0.0, 350e3, 350e3, 0.0, 0.0, 0.0]))
+    model = Model(Chain.tube(actuator, 8), order=3)
+    motion = model.simulate(published, coarse, np.array([0.24, 0.5]), range(7))
+    assert motion.ok and np.all(np.isfinite(motion.sensitivity))
+    assert motion.steps > 6
+    step = 1e-4 * published
+    for k in (0, 6):
+        ends = [
+            model.simulate(published + sign * step * np.eye(7)[k], coarse, np.array([0.24])).phi for sign in (1, -1)
+        ]
+        assert motion.sensitivity[0, 1:, k] == pytest.approx((ends[0] - ends[1])[0, 1:] / (2 * step[k]), rel=1e-3)
+
+
+def test_an_upright_tube_that_buckles_falls_to_its_rest(actuator, published):
+    upright = Model(Chain.tube(actuator, 8), gravity=-STANDARD_GRAVITY)
+    assert upright.steady(published, 0.0).found
+    soft = np.concatenate([published[:2] / 30, published[2:]])
+    assert not upright.steady(soft, 0.0).found
+    fallen = upright.steady(soft, 0.0, fall=True)
+    assert fallen.found and fallen.stability > 0 and abs(fallen.phi[-1]) > 0.5
 
 
 @pytest.mark.parametrize("n", [8, 16])
 @pytest.mark.parametrize("friction", [5e-4, 5e-3])
 def test_steep_dry_friction_is_solved(n, friction, actuator, published):
     """Full Newton jumps for ever between the sides of the kink; shorter steps find the answer, down to the bound of w."""
-    from rfea_vision.dynamics.parameters import scaled
     from rfea_vision.effects.catalogue import catalogue
 
     time = np.arange(0, 2.0, 1e-3)
