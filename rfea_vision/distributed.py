@@ -213,5 +213,5 @@ def _finish(folder: str, out: str | None, recipe: str, force: bool, measured: Se
     rungs = []
     if ladder_file.is_file():
         for rung in Ladder.load(ladder_file).rungs:
-            rungs.append({"model": rung.model, "validate_mm": rung.validate_tip_rmse_mm, "verdict": rung.verdict})
+            rungs.append({"model": rung.model, f"validate_{rung.unit}": rung.error("validate"), "verdict": rung.verdict})
     return BatchResult(folder, "partly" if errors else "done", errors, rungs, str(page) if page.is_file() else None)

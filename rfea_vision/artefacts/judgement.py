@@ -81,6 +81,7 @@ class ModelFit(_Json):
     correlation: dict[str, Any] = Field(default_factory=dict)  # {"names": [...], "matrix": [[...]]}
     metrics: dict[str, Metrics]
     noise_floor_mm: float | None = None
+    noise_floor_deg: float | None = None  # where only an angle was measured
     noise_floor_source: str = ""
     experiments: dict[str, ExperimentScore]
     warnings: list[str] = Field(default_factory=list)
@@ -223,10 +224,17 @@ class Diagnosis(_Json):
     next_experiment: NextExperiment | None = None
     warnings: list[str] = Field(default_factory=list)
 
+    def rivals_of(self, effect: str) -> list[str]:
+        """The other members of the tie that an effect belongs to: the data cannot tell it from these."""
+        return [other for tie in self.tied if effect in tie.effects for other in tie.effects if other != effect]
+
 
 class Rung(_Json):
+    """A step of the ladder; ``tied`` are effects that the data could not tell from the one that was added."""
+
     model: str
     added: str | None
+    tied: list[str] = Field(default_factory=list)
     train_tip_rmse_mm: float | None
     validate_tip_rmse_mm: float | None
     train_angle_rmse_deg: float | None = None
@@ -236,6 +244,18 @@ class Rung(_Json):
     grade: Literal["named", "stand-in"] | None = None  # null on the first rung, to which nothing was added
     probability: float | None = Field(default=None, ge=0, le=1)
     share: float | None = None
+
+    @property
+    def unit(self) -> Literal["mm", "deg"]:
+        """Unit of the errors: deg where only an angle was measured."""
+        tips = (self.train_tip_rmse_mm, self.validate_tip_rmse_mm)
+        angles = (self.train_angle_rmse_deg, self.validate_angle_rmse_deg)
+        return "deg" if tips == (None, None) and angles != (None, None) else "mm"
+
+    def error(self, role: Literal["train", "validate"]) -> float | None:
+        """Error on the training or the held-out runs, in `unit`."""
+        what = "tip_rmse_mm" if self.unit == "mm" else "angle_rmse_deg"
+        return getattr(self, f"{role}_{what}")
 
 
 class Ladder(_Json):

@@ -46,7 +46,8 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
         if progress is not None:
             progress(done + 1, total)
     for done, experiment in enumerate(active, start=len(cameras)):
-        problems += _experiment_problems(experiment)
+        said = any(p.experiment == experiment.name and p.key.startswith("pressure") for p in problems)
+        problems += _experiment_problems(experiment, pressure_said=said)
         if progress is not None:
             progress(done + 1, total)
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
@@ -79,6 +80,7 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
     if camera.board is None:
         return problems
     seen = 0
+    refused: dict[str, list[str]] = {}
     for photo in [*camera.photos, *([camera.plane] if camera.plane else [])]:
         key = "camera.plane" if photo == camera.plane else "camera.photos"
         grey = read_grey(photo)
@@ -87,18 +89,27 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
             problems.append(Problem(file, message, key, experiment=name))
             continue
         found = find_corners(photo, grey, camera.board)
-        if isinstance(found, Refused):
-            severity = "error" if key == "camera.plane" else "warning"
-            problems.append(Problem(file, f"{photo.name}: {found.reason}", key, severity=severity, experiment=name))
-        elif key == "camera.photos":
-            seen += 1
+        if not isinstance(found, Refused):
+            seen += key == "camera.photos"
+        elif key == "camera.plane":
+            problems.append(Problem(file, f"{photo.name}: {found.reason}", key, experiment=name))
+        else:
+            refused.setdefault(found.reason, []).append(photo.name)
+    for reason, photos in refused.items():  # what ails many photos alike is said once
+        message = f"{_some(photos)}: {reason}"
+        problems.append(Problem(file, message, "camera.photos", severity="warning", experiment=name))
     if camera.photos and seen < 3:
         message = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
         problems.append(Problem(file, message, "camera.photos", experiment=name))
     return problems
 
 
-def _experiment_problems(experiment: ExperimentSpec) -> list[Problem]:
+def _some(names: list[str]) -> str:
+    """Name a few of many."""
+    return names[0] if len(names) == 1 else f"{len(names)} photos ({names[0]} to {names[-1]})"
+
+
+def _experiment_problems(experiment: ExperimentSpec, *, pressure_said: bool) -> list[Problem]:
     file = experiment.folder / "experiment.yaml"
     problems: list[Problem] = []
     pictures_s = track_s = None
@@ -126,7 +137,7 @@ def _experiment_problems(experiment: ExperimentSpec) -> list[Problem]:
         problems.append(Problem(file, str(error), key, experiment=experiment.name))
     if experiment.pressure.file is None and experiment.pressure.url is None:
         text = "is missing: the pictures can be tracked, but nothing can be synchronised or fitted"
-        return [*problems, _warning(file, experiment, "pressure", text)]
+        return problems if pressure_said else [*problems, _warning(file, experiment, "pressure", text)]
     try:
         from rfea_vision.readers.pressure import read_pressure
 

@@ -7,11 +7,12 @@ from typing import Any
 
 import click
 
-from rfea_vision.cli.console import ConsoleListener, print_json, print_table
+from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.model import print_ladder
 from rfea_vision.cli.options import campaign_options, opened, output_options
 from rfea_vision.errors import DataError
+from rfea_vision.units import rounded
 
 
 @click.command("report")
@@ -44,6 +45,7 @@ def report_command(
     else:
         for path in files.values():
             click.echo(str(path))
+        say_next(f"open {files.get('compare', files['file'])}", "in a browser; it needs no network")
 
 
 @click.command("run")
@@ -70,6 +72,9 @@ def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_j
         print_metrics(models)
     if "report" in results:
         click.echo(f"report: {results['report']}")
+        say_next(f"open {results['report']}", "in a browser; it needs no network")
+    else:
+        say_next(f"rfea report {campaign}")
 
 
 @click.command("batch")
@@ -125,6 +130,7 @@ def batch_command(
     else:
         _print_batch(results)
         click.echo(f"index: {index}")
+        say_next(f"open {index}", "every campaign in one table, with links to the reports")
     return DataError.exit_code if failed else 0
 
 
@@ -132,10 +138,18 @@ def _print_batch(results: list[Any]) -> None:
     rows = []
     for result in results:
         last = result.rungs[-1] if result.rungs else {}
-        rows.append([result.folder, result.status, last.get("model"), last.get("verdict"), last.get("validate_mm")])
-    print_table("", ["campaign", "status", "last model", "verdict", "validate mm"], rows, left=4)
+        rows.append([result.folder, result.status, last.get("model"), last.get("verdict"), _held_out(last)])
+    print_table("", ["campaign", "status", "last model", "verdict", "validate"], rows, left=4)
     for result in results:
         for name, sentence in result.errors.items():
-            click.echo(f"{result.folder}: {name}: {sentence}")
+            say(f"{result.folder}: {name}: {sentence}")
         if result.report:
             click.echo(f"report: {result.report}")
+
+
+def _held_out(rung: dict[str, Any]) -> str | None:
+    """The held-out error of a campaign's last rung with its unit: campaigns of films and of inclinometers stand in one table."""
+    for unit in ("mm", "deg"):
+        if rung.get(f"validate_{unit}") is not None:
+            return f"{rounded(rung[f'validate_{unit}'])} {unit}"
+    return None

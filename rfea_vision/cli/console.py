@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -17,14 +19,16 @@ from rich.progress import (
     SpinnerColumn,
     TaskID,
     TextColumn,
-    TimeRemainingColumn,
+    TimeElapsedColumn,
 )
 from rich.table import Table
 
 from rfea_vision.progress import Listener, Outcome
 from rfea_vision.progress import Progress as ProgressCall
+from rfea_vision.units import rounded
 
-_MARKS = {"done": "done", "unchanged": "unchanged", "failed": "failed"}
+_WIDE = 160  # columns of a table that goes to a file or another program
+_MOST_NAMED = 6  # unchanged stages that are listed by name
 
 
 def print_error(message: str, exit_code: int, *, as_json: bool, quiet: bool = False) -> None:
@@ -50,51 +54,91 @@ def _finite(value: Any) -> Any:
     return value
 
 
+def say(text: str, *, indent: str = "") -> None:
+    """Print a sentence on stdout; on a terminal it is broken between words, elsewhere it stays one line."""
+    if sys.stdout.isatty():
+        width = shutil.get_terminal_size().columns
+        text = textwrap.fill(
+            text, width, initial_indent=indent, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        )
+    else:
+        text = indent + text
+    click.echo(text)
+
+
+def say_next(command: str, why: str = "") -> None:
+    """Print the last line of a command: what to type next, and what for."""
+    say(f"next: {command}" + (f"   ({why})" if why else ""))
+
+
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], *, left: int = 1) -> None:
-    """Print a table on stdout; the first `left` columns are text, the others numbers."""
+    """Print a table on stdout; the first `left` columns are text, the others numbers.
+
+    Where the terminal is too narrow for it, every row becomes a few lines of its own: no word is broken.
+    """
+    cells = [[shown(cell) for cell in row] for row in rows]
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else _WIDE
+    words = [
+        max((len(word) for cell in column for word in cell.split()), default=0) for column in zip(*cells, strict=True)
+    ]
+    least = sum(max(len(name), word) for name, word in zip(columns, words, strict=False)) + 2 * (len(columns) - 1)
+    if least > width:
+        return _print_lines(title, columns, cells)
     table = Table(title=title or None, title_justify="left", header_style="bold", box=None, pad_edge=False)
     for index, name in enumerate(columns):
-        table.add_column(name, justify="left" if index < left else "right", overflow="fold")
-    for row in rows:
-        table.add_row(*(shown(cell) for cell in row))
-    width = None if sys.stdout.isatty() else 160
-    Console(file=sys.stdout, width=width, highlight=False, markup=False).print(table)
+        table.add_column(name, justify="left" if index < left else "right", no_wrap=index == 0 or index >= left)
+    for row in cells:
+        table.add_row(*row)
+    return Console(file=sys.stdout, width=width, highlight=False, markup=False).print(table)
+
+
+def _print_lines(title: str, columns: Sequence[str], cells: Sequence[Sequence[str]]) -> None:
+    """Print a table as one paragraph per row."""
+    if title:
+        say(title)
+    for first, *others in cells:
+        click.echo(first)
+        say(", ".join(f"{name} {cell}" for name, cell in zip(columns[1:], others, strict=True)), indent="  ")
 
 
 def shown(value: Any) -> str:
-    """Return a cell of a table: numbers to three digits after the point, nothing as a dash."""
+    """Return a cell of a table: a number to the digits that count, nothing as a dash."""
     if value is None or value == "":
         return "-"
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+    return rounded(value) if isinstance(value, float) else str(value)
 
 
 class ConsoleListener(Listener):
-    """Draws a bar per running stage on a terminal; elsewhere one line when a stage ends."""
+    """Draws a bar per running stage on a terminal; elsewhere one line when a stage ends, and one for all that were unchanged."""
 
     def __init__(self) -> None:
         self.console = Console(stderr=True, highlight=False, markup=False)
         self.bars: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
+        self._unchanged: list[str] = []
+        self._worked = False
 
     @contextmanager
     def shown(self) -> Iterator[ConsoleListener]:
         """Keep the bars up while the block runs."""
         if not self.console.is_terminal:
             yield self
-            return
-        columns = (
-            SpinnerColumn(),
-            TextColumn("{task.description}", markup=False),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-        )
-        with Progress(*columns, console=self.console, transient=True) as self.bars:
-            yield self
-        self.bars = None
+        else:
+            columns = (
+                SpinnerColumn(),
+                TextColumn("{task.description}", markup=False),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+            )
+            with Progress(*columns, console=self.console, transient=True) as self.bars:
+                yield self
+            self.bars = None
+        self._say_unchanged()
 
     def begin(self, stage: str, subject: str) -> ProgressCall:
         """Start a bar."""
+        self._worked = True
         bars = self.bars
         if bars is None:
             return lambda done, total: None
@@ -107,14 +151,32 @@ class ConsoleListener(Listener):
         return advance
 
     def end(self, stage: str, subject: str, outcome: Outcome, sentence: str) -> None:
-        """Take the bar away and say how the stage ended."""
+        """Take the bar away and say how the stage ended; an error is printed once, at the end of the command."""
         task = self._tasks.pop(f"{stage}/{subject}", None)
         if self.bars is not None and task is not None:
             self.bars.remove_task(task)
-        if outcome != "failed":  # an error is printed once, at the end
-            said = f": {sentence}" if sentence else ""
-            self.console.print(f"{stage} {subject}: {_MARKS[outcome]}{said}", soft_wrap=True)
+        if outcome == "unchanged":
+            self._unchanged.append(f"{stage} {subject}")
+        elif outcome == "done":
+            self._print(f"{stage} {subject}: done" + (f": {sentence}" if sentence else ""))
 
     def note(self, sentence: str) -> None:
         """Say something in between."""
-        self.console.print(f"  {sentence}", soft_wrap=True)
+        self._print(f"  {sentence}")
+
+    def _say_unchanged(self) -> None:
+        """One line for everything that was as it should be."""
+        if not self._unchanged:
+            return
+        *before, last = self._unchanged
+        if self._worked:
+            named = self._unchanged[:_MOST_NAMED]
+            more = len(self._unchanged) - len(named)
+            self._print(f"{', '.join(named)}{f' and {more} more' if more else ''}: unchanged")
+        else:
+            self._print(f"{last}: unchanged{f', as are {len(before)} results before it' if before else ''}")
+        self._unchanged = []
+
+    def _print(self, text: str) -> None:
+        # a terminal's lines are broken between words; what goes to a file stays one line
+        self.console.print(text, soft_wrap=not self.console.is_terminal)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 from typing import Any
 
 import click
 
 import rfea_vision.data
-from rfea_vision.cli.console import print_json, print_table
+from rfea_vision.cli.console import print_json, print_table, say_next
 from rfea_vision.cli.options import ask, output_options
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
@@ -34,6 +33,7 @@ def effects_command(context: click.Context, options: CritiqueOptions, as_json: b
         return
     rows = [[effect.id, effect.kind, effect.title, ", ".join(effect.parameters)] for effect in effects.values()]
     print_table("", ["effect", "kind", "what", "parameters"], rows, left=4)
+    say_next("rfea effects show ID", "one of them, with its law")
 
 
 @effects_command.command("show")
@@ -44,9 +44,9 @@ def show_command(effect_id: str, options: CritiqueOptions, as_json: bool, debug:
     """One effect: its law, its parameters, what it is mistaken for and what tells them apart."""
     effects = _known(options.effect_files)
     if effect_id not in effects:
-        close = difflib.get_close_matches(effect_id, effects, n=1)
-        hint = f"did you mean '{close[0]}'?" if close else "'rfea effects' lists them"
-        raise InputError(f"effects: '{effect_id}' is unknown; {hint}")
+        from rfea_vision.effects.catalogue import meant
+
+        raise InputError(f"effects: '{effect_id}' is unknown; {meant(effect_id, effects)}")
     facts = {**_facts(effects[effect_id]), "latex": _typeset(effects[effect_id])}
     if as_json:
         print_json(facts)
@@ -58,6 +58,7 @@ def show_command(effect_id: str, options: CritiqueOptions, as_json: bool, debug:
     columns = ("unit", "absent", "lower", "upper", "text")
     rows = [[name, *(_cell(item[key]) for key in columns)] for name, item in facts["parameters"].items()]
     print_table("", ["parameter", "unit", "absent at", "from", "to", "what"], rows, left=6)
+    say_next(f"rfea fit CAMPAIGN --add {effect_id}")
 
 
 def _cell(value: object) -> str:
@@ -83,7 +84,8 @@ def new_command(file: Path, as_json: bool, debug: bool) -> None:
     if as_json:
         print_json({"file": str(file)})
     else:
-        click.echo(f"{file}: edit the law, then: rfea diagnose CAMPAIGN --effect-file {file}")
+        click.echo(f"{file}: written; edit the law in it")
+        say_next(f"rfea diagnose CAMPAIGN --effect-file {file}")
 
 
 def _typeset(effect: Any) -> str:

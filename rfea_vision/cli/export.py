@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rfea_vision.cli.console import print_json
+from rfea_vision.cli.console import print_json, say, say_next
 from rfea_vision.cli.options import Quantity, campaign_options, opened
 from rfea_vision.errors import InputError
 
@@ -68,4 +68,6 @@ def export_command(
     if as_json:
         print_json({"model": fit.name, "step_s": step_s, "files": [str(path) for path in written]})
     else:
-        click.echo(f"{fit.name}: {', '.join(str(path) for path in written)}; a step is {step_s * 1e3:g} ms")
+        say(f"{fit.name}: {', '.join(str(path) for path in written)}; a step is {step_s * 1e3:g} ms")
+        if not fmu:
+            say_next(f"cc -O2 -c {written[0]} -lm", "C99, needs nothing else")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table
+from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.options import ask, campaign_options, opened
 from rfea_vision.options import FitOptions
 
@@ -36,6 +36,7 @@ def fit_command(
     else:
         print_model(model)
         click.echo(str(work.out / "models" / model.name / "model.json"))
+        say_next(f"rfea compare {campaign} {model.name}", f"where it fails; 'rfea diagnose {campaign}' says why")
     if model.status == "refused":
         context.exit(1)
 
@@ -54,48 +55,61 @@ def print_model(model: ModelFit) -> None:
     ]
     print_table(f"{model.name}: {model.status}", ["parameter", "value", "std. error", "unit", "note"], table)
     if model.message:
-        click.echo(model.message)
+        say(model.message)
     for warning in model.warnings:
-        click.echo(f"warning: {warning}")
+        say(f"warning: {warning}")
     print_metrics({model.name: model})
     print_study(model)
     for found in model.profiles.values():
-        click.echo(found["sentence"])
+        say(found["sentence"])
     if model.leave_one_out:
-        click.echo(f"leaving runs out: {model.leave_one_out['sentence']}")
+        say(f"leaving runs out: {model.leave_one_out['sentence']}")
 
 
 def print_study(model: ModelFit) -> None:
     """Print errors over the number of segments, with the seconds where they were just measured."""
     if not model.segments_study:
         return
-    role = "validate" if "validate_tip_rmse_mm" in model.segments_study[0] else "train"
+    known = {key for row in model.segments_study for key, value in row.items() if value is not None}
+    role = "validate" if any(key.startswith("validate") for key in known) else "train"
+    wanted = {
+        "tip mm": "tip_rmse_mm",
+        "tip x mm": "tip_x_rmse_mm",
+        "tip y mm": "tip_y_rmse_mm",
+        "angle deg": "angle_rmse_deg",
+    }
+    columns = {name: key for name, what in wanted.items() if (key := f"{role}_{what}") in known}
     rows = [
-        [
-            row["segments"],
-            *(row.get(f"{role}_{key}_rmse_mm") for key in ("tip", "tip_x", "tip_y")),
-            model.timings.get(str(row["segments"])),
-        ]
+        [row["segments"], *(row.get(key) for key in columns.values()), model.timings.get(str(row["segments"]))]
         for row in model.segments_study
     ]
-    columns = ["segments", "tip mm", "tip x mm", "tip y mm", "seconds"]
-    print_table(f"root mean square errors over the number of segments ({role})", columns, rows, left=1)
+    title = f"root mean square errors over the number of segments ({role})"
+    print_table(title, ["segments", *columns, "seconds"], rows, left=1)
+
+
+_METRICS = {
+    "tip mm": "tip_rmse_mm",
+    "tip y mm": "tip_y_rmse_mm",
+    "midline mm": "midline_rmse_mm",
+    "angle deg": "angle_rmse_deg",
+}
 
 
 def print_metrics(models: dict[str, ModelFit]) -> None:
-    """Print the errors of models by role, beside the noise floor."""
+    """Print the errors of models by role, beside the noise floor; what these tracks cannot give has no column."""
+    scores = [(name, model, role, metrics) for name, model in models.items() for role, metrics in model.metrics.items()]
+    columns = {
+        title: key for title, key in _METRICS.items() if any(getattr(item, key) is not None for *_, item in scores)
+    }
+    floors = {"mm": "noise_floor_mm", "deg": "noise_floor_deg"}
+    floors = {f"noise floor {u}": key for u, key in floors.items() if any(getattr(m, key) for m in models.values())}
     rows = [
         [
             name,
             role,
-            metrics.tip_rmse_mm,
-            metrics.tip_y_rmse_mm,
-            metrics.midline_rmse_mm,
-            metrics.angle_rmse_deg,
-            model.noise_floor_mm,
+            *(getattr(metrics, key) for key in columns.values()),
+            *(getattr(model, key) for key in floors.values()),
         ]
-        for name, model in models.items()
-        for role, metrics in model.metrics.items()
+        for name, model, role, metrics in scores
     ]
-    columns = ["model", "role", "tip mm", "tip y mm", "midline mm", "angle deg", "noise floor mm"]
-    print_table("root mean square errors", columns, rows, left=2)
+    print_table("root mean square errors", ["model", "role", *columns, *floors], rows, left=2)

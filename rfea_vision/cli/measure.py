@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table
+from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.options import campaign_options, opened
+from rfea_vision.errors import DataError
 
 
 def experiment_option(command: Any) -> Any:
@@ -57,7 +58,8 @@ def calibrate_command(
     if as_json:
         print_json(summary)
     elif calibration is None:
-        click.echo(summary["sentence"])
+        say(summary["sentence"])
+        say_next(f"rfea sync {campaign}")
     else:
         photos = sorted(calibration.photos, key=lambda photo: (not photo["used"], -(photo.get("rms_px") or 0.0)))
         rows = [
@@ -73,9 +75,10 @@ def calibrate_command(
             error = calibration.quality.get("plane", {}).get("tilt_stderr_deg")
             tilt = f"plane tilted by {calibration.plane_tilt_deg:.2f} deg"
             tilt += f" (standard error {error:.2f} deg)" if error is not None else ""
-        click.echo(f"{calibration.model}: {lens} px{fit}, {tilt}")
+        say(f"{calibration.model}: {lens} px{fit}, {tilt}")
         for sentence in _judgement(calibration.quality):
-            click.echo(sentence)
+            say(sentence)
+        say_next(f"rfea track {campaign} --preview")
 
 
 def _judgement(quality: dict[str, Any]) -> list[str]:
@@ -95,12 +98,12 @@ def _judgement(quality: dict[str, Any]) -> list[str]:
 @click.option("--preview", is_flag=True, help="Also write preview.mp4: the track drawn over the video.")
 def track_command(
     campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...], preview: bool
-) -> None:
+) -> int:
     """The tube in every frame, with its standard errors.
 
     Centre line, edges, width, curvature, tip, bend angle and elongation go to track.nc.
     """
-    from rfea_vision.stages.measurement import reasons_of
+    from rfea_vision.stages.doubts import few_frames, reasons_of
 
     with opened(campaign, out, force=("track", "clip") if force else ()) as work:
         tracks = work.track(names)
@@ -117,8 +120,9 @@ def track_command(
         }
         for name, track in tracks.items()
     ]
+    lacking = {name: few for name, track in tracks.items() if (few := few_frames(track))}
     if as_json:
-        print_json({"tracks": summary})
+        print_json({"tracks": summary, "too_little": lacking})
     else:
         rows = [
             [
@@ -131,6 +135,13 @@ def track_command(
             for row in summary
         ]
         print_table("", ["experiment", "frames", "valid", "rejected", "file"], rows)
+        for name, few in lacking.items():
+            say(f"{name}: {few}")
+        if lacking:
+            say_next(f"rfea track {campaign} -e {next(iter(lacking))} --preview", "draws what was seen over the video")
+        else:
+            say_next(f"rfea sync {campaign}")
+    return DataError.exit_code if lacking else 0
 
 
 @click.command("sync")
@@ -177,3 +188,4 @@ def sync_command(
             rows,
             left=2,
         )
+        say_next(f"rfea improve {campaign}", "or step by step: rfea fit, compare, diagnose")

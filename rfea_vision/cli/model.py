@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table
+from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.options import ask, campaign_options, opened
+from rfea_vision.cli.root import COMMANDS
 from rfea_vision.options import CritiqueOptions, FitOptions
+from rfea_vision.units import rounded
 
 if TYPE_CHECKING:
-    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder
+    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, Rung
 
 
 @click.command("compare")
@@ -42,6 +45,8 @@ def compare_command(
     print_metrics(fits)
     for name, comparison in comparisons.items():
         print_comparison(name, comparison)
+    last = list(comparisons)[-1]
+    say_next(f"rfea diagnose {campaign} {last}", "why it fails there")
 
 
 @click.command("diagnose")
@@ -66,7 +71,7 @@ def diagnose_command(
     if as_json:
         print_json(diagnosis.model_dump(mode="json", by_alias=True))
     else:
-        print_diagnosis(diagnosis)
+        print_diagnosis(diagnosis, campaign, work.out)
 
 
 @click.command("improve")
@@ -92,66 +97,125 @@ def improve_command(
         print_json({**ladder.model_dump(mode="json"), "report": str(report)})
     else:
         print_ladder(ladder)
-        click.echo(f"report: {report}")
+        say(f"report: {report}")
+        last = ladder.rungs[-1].verdict if ladder.rungs else ""
+        if last == "unexplained":
+            say_next(*_after_verdict(last, campaign))
+        elif any(rung.tied for rung in ladder.rungs):
+            tied = next(i for i, rung in enumerate(ladder.rungs) if rung.tied)
+            say_next(f"rfea diagnose {campaign} {ladder.rungs[tied - 1].model}", "which run would split the tie")
+        else:
+            say_next(f"open {report}", "in a browser; 'rfea export' takes the model along")
 
 
 def print_comparison(name: str, comparison: Comparison) -> None:
     """Print where a model fails."""
     click.echo(f"\n{name}")
-    for sentence in comparison.sentences:
-        click.echo(f"  {sentence}")
-    for place in comparison.where:
-        if place.sentence not in comparison.sentences:
-            click.echo(f"  {place.sentence}")
+    for sentence in dict.fromkeys([*comparison.sentences, *(place.sentence for place in comparison.where)]):
+        say(sentence, indent="  ")
 
 
-def print_diagnosis(diagnosis: Diagnosis) -> None:
+def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     """Print the verdict, the evidence and what to do next."""
-    named = f": {', '.join(diagnosis.named)}" if diagnosis.named else ""
-    click.echo(f"{diagnosis.model}: {diagnosis.verdict}{named}")
+    named = f": {', '.join(_with_rivals(name, diagnosis.rivals_of(name)) for name in diagnosis.named)}"
+    click.echo(f"{diagnosis.model}: {diagnosis.verdict}{named if diagnosis.named else ''}")
     if diagnosis.sentence:
-        click.echo(diagnosis.sentence)
-    unit = "mm" if diagnosis.noise_floor_deg is None else "deg"
-    rows = [
-        [
-            item.effect,
-            item.at,
-            None if item.score_p is None else f"{item.score_p:.1e}",
-            *(getattr(item, f"{name}_rmse_{unit}") for name in ("predicted", "train", "validate")),
-            item.delta_bic,
-            "yes" if item.matters else "no" if item.refitted else "not refitted",
-        ]
-        for item in diagnosis.candidates[:12]
-    ]
-    errors = [f"{name} {unit}" for name in ("predicted", "train", "validate")]
-    columns = ["candidate", "at", "score p", *errors, "delta BIC", "matters"]
-    print_table("", columns, rows, left=2)
+        say(diagnosis.sentence)
+    _print_candidates(diagnosis)
+    _print_floors(diagnosis)
+    if diagnosis.remainder and diagnosis.remainder.sentence:
+        say(f"what is left: {diagnosis.remainder.sentence}")
     for tie in diagnosis.tied:
-        click.echo(f"cannot be told apart here: {', '.join(tie.effects)}; {tie.split_by}")
+        say(f"cannot be told apart here: {', '.join(tie.effects)}; {tie.split_by}")
     for warning in diagnosis.warnings:
-        click.echo(f"warning: {warning}")
-    if diagnosis.next_experiment is not None:
-        click.echo(f"next experiment: {diagnosis.next_experiment.sentence}")
+        say(f"warning: {warning}")
+    if diagnosis.verdict == "unexplained" and diagnosis.where:
+        say(f"where it shows: {diagnosis.where[0].sentence}")
+    planned = diagnosis.next_experiment
+    if planned is not None:
+        file = next((p for p in (out / "models").glob(f"*/{Path(planned.pressure).name}")), Path(planned.pressure))
+        say(f"next experiment: {planned.sentence} Pressure to play: {file}")
+    say_next(*_after_verdict(diagnosis.verdict, campaign))
+
+
+def _print_candidates(diagnosis: Diagnosis) -> None:
+    """Print the candidates, best first: what ranks them stands in the table."""
+    unit = "mm" if diagnosis.noise_floor_deg is None else "deg"
+    rows = diagnosis.candidates[:12]
+    columns = {"candidate": lambda c: c.effect + (f" ({c.form})" if c.form else ""), "at": lambda c: c.at}
+    if any(row.probability is not None for row in rows):
+        columns["probability"] = lambda c: _percent(c.probability)
+    if any(row.share is not None for row in rows):
+        columns["share"] = lambda c: _percent(c.share)
+    for name in ("predicted", "train", "validate"):
+        columns[f"{name} {unit}"] = lambda c, key=f"{name}_rmse_{unit}": getattr(c, key)
+    columns["delta BIC"] = lambda c: None if c.delta_bic is None else f"{c.delta_bic:.0f}"
+    columns["matters"] = lambda c: "yes" if c.matters else "no" if c.refitted else "not refitted"
+    columns = {
+        name: cell
+        for name, cell in columns.items()
+        if name == "candidate" or any(cell(row) is not None for row in rows)
+    }
+    print_table("", list(columns), [[cell(row) for cell in columns.values()] for row in rows], left=1)
+
+
+def _print_floors(diagnosis: Diagnosis) -> None:
+    floors = diagnosis.floors
+    if floors is None:
+        return
+    known = {name: getattr(floors, name) for name in ("measurement", "irreproducible", "calibration")}
+    parts = [f"{name} {rounded(value)} {floors.unit}" for name, value in known.items() if value is not None]
+    if parts:
+        say(f"floors below which no model gets: {', '.join(parts)}")
+
+
+def _percent(share: float | None) -> str | None:
+    return None if share is None else f"{100 * share:.0f} %"
+
+
+def _with_rivals(effect: str, rivals: Sequence[str]) -> str:
+    return f"{effect} (or {' or '.join(rivals)}: these data cannot tell)" if rivals else effect
+
+
+def _after_verdict(verdict: str, campaign: Path) -> tuple[str, str]:
+    """The next command, and what for."""
+    if verdict == "missing":
+        return f"rfea improve {campaign}", "adds it, fits again, and judges what is left"
+    if verdict == "complete":
+        return f"rfea report {campaign}", "one page, offline"
+    if "propose" in COMMANDS:
+        return f"rfea propose {campaign}", "a law for what is left; 'rfea effects new FILE' writes one of your own"
+    return (
+        "rfea effects new my_effect.py",
+        f"a law of your own; then rfea improve {campaign} --effect-file my_effect.py",
+    )
 
 
 def print_ladder(ladder: Ladder) -> None:
-    """Print the ladder, rung by rung."""
-    rows = [
-        [
-            rung.model,
-            rung.added,
-            rung.train_tip_rmse_mm,
-            rung.validate_tip_rmse_mm,
-            None if rung.delta_bic is None else f"{rung.delta_bic:.0f}",
-            rung.verdict,
-        ]
-        for rung in ladder.rungs
-    ]
+    """Print the ladder, rung by rung, in the unit of what was measured."""
+    unit = ladder.rungs[0].unit if ladder.rungs else "mm"
+    columns = {
+        "model": lambda r: r.model,
+        "added": lambda r: _with_grade(r),
+        "cannot be told from": lambda r: ", ".join(r.tied) or None,
+        f"train {unit}": lambda r: r.error("train"),
+        f"validate {unit}": lambda r: r.error("validate"),
+        "share": lambda r: _percent(r.share),
+        "probability": lambda r: _percent(r.probability),
+        "delta BIC": lambda r: None if r.delta_bic is None else f"{r.delta_bic:.0f}",
+        "verdict": lambda r: r.verdict,
+    }
+    always = ("model", "added", "verdict")
+    columns = {
+        name: cell for name, cell in columns.items() if name in always or any(cell(r) is not None for r in ladder.rungs)
+    }
+    rows = [[cell(rung) for cell in columns.values()] for rung in ladder.rungs]
     print_table(
-        "error ladder (tip, root mean square)",
-        ["model", "added", "train mm", "validate mm", "delta BIC", "verdict"],
-        rows,
-        left=2,
+        f"error ladder ({'tip' if unit == 'mm' else 'bend angle'}, root mean square)", list(columns), rows, left=2
     )
     for finding in ladder.findings or [f"Stopped because {ladder.stopped_because}"]:
-        click.echo(finding)
+        say(finding)
+
+
+def _with_grade(rung: Rung) -> str | None:
+    return f"{rung.added} (stand-in)" if rung.added and rung.grade == "stand-in" else rung.added

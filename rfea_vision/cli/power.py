@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table
+from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.options import ask, campaign_options, opened
 from rfea_vision.options import CritiqueOptions
 
@@ -45,7 +45,8 @@ def power_command(
     print_table("revealed from this strength on", ["effect", "parameter", "least", "unit", "at"], table, left=2)
     hidden = sorted({row.effect for row in rows} - {row.effect for row in seen})
     if hidden:
-        click.echo(f"not to be seen in these recordings at any strength that physics allows: {', '.join(hidden)}")
+        say(f"not to be seen in these recordings at any strength that physics allows: {', '.join(hidden)}")
+    say_next(f"rfea simulate OUT --like {campaign} --hidden EFFECT.PARAMETER=VALUE", "a twin to try one of them on")
 
 
 def _at(grid: dict[str, float]) -> str:

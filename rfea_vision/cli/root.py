@@ -32,6 +32,7 @@ _COMMANDS = {
     "twin": ("simulate", "demo"),
 }
 _HOME_OF = {command: module for module, commands in _COMMANDS.items() for command in commands}
+COMMANDS = tuple(_HOME_OF)
 
 
 class _LazyGroup(click.Group):

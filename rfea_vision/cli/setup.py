@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from rfea_vision.cli.console import ConsoleListener, print_json, print_table
+from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.options import output_options, trust_option, trusted
 from rfea_vision.errors import InputError
 
@@ -25,7 +25,8 @@ def init_command(folder: Path, as_json: bool, debug: bool) -> None:
         return
     for path in written:
         click.echo(str(path))
-    click.echo(f"fill these in and put your files beside them; 'rfea check {folder}' says what is still wrong")
+    say("fill these in and put your files beside them")
+    say_next(f"rfea check {folder}", "what is still wrong, all at once")
 
 
 @click.command("check")
@@ -49,11 +50,15 @@ def check_command(campaign: Path, as_json: bool, debug: bool) -> int:
         )
     else:
         for item in checked.problems:
-            click.echo(f"{item.severity}: {item}")
+            say(f"{item.severity}: {item}")
         found = ", ".join(f"{name} ({role})" for name, role in checked.experiments.items()) or "none"
-        click.echo(f"experiments: {found}")
+        say(f"experiments: {found}")
         warnings = len(checked.problems) - len(errors)
         click.echo(f"{_count(len(errors), 'error')}, {_count(warnings, 'warning')}")
+        if errors:
+            say_next(f"rfea check {campaign}", "again, once these are mended")
+        else:
+            say_next(f"rfea improve {campaign}", "or step by step: rfea track, sync, fit, compare, diagnose")
     return InputError.exit_code if errors else 0
 
 
@@ -89,6 +94,7 @@ def doctor_command(as_json: bool, debug: bool) -> int:
         print_json({"ok": not broken, "findings": [vars(item) for item in findings]})
     else:
         print_table("", ["what", "state", "found", "for"], [list(vars(item).values()) for item in findings], left=4)
+        say_next("rfea demo" if not broken else "pip install rfea-vision", "" if not broken else "mends what is broken")
     return 1 if broken else 0
 
 
@@ -109,6 +115,7 @@ def board_command(name: str | None, output: Path | None, as_json: bool, debug: b
             print_json(titles)
         else:
             print_table("", ["board", "what"], list(titles.items()), left=2)
+            say_next("rfea board NAME", "writes it as PDF")
         return
     from rfea_vision.campaign.schema import BoardPart
     from rfea_vision.files import whole_file
@@ -128,4 +135,5 @@ def board_command(name: str | None, output: Path | None, as_json: bool, debug: b
     if as_json:
         print_json({"file": str(path)})
     else:
-        click.echo(f"{path}: print it at 100 % and measure a square before use")
+        say(f"{path}: print it at 100 %, measure a square, and write what you measured as camera.board.square")
+        say_next("rfea init DIR", "a campaign to photograph it for")

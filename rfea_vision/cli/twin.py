@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from rfea_vision.cli.console import ConsoleListener, print_json, print_table
+from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.model import print_ladder
 from rfea_vision.cli.options import Quantity, ask, opened, output_options
 from rfea_vision.errors import InputError
@@ -136,7 +136,8 @@ def _report_twin(out: Path, truth: dict[str, Any], as_json: bool) -> None:
         print_json({"folder": str(out), "truth": truth})
         return
     hidden = ", ".join(f"{name}={value:g}" for name, value in truth["parameters"].items()) or "nothing"
-    click.echo(f"{out}: {len(truth['experiments'])} experiments; hidden: {hidden}")
+    say(f"{out}: {len(truth['experiments'])} experiments; hidden: {hidden}")
+    say_next(f"rfea improve {out}")
 
 
 def _roles(count: int | None, roles: str | None) -> tuple[str, ...] | None:
@@ -188,5 +189,6 @@ def demo_command(folder: Path, options: CritiqueOptions, force: bool, as_json: b
     click.echo("")
     print_table("what was missing", ["model", "verdict", "named"], rows, left=3)
     if truth is not None:
-        click.echo(f"what the example hides: {', '.join(truth)}")
+        say(f"what the example hides: {', '.join(truth)}")
     click.echo(f"report: {report.resolve()}")
+    say_next(f"open {report.resolve()}", "in a browser; then 'rfea init DIR' for your own tube")

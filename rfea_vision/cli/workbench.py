@@ -9,6 +9,8 @@ from pathlib import Path
 
 import click
 
+from rfea_vision.cli.console import print_json
+from rfea_vision.cli.options import output_options
 from rfea_vision.errors import InputError
 
 
@@ -17,8 +19,8 @@ from rfea_vision.errors import InputError
 @click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on this machine; default a free one.")
 @click.option("--no-browser", is_flag=True, help="Print the address and leave opening it to you.")
-@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
-def open_command(folder: Path, out: Path | None, port: int, no_browser: bool, debug: bool) -> None:
+@output_options
+def open_command(folder: Path, out: Path | None, port: int, no_browser: bool, as_json: bool, debug: bool) -> None:
     """The workbench: a local page.
 
     To set a campaign up by pointing, play its model, add an effect and watch the error fall. It works on the same folder
@@ -29,7 +31,10 @@ def open_command(folder: Path, out: Path | None, port: int, no_browser: bool, de
     from rfea_vision.workbench.serve import serve
 
     def ready(address: str) -> None:
-        click.echo(address)
+        if as_json:
+            print_json({"address": address})
+        else:
+            click.echo(address)
         click.echo("The address carries a secret: give it to nobody. Ctrl-C ends the workbench.", err=True)
         if not no_browser:
             webbrowser.open(address)

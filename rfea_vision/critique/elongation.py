@@ -28,8 +28,10 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
         if r.role in ("train", "validate") and "elongation" in r.dataset and name in predictions
     ]
     if not chosen:
+        lines = any("midline" in r.dataset for r in recordings.values())
+        why = "these nodes were placed evenly by another tool" if lines else "these recordings have no centre line"
         return {
-            "sentence": "Elongation needs a midline; these recordings have none.",
+            "sentence": f"The elongation along the tube was not measured: {why}.",
             "assumption": ASSUMPTION,
             "profiles": [],
         }

@@ -24,6 +24,7 @@ from rfea_vision.fitting.fit import Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.scoring import as_artefact, score
 from rfea_vision.options import CritiqueOptions, FitOptions
+from rfea_vision.units import rounded
 
 OnRung = Callable[[ModelFit, dict[str, xr.Dataset], Comparison, Diagnosis], None]
 MOST_RUNGS = 6
@@ -76,6 +77,7 @@ def improve(
     fitted = refit_artefact(finished[0][0], problem) if finished else fit(problem, chosen)
     first = fitted
     added: str | None = None
+    tied: list[str] = []
     before: Fitted | None = None
     rungs: list[Rung] = []
     floor: float | None = None
@@ -103,7 +105,7 @@ def improve(
                 told = diagnosis.model_copy(update={"next_pressure": _as_lists(judgement)})
                 on_rung(artefact, predictions, comparison, told)
         floor = diagnosis.noise_floor_mm if in_mm else diagnosis.noise_floor_deg
-        rungs.append(_rung(problem, artefact, added, before, fitted, diagnosis))
+        rungs.append(_rung(problem, artefact, added, tied, before, fitted, diagnosis))
         if progress is not None:
             progress(index + 1, MOST_RUNGS)
         if diagnosis.verdict != "missing":
@@ -116,7 +118,7 @@ def improve(
         if judged.budget_s is not None and time.monotonic() - started > judged.budget_s:
             stopped = f"the time budget of {judged.budget_s:.0f} s is used up; the last diagnosis still names {name}"
             break
-        before, added = fitted, name
+        before, added, tied = fitted, name, diagnosis.rivals_of(name)
         expected = [other for other in diagnosis.named if other != name]
         if index + 1 < len(finished):
             following = finished[index + 1][0]
@@ -156,13 +158,20 @@ def _without_test(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
 
 
 def _rung(
-    problem: Problem, artefact: ModelFit, added: str | None, before: Fitted | None, fitted: Fitted, diagnosis: Diagnosis
+    problem: Problem,
+    artefact: ModelFit,
+    added: str | None,
+    tied: list[str],
+    before: Fitted | None,
+    fitted: Fitted,
+    diagnosis: Diagnosis,
 ) -> Rung:
     bic = delta_bic(problem, before, fitted) if before is not None else None
     train, validate = artefact.metrics.get("train"), artefact.metrics.get("validate")
     return Rung(
         model=artefact.name,
         added=added,
+        tied=tied,
         train_tip_rmse_mm=train.tip_rmse_mm if train else None,
         validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
         train_angle_rmse_deg=train.angle_rmse_deg if train else None,
@@ -194,9 +203,16 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]
 
 
 def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
-    """What was added, in words, with the id by which it is asked for."""
+    """What was added, in words, with the id by which it is asked for and what it cannot be told from."""
     known = {effect.id: effect.title for effect in last.model.effects} | {SEGMENTS: SEGMENTS_TITLE}
-    return [f"{known[r.added]} ({r.added})" if r.added in known else r.added for r in rungs if r.added]
+    titles = []
+    for rung in rungs:
+        if rung.added is None:
+            continue
+        title = f"{known[rung.added]} ({rung.added})" if rung.added in known else rung.added
+        title += f", which these data cannot tell from {' or '.join(rung.tied)}" if rung.tied else ""
+        titles.append(title)
+    return titles
 
 
 def _findings(
@@ -210,17 +226,18 @@ def _findings(
     out = []
     what = "tip error" if unit == "mm" else "error of the bend angle"
     key = "tip_rmse_mm" if unit == "mm" else "angle_rmse_deg"
-    added = [r.added for r in rungs if r.added]
-    if added:
-        out.append(f"Missing from the paper's model, and added in this order: {', '.join(titles)}.")
+    if titles and rungs[-1].verdict == "complete":
+        out.append(f"Missing from the paper's model, and added in this order: {'; '.join(titles)}.")
+    elif titles:
+        out.append(f"Added so far, and not yet enough: {'; '.join(titles)}.")
     first, last = (getattr(rung, f"validate_{key}") for rung in (rungs[0], rungs[-1]))
-    if added and first and last:
-        fall = f"fell from {first:.3f} to {last:.3f} {unit} ({first / last:.1f} times)"
+    if titles and first and last:
+        fall = f"fell from {rounded(first)} to {rounded(last)} {unit} ({first / last:.1f} times)"
         out.append(f"The {what} on validation runs {fall}.")
-    if added and test and test[key] and test[f"first_model_{key}"]:
-        fall = f"fell from {test[f'first_model_{key}']:.3f} to {test[key]:.3f} {unit}"
+    if titles and test and test[key] and test[f"first_model_{key}"]:
+        fall = f"fell from {rounded(test[f'first_model_{key}'])} to {rounded(test[key])} {unit}"
         out.append(f"On test runs, on which nothing was chosen, it {fall}.")
     if floor:
-        out.append(f"The noise floor is {floor:.3f} {unit}.")
+        out.append(f"The noise floor is {rounded(floor)} {unit}.")
     out.append(f"Stopped because {stopped}")
     return out

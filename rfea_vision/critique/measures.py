@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.fitting.fit import Fitted, Problem
-from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
+from rfea_vision.fitting.observation import MM, Observed, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.residual_tests import correlation_time
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import gaps
@@ -87,8 +87,7 @@ def floor_of(problem: Problem, fitted: Fitted) -> float:
     drown it. In the residual the motion is gone, so there third differences may be taken over longer and longer strides.
     """
     known, _ = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
-    if not known:
-        known = float(np.rad2deg(np.median(np.concatenate([o.angle_sigma for o in problem.train]))))
+    known = known or noise_floor_deg(list(problem.train)) or 0.0
     seen = []
     for item, gap in zip(problem.train, _tip_gaps(problem, fitted), strict=True):
         period = float(np.median(np.diff(item.time)))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import importlib.util
 import pkgutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -72,6 +73,12 @@ def load_effect_file(path: Path) -> list[type[Effect]]:
     return effects
 
 
+def meant(name: str, known: Iterable[str]) -> str:
+    """What to say after an id that nobody declares."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"did you mean '{close[0]}'?" if close else "'rfea effects' lists the catalogue"
+
+
 def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple[Effect, ...]:
     """Instances of the effects named, user files included.
 
@@ -88,7 +95,5 @@ def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple
         raise InputError("effect 'segments' is no law but a finer chain; use --segments with a larger number")
     missing = [name for name in ids if name not in known]
     if missing:
-        raise InputError(
-            f"effect '{missing[0]}' is unknown; `rfea effects` lists the catalogue: {', '.join(sorted(known))}"
-        )
+        raise InputError(f"effect '{missing[0]}' is unknown; {meant(missing[0], known)}")
     return tuple(known[name]() for name in ids)

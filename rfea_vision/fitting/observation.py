@@ -342,6 +342,12 @@ def noise_floor_mm(observed: list[Observed], recordings: dict[str, Recording]) -
     return claim, "standard errors of the track"
 
 
+def noise_floor_deg(observed: list[Observed]) -> float | None:
+    """Noise floor of the bend angle, for runs that have no tip: the errors of the angle as stated or as estimated."""
+    errors = [o.angle_sigma for o in observed if not o.has_tip]
+    return float(np.rad2deg(np.median(np.concatenate(errors)))) if errors else None
+
+
 def _shared(item: Observed, data: xr.Dataset) -> float:
     """Variance (mm^2) of the tip that all frames of a run share and that the fit takes out: where the clamp was seen."""
     if item.origin_sigma == 0:

@@ -17,7 +17,7 @@ from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.discretisation import drift
 from rfea_vision.fitting.fit import Fitted, Problem, make_model
 from rfea_vision.fitting.intervals import intervals, without_intervals
-from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
+from rfea_vision.fitting.observation import MM, Observed, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.problem import CONSTANT_PA
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.residual_tests import examine_residuals
@@ -167,7 +167,10 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
     clocks = np.concatenate([best.clocks, fit_clocks(best.model, others, best.par)])
     scores, parts, _ = score(problem, best.model, best.par, [*problem.train, *others], clocks)
     found = intervals(fitted, problem.train, problem.actuator, best.par, drift(problem, fitted, best, problem.train))
-    floor, source = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
+    measured = list(problem.with_roles("train", "validate"))
+    floor, source = noise_floor_mm(measured, problem.recordings)
+    floor_deg = noise_floor_deg(measured) if floor is None else None
+    source = "standard errors of the angle" if floor_deg else source
     options = fitted.options
     refused = runaway(fitted, problem.actuator)
     parameters, paper = found.parameters, found.paper
@@ -188,6 +191,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         correlation={"names": list(fitted.coordinates.names), "matrix": found.correlation.round(6).tolist()},
         metrics=metrics_by_role(problem, scores, parts),
         noise_floor_mm=floor,
+        noise_floor_deg=floor_deg,
         noise_floor_source=source,
         experiments=scores,
         warnings=[*found.sentences, *alarms(fitted, problem.actuator), *_about_runs(problem, fitted)],

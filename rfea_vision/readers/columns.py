@@ -16,6 +16,10 @@ from rfea_vision.units import conversion_factor, pressure_unit
 _SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar": "mbar", "Bar": "bar"}
 """Spellings that no registry of units knows."""
 
+# What loggers call their columns, in the languages of the labs that we know of.
+_TIME_WORDS = re.compile(r"time|zeit|temps|tempo|aika|^t$|^t[ _(\[]", re.IGNORECASE)
+_PRESSURE_WORDS = re.compile(r"press|druck|pression|presi|paine|^p\d*$|^p\d*[ _(\[]", re.IGNORECASE)
+
 
 def column(table: Table, name: str, key: str) -> str:
     """Return `name` if there is such a column.
@@ -27,30 +31,45 @@ def column(table: Table, name: str, key: str) -> str:
     """
     if name in table.columns:
         return name
-    names = list(table.columns)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    example = f"'{key.split('.')[1]}: {close[0] if close else names[0]}'"
-    raise InputError(
-        f"{table.source}: no column '{name}' ({key}); there are: {listed(names)}; name one, for example {example}"
-    )
+    part = key.split(".")[1]
+    meant = _meant(table, name, part)
+    remedy = f"write '{part}: {meant}'" if meant else f"say which one it is with '{part}: NAME'"
+    raise InputError(f"{table.source}: no column '{name}' ({key}); there are: {listed(list(table.columns))}; {remedy}")
+
+
+def _meant(table: Table, name: str, part: str) -> str | None:
+    """The column that was probably meant, by its unit, its name, or its likeness to `name`; None if none will do."""
+    unit, other, words = ("s", "kPa", _TIME_WORDS) if part == "time" else ("kPa", "s", _PRESSURE_WORDS)
+    possible = [item for item in table.columns if not _measures(table, item, other)]
+    by_unit = [item for item in possible if _measures(table, item, unit)]
+    by_word = [item for item in possible if words.search(item)]
+    return next(iter([*by_unit, *by_word, *difflib.get_close_matches(name, possible, n=1, cutoff=0.6)]), None)
+
+
+def _said_unit(table: Table, name: str) -> str | None:
+    """The unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``."""
+    match = re.search(r"(?:_|\s*[\[(])([A-Za-z°ºµ]+(?:\([ag]\))?)[\])]?$", name)
+    found = table.units.get(name) or (match[1] if match else None)
+    return None if found is None else _SIGNS.get(found, found)
+
+
+def _measures(table: Table, name: str, to: str) -> bool:
+    """Whether a column's unit is known and of the kind of `to`."""
+    found = _said_unit(table, name)
+    try:
+        return found is not None and conversion_factor(pressure_unit(found)[0], to) > 0
+    except ValueError:
+        return False
 
 
 def unit_of(table: Table, name: str, default: str) -> str:
-    """Return the unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``.
+    """Return the unit that the file or the column's name gives.
 
     It must measure what `default` does; with an empty default, pressure.
     """
-    said = table.units.get(name)
-    match = re.search(r"(?:_|\s*[\[(])([A-Za-z°ºµ]+(?:\([ag]\))?)[\])]?$", name)
-    found = said or (match[1] if match else None)
-    if found is None:
-        return default
-    found = _SIGNS.get(found, found)
-    try:
-        conversion_factor(pressure_unit(found)[0], default or "kPa")
-    except ValueError:
-        return said or default
-    return found
+    if _measures(table, name, default or "kPa"):
+        return _said_unit(table, name) or default
+    return table.units.get(name) or default
 
 
 def _seconds(values: np.ndarray) -> NDArray[np.float64] | None:

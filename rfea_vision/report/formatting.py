@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
+from rfea_vision.units import rounded
+
 _REASONS = {
     "no_tube": "no tube was found",
     "occluded": "something stood in front of the tube",
@@ -29,17 +31,11 @@ MINUS = "\N{MINUS SIGN}"
 
 
 def number(value: float | None, digits: int = 0) -> str:
-    """`value` to `digits` significant digits (0: three from 1 upwards, two below), a dash where there is none."""
+    """`value` as `rounded` has it, with the signs of print; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "\N{EN DASH}"
-    if value == 0:
-        return "0"
-    digits = digits or (3 if abs(value) >= 1 else 2)
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")  # rounded first: 0.0998 is 0.10, not 0.100
-    if not 1e-4 <= abs(value) < 1e6:
-        return f"{mantissa}·10{_raised(int(exponent))}".replace("-", MINUS)
-    decimals = max(0, digits - 1 - int(exponent))
-    return f"{value:.{decimals}f}".replace("-", MINUS)
+    mantissa, _, exponent = rounded(value, digits).partition("e")
+    return (f"{mantissa}·10{_raised(int(exponent))}" if exponent else mantissa).replace("-", MINUS)
 
 
 def _raised(power: int) -> str:

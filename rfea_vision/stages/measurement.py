@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
 from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
+from rfea_vision.stages.doubts import doubts_of, few_frames, reasons_of
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.stored import Stored
 
@@ -144,6 +144,7 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
         found = follow(experiment, calibration.value, open_source(video), checkpoint=checkpoint, progress=progress)
         _say_calibration(found, calibration.value, experiment)
         found.save(path)
+        _tell_doubts(work, experiment, found)
         return found, [path], describe_track(found)
 
     tracked = work.run(
@@ -175,6 +176,11 @@ def follow(experiment: ExperimentSpec, calibration: Calibration, source: Any, **
         lamp_box=sync.box if sync.method == "led" else None,
         **more,
     )
+
+
+def _tell_doubts(work: Workspace, experiment: ExperimentSpec, measured: Track | Recording) -> None:
+    for doubt in doubts_of(measured):
+        work.listener.note(f"warning: {experiment.name}: {doubt}")
 
 
 def _say_calibration(found: Track, calibration: Calibration, experiment: ExperimentSpec) -> None:
@@ -269,6 +275,7 @@ def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> S
             to_rig_mm = rig_axes_mm(calibration, camera.vertical)
         found = read_track(source.file, bends=experiment.actuator.bends, spec=source, to_rig_mm=to_rig_mm)
         found.save(path)
+        _tell_doubts(work, experiment, found)
         return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
 
     return work.run(
@@ -303,19 +310,25 @@ def synchronise(work: Workspace, experiment: ExperimentSpec) -> Stored[Recording
     def make(progress: Progress) -> tuple[Recording, list[Path], str]:
         from rfea_vision.sync import synchronise as synchronise_clocks
 
-        recording = synchronise_clocks(
-            tracked.value,
-            log or read_pressure(spec, experiment.name),
-            experiment=experiment.name,
-            role=experiment.role,
-            bends=experiment.actuator.bends,
-            method=sync.method,
-            value_s=sync.value_s,
-            channel=sync.channel,
-            repeat_of=experiment.repeat_of,
-        )
+        try:
+            recording = synchronise_clocks(
+                tracked.value,
+                log or read_pressure(spec, experiment.name),
+                experiment=experiment.name,
+                role=experiment.role,
+                bends=experiment.actuator.bends,
+                method=sync.method,
+                value_s=sync.value_s,
+                channel=sync.channel,
+                repeat_of=experiment.repeat_of,
+            )
+        except DataError as error:
+            if few := few_frames(tracked.value):  # the clocks are not what is wrong
+                raise DataError(f"{experiment.name}: track: {few}") from error
+            raise
         recording = with_earlier_pressure(recording, work.campaign, experiment)
         recording.save(path)
+        _tell_doubts(work, experiment, recording)
         return recording, [path], describe_recording(recording)
 
     return work.run(
@@ -360,11 +373,6 @@ def describe_track(track: Track) -> str:
     """Say how many frames were tracked, and why the others were not."""
     lost = ", ".join(f"{count} {reason}" for reason, count in reasons_of(track).items())
     return f"{int(track.valid.sum())} of {len(track.time_s)} frames" + (f" ({lost})" if lost else "")
-
-
-def reasons_of(track: Track) -> dict[str, int]:
-    """Count the rejected frames by reason, most frequent first."""
-    return dict(Counter(str(reason) for reason in track.dataset["reason"].values[~track.valid]).most_common())
 
 
 def describe_recording(recording: Recording) -> str:

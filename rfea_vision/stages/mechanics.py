@@ -167,21 +167,22 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
         from rfea_vision.critique import improve as climb
 
         outputs: list[Path] = []
-        rungs: list[Rung] = []
+        rungs: list[tuple[Rung, Diagnosis]] = []
         finished = _finished(work, options, critique, recordings, actuator)
         for model, diagnosis in finished:
-            rungs.append(rung_of(model, diagnosis, rungs))
+            rungs.append((rung_of(model, diagnosis, rungs), diagnosis))
             outputs.extend(model_folder(work, model.name) / file for file in RUNG_FILES)
-            work.listener.note(f"{describe_rung(rungs[-1])} (as before)")
+            work.listener.note(f"{describe_rung(rungs[-1][0])} (as before)")
 
         def on_rung(
             model: ModelFit, predictions: Mapping[str, xr.Dataset], comparison: Comparison, diagnosis: Diagnosis
         ) -> None:
             rung = (model, predictions, comparison, diagnosis)
             outputs.extend(_save_rung(work, options, critique, recordings, actuator, rung))
-            rungs.append(rung_of(model, diagnosis, rungs))
-            Ladder(rungs=rungs, noise_floor_mm=model.noise_floor_mm, stopped_because="not finished").save(path)
-            work.listener.note(describe_rung(rungs[-1]))
+            rungs.append((rung_of(model, diagnosis, rungs), diagnosis))
+            so_far = [rung for rung, _ in rungs]
+            Ladder(rungs=so_far, noise_floor_mm=model.noise_floor_mm, stopped_because="not finished").save(path)
+            work.listener.note(describe_rung(so_far[-1]))
 
         ladder = climb(
             values(recordings),

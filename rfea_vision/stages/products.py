@@ -12,6 +12,7 @@ import xarray as xr
 
 from rfea_vision.artefacts import Diagnosis, ModelFit, Rung
 from rfea_vision.files import read_dataset, whole_file, write_datasets, write_text
+from rfea_vision.units import rounded
 
 
 def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset]) -> None:
@@ -52,14 +53,16 @@ def without_pressure(diagnosis: Diagnosis) -> tuple[Diagnosis, tuple[Any, Any] |
     return Diagnosis.model_validate(content), pressure
 
 
-def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[Rung]) -> Rung:
+def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, Diagnosis]]) -> Rung:
     """Return the rung that a model stands on, above those `below`, for the ladder as far as it is."""
-    known = {rung.added for rung in below}
+    known = {rung.added for rung, _ in below}
     new = [effect for effect in model.effects if effect not in known] or ["segments"]  # the rung that has no new law
+    added = new[-1] if below and new else None
     train, validate = model.metrics.get("train"), model.metrics.get("validate")
     return Rung(
         model=model.name,
-        added=new[-1] if below and new else None,
+        added=added,
+        tied=below[-1][1].rivals_of(added) if added else [],
         train_tip_rmse_mm=train.tip_rmse_mm if train else None,
         validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
         train_angle_rmse_deg=train.angle_rmse_deg if train else None,
@@ -74,20 +77,16 @@ def describe_fit(model: ModelFit) -> str:
     parts = []
     for role, metrics in model.metrics.items():
         if metrics.tip_rmse_mm is not None:
-            parts.append(f"{role} {metrics.tip_rmse_mm:.3f} mm")
+            parts.append(f"{role} {rounded(metrics.tip_rmse_mm)} mm")
         elif metrics.angle_rmse_deg is not None:
-            parts.append(f"{role} {metrics.angle_rmse_deg:.3f} deg")
+            parts.append(f"{role} {rounded(metrics.angle_rmse_deg)} deg")
     return f"{model.status}, root mean square error {', '.join(parts)}" if parts else model.status
 
 
 def describe_rung(rung: Rung) -> str:
     """Say what a rung has brought."""
-
-    def shown(tip_mm: float | None, angle_deg: float | None) -> str:
-        if tip_mm is not None:
-            return f"{tip_mm:.3f} mm"
-        return "-" if angle_deg is None else f"{angle_deg:.3f} deg"
-
-    train = shown(rung.train_tip_rmse_mm, rung.train_angle_rmse_deg)
-    errors = f"train {train}, validate {shown(rung.validate_tip_rmse_mm, rung.validate_angle_rmse_deg)}"
-    return f"{rung.model}: {errors}, {rung.verdict}"
+    train, held_out = rung.error("train"), rung.error("validate")
+    errors = f"train {'-' if train is None else rounded(train)}, "
+    errors += f"validate {'-' if held_out is None else rounded(held_out)} {rung.unit}"
+    rivals = f" ({rung.added} cannot be told from {' or '.join(rung.tied)})" if rung.tied else ""
+    return f"{rung.model}: {errors}, {rung.verdict}{rivals}"

@@ -107,7 +107,8 @@ def test_a_second_run_changes_nothing(improved):
     }
     answer = rfea("improve", folder, "--segments", "4", "--json")
     assert answer.json == ladder
-    assert ": done" not in answer.err and "improve ladder: unchanged" in answer.err
+    (line,) = answer.err.splitlines()
+    assert re.fullmatch(r"report page: unchanged, as are \d+ results before it", line)
     for command in ("diagnose", "compare", "report"):
         again = rfea(command, folder)
         assert again.code == 0 and ": done" not in again.err, again.err
@@ -174,7 +175,7 @@ def test_the_effect_of_the_readme_can_be_added(improved, root, tmp_path):
     assert answer.code == 0, answer.err
     assert answer.json["name"] == "base+steepening_spring"
     assert "steepening_spring.c" in answer.json["parameters"]
-    assert rfea("fit", folder, *arguments).err.endswith("fit base+steepening_spring: unchanged\n")
+    assert rfea("fit", folder, *arguments).err.startswith("fit base+steepening_spring: unchanged")
 
 
 def test_raw_files_are_never_written_to(campaign):
@@ -197,8 +198,9 @@ def test_a_changed_input_redoes_what_depends_on_it(campaign):
     lines = file.read_text().splitlines()
     file.write_text("\n".join(lines[:-5]) + "\n")
     answer = rfea("sync", campaign)
-    assert "track steps-1: unchanged" in answer.err and "sync steps-1: done" in answer.err
-    assert "sync multisine-2: unchanged" in answer.err
+    assert "sync steps-1: done" in answer.err
+    (rest,) = [line for line in answer.err.splitlines() if line.endswith(": unchanged")]
+    assert "track steps-1" in rest and "sync multisine-2" in rest
 
 
 def test_one_broken_experiment_does_not_keep_the_others_from_being_tracked(campaign):
@@ -212,7 +214,7 @@ def test_one_broken_experiment_does_not_keep_the_others_from_being_tracked(campa
 
 def test_unknown_effects_and_models_are_named(campaign):
     wrong = rfea("fit", campaign, "--segments", "2", "--add", "maxwel")
-    assert wrong.code == 2 and "maxwel" in wrong.err and "Traceback" not in wrong.err
+    assert wrong.code == 2 and "did you mean 'maxwell'?" in wrong.err and "Traceback" not in wrong.err
     assert not (campaign / "rfea" / "models" / "base+maxwel").exists()
     lost = rfea("diagnose", campaign, "mine")
     assert lost.code == 2 and "no model 'mine'" in lost.err
@@ -254,7 +256,7 @@ def test_an_interruption_keeps_what_is_finished(campaign):
     assert len(list((campaign / "rfea").glob("*/recording.nc"))) == 3
     left = [path.name for path in (campaign / "rfea").rglob("*") if path.is_file() and path.name.startswith(".")]
     assert left == []
-    assert "sync steps-1: unchanged" in rfea("sync", campaign).err
+    assert "unchanged, as are 5 results before it" in rfea("sync", campaign).err
 
 
 def test_a_recipe_of_ones_own(campaign, tmp_path):

@@ -31,6 +31,7 @@ COMMANDS = [
     "report",
     "run",
     "batch",
+    "open",
     "export",
     "simulate",
     "demo",
