@@ -14,9 +14,22 @@ from rfea_vision.errors import InputError
 
 @click.command("init")
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
+@click.option(
+    "--from", "first", metavar="FILES...", type=click.Path(path_type=Path), help="Files or folders to look at."
+)
+@click.argument("files", nargs=-1, metavar="", type=click.Path(path_type=Path))
 @output_options
-def init_command(folder: Path, as_json: bool, debug: bool) -> None:
-    """An empty campaign to fill in."""
+def init_command(folder: Path, first: Path | None, files: tuple[Path, ...], as_json: bool, debug: bool) -> None:
+    """A campaign to fill in, or one guessed from files.
+
+    'rfea init DIR --from FILES...' looks at films, photos of the board, logs and tracks, brings together what belongs
+    together, and writes the campaign. Every guess is marked in it with '# guessed:'; what nobody can guess, with '# needed:'.
+    """
+    if files and first is None:
+        raise click.UsageError(f"Got unexpected '{files[0]}': write 'rfea init {folder} --from {files[0]}'.")
+    if first is not None:
+        _init_from(folder, (first, *files), as_json)
+        return
     from rfea_vision.campaign.template import write_campaign_template
 
     written = write_campaign_template(folder)
@@ -27,6 +40,23 @@ def init_command(folder: Path, as_json: bool, debug: bool) -> None:
         click.echo(str(path))
     say("fill these in and put your files beside them")
     say_next(f"rfea check {folder}", "what is still wrong, all at once")
+
+
+def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
+    from rfea_vision.campaign.from_files import write_campaign_from
+
+    written = write_campaign_from(folder, files)
+    if as_json:
+        shown = {"guessed": list(written.guesses), "left_out": list(written.left_out)}
+        print_json({"folder": str(folder), "files": [str(path) for path in written.files], **shown})
+        return
+    for path in written.files:
+        click.echo(str(path))
+    for sentence in written.guesses:
+        click.echo(f"guessed: {sentence}")
+    for sentence in written.left_out:
+        click.echo(f"left out: {sentence}")
+    click.echo(f"look at the lines marked '# guessed:' and '# needed:'; 'rfea check {folder}' says what is still wrong")
 
 
 @click.command("check")

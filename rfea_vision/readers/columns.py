@@ -40,36 +40,32 @@ def column(table: Table, name: str, key: str) -> str:
 def _meant(table: Table, name: str, part: str) -> str | None:
     """The column that was probably meant, by its unit, its name, or its likeness to `name`; None if none will do."""
     unit, other, words = ("s", "kPa", _TIME_WORDS) if part == "time" else ("kPa", "s", _PRESSURE_WORDS)
-    possible = [item for item in table.columns if not _measures(table, item, other)]
-    by_unit = [item for item in possible if _measures(table, item, unit)]
+    possible = [item for item in table.columns if not said_unit(table, item, other)]
+    by_unit = [item for item in possible if said_unit(table, item, unit)]
     by_word = [item for item in possible if words.search(item)]
     return next(iter([*by_unit, *by_word, *difflib.get_close_matches(name, possible, n=1, cutoff=0.6)]), None)
 
 
-def _said_unit(table: Table, name: str) -> str | None:
-    """The unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``."""
+def said_unit(table: Table, name: str, like: str) -> str | None:
+    """Return the unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``.
+
+    None where none is given, or the end of the name is no unit of what `like` measures.
+    """
     match = re.search(r"(?:_|\s*[\[(])([A-Za-z°ºµ]+(?:\([ag]\))?)[\])]?$", name)
     found = table.units.get(name) or (match[1] if match else None)
-    return None if found is None else _SIGNS.get(found, found)
-
-
-def _measures(table: Table, name: str, to: str) -> bool:
-    """Whether a column's unit is known and of the kind of `to`."""
-    found = _said_unit(table, name)
+    if found is None:
+        return None
+    found = _SIGNS.get(found, found)
     try:
-        return found is not None and conversion_factor(pressure_unit(found)[0], to) > 0
+        conversion_factor(pressure_unit(found)[0], like)
     except ValueError:
-        return False
+        return None
+    return found
 
 
 def unit_of(table: Table, name: str, default: str) -> str:
-    """Return the unit that the file or the column's name gives.
-
-    It must measure what `default` does; with an empty default, pressure.
-    """
-    if _measures(table, name, default or "kPa"):
-        return _said_unit(table, name) or default
-    return table.units.get(name) or default
+    """Return the unit that the file gives, or `default`; one that the file itself names for the column must fit."""
+    return said_unit(table, name, default) or table.units.get(name) or default
 
 
 def _seconds(values: np.ndarray) -> NDArray[np.float64] | None:

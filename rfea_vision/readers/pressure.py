@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers.columns import column, in_unit, unit_of
+from rfea_vision.readers.columns import column, in_unit, said_unit, unit_of
 from rfea_vision.readers.database import read_query
 from rfea_vision.readers.kinds.base import Table
 from rfea_vision.readers.tables import read_table
@@ -106,7 +106,7 @@ def _ambient_kPa(table: Table, pressure: str, spec: PressureSpec) -> FloatArray 
     if spec.ambient is None:
         return spec.ambient_kPa
     name = column(table, spec.ambient, "pressure.ambient")
-    unit = None if unit_of(table, name, "") else spec.unit
+    unit = None if said_unit(table, name, "kPa") else spec.unit
     ambient_kPa, _ = _in_kPa(table, name, unit)
     if name in table.times_s and pressure in table.times_s:
         return np.interp(table.times_s[pressure], table.times_s[name], ambient_kPa)

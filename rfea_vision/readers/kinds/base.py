@@ -24,7 +24,9 @@ MOST_VALUES = 50_000_000
 def refuse_too_much(path: Path, values: float) -> None:
     """Raise the error of a file that holds, or says that it holds, more than a log can."""
     if values > MOST_VALUES:
-        raise InputError(f"{path}: announces {values:.2g} values, {MOST_VALUES:.2g} are read at most; export a part of it")
+        raise InputError(
+            f"{path}: announces {values:.2g} values, {MOST_VALUES:.2g} are read at most; export a part of it"
+        )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,294 @@
+"""A campaign guessed from files: which belong together, and what each of them is. Every guess is marked in the YAML."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rfea_vision.campaign.guess import Key, Seen, look
+from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
+from rfea_vision.data import column_words
+from rfea_vision.errors import InputError
+from rfea_vision.files import write_text
+
+_MOST_FILES = 1000
+_SIZES = ((9, 6), (8, 6), (7, 6), (7, 5), (8, 5), (10, 7), (11, 8), (6, 5), (7, 4), (6, 4), (5, 4), (6, 9), (5, 7))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A film or track with the log that belongs to it; `why` says how they were brought together."""
+
+    name: str
+    motion: Seen
+    log: Seen | None
+    why: str
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written, every guess as ``file: key: value: why``, and the files left out with their reason."""
+
+    files: tuple[Path, ...]
+    guesses: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
+    """Write campaign.yaml and one experiment per run; files from elsewhere are linked (or copied) into the campaign.
+
+    Raises
+    ------
+    InputError
+        If a campaign is there already, a file is not, or none of them holds a film or a track.
+    """
+    if (folder / "campaign.yaml").exists():
+        raise InputError(f"{folder / 'campaign.yaml'}: is there already and is left as it is; choose another folder")
+    found = [look(path) for path in _expanded(folder, files)]
+    runs, alone = _runs(found)
+    if not runs:
+        seen = "; ".join(f"{item.path.name}: {item.note or item.what}" for item in found[:6])
+        raise InputError(
+            f"{folder}: none of the files holds a film or a track ({seen}); give those of at least one run"
+        )
+    pages: dict[Path, str] = {}
+    guesses: list[str] = []
+    for index, run in enumerate(runs):
+        place = folder / run.name / "experiment.yaml"
+        held_out = len(runs) > 1 and index == len(runs) - 1
+        pages[place] = _experiment(folder, run, held_out, guesses)
+    pictures = [item.path for item in found if item.what == "picture"]
+    pages[folder / "campaign.yaml"] = _campaign(folder, runs, pictures, guesses)
+    for path in pages:
+        if path.exists():
+            raise InputError(f"{path}: is there already and is left as it is; choose another folder")
+    for path, text in pages.items():
+        write_text(path, text)
+    left_out = [f"{item.path}: {item.note or 'belongs to no film or track'}" for item in alone]
+    return Written(tuple(pages), tuple(guesses), tuple(left_out))
+
+
+def _expanded(folder: Path, files: Sequence[Path]) -> list[Path]:
+    """Every file given, those below folders too, without hidden ones and results."""
+    out: list[Path] = []
+    for path in files:
+        if not path.exists():
+            raise InputError(f"--from {path}: not found; correct the name")
+        below = sorted(path.rglob("*")) if path.is_dir() else [path]
+        for item in below:
+            inside = item.relative_to(path).parts if path.is_dir() else ()
+            if item.is_file() and OUTPUT_FOLDER not in inside and not any(part.startswith(".") for part in inside):
+                out.append(item.resolve())
+    out = [path for path in dict.fromkeys(out) if path.suffix.lower() not in (".yaml", ".yml", ".md", ".json", ".html")]
+    if len(out) > _MOST_FILES:
+        raise InputError(f"--from: {len(out)} files, {_MOST_FILES} at most; name those of one campaign")
+    return out
+
+
+def _stem(path: Path) -> str:
+    """The part of a name that tells runs apart, without the words that tell films from logs."""
+    stem = re.sub(r"dlc.*$", "", path.stem, flags=re.IGNORECASE)
+    words = [word for word in re.split(r"[^\w]+|_", stem.lower()) if word and word not in column_words()["file"]]
+    return "-".join(words) or path.parent.name.lower()
+
+
+def _runs(found: Sequence[Seen]) -> tuple[list[Run], list[Seen]]:
+    """Bring films and tracks together with logs: by name, then by folder, then in order where the numbers agree."""
+    logs = [item for item in found if item.what == "log"]
+    alone = [item for item in found if item.what == "unknown"]
+    tracked = {_stem(item.path) for item in found if item.what in ("track", "both")}
+    pending: list[Seen] = []
+    for item in found:
+        if item.what == "film" and _stem(item.path) in tracked:
+            alone.append(
+                Seen(item.path, "film", note="a track of the same run is there; name the film in its place if you like")
+            )
+        elif item.what in ("film", "track", "both"):
+            pending.append(item)
+    pairs: list[tuple[Seen, Seen | None, str]] = [(item, item, "") for item in pending if item.what == "both"]
+    pending = [item for item in pending if item.what != "both"]
+    for same, why in ((_stem, "their names agree"), (lambda path: path.parent, "they lie in one folder, alone")):
+        for item in list(pending):
+            fitting = [log for log in logs if same(log.path) == same(item.path)]
+            rivals = [other for other in pending if same(other.path) == same(item.path)]
+            if len(fitting) == 1 and len(rivals) == 1:
+                pairs.append((item, fitting[0], why))
+                pending.remove(item)
+                logs.remove(fitting[0])
+    if pending and len(pending) == len(logs):
+        order = "as many logs as films or tracks were left; they are paired in the order of their names"
+        pairs += [(item, log, order) for item, log in zip(pending, logs, strict=True)]
+        pending, logs = [], []
+    pairs += [(item, None, "") for item in pending]
+    pairs.sort(key=lambda pair: pair[0].path)
+    names = _names([item.path for item, _, _ in pairs])
+    return [Run(name, *pair) for name, pair in zip(names, pairs, strict=True)], alone + logs
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    names: list[str] = []
+    for path in paths:
+        name = re.sub(r"[^\w-]+", "-", _stem(path)).strip("-_") or "run"
+        name = f"{name}-run" if name in RESERVED_NAMES or name == OUTPUT_FOLDER else name
+        names.append(name if name not in names else f"{name}-{names.count(name) + len(names)}")
+    return names
+
+
+def _scalar(value: object) -> str:
+    """A value as YAML, quoted wherever YAML might read something else into it."""
+    if isinstance(value, list):
+        return "[" + ", ".join(_scalar(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_scalar(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, int | float):
+        return str(value)
+    text = str(value)
+    return text if re.fullmatch(r"[A-Za-z][\w.-]*|[\d.]+ [A-Za-z]+", text) else json.dumps(text, ensure_ascii=False)
+
+
+def _lines(keys: Sequence[Key], where: str, guesses: list[str]) -> str:
+    """Keys as lines of YAML below a heading: guesses are marked, what nobody can guess is left as a comment."""
+    out = []
+    for key in keys:
+        if key.value is None:
+            example, _, meaning = key.why.partition(": ")
+            out.append(f"  # {key.name}: {example}  # needed: {meaning}\n")
+            guesses.append(f"{where}.{key.name}: needed, and not guessed: {meaning}")
+            continue
+        mark = f"  # guessed: {key.why}" if key.why else ""
+        out.append(f"  {key.name}: {_scalar(key.value)}{mark}\n")
+        if key.why:
+            guesses.append(f"{where}.{key.name}: {_scalar(key.value)}: {key.why}")
+    return "".join(out)
+
+
+def _brought(folder: Path, run: str, keys: Sequence[Key]) -> list[Key]:
+    return [Key("file", _brought_in(folder, folder / run, key.value)) if key.name == "file" else key for key in keys]
+
+
+def _brought_in(folder: Path, room: Path, path: Path) -> str:
+    """Return the name by which a campaign finds a file: where it lies if that is inside, else a link to it in `room`."""
+    root = folder.resolve()
+    if path.is_relative_to(root):
+        return (
+            os.path.relpath(path, room.resolve())
+            if path.is_relative_to(room.resolve())
+            else str(path.relative_to(root))
+        )
+    room.mkdir(parents=True, exist_ok=True)
+    there = room / path.name
+    if there.exists() and not there.samefile(path):
+        raise InputError(f"{there}: is there already and is another file than {path}; choose another folder")
+    if not there.exists():
+        try:
+            os.link(path, there)
+        except OSError:  # another disk
+            shutil.copy2(path, there)
+    return path.name
+
+
+def _experiment(folder: Path, run: Run, held_out: bool, guesses: list[str]) -> str:
+    where = run.name
+    role, why = (
+        ("validate", "the last run, set aside to judge the model")
+        if held_out
+        else ("train", "a model needs runs to fit")
+    )
+    guesses.append(f"{where}.role: {role}: {why}")
+    heading = "video" if run.motion.what == "film" else "track"
+    text = f"format: rfea-experiment/1\nname: {_scalar(run.name)}\nrole: {role}  # guessed: {why}\n"
+    motion = [key for key in run.motion.motion if key.name != "time_unit"]
+    text += f"{heading}:\n" + _lines(_brought(folder, run.name, motion), f"{where}.{heading}", guesses)
+    if run.log is None:
+        guesses.append(
+            f"{where}.pressure: needed, and not guessed: no log was found that belongs to {run.motion.path.name}"
+        )
+        return text + "# pressure: {file: pressure.csv}  # needed: no log was found that belongs here\n"
+    text += "pressure:" + (f"  # guessed: {run.why}" if run.why else "") + "\n"
+    if run.why:
+        guesses.append(f"{where}.pressure: {run.log.path.name}: {run.why}")
+    text += _lines(_brought(folder, run.name, run.log.pressure), f"{where}.pressure", guesses)
+    if run.log is run.motion:
+        return text + "sync: {method: common_clock}  # pressure and motion stand in one table\n"
+    guesses.append(f"{where}.sync: motion: nothing says that the two clocks are one")
+    return text + "sync: {method: motion}  # guessed: nothing says that the two clocks are one\n"
+
+
+def _campaign(folder: Path, runs: Sequence[Run], pictures: Sequence[Path], guesses: list[str]) -> str:
+    name = re.sub(r"[^\w .-]", "-", folder.resolve().name) or "campaign"
+    said = {key.name: key for run in runs for key in run.motion.actuator}
+    paper = "that of the paper's tube; measure yours"
+    keys = [
+        Key("outer_radius", "4 mm", paper),
+        Key("inner_radius", "3 mm", paper),
+        said.get("length", Key("length", "155 mm", paper)),
+        Key("density", "965 kg/m^3", "that of PDMS"),
+        Key("fluid_density", "1000 kg/m^3", "that of water"),
+        said.get("bends", Key("bends", "left", "the paper's tube; as the camera sees it")),
+    ]
+    head = "# Guessed from files by 'rfea init --from'. Every guess is marked: correct it, or take the mark away.\n"
+    head += f"format: rfea-campaign/1\nname: {_scalar(name)}\n"
+    text = head + "actuator:\n" + _lines(keys, "actuator", guesses)
+    if not any(run.motion.what == "film" for run in runs):
+        return text
+    return text + "camera:\n" + _lines(_camera(folder, pictures), "camera", guesses)
+
+
+def _camera(folder: Path, pictures: Sequence[Path]) -> list[Key]:
+    """The board and its photos, if one is seen in the pictures; else what else gives a scale."""
+    boards = [path for path in pictures if any(word in path.stem.lower() for word in column_words()["board"])] or list(
+        pictures
+    )
+    plane = next((path for path in pictures if re.search("plane|ebene", path.stem.lower())), None)
+    boards = [path for path in boards if path != plane]
+    if not boards:
+        return [
+            Key(
+                "board",
+                None,
+                "{kind: checkerboard, inner_corners: [9, 6], square: 12 mm}: a board, with 'photos'; or 'scale'",
+            )
+        ]
+    corners = next((size for path in boards[:3] if (size := _corners(path)) is not None), None)
+    size = list(corners or (9, 6))
+    seen = (
+        f"seen in {boards[0].name}"
+        if corners
+        else "of 'rfea board checkerboard-9x6-12mm'; none was recognised in the photos"
+    )
+    room = folder / "calibration"
+    keys = [
+        Key(
+            "photos",
+            [_from_root(folder, _brought_in(folder, room, path)) for path in boards],
+            "pictures that are no films",
+        ),
+    ]
+    if plane is not None:
+        keys.append(Key("plane", _from_root(folder, _brought_in(folder, room, plane)), "its name says so"))
+    square = "the square of 'rfea board'; measure yours"
+    board = {"kind": "checkerboard", "inner_corners": size, "square": "12 mm"}
+    return [Key("board", board, f"corners {seen}; {square}"), *keys]
+
+
+def _from_root(folder: Path, name: str) -> str:
+    return name if (folder / name).exists() else f"calibration/{name}"
+
+
+def _corners(path: Path) -> tuple[int, int] | None:
+    from rfea_vision.calibration.board import Board
+    from rfea_vision.calibration.corners import Refused, find_corners
+    from rfea_vision.readers.pictures import read_grey
+
+    grey = read_grey(path)
+    if grey is None:
+        return None
+    sizes = (
+        size for size in _SIZES if not isinstance(find_corners(path, grey, Board("checkerboard", size, 0.012)), Refused)
+    )
+    return next(sizes, None)

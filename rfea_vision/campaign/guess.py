@@ -1,0 +1,254 @@
+"""What a file seems to be: a film, a picture, a log, a track; and why it is taken for that."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rfea_vision.data import column_words
+from rfea_vision.errors import RfeaError
+from rfea_vision.readers.columns import in_unit, said_unit
+from rfea_vision.readers.kinds.base import Points, Table, points_of_columns
+from rfea_vision.readers.tables import endings, read_table
+from rfea_vision.units import conversion_factor, pressure_unit
+
+FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mts")
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+_ATMOSPHERE_kPa = (85.0, 108.0)
+"""Of an open line, from 1,500 m above the sea to the highest air pressure recorded."""
+_LONGEST_STEP_S = 0.5
+"""Between two samples of a log: slower ones show no motion of a tube."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of experiment.yaml or campaign.yaml; `why` says why the value was guessed and is empty where it is certain.
+
+    A value of None is one that nobody can guess: the line is written as a comment, with `why` as what is needed.
+    """
+
+    name: str
+    value: Any
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One file: what it holds, and the keys that say how to read it."""
+
+    path: Path
+    what: str
+    pressure: tuple[Key, ...] = ()
+    motion: tuple[Key, ...] = ()
+    actuator: tuple[Key, ...] = ()
+    note: str = ""
+
+
+@dataclass
+class _Columns:
+    """The columns of a table that have been given a meaning."""
+
+    table: Table
+    taken: set[str] = field(default_factory=set)
+
+    def words(self, name: str) -> set[str]:
+        return {word for word in re.split(r"[^\w]+|_|(?<=[a-z])(?=[A-Z0-9])", name) for word in (word.lower(),) if word}
+
+    def numeric(self) -> list[str]:
+        return [
+            name
+            for name, values in self.table.columns.items()
+            if name not in self.taken and values.size > 1 and values.dtype.kind in "fiu"
+        ]
+
+    def called(self, names: Sequence[str], words: Sequence[str]) -> list[str]:
+        return [name for name in names if self.words(name) & set(words)]
+
+
+def look(path: Path) -> Seen:
+    """Look at one file; whatever is wrong with it becomes its note."""
+    ending = path.suffix.lower()
+    if ending in FILMS:
+        return Seen(path, "film", motion=(Key("file", path),))
+    if ending in PICTURES:
+        return Seen(path, "picture")
+    if ending not in endings():
+        return Seen(path, "unknown", note=f"no reader for '{ending}'")
+    try:
+        table = read_table(path)
+    except RfeaError as error:
+        return Seen(path, "unknown", note=str(error).removeprefix(f"{path}: "))
+    columns = _Columns(table)
+    time = _time(columns)
+    motion, actuator = _motion(columns, time)
+    pressure = _pressure(columns, time)
+    if pressure is None and motion is None:
+        return Seen(path, "unknown", note="no column looks like a pressure, a tip or an angle")
+    what = "log" if motion is None else "track" if pressure is None else "both"
+    file = (Key("file", path),)
+    return Seen(path, what, file + (pressure or ()), file + (motion or ()), actuator)
+
+
+def _time(columns: _Columns) -> tuple[Key, ...]:
+    """The column of time: called so, or else the one that rises most evenly."""
+    table = columns.table
+    if "time_s" in table.columns:
+        columns.taken.add("time_s")
+        return ()
+    dated = [name for name, values in table.columns.items() if values.dtype.kind in "MOUT" and _is_clock(table, name)]
+    rising = dated + [name for name in columns.numeric() if np.all(np.diff(table.columns[name]) > 0)]
+    if not rising:
+        return ()
+    called = columns.called(rising, column_words()["time"])
+    if called or dated:
+        name, why = (called or dated)[0], "its header and its values say so"
+    else:
+        name = min(rising, key=lambda item: _unevenness(table.columns[item]))
+        why = "no header says time; of the columns that only rise it does so most evenly"
+    columns.taken.add(name)
+    keys = [Key("time", name, why)]
+    if name not in dated and said_unit(table, name, "s") is None:
+        step = float(np.median(np.diff(table.columns[name])))
+        unit = "s" if step < _LONGEST_STEP_S else "ms" if step < 1e3 * _LONGEST_STEP_S else "us"
+        keys.append(Key("time_unit", unit, f"the file names no unit; its steps are {step:.3g}"))
+    return tuple(keys)
+
+
+def _is_clock(table: Table, name: str) -> bool:
+    try:
+        return bool(np.all(np.diff(in_unit(table, name, "s", "pressure.time")) > 0))
+    except (RfeaError, TypeError):
+        return False
+
+
+def _unevenness(values: np.ndarray) -> float:
+    steps = np.diff(values.astype(float))
+    return float(np.std(steps) / np.mean(steps))
+
+
+def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[Key, ...] | None:
+    table = columns.table
+    if not time and "time_s" not in table.columns and not table.times_s:
+        return None
+    names = columns.numeric()
+    by_unit = [name for name in names if said_unit(table, name, "kPa") is not None]
+    by_word = columns.called(names, column_words()["pressure"])
+    ambient = columns.called(by_unit + by_word, column_words()["ambient"]) or columns.called(
+        names, column_words()["ambient"]
+    )
+    found = [name for name in dict.fromkeys(by_word + by_unit) if name not in ambient]
+    why = "its header and its unit say so" if found and found[0] in by_unit else "its header says so"
+    if not found and len(names) == 1 and len(table.columns) == 2:
+        found, why = names, "the only column beside the time"
+    if not found:
+        return None
+    name = found[0]
+    others = [other for other in found[1:] if other != name]
+    why += f"; there are also {', '.join(others[:3])}" if others else ""
+    keys = [*time]
+    if name != "pressure_kPa" or others:
+        keys.append(Key("pressure", name, "" if name == "pressure_kPa" else why))
+    unit = said_unit(table, name, "kPa")
+    if unit is None:
+        keys.append(
+            Key("unit", "kPa", f"the file names no unit; the largest value is {np.nanmax(table.columns[name]):.4g}")
+        )
+    return tuple(keys) + _reference(table, name, unit or "kPa", ambient)
+
+
+def _reference(table: Table, name: str, unit: str, ambient: list[str]) -> tuple[Key, ...]:
+    """Absolute, where the unit does not say it, if what is lowest is the air's pressure."""
+    bare, said = pressure_unit(unit)
+    if said == "gauge":
+        return ()
+    lowest_kPa = float(np.nanmin(table.columns[name])) * conversion_factor(bare, "kPa")
+    airy = _ATMOSPHERE_kPa[0] <= lowest_kPa <= _ATMOSPHERE_kPa[1]
+    keys = (
+        []
+        if said or not airy
+        else [Key("reference", "absolute", f"its lowest value is {lowest_kPa:.1f} kPa, that of air")]
+    )
+    if ambient and (said == "absolute" or airy):
+        keys.append(Key("ambient", ambient[0], "its header says so"))
+    return tuple(keys)
+
+
+def _motion(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...] | None, tuple[Key, ...]]:
+    """What of the tube's motion a table holds, and what that tells of the tube."""
+    table = columns.table
+    clock = tuple(key for key in time if key.name == "time")
+    if table.points:
+        return _poses(next(iter(table.points.items())), len(table.points))
+    if {"tip_x_mm", "tip_y_mm"} <= set(table.columns) or {"x00_mm", "y00_mm"} <= set(table.columns):
+        return clock, _tube(table)
+    if "angle_deg" in table.columns:
+        columns.taken.add("angle_deg")
+        return (*clock, Key("angle", "angle_deg")), ()
+    marked = points_of_columns(table.source, table.columns, table.units, table.columns.get("time_s"))
+    if marked is not None and any(word in name.lower() for name in marked.names for word in column_words()["tip"]):
+        columns.taken |= set(columns.numeric())
+        return _poses(("", marked), 1)
+    called = columns.called(columns.numeric(), column_words()["angle"])
+    by_unit = [name for name in columns.numeric() if said_unit(table, name, "deg") is not None]
+    found = list(dict.fromkeys([*(name for name in called if name in by_unit), *called, *by_unit]))
+    if not found or (not clock and "time_s" not in table.columns):
+        return None, ()
+    columns.taken.add(found[0])
+    unit = "" if found[0] in by_unit else "; no unit is said, deg is taken"
+    return (*clock, Key("angle", found[0], f"its header says so{unit}")), ()
+
+
+def _tube(table: Table) -> tuple[Key, ...]:
+    """The tube's length and side, from where its tip has been."""
+    last = max((name for name in table.columns if re.match(r"x\d+_mm$", name)), default="tip_x_mm")
+    x, y = (np.asarray(table.columns[name], dtype=float) for name in (last, last.replace("x", "y", 1)))
+    if last == "tip_x_mm":
+        y = np.asarray(table.columns["tip_y_mm"], dtype=float)
+    farthest, across = float(np.nanmax(np.hypot(x, y))), float(x[np.nanargmax(np.abs(x))])
+    return (
+        Key("length", f"{farthest:.4g} mm", "the farthest that the tip has been from the clamp"),
+        Key("bends", "left" if across < 0 else "right", "where the tip has gone farthest"),
+    )
+
+
+def _poses(first: tuple[str, Points], count: int) -> tuple[tuple[Key, ...], tuple[Key, ...]]:
+    individual, points = first
+    keys = [Key("individual", individual, f"the first of {count}")] if count > 1 else []
+    keys.append(_order(points))
+    if points.positions.shape[2] == 3:
+        keys.append(
+            Key(
+                "axes", None, "[x, -z]: the file's axes that point to the camera's right, and up along the hanging tube"
+            )
+        )
+    if points.unit in ("px", "pixels", ""):
+        keys.append(Key("scale", None, "0.25 mm: the length of one pixel; or a camera in campaign.yaml"))
+    if points.time_s is None:
+        keys.append(Key("rate", None, "100 Hz: of the frames, the file does not say it"))
+    return tuple(keys), ()
+
+
+def _order(points: Points) -> Key:
+    """The points from the clamp to the tip: by their names, else in the file's order."""
+    names = list(points.names)
+    if len(names) > 12:
+        return Key("points", "all", "taken to lie along the tube, from the clamp to the tip")
+
+    def named(words: Sequence[str]) -> Callable[[str], bool]:
+        return lambda name: any(word in name.lower() for word in words)
+
+    clamp, tip = list(filter(named(column_words()["clamp"]), names)), list(filter(named(column_words()["tip"]), names))
+    middle = [name for name in names if name not in clamp + tip]
+    why = (
+        "by their names, from the clamp to the tip"
+        if clamp and tip
+        else "in the file's order; from the clamp to the tip?"
+    )
+    groups = [clamp] * bool(clamp) + [[name] for name in middle] + [tip] * bool(tip)
+    return Key("points", [group[0] if len(group) == 1 else group for group in groups], why)

@@ -1,0 +1,121 @@
+"""`rfea init --from`: what is guessed is right, and marked; what cannot be guessed is asked for."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from rfea_vision.campaign import load_campaign, read_campaign
+from rfea_vision.campaign.from_files import write_campaign_from
+from rfea_vision.errors import InputError
+from rfea_vision.readers.pressure import read_pressure
+from rfea_vision.readers.tracks import read_track
+
+TIME_S = np.arange(400) * 0.01
+PRESSURE_kPa = 60.0 - 60.0 * np.cos(2 * np.pi * 0.5 * TIME_S)
+ANGLE_deg = 0.3 * PRESSURE_kPa
+
+HEADERS = [
+    ({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa}, 0),
+    ({"Zeit [s]": TIME_S, "Druck [mbar]": PRESSURE_kPa * 10}, 2),
+    ({"temps (ms)": TIME_S * 1e3, "pression (bar)": PRESSURE_kPa / 100}, 2),
+    ({"Tiempo (s)": TIME_S, "Presión (kPa)": PRESSURE_kPa, "Temperatura": np.full(400, 21.5)}, 2),
+    ({"aika": TIME_S * 1e3, "paine_kPa": PRESSURE_kPa}, 3),
+    ({"время": TIME_S, "давление [hPa]": PRESSURE_kPa * 10}, 3),
+    ({"时间 [s]": TIME_S, "压力 [kPa]": PRESSURE_kPa}, 2),
+    ({"A": TIME_S, "B": PRESSURE_kPa}, 4),
+    ({"sample_t": TIME_S, "p_abs [kPa]": PRESSURE_kPa + 101.3, "p_atm [kPa]": np.full(400, 101.3)}, 5),
+    ({"t": TIME_S, "p_psig": PRESSURE_kPa / 6.894757293168361}, 3),
+]
+
+
+def tip_track(bends):
+    x = np.sin(np.deg2rad(ANGLE_deg)) * 120.0 * (-1 if bends == "left" else 1)
+    return pd.DataFrame({"time_s": TIME_S, "tip_x_mm": x, "tip_y_mm": -120.0 * np.cos(np.deg2rad(ANGLE_deg))})
+
+
+@pytest.mark.parametrize(("columns", "guesses"), HEADERS)
+def test_time_and_pressure_are_told_in_many_languages(tmp_path, columns, guesses):
+    (tmp_path / "data").mkdir()
+    pd.DataFrame(columns).to_csv(tmp_path / "data" / "run1_log.csv", index=False)
+    tip_track("right").to_csv(tmp_path / "data" / "run1_track.csv", index=False)
+    written = write_campaign_from(tmp_path / "tube", [tmp_path / "data"])
+    run = load_campaign(tmp_path / "tube").experiment("run1")
+    log = read_pressure(run.pressure)
+    np.testing.assert_allclose(log.time_s, TIME_S, atol=1e-9)
+    np.testing.assert_allclose(log.pressure_kPa, PRESSURE_kPa, atol=1e-6)
+    text = (tmp_path / "tube" / "run1" / "experiment.yaml").read_text()
+    inside = text[text.index("pressure:") : text.index("sync:")]
+    assert inside.count("# guessed:") - 1 == guesses  # one is that the two files belong together
+    assert sum(item.startswith("run1.pressure.") for item in written.guesses) == guesses
+    assert (tmp_path / "tube" / "run1" / "run1_log.csv").stat().st_size > 0
+
+
+@pytest.mark.parametrize("bends", ["left", "right"])
+def test_several_runs_and_what_the_tracks_tell_of_the_tube(tmp_path, bends):
+    for index in (1, 2, 3):
+        tip_track(bends).to_csv(tmp_path / f"step{index}_tracking.csv", index=False)
+        pd.DataFrame({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa}).to_csv(
+            tmp_path / f"step{index}-pressure.csv", index=False
+        )
+    (tmp_path / "readme.pdf").write_text("what was done")
+    written = write_campaign_from(tmp_path, [tmp_path])
+    campaign = load_campaign(tmp_path)
+    assert [(run.name, run.role) for run in campaign.experiments] == [
+        ("step1", "train"), ("step2", "train"), ("step3", "validate")]  # fmt: skip
+    assert campaign.actuator.bends == bends and campaign.actuator.length == pytest.approx(0.120, rel=1e-3)
+    assert campaign.experiment("step2").pressure.file == (tmp_path / "step2-pressure.csv").resolve()
+    assert any("readme.pdf" in item for item in written.left_out)
+    assert not (tmp_path / "step1" / "step1_tracking.csv").exists()  # what lies inside stays where it is
+
+
+def test_an_encoder_beside_the_pressure_is_one_run_on_one_clock(tmp_path):
+    frame = pd.DataFrame({"Zeit [s]": TIME_S, "Winkel [rad]": np.deg2rad(ANGLE_deg), "Druck [bar]": PRESSURE_kPa / 100})
+    frame.to_csv(tmp_path / "messung.csv", index=False, sep=";", decimal=",", encoding="cp1252")
+    write_campaign_from(tmp_path / "tube", [tmp_path / "messung.csv"])
+    run = load_campaign(tmp_path / "tube").experiments[0]
+    assert run.sync.method == "common_clock"
+    track = read_track(run.track.file, spec=run.track)
+    np.testing.assert_allclose(track.dataset["bend_angle"], ANGLE_deg, atol=1e-6)
+    np.testing.assert_allclose(read_pressure(run.pressure).pressure_kPa, PRESSURE_kPa, atol=1e-9)
+
+
+def test_what_nobody_can_guess_is_asked_for(tmp_path):
+    header = "scorer,n,n,n,n,n,n\nbodyparts,tip,tip,tip,clamp,clamp,clamp\ncoords,x,y,likelihood,x,y,likelihood\n"
+    rows = "".join(f"{i},{i},5,0.9,1,2,0.9\n" for i in range(5))
+    (tmp_path / "aDLC_resnet50.csv").write_text(header + rows)
+    written = write_campaign_from(tmp_path / "tube", [tmp_path / "aDLC_resnet50.csv"])
+    text = next((tmp_path / "tube").glob("*/experiment.yaml")).read_text()
+    assert "points: [clamp, tip]  # guessed: by their names" in text
+    assert "# scale: 0.25 mm  # needed:" in text and "# rate: 100 Hz  # needed:" in text and "# pressure:" in text
+    assert sum("needed, and not guessed" in item for item in written.guesses) == 3
+    assert yaml.safe_load(text)["track"]["points"] == ["clamp", "tip"]
+
+
+def test_groups_of_markers_are_the_clamp_and_the_tip(tmp_path, shared_data):
+    write_campaign_from(tmp_path / "beam", [shared_data / "clamped-beam"])
+    text = (tmp_path / "beam" / "gravity-a" / "experiment.yaml").read_text()
+    assert "points: [[base1, base2, base3], [tip1, tip2, tip3]]  # guessed: by their names" in text
+    assert "# axes: [x, -z]  # needed:" in text and text.count("scale") == 0
+
+
+def test_names_cannot_write_yaml(tmp_path):
+    odd = tmp_path / 'log "x" role: test #.csv'
+    pd.DataFrame({"t": TIME_S, 'p: "} [kPa]': PRESSURE_kPa, "angle_deg": ANGLE_deg}).to_csv(odd, index=False)
+    write_campaign_from(tmp_path / "tube", [odd])
+    reading = read_campaign(tmp_path / "tube")
+    assert not [item for item in reading.problems if item.severity == "error"]
+    run = reading.campaign.experiments[0]
+    assert run.role == "train" and run.pressure.pressure == 'p: "} [kPa]' and run.pressure.file.name == odd.name
+
+
+def test_nothing_is_overwritten_and_nothing_is_made_of_nothing(tmp_path):
+    (tmp_path / "note.txt").write_text("hello\n")
+    with pytest.raises(InputError, match="none of the files holds a film or a track"):
+        write_campaign_from(tmp_path / "tube", [tmp_path / "note.txt"])
+    tip_track("left").to_csv(tmp_path / "a.csv", index=False)
+    write_campaign_from(tmp_path / "tube", [tmp_path / "a.csv"])
+    with pytest.raises(InputError, match="is there already"):
+        write_campaign_from(tmp_path / "tube", [tmp_path / "a.csv"])
+    with pytest.raises(InputError, match="not found"):
+        write_campaign_from(tmp_path / "other", [tmp_path / "gone.csv"])
