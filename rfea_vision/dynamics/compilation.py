@@ -21,58 +21,39 @@ import numpy as np
 import platformdirs
 
 from rfea_vision.dynamics.system import FIXED
+from rfea_vision.effects import base
 from rfea_vision.files import write_text
 
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
-
-GENERATOR_VERSION = "12"
-_NUMPY_FUNCTIONS = (
-    "inertia",
-    "gravity",
-    "base_compliance",
-    "base_pivot",
-    "felt_pressure",
-    "line_time_constant",
-    "flow_resistance",
-    "flow_inertance",
-    "line_shift",
-    "observed_position",
-    "time_shift",
-)
 
 
 @dataclass(frozen=True)
 class CompiledLaw:
     """A law ready to run: compiled joint law and body force, and NumPy functions for what is evaluated once a run.
 
-    Each of the NumPy functions takes (par, con, *its own symbols) and returns the value(s) with the derivatives with
-    respect to every parameter behind them.
+    Each hook that is evaluated once a run is an attribute by its name: a function of (par, con, *its own symbols) that
+    returns the value(s) with the derivatives with respect to every parameter behind them. `active` are those of these
+    hooks that an effect changes.
     """
 
     effects: tuple[str, ...]
     parameters: tuple[str, ...]
     state_count: int
     module: ModuleType
+    once: ModuleType
     has_body_force: bool
-    has_base: bool
     has_added_mass: bool
-    has_line: bool
-    inertia: Callable[..., Any]
-    gravity: Callable[..., Any]
-    base_compliance: Callable[..., Any]
-    base_pivot: Callable[..., Any]
-    felt_pressure: Callable[..., Any]
-    line_time_constant: Callable[..., Any]
-    flow_resistance: Callable[..., Any]
-    flow_inertance: Callable[..., Any]
-    line_shift: Callable[..., Any]
-    observed_position: Callable[..., Any]
-    time_shift: Callable[..., Any]
-    observes_truly: bool
-    shifts_time: bool
-    shifts_line: bool
-    changes_pressure: bool
+    active: frozenset[str]
+
+    def __getattr__(self, hook: str) -> Callable[..., Any]:
+        if hook.startswith("_") or hook not in base.HOOKS:
+            raise AttributeError(hook)
+        return getattr(self.once, hook)
+
+    def changes(self, *hooks: str) -> bool:
+        """Whether an effect changes one of these hooks."""
+        return not self.active.isdisjoint(hooks)
 
     @property
     def columns(self) -> int:
@@ -90,9 +71,16 @@ def _cache_folder() -> Path:
 
 
 def _key(effects: Sequence[Effect]) -> str:
-    digest = hashlib.sha256(GENERATOR_VERSION.encode())
-    for name in ("laws.py", "generation.py", "compilation.py"):
-        digest.update(Path(__file__).with_name(name).read_bytes())
+    digest = hashlib.sha256()
+    here, hooks = Path(__file__).parent, Path(base.__file__).parent
+    for file in (
+        here / "laws.py",
+        here / "generation.py",
+        here / "compilation.py",
+        hooks / "base.py",
+        hooks / "hooks.py",
+    ):
+        digest.update(file.read_bytes())
     for effect in effects:
         digest.update((type(effect).source_text or inspect.getsource(type(effect))).encode())
     return digest.hexdigest()[:24]
@@ -140,8 +128,8 @@ def _compile(effects: Sequence[Effect], key: str) -> CompiledLaw:
     return CompiledLaw(
         effects=tuple(effect.id for effect in effects),
         module=_load(path, f"rfea_law_{key}"),
+        once=numeric,
         **numeric.FACTS,
-        **{name: getattr(numeric, name) for name in _NUMPY_FUNCTIONS},
     )
 
 

@@ -181,28 +181,9 @@ def generate_numpy(law: Law) -> str:
         "parameters": law.parameters,
         "state_count": len(law.states),
         "has_body_force": law.body_force != (0, 0),
-        "has_base": law.base_compliance != 0,
         "has_added_mass": law.added_mass != 0,
-        "shifts_line": law.line_shift != 0,
-        "has_line": law.flow_resistance != 0 or law.flow_inertance != 0,
-        "observes_truly": law.observed_position == (laws.X, laws.Y),
-        "shifts_time": law.time_shift != 0,
-        "changes_pressure": law.felt_pressure != laws.PRESSURE or law.line_time_constant != 0,
-    }
-    inertia = (law.inertia.mass, law.inertia.along, law.inertia.across, law.inertia.inertia)
-    place = (laws.MASS, laws.ALONG, laws.ACROSS, laws.INERTIA, laws.BODY_LENGTH, laws.IS_LAST)
-    functions = {
-        "inertia": (inertia, place),
-        "gravity": (law.gravity, (laws.GRAVITY,)),
-        "base_compliance": ((law.base_compliance,), ()),
-        "base_pivot": ((law.base_pivot,), ()),
-        "felt_pressure": ((law.felt_pressure,), (laws.PRESSURE,)),
-        "line_time_constant": ((law.line_time_constant,), ()),
-        "flow_resistance": ((law.flow_resistance,), ()),
-        "flow_inertance": ((law.flow_inertance,), ()),
-        "line_shift": ((law.line_shift,), (laws.PRESSURE,)),
-        "observed_position": (law.observed_position, (laws.X, laws.Y)),
-        "time_shift": ((law.time_shift,), (laws.TIME,)),
+        "active": law.active,
     }
     text = '"""Generated: do not edit."""\nfrom numpy import *\n\nFACTS = ' + repr(facts) + "\n"
-    return text + "".join("\n\n" + _numpy_function(name, law, *parts) for name, parts in functions.items())
+    functions = (_numpy_function(name, law, law.once[name], laws.own_symbols(hook)) for name, hook in laws.ONCE.items())
+    return text + "".join("\n\n" + function for function in functions)

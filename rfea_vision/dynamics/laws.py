@@ -8,11 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import sympy as sp
 
-from rfea_vision.effects.base import BASE_PARAMETERS, Body, BodyInertia, BodyPlace, Effect, Joint
+from rfea_vision.effects.base import (
+    BASE_PARAMETERS,
+    HOOKS,
+    Body,
+    BodyInertia,
+    BodyPlace,
+    Effect,
+    EffectParameter,
+    Joint,
+)
+from rfea_vision.effects.hooks import Hook, parts
 from rfea_vision.errors import InputError
 
 THETA, RATE = sp.symbols("theta rate", real=True)
@@ -32,6 +42,29 @@ ACROSS, GRAVITY, TIME = sp.symbols("across g time", real=True)
 
 CONSTANTS: tuple[sp.Symbol, ...] = (COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR)
 BASE = {name: sp.Symbol(name, real=True) for name in BASE_PARAMETERS}
+
+#: What hooks are given by the name of the argument, beside the joint and what is composed at it.
+GIVEN: dict[str, Any] = {
+    "body": Body(X, Y, VX, VY, BODY_LENGTH, OUTER, TUBE_LENGTH, MIRROR),
+    "place": BodyPlace(BODY_LENGTH, IS_LAST, OUTER),
+    "inertia": BodyInertia(MASS, ALONG, ACROSS, INERTIA),
+    "gravity": (sp.Integer(0), -GRAVITY),
+    "pressure": PRESSURE,
+    "rest_outer_radius": OUTER,
+    "x": X,
+    "y": Y,
+    "mirror": MIRROR,
+    "time": TIME,
+}
+ONCE = {name: hook for name, hook in HOOKS.items() if hook.once}
+
+
+class _Nothing(Effect):
+    """Changes nothing: what the hooks are without any effect."""
+
+    id = "nothing"
+    parameters: ClassVar[dict[str, EffectParameter]] = {}
+
 
 #: Springs and dampers are the paper's down to this share of their value at rest, and never fall below half of it: a tube
 #: that swings past straight, or bends further than it was ever seen to, is still held and still comes to rest.
@@ -65,17 +98,8 @@ class Law:
     relaxed: tuple[sp.Expr, ...]
     added_mass: sp.Expr
     body_force: tuple[sp.Expr, sp.Expr]
-    gravity: tuple[sp.Expr, sp.Expr]
-    inertia: BodyInertia
-    base_compliance: sp.Expr
-    base_pivot: sp.Expr
-    felt_pressure: sp.Expr
-    line_time_constant: sp.Expr
-    flow_resistance: sp.Expr
-    flow_inertance: sp.Expr
-    line_shift: sp.Expr
-    observed_position: tuple[sp.Expr, sp.Expr]
-    time_shift: sp.Expr
+    once: dict[str, tuple[sp.Expr, ...]]  # hook evaluated once a run -> its values
+    active: frozenset[str]  # those of them that an effect changes
 
 
 def _base_joint(effects: Sequence[Effect]) -> Joint:
@@ -133,12 +157,7 @@ def compose(effects: Sequence[Effect]) -> Law:
     rates: list[sp.Expr] = []
     relaxed: list[sp.Expr] = []
     force: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
-    gravity: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), -GRAVITY)
-    inertia = BodyInertia(MASS, ALONG, ACROSS, INERTIA)
-    mass = compliance = pivot = lag = resistance = inertance = shift = aside = sp.Integer(0)
-    felt: sp.Expr = PRESSURE
-    observed: tuple[sp.Expr, sp.Expr] = (X, Y)
-    body = Body(X, Y, VX, VY, BODY_LENGTH, OUTER, TUBE_LENGTH, MIRROR)
+    mass: sp.Expr = sp.Integer(0)
     place_in_joint: Any = {}
     numbers: Any = {}
     for effect in effects:
@@ -160,20 +179,9 @@ def compose(effects: Sequence[Effect]) -> Law:
             states.append(getattr(effect, state))
             rates.append(sp.sympify(own_rates[state]))
             relaxed.append(sp.sympify(own_relaxed[state]))
-        fx, fy = effect.body_force(body)
+        fx, fy = effect.body_force(GIVEN["body"])
         force = (force[0] + fx, force[1] + fy)
-        gravity = effect.gravity(gravity, body)
-        inertia = effect.inertia(BodyPlace(BODY_LENGTH, IS_LAST, OUTER), inertia)
         mass = mass + effect.added_mass(joint)
-        compliance = compliance + effect.base_compliance()
-        pivot = pivot + effect.base_pivot(OUTER)
-        felt = felt.subs(PRESSURE, effect.felt_pressure(PRESSURE))
-        lag = lag + effect.line_time_constant()
-        resistance = resistance + effect.flow_resistance()
-        inertance = inertance + effect.flow_inertance()
-        aside = aside + effect.line_shift(PRESSURE, OUTER)
-        observed = effect.observed_position(*observed, MIRROR)
-        shift = shift + effect.time_shift(TIME)
 
     def final(expression: Any) -> Any:
         return sp.sympify(expression).subs(numbers)
@@ -191,15 +199,28 @@ def compose(effects: Sequence[Effect]) -> Law:
         relaxed=tuple(in_joint(value) for value in relaxed),
         added_mass=in_joint(mass),
         body_force=(final(force[0]), final(force[1])),
-        gravity=(final(gravity[0]), final(gravity[1])),
-        inertia=inertia,
-        base_compliance=final(compliance),
-        base_pivot=final(pivot),
-        felt_pressure=final(felt),
-        line_time_constant=final(lag),
-        flow_resistance=final(resistance),
-        flow_inertance=final(inertance),
-        line_shift=final(aside),
-        observed_position=(final(observed[0]), final(observed[1])),
-        time_shift=final(shift),
+        once={name: tuple(final(value) for value in composed(hook, effects)) for name, hook in ONCE.items()},
+        active=frozenset(name for name in ONCE if any(effect.overrides(name) for effect in effects)),
     )
+
+
+def composed(hook: Hook, effects: Sequence[Effect]) -> tuple[sp.Expr, ...]:
+    """The values of a hook that is evaluated once a run, with what every effect does to it."""
+    width = len(hook.units)
+    present = hook.values(_Nothing(), GIVEN)
+    for effect in reversed(effects) if hook.inwards else effects:
+        if not hook.passes_on:
+            present = tuple(old + new for old, new in zip(present, hook.values(effect, GIVEN), strict=True))
+        elif hook.arguments[:width] == hook.of:  # the values themselves are the arguments
+            present = hook.values(effect, {**GIVEN, **dict(zip(hook.of, present, strict=True))})
+        else:  # a pair, or a record of values
+            record = hook.of[0]
+            whole = present if isinstance(GIVEN[record], tuple) else type(GIVEN[record])(*present)
+            present = hook.values(effect, {**GIVEN, record: whole})
+    return present
+
+
+def own_symbols(hook: Hook) -> tuple[sp.Symbol, ...]:
+    """Symbols that a hook evaluated once a run is a function of."""
+    free = [part.free_symbols for name in hook.of for part in parts(GIVEN[name])]
+    return tuple(symbol for symbols in free for symbol in symbols if symbol not in CONSTANTS)

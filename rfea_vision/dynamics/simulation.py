@@ -149,8 +149,8 @@ class Model:
             columns=law.columns,
             states=law.state_count,
             with_force=law.has_body_force,
-            with_base=law.has_base,
-            with_line=law.has_line,
+            with_base=law.changes("base_compliance"),
+            with_line=law.changes("flow_resistance", "flow_inertance"),
             with_added=law.has_added_mass,
             volume_rate=np.pi * self.chain.outer_radius**3,
         )
@@ -161,7 +161,7 @@ class Model:
         values = np.broadcast_to(np.asarray(row[0], dtype=float), excitation.pressure.shape).copy()
         lag, dlag = self._scalar(self.law.line_time_constant, par)
         felt, slope = lagged(values, excitation.step_s, nodes, max(lag, 0.0))
-        if not self.law.changes_pressure:
+        if not self.law.changes("felt_pressure", "line_time_constant"):
             return felt, np.zeros((0, 0, 0))
         derivative = np.zeros((*felt.shape, par.size))
         for k in range(par.size):

@@ -23,6 +23,8 @@ from typing import ClassVar
 
 import sympy as sp
 
+from rfea_vision.effects.hooks import hook, hooks_of
+
 BASE_PARAMETERS: tuple[str, ...] = (
     "k_ref",
     "k_slope",
@@ -179,30 +181,37 @@ class Effect:
         raise AttributeError(f"effect {type(self).__name__} has no parameter, state or hook '{name}'")
 
     # joint law ---------------------------------------------------------------------------------------------------
+    @hook("m", latex="r_o(p) = {0}", passes_on=True)
     def outer_radius(self, joint: Joint, radius: sp.Expr) -> sp.Expr:
         """Outer radius (m)."""
         return radius
 
+    @hook("1", latex="V_r(p) = {0}", passes_on=True)
     def rubber_volume(self, joint: Joint, fraction: sp.Expr) -> sp.Expr:
         """Volume of rubber over its volume at rest (incompressible: 1)."""
         return fraction
 
+    @hook("rad", latex=r"\theta_0 = {0}", passes_on=True)
     def rest_angle(self, joint: Joint, angle: sp.Expr) -> sp.Expr:
         """Angle at which the spring is at rest (rad)."""
         return angle
 
+    @hook("N*m", latex="k' = {0}", passes_on=True)
     def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
         """Spring coefficient (N m/rad)."""
         return stiffness
 
+    @hook("N*m*s", latex="b' = {0}", passes_on=True)
     def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
         """Damper coefficient (N m s/rad)."""
         return damping
 
+    @hook("N*m", latex=r"\tau_\mathrm{{hyd}}' = {0}", passes_on=True)
     def hydraulic_torque(self, joint: Joint, torque: sp.Expr) -> sp.Expr:
         """Torque of the pressure (N m)."""
         return torque
 
+    @hook("N*m", latex=r"\tau = {0}")
     def joint_torque(self, joint: Joint) -> sp.Expr:
         """Torque added to the joint (N m), positive in the direction of bending."""
         return sp.Integer(0)
@@ -217,56 +226,69 @@ class Effect:
         return {}
 
     # bodies ------------------------------------------------------------------------------------------------------
+    @hook("kg", "m", "m", "kg*m^2", latex=r"m_b' = {0},\quad d' = {2}", of=("inertia", "place"), passes_on=True)
     def inertia(self, place: BodyPlace, inertia: BodyInertia) -> BodyInertia:
         """Mass, centre of mass and inertia of a body."""
         return inertia
 
+    @hook("kg", latex=r"\Delta m = {0}")
     def added_mass(self, joint: Joint) -> sp.Expr:
         """Mass (kg) that a body gains as its joint bends."""
         return sp.Integer(0)
 
+    @hook("m/s^2", "m/s^2", latex=r"\mathbf{{g}}' = \left({0},\ {1}\right)", of=("gravity",), passes_on=True)
     def gravity(self, gravity: tuple[sp.Expr, sp.Expr], body: Body) -> tuple[sp.Expr, sp.Expr]:
         """Acceleration of gravity (m/s^2) in the rig frame."""
         return gravity
 
+    @hook("N", "N", latex=r"\mathbf{{F}} = \left({0},\ {1}\right)")
     def body_force(self, body: Body) -> tuple[sp.Expr, sp.Expr]:
         """Force (N) on the middle of a body's centre line."""
         return sp.Integer(0), sp.Integer(0)
 
+    @hook("1/(N*m)", latex=r"\varphi_0 = -{0}\, \tau_0", of=())
     def base_compliance(self) -> sp.Expr:
         """Rotation of the clamp per torque on it (rad/(N m))."""
         return sp.Integer(0)
 
+    @hook("m", latex="d_0 = {0}", of=())
     def base_pivot(self, rest_outer_radius: sp.Symbol) -> sp.Expr:
         """How far outside of the hinge line lies the point about which the clamp turns (m); level with its end."""
         return sp.Integer(0)
 
     # between the sensor and the tube -----------------------------------------------------------------------------
+    @hook("Pa", latex="p' = {0}", of=("pressure",), passes_on=True, inwards=True)
     def felt_pressure(self, pressure: sp.Symbol) -> sp.Expr:
         """Pressure in the tube (Pa) for a sensor reading (Pa)."""
         return pressure
 
+    @hook("s", latex=r"{0}\, \dot{{p}}' = p - p'", of=())
     def line_time_constant(self) -> sp.Expr:
         """First-order lag between sensor and tube (s)."""
         return sp.Integer(0)
 
+    @hook("Pa*s/m^3", latex=r"p' = p - {0}\, \dot{{V}}", of=())
     def flow_resistance(self) -> sp.Expr:
         """Pressure lost per flow into the tube (Pa s/m^3)."""
         return sp.Integer(0)
 
+    @hook("Pa*s^2/m^3", latex=r"p' = p - {0}\, \ddot{{V}}", of=())
     def flow_inertance(self) -> sp.Expr:
         """Pressure lost per change of that flow (Pa s^2/m^3)."""
         return sp.Integer(0)
 
+    @hook("m", latex=r"\Delta d = {0}", of=("pressure",))
     def line_shift(self, pressure: sp.Symbol, rest_outer_radius: sp.Symbol) -> sp.Expr:
         """How far the centre line moves away from the inextensible side (m) at a pressure in the tube (Pa)."""
         return sp.Integer(0)
 
     # between the tube and the file -------------------------------------------------------------------------------
+    @hook("m", "m", latex=r"x' = {0},\quad y' = {1}", of=("x", "y"), passes_on=True)
     def observed_position(self, x: sp.Expr, y: sp.Expr, mirror: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
         """Position (m) that the camera reports for a true position, both in the dynamics' frame."""
         return x, y
 
+    @hook("s", latex="t' = t + {0}", of=("time",))
     def time_shift(self, time: sp.Symbol) -> sp.Expr:
         """What must be added to the recording's time (s; zero in the middle of the recording) to get the log's."""
         return sp.Integer(0)
@@ -291,4 +313,17 @@ class Effect:
         return {name: self._symbols[name] for name in self.parameters}
 
 
-__all__ = ["BASE_PARAMETERS", "BASE_UNITS", "Body", "BodyInertia", "BodyPlace", "Effect", "EffectParameter", "Joint"]
+#: Every hook by name; a new one is a method above, and the place of the engine that reads it.
+HOOKS = hooks_of(Effect)
+
+__all__ = [
+    "BASE_PARAMETERS",
+    "BASE_UNITS",
+    "HOOKS",
+    "Body",
+    "BodyInertia",
+    "BodyPlace",
+    "Effect",
+    "EffectParameter",
+    "Joint",
+]

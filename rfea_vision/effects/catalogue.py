@@ -15,7 +15,7 @@ from rfea_vision.effects.base import Effect
 from rfea_vision.effects.validation import validate
 from rfea_vision.errors import InputError
 
-_NOT_EFFECTS = {"base", "catalogue", "typeset", "validation"}
+_NOT_EFFECTS = {"base", "catalogue", "hooks", "typeset", "validation"}
 
 
 def _effects_in(module: object) -> list[type[Effect]]:

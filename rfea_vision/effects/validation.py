@@ -7,7 +7,8 @@ from typing import Any
 import pint
 import sympy as sp
 
-from rfea_vision.effects.base import BASE_PARAMETERS, BASE_UNITS, Body, BodyInertia, BodyPlace, Effect, Joint
+from rfea_vision.effects.base import BASE_PARAMETERS, BASE_UNITS, HOOKS, Body, BodyInertia, BodyPlace, Effect, Joint
+from rfea_vision.effects.hooks import ARGUMENTS
 from rfea_vision.errors import InputError
 
 _registry = pint.UnitRegistry()
@@ -145,52 +146,44 @@ def validate(effect: Effect) -> None:
     """
     _declaration(effect)
     own = _symbols(effect)
-    base = {name: sp.Symbol(name, real=True) for name in BASE_PARAMETERS}
-    s = {name: sp.Symbol(name, real=True) for name in ("theta", "rate", "pressure", "position")}
-    c = {name: sp.Symbol(name, positive=True) for name in ("count", "rest_length", "r_o", "r_i0", "rho_f")}
-    composed = {
-        name: sp.Symbol(name, positive=True) for name in ("outer_radius", "inner_radius", "stiffness", "damping")
-    }
-    joint = Joint(
-        s["theta"], s["rate"], s["pressure"], s["position"], c["count"], c["rest_length"], c["r_o"], c["r_i0"], c["rho_f"],
-        base, dict(composed),
-    )  # fmt: skip
-    units = {
-        **{base[name]: BASE_UNITS[name] for name in BASE_PARAMETERS},
-        s["theta"]: "rad", s["rate"]: "rad/s", s["pressure"]: "Pa", s["position"]: "1", c["count"]: "1",
-        c["rest_length"]: "m", c["r_o"]: "m", c["r_i0"]: "m", c["rho_f"]: "kg/m^3",
-        composed["outer_radius"]: "m", composed["inner_radius"]: "m", composed["stiffness"]: "N*m", composed["damping"]: "N*m*s",
-    }  # fmt: skip
+    given, offered = _arguments()
     states = {getattr(effect, name): _dimension_of(unit) for name, unit in effect.states.items()}
-    known = {**own, **states, **{symbol: _dimension_of(unit) for symbol, unit in units.items()}}
-    torque, one, angle = (
-        sp.Symbol("torque", real=True),
-        sp.Symbol("fraction", positive=True),
-        sp.Symbol("rest", real=True),
-    )
-    known.update({torque: _dimension_of("N*m"), one: _NONE, angle: _NONE})
-    for hook, argument, unit in (
-        ("outer_radius", composed["outer_radius"], "m"),
-        ("rubber_volume", one, "1"),
-        ("rest_angle", angle, "rad"),
-        ("stiffness", composed["stiffness"], "N*m"),
-        ("damping", composed["damping"], "N*m*s"),
-        ("hydraulic_torque", torque, "N*m"),
-    ):
-        _check(effect, hook, getattr(effect, hook)(joint, argument), unit, known)
-    _check(effect, "joint_torque", effect.joint_torque(joint), "N*m", known)
-    _check(effect, "added_mass", effect.added_mass(joint), "kg", known)
-    _check_states(effect, joint, known)
-    _check_bodies(effect, own)
-    pressure = sp.Symbol("pressure", real=True)
-    _check(effect, "felt_pressure", effect.felt_pressure(pressure), "Pa", {**own, pressure: _dimension_of("Pa")})
-    for hook, unit in (
-        ("line_time_constant", "s"),
-        ("flow_resistance", "Pa*s/m^3"),
-        ("flow_inertance", "Pa*s^2/m^3"),
-        ("base_compliance", "1/(N*m)"),
-    ):
-        _check(effect, hook, getattr(effect, hook)(), unit, own)
+    for name, hook in HOOKS.items():
+        known = {**own, **(states if hook.arguments[:1] == ("joint",) else {})}
+        for argument in hook.arguments:
+            known |= offered[argument]
+        for index, (value, unit) in enumerate(zip(hook.values(effect, given), hook.units, strict=True)):
+            _check(effect, name if len(hook.units) == 1 else f"{name} [{index}]", value, unit, known)
+    _check_states(effect, given["joint"], {**own, **states, **offered["joint"]})
+
+
+def _arguments() -> tuple[dict[str, Any], dict[str, dict[Any, Dimension]]]:
+    """What is handed to hooks by the name of the argument, and the symbols in it with their dimensions."""
+
+    def named(**units: str) -> dict[Any, Dimension]:
+        return {sp.Symbol(name, real=True): _dimension_of(unit) for name, unit in units.items()}
+
+    base = named(**{name: BASE_UNITS[name] for name in BASE_PARAMETERS})
+    joint = named(
+        theta="rad", rate="rad/s", pressure="Pa", position="1", count="1", rest_length="m", r_o="m", r_i0="m",
+        rho_f="kg/m^3",
+    )  # fmt: skip
+    composed = named(outer_radius="m", inner_radius="m", stiffness="N*m", damping="N*m*s")
+    body = named(x="m", y="m", vx="m/s", vy="m/s", length="m", r_o="m", tube_length="m", mirror="1")
+    place = named(length="m", is_last="1", r_o="m")
+    inertia = named(mass="kg", along="m", across="m", inertia="kg*m^2")
+    plain = {name: named(**{name: unit}) for name, (unit, _) in ARGUMENTS.items()}
+    g = named(g="m/s^2")
+    given: dict[str, Any] = {name: next(iter(symbols)) for name, symbols in plain.items()}
+    given |= {
+        "joint": Joint(*joint, base={str(s): s for s in base}, expressions={str(s): s for s in composed}),
+        "body": Body(*body),
+        "place": BodyPlace(*place),
+        "inertia": BodyInertia(*inertia),
+        "gravity": (sp.Integer(0), -next(iter(g))),
+    }
+    offered = {**plain, "joint": {**base, **joint, **composed}, "body": body, "place": place}
+    return given, {**offered, "inertia": inertia, "gravity": g}
 
 
 def _check_states(effect: Effect, joint: Joint, known: dict[Any, Dimension]) -> None:
@@ -205,28 +198,3 @@ def _check_states(effect: Effect, joint: Joint, known: dict[Any, Dimension]) -> 
         raise InputError(
             f"effect {effect.id}: '{extra[0]}' has a rate but is not among its states; declare it in `states`"
         )
-
-
-def _check_bodies(effect: Effect, own: dict[Any, Dimension]) -> None:
-    names = {"x": "m", "y": "m", "vx": "m/s", "vy": "m/s", "length": "m", "r_o": "m", "tube_length": "m", "mirror": "1"}
-    symbols = {name: sp.Symbol(name, real=True) for name in names}
-    known = {**own, **{symbols[name]: _dimension_of(unit) for name, unit in names.items()}}
-    body = Body(*(symbols[name] for name in names))
-    g = sp.Symbol("g", positive=True)
-    for axis, force in zip("xy", effect.body_force(body), strict=True):
-        _check(effect, f"body_force ({axis})", force, "N", known)
-    for axis, component in zip("xy", effect.gravity((sp.Integer(0), -g), body), strict=True):
-        _check(effect, f"gravity ({axis})", component, "m/s^2", {**known, g: _dimension_of("m/s^2")})
-    seen = effect.observed_position(symbols["x"], symbols["y"], symbols["mirror"])
-    for axis, value in zip("xy", seen, strict=True):
-        _check(effect, f"observed_position ({axis})", value, "m", known)
-    time = sp.Symbol("t", real=True)
-    _check(effect, "time_shift", effect.time_shift(time), "s", {**own, time: _dimension_of("s")})
-    last = sp.Symbol("is_last", nonnegative=True)
-    parts = {"mass": "kg", "along": "m", "across": "m", "inertia": "kg*m^2"}
-    inertia = {name: sp.Symbol(name, positive=True) for name in parts}
-    known.update({inertia[name]: _dimension_of(unit) for name, unit in parts.items()})
-    known[last] = _NONE
-    changed = effect.inertia(BodyPlace(symbols["length"], last, symbols["r_o"]), BodyInertia(**inertia))
-    for name, unit in parts.items():
-        _check(effect, f"inertia ({name})", getattr(changed, name), unit, known)

@@ -197,5 +197,5 @@ def _laws(model: Model, par: FloatArray) -> str:
         ]
         head = "static void body_force(double length, const double *motion, double (*out)[5])"
         text += writer.function(head, targets, _FORCE_ITEMS)
-    felt = writer.function("", [("const double felt", law.felt_pressure)], {laws.PRESSURE: "pressure"})
+    felt = writer.function("", [("const double felt", law.once["felt_pressure"][0])], {laws.PRESSURE: "pressure"})
     return text + "static double felt_pressure(double pressure)" + felt[:-2] + "    return felt;\n}\n"

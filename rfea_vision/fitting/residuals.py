@@ -145,10 +145,10 @@ def seen_by_camera(
 ) -> tuple[FloatArray, FloatArray]:
     """Points on the centre line as the camera reports them, with their derivatives; pressure (frames,) at the sensor in Pa."""
     points, dpoints = model.centre_line(seen, fractions)
-    if model.law.shifts_line:
+    if model.law.changes("line_shift"):
         aside, daside = _aside(model, par, seen, fractions, free, pressure)
         points, dpoints = points + aside, dpoints + daside
-    if model.law.observes_truly:
+    if not model.law.changes("observed_position"):
         return points, dpoints
     rows = model.law.observed_position(par, model._constants, points[..., 0], points[..., 1])
     jacobian = np.empty((*points.shape[:-1], 2, 2))

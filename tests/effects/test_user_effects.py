@@ -6,6 +6,7 @@ import pytest
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
+from rfea_vision.effects.base import HOOKS, Effect
 from rfea_vision.effects.catalogue import catalogue, find_effects, load_effect_file
 from rfea_vision.effects.typeset import typeset
 from rfea_vision.effects.validation import validate
@@ -83,3 +84,20 @@ def test_a_sound_law_runs_and_equals_the_built_in_one(tmp_path):
         motions.append(model.simulate(par, excitation, frames).phi)
     assert np.abs(motions[0]).max() > 0.3
     np.testing.assert_allclose(motions[0], motions[1], atol=1e-12)
+
+
+WRONG = {"base_pivot": "self.c", "line_shift": "self.c * pressure", "time_shift": "self.c", "flow_inertance": "self.c"}
+
+
+@pytest.mark.parametrize("hook", sorted(WRONG))
+def test_units_of_hooks_that_are_evaluated_once_a_run_are_checked(tmp_path, hook):
+    declared = f"{hook}(self, {', '.join(HOOKS[hook].arguments)})" if HOOKS[hook].arguments else f"{hook}(self)"
+    with pytest.raises(InputError, match=f"{hook} has the unit"):
+        load_effect_file(_write(tmp_path, WRONG[hook], "1", declared))
+
+
+@pytest.mark.parametrize("hook", HOOKS)
+def test_every_hook_says_its_unit_and_how_it_is_typeset(hook):
+    known = HOOKS[hook]
+    assert known.units and all("{" + str(k) + "}" in known.latex for k in range(min(len(known.units), 1)))
+    assert getattr(Effect, hook).__doc__

@@ -47,31 +47,34 @@ def test_parameters_are_found(fitted, complete_campaign):
     assert k_ref == pytest.approx(model.parameters["k_ref"].value, rel=1e-9)
 
 
-def test_jacobian_is_exact_with_the_origin_eliminated(complete_campaign):
+@pytest.mark.parametrize("effect", [None, "time_offset", "clock_drift", "plane_tilt", "camera_scale"])
+def test_jacobian_is_exact_with_the_origin_eliminated(complete_campaign, effect):
+    """By the parameters of the tube, of the effects between the tube and the file, and by the clock of a run."""
     recordings, actuator, _ = complete_campaign
     problem = make_problem(recordings, actuator)
     items = [replace(o.thinned(20), origin_sigma=1e-4) for o in problem.train]
-    model = replace(make_model(actuator, replace(OPTIONS, segments=6)), tolerance=1e-12)
+    effects = () if effect is None else (effect,)
+    model = replace(make_model(actuator, replace(OPTIONS, segments=6, effects=effects)), tolerance=1e-12)
     par = start_vector(model, actuator, 6)
     clocks = np.array([0.002, -0.001])[: len(items)]
-    exact = evaluate(model, par, items, range(7), clocks)
-    assert exact is not None
-    for k in range(7):
-        step = 1e-5 * abs(par[k])
-        sides = []
-        for sign in (1, -1):
-            moved = par.copy()
-            moved[k] += sign * step
-            side = evaluate(model, moved, items, (), clocks)
-            assert side is not None
-            sides.append(side.residual)
-        difference = (sides[0] - sides[1]) / (2 * step)
-        assert np.abs(exact.jacobian[:, k] - difference).max() < 1e-3 * np.abs(difference).max()
-    moved = evaluate(model, par, items, (), clocks + np.eye(len(items))[0] * 1e-5)
-    back = evaluate(model, par, items, (), clocks - np.eye(len(items))[0] * 1e-5)
-    assert moved is not None and back is not None
-    difference = (moved.residual - back.residual) / 2e-5
-    assert np.abs(exact.jacobian[:, 7] - difference).max() < 2e-2 * np.abs(difference).max()
+    checked = range(7) if effect is None else range(7, par.size)
+    exact = evaluate(model, par, items, range(par.size), clocks)
+    assert exact is not None and (effect is None or par.size > 7)
+
+    def residual(at: np.ndarray, shifted: np.ndarray) -> np.ndarray:
+        seen = evaluate(model, at, items, (), shifted)
+        assert seen is not None
+        return seen.residual
+
+    for k in checked:
+        step = 1e-5 * (abs(par[k]) or 1.0)
+        unit = np.eye(par.size)[k] * step
+        difference = (residual(par + unit, clocks) - residual(par - unit, clocks)) / (2 * step)
+        size = np.abs(difference).max()
+        assert size > 0 and np.abs(exact.jacobian[:, k] - difference).max() < 1e-3 * size, model.names[k]
+    unit = np.eye(len(items))[0] * 1e-5
+    difference = (residual(par, clocks + unit) - residual(par, clocks - unit)) / 2e-5
+    assert np.abs(exact.jacobian[:, par.size] - difference).max() < 2e-2 * np.abs(difference).max()
 
 
 def test_an_origin_that_is_off_is_not_sold_as_physics(complete_campaign):
