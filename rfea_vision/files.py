@@ -2,33 +2,106 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
+import re
+import socket
 import tempfile
+import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from rfea_vision.errors import DataError, RfeaError
 
 if TYPE_CHECKING:  # imported where a dataset is read, as it is slow to import
     import xarray as xr
 
 
+MOST_DATASET_BYTES = 1 << 31  # half a million frames with 64 places along the tube
+_FULL, _GONE = (errno.ENOSPC, errno.EDQUOT), (errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENODEV)
+_LEAST_FREE_BYTES = 1 << 16  # libraries in C do not always say that the last block was not written
+_MARK = f"{zlib.crc32(socket.gethostname().encode()):08x}"
+_UNFINISHED = re.compile(r"^\..*~([0-9a-f]{8})-(\d+)~")
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; it takes the place of `path` only if the block succeeds."""
+    """Yield a temporary path beside `path`; it takes the place of `path` only if the block succeeds.
+
+    Raises
+    ------
+    DataError
+        If the disk is full.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix)
+    prefix = f".{path.stem[:80]}~{_MARK}-{os.getpid()}~"
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=path.suffix)
     os.close(handle)
     temporary = Path(name)
     try:
-        yield temporary
+        try:
+            yield temporary
+        except Exception as error:
+            if "No space left on device" in str(error) or (_is_full(path.parent) and not isinstance(error, RfeaError)):
+                raise DataError(_full(path)) from error
+            raise
+        if _is_full(path.parent):
+            raise DataError(_full(path))
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
         temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def sweep(folder: Path) -> None:
+    """Remove what commands that were killed on this machine left unfinished below `folder`."""
+    for place, _, names in os.walk(folder):
+        for name in names:
+            match = _UNFINISHED.match(name)
+            if match and match[1] == _MARK and not _is_running(int(match[2])):
+                with suppress(OSError):
+                    Path(place, name).unlink()
+
+
+def storage_sentence(error: OSError) -> str | None:
+    """What a fault of the disk means, in one sentence; None if it is none."""
+    where = error.filename2 or error.filename or "the folder of results"
+    kept = "what was finished is kept"
+    if error.errno in _FULL:
+        return _full(where)
+    if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
+        return f"{where}: {error.strerror}; allow it, or keep the results elsewhere with --out DIR; {kept}"
+    if error.errno in _GONE:
+        return f"{where}: {error.strerror}; it went away while it was worked on: bring it back and run the command again; {kept}"
+    return None
+
+
+def _full(where: object) -> str:
+    return f"{where}: the disk is full; make room and run the same command again; what was finished is kept"
+
+
+def _is_full(folder: Path) -> bool:
+    try:
+        state = os.statvfs(folder)
+    except (OSError, AttributeError):
+        return False
+    return state.f_blocks > 0 and state.f_bavail * state.f_frsize < _LEAST_FREE_BYTES
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def write_text(path: Path, text: str) -> None:
@@ -57,11 +130,48 @@ def write_datasets(path: Path, groups: dict[str | None, xr.Dataset]) -> None:
 
 
 def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:
-    """Read one netCDF4 group into memory and close the file."""
+    """Read one netCDF4 group into memory and close the file.
+
+    Raises
+    ------
+    DataError
+        If it cannot be read, keeps its data in other files, or announces more than `MOST_DATASET_BYTES`.
+    """
     import xarray as xr
 
-    with xr.open_dataset(path, group=group, engine="h5netcdf") as dataset:
-        return dataset.load()
+    again = "run the stage that writes it again with --force"
+    try:
+        _refuse_links(path)
+        with xr.open_dataset(path, group=group, engine="h5netcdf") as dataset:
+            if dataset.nbytes > MOST_DATASET_BYTES:
+                raise DataError(f"{path}: announces {dataset.nbytes / 1e9:.3g} GB; {again}")
+            return dataset.load()
+    except FileNotFoundError as error:
+        raise DataError(f"{path}: not found; {again}") from error
+    except RfeaError:
+        raise
+    except Exception as error:  # HDF5, h5netcdf and xarray each have their own kinds
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise DataError(f"{path}: cannot be read ({reason}); {again}") from error
+
+
+def _refuse_links(path: Path) -> None:
+    """HDF5 may keep data in any other file of the machine: a result of this package never does."""
+    import h5py
+
+    def look(group: h5py.Group, depth: int = 0) -> None:
+        for name in group:
+            link = group.get(name, getlink=True)
+            if isinstance(link, h5py.ExternalLink) or depth > 8:
+                raise DataError(f"{path}: '{name}' is kept in another file, which is not read; write it into one file")
+            item = group.get(name) if isinstance(link, h5py.HardLink) else None
+            if isinstance(item, h5py.Group):
+                look(item, depth + 1)
+            elif isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+                raise DataError(f"{path}: '{name}' is kept in another file, which is not read; write it into one file")
+
+    with h5py.File(path, "r") as file:
+        look(file)
 
 
 def sha256_of(path: Path, *, progress: Callable[[int], None] | None = None) -> str:

@@ -21,7 +21,7 @@ class _Json(BaseModel):
     @classmethod
     def load(cls, path: Path) -> Self:
         try:
-            return cls.model_validate_json(path.read_text(encoding="utf-8"))
+            return cls.model_validate_json(path.read_bytes())
         except FileNotFoundError as error:
             raise InputError(f"{path}: not found; run the stage that writes it") from error
         except ValidationError as error:

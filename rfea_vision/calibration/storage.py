@@ -13,6 +13,7 @@ import yaml
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.bundle import COEFFICIENTS
 from rfea_vision.calibration.scale import assumed_pose_covariance
+from rfea_vision.campaign.yaml_file import parse_yaml, read_text
 from rfea_vision.errors import InputError
 from rfea_vision.files import whole_file, write_text
 
@@ -94,13 +95,13 @@ def load_calibration(path: Path) -> Calibration:
         If the file is missing or lacks the camera matrix.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not readable as a camera file; give an OpenCV or ROS YAML file") from error
     try:
         storage = text.startswith("%YAML") or text.lstrip().startswith(("<?xml", "<opencv_storage"))
         values = _with_usual_names(_read_opencv(path) if storage else _read_ros(text))
-    except (cv2.error, yaml.YAMLError, TypeError, ValueError, KeyError, SystemError) as error:
+    except (cv2.error, yaml.YAMLError, TypeError, ValueError, KeyError, SystemError, RecursionError, AttributeError) as error:
         raise InputError(f"{path}: not an OpenCV or ROS camera file; calibrate from photos instead") from error
     if values.get("camera_matrix") is None:
         remedy = (
@@ -142,7 +143,7 @@ def _read_opencv(path: Path) -> dict[str, Any]:
 
 
 def _read_ros(text: str) -> dict[str, Any]:
-    raw = yaml.safe_load(text)
+    raw, _ = parse_yaml(text)
     if not isinstance(raw, dict):
         raise TypeError("no keys in it")
     values: dict[str, Any] = {str(key).lower(): value for key, value in raw.items()}

@@ -8,11 +8,12 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json, say, say_next
-from rfea_vision.cli.options import Quantity, campaign_options, opened
+from rfea_vision.cli.options import Quantity, campaign_options, code_option, opened
 from rfea_vision.errors import InputError
 
 
 @click.command("export")
+@code_option
 @campaign_options
 @click.argument("places", nargs=-1, required=True, metavar="[MODEL] OUT")
 @click.option("--fmu", is_flag=True, help="Write an FMU (FMI 2.0, co-simulation) instead of C.")

@@ -10,7 +10,7 @@ import click
 
 from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.fit import print_metrics
-from rfea_vision.cli.options import ask, campaign_options, opened
+from rfea_vision.cli.options import ask, campaign_options, code_option, opened
 from rfea_vision.cli.root import COMMANDS
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 
 @click.command("compare")
+@code_option
 @campaign_options
 @click.argument("models", nargs=-1, metavar="[MODEL]...")
 def compare_command(

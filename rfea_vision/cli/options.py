@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from rfea_vision.stages import Workspace
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
-_TRUST = "rfea_vision.trust"
+_TRUST, _CODE = "rfea_vision.trust", "rfea_vision.code"
 
 
 class Quantity(click.ParamType):
@@ -59,6 +60,31 @@ def trust_option(command: _Command) -> _Command:
         callback=lambda ctx, param, value: ctx.meta.__setitem__(_TRUST, value),
         help="Let the campaign read outside of its folder, and from database servers.",
     )(command)
+
+
+def code_option(command: _Command) -> _Command:
+    """Add --effect-file to a command that may have to fit again what was fitted with effects of one's own."""
+
+    def name(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> None:
+        from rfea_vision.effects.permission import name_files
+
+        name_files(value)
+        ctx.meta[_CODE] = value
+
+    return click.option(
+        "--effect-file",
+        type=click.Path(path_type=Path),
+        multiple=True,
+        expose_value=False,
+        callback=name,
+        metavar="FILE.py",
+        help="An effect file that models here were fitted with: its code runs only if it is named.",
+    )(command)
+
+
+def named_files() -> tuple[Path, ...]:
+    """The effect files that the command which runs was given through `code_option`."""
+    return tuple(click.get_current_context().meta.get(_CODE) or ())
 
 
 def trusted() -> bool:
@@ -125,10 +151,13 @@ def opened(campaign: Path, out: Path | None, *, force: tuple[str, ...] = ()) -> 
     """Open a campaign with bars on stderr while the block runs."""
     from rfea_vision.campaign import load_campaign
     from rfea_vision.stages import Workspace
+    from rfea_vision.stages.locks import locked
 
     with ConsoleListener().shown() as listener:
         work = Workspace(load_campaign(campaign, out, trust=trusted()), listener=listener, force=force)
-        try:
-            yield work
-        finally:
-            work.cache.save_hashes()
+        with locked(work.cache.lock, say=listener.note):
+            try:
+                yield work
+            finally:
+                with contextlib.suppress(OSError):  # remembered hashes save time and nothing else
+                    work.cache.save_hashes()

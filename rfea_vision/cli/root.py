@@ -15,7 +15,8 @@ import click
 
 from rfea_vision import __version__
 from rfea_vision.cli.console import print_error
-from rfea_vision.errors import RfeaError
+from rfea_vision.errors import DataError, RfeaError
+from rfea_vision.files import storage_sentence
 
 INTERRUPTED = 130
 
@@ -26,7 +27,8 @@ _COMMANDS = {
     "model": ("compare", "diagnose", "improve"),
     "power": ("power",),
     "effects": ("effects",),
-    "chain": ("report", "run", "batch"),
+    "chain": ("report", "run"),
+    "batch": ("batch", "table"),
     "workbench": ("open",),
     "export": ("export",),
     "twin": ("simulate", "demo"),
@@ -108,6 +110,10 @@ def run(arguments: list[str]) -> int:
     except Exception as error:
         if debug:
             traceback.print_exc()
+        stored = storage_sentence(error) if isinstance(error, OSError) else None
+        if stored is not None:
+            print_error(stored, DataError.exit_code, as_json=as_json)
+            return DataError.exit_code
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         print_error(
             f"a fault in rfea-vision ({reason[:300]}); the same command with --debug shows where", 1, as_json=as_json

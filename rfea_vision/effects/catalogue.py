@@ -12,10 +12,11 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 from rfea_vision.effects.base import Effect
+from rfea_vision.effects.permission import refuse_unnamed
 from rfea_vision.effects.validation import validate
 from rfea_vision.errors import InputError
 
-_NOT_EFFECTS = {"base", "catalogue", "hooks", "typeset", "validation"}
+_NOT_EFFECTS = {"base", "catalogue", "hooks", "permission", "typeset", "validation"}
 
 
 def _effects_in(module: object) -> list[type[Effect]]:
@@ -47,10 +48,11 @@ def load_effect_file(path: Path) -> list[type[Effect]]:
     Raises
     ------
     InputError
-        The file is missing, does not run, or declares no effect.
+        The file is missing, was named by nobody, does not run, or declares no effect.
     """
     if not path.is_file():
         raise InputError(f"{path}: effect file not found; make one with `rfea effects new {path.name}`")
+    refuse_unnamed(path)
     spec = importlib.util.spec_from_file_location(f"rfea_user_effect_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise InputError(f"{path}: not a Python file; make one with `rfea effects new my_effect.py`")

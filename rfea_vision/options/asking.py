@@ -16,11 +16,12 @@ from typing import Any, TypeVar
 from pydantic import AliasChoices, BeforeValidator, ConfigDict, TypeAdapter, ValidationError, ValidationInfo
 from pydantic.fields import FieldInfo
 
+from rfea_vision.effects.permission import name_files, refuse_unnamed
 from rfea_vision.errors import InputError
 from rfea_vision.units import parse_quantity
 
 CLOSED = ConfigDict(extra="forbid")
-_WRITTEN = {"written": True}
+_WRITTEN, _NAMED, _STORED = {"written": True}, {"written": True, "named": True}, {"stored": True}
 
 _Options = TypeVar("_Options")
 
@@ -89,8 +90,8 @@ def asked_by(command: str, *kinds: type) -> Iterator[Option]:
     yield from taken.values()
 
 
-def read(kind: type[_Options], written: Mapping[str, object], command: str) -> _Options:
-    """Return options from what people wrote, by key.
+def read(kind: type[_Options], written: Mapping[str, object], command: str, *, named: bool = False) -> _Options:
+    """Return options from what people wrote, by key; `named` on the command line, and not in a file.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def read(kind: type[_Options], written: Mapping[str, object], command: str) -> _
         If a value is not what the option takes.
     """
     known = {option.key for option in asked_by(command, kind)}
-    return _adapter(kind).validate_python({key: written[key] for key in written if key in known}, context=_WRITTEN)
+    return _adapter(kind).validate_python({key: written[key] for key in written if key in known}, context=_NAMED if named else _WRITTEN)
 
 
 def read_flags(kind: type[_Options], values: Mapping[str, object], command: str) -> _Options:
@@ -110,7 +111,7 @@ def read_flags(kind: type[_Options], values: Mapping[str, object], command: str)
         Naming the flag.
     """
     try:
-        return read(kind, values, command)
+        return read(kind, values, command, named=True)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         flag = {option.key: option.flag for option in options_of(kind)}.get(str(first["loc"][0]), "")
@@ -149,7 +150,7 @@ def as_record(options: object) -> dict[str, Any]:
 def from_record(kind: type[_Options], record: object) -> _Options | None:
     """Return the options of a record; None where it does not hold such options (another version wrote it)."""
     try:
-        return _adapter(kind).validate_python(record)
+        return _adapter(kind).validate_python(record, context=_STORED)
     except ValidationError:
         return None
 
@@ -187,18 +188,20 @@ def written_by_people(info: ValidationInfo) -> bool:
     return bool((info.context or {}).get("written"))
 
 
-def existing_files(flag: str, remedy: str) -> BeforeValidator:
-    """Take paths for absolute ones; each must be there."""
+def effect_file_paths(flag: str, remedy: str) -> BeforeValidator:
+    """Take paths for absolute ones; each must be there, and be named by a person: a recipe or a record cannot."""
 
-    def resolve(value: object) -> object:
-        files = (
-            tuple(Path(str(item)).expanduser().resolve() for item in value)
-            if isinstance(value, list | tuple)
-            else value
-        )
-        for file in files if isinstance(files, tuple) else ():
+    def resolve(value: object, info: ValidationInfo) -> object:
+        if not isinstance(value, list | tuple):
+            return value
+        files = tuple(Path(str(item)).expanduser().resolve() for item in value)
+        context = info.context or {"named": True}
+        if context.get("named"):
+            name_files(files)
+        for file in files:
             if not file.is_file():
                 raise InputError(f"{flag} {file}: not found; {remedy.format(name=file.name)}")
+            refuse_unnamed(file)
         return files
 
     return BeforeValidator(resolve)

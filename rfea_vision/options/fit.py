@@ -12,7 +12,7 @@ from pydantic.dataclasses import dataclass
 from pydantic_core import ArgsKwargs
 
 from rfea_vision.errors import InputError
-from rfea_vision.options.asking import CLOSED, Asked, existing_files, quantity
+from rfea_vision.options.asking import CLOSED, Asked, effect_file_paths, quantity
 from rfea_vision.options.given import (
     known_values,
     read_bounds,
@@ -34,7 +34,7 @@ _MODEL = ("fit", "improve")
 Seed = Annotated[int, Asked((*_MODEL, "diagnose")), Field(description="Seed of everything random.")]
 EffectFiles = Annotated[
     tuple[Path, ...],
-    existing_files("--effect-file", "'rfea effects new {name}' writes a template"),
+    effect_file_paths("--effect-file", "'rfea effects new {name}' writes a template"),
     Asked((*_MODEL, "diagnose", "effects", "power"), "FILE.py", flag="--effect-file"),
     Field(description="An effect of one's own, as 'rfea effects new' writes it; may be repeated."),
 ]

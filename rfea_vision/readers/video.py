@@ -229,7 +229,7 @@ def open_frames(
     try:
         with times_csv.open(newline="", encoding="utf-8-sig") as stream:
             rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{times_csv}: frames.times not readable; give a CSV with columns file,time_s") from error
     if not rows or "file" not in rows[0] or (rate_Hz is None and "time_s" not in rows[0]):
         raise InputError(f"{times_csv}: frames.times needs columns file,time_s and at least one row")

@@ -37,13 +37,21 @@ def render_index(folders: Sequence[Path], *, title: str = "Campaigns", beside: P
     str
         One HTML document.
     """
-    rows: list[dict[str, Any]] = []
-    for folder in folders:
-        name = folder.parent.name if folder.name == "rfea" else folder.name
-        try:
-            rows.append(_campaign(collect(folder), name, beside))
-        except (RfeaError, OSError, ValueError) as error:
-            rows.append({"name": name, "why": str(error), "steps": [], "experiments": [], "link": None})
+    return render_rows([campaign_row(folder, beside=beside) for folder in folders], title=title)
+
+
+def campaign_row(folder: Path, *, beside: Path | None = None, why: str = "") -> dict[str, Any]:
+    """Read what the index shows of one campaign: its ``rfea/`` folder, and `why` something is missing, where that is known."""
+    name = folder.parent.name if folder.name == "rfea" else folder.name
+    try:
+        row = _campaign(collect(folder), name, beside)
+    except (RfeaError, OSError, ValueError) as error:
+        row = {"name": name, "why": str(error), "steps": [], "experiments": [], "link": None}
+    return {**row, "why": why or row["why"]}
+
+
+def render_rows(rows: Sequence[dict[str, Any]], *, title: str = "Campaigns") -> str:
+    """Make the index of rows that `campaign_row` gave."""
     columns = max((len(row["steps"]) for row in rows), default=0)
     known = {
         unit: [

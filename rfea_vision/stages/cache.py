@@ -11,9 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
+from rfea_vision import __version__
 from rfea_vision.files import sha256_of, write_text
 
+_MEASURED = ("calibrate", "track", "clip", "preview", "sync")
 _PACKAGE = Path(__file__).resolve().parent.parent
 
 
@@ -28,7 +31,8 @@ class StageRecord:
     options : the options, so that a later command can redo the stage in the same way
     outputs : path relative to the output folder -> SHA-256
     inputs : raw files that went in, as path relative to the campaign -> SHA-256
-    order : rises with every stage that finishes
+    order : rises with every stage of the models that finishes; 0 where runs are measured side by side, in no order
+    version : of the package that made it
     """
 
     key: str
@@ -37,6 +41,7 @@ class StageRecord:
     outputs: dict[str, str] = field(default_factory=dict)
     inputs: dict[str, str] = field(default_factory=dict)
     order: int = 0
+    version: str = ""
 
 
 class StageCache:
@@ -45,16 +50,17 @@ class StageCache:
     def __init__(self, out: Path) -> None:
         self.out = out
         self.folder = out / ".stages"
+        self.lock = self.folder / "lock"
         self._hashes_file = self.folder / "hashes.json"
         self._hashes: dict[str, list[Any]] = _read_json(self._hashes_file)
 
     def sha256(self, path: Path) -> str:
         """Return the content hash of a file; remembered while size and time of change stay, so that it is instant."""
         state = path.stat()
-        mark = [state.st_size, state.st_mtime_ns, state.st_ino]
+        mark = [state.st_size, state.st_mtime_ns, state.st_ctime_ns, state.st_ino]
         known = self._hashes.get(str(path))
-        if known is not None and known[:3] == mark:
-            return str(known[3])
+        if isinstance(known, list) and known[:4] == mark and len(known) == 5:
+            return str(known[4])
         digest = sha256_of(path)
         self._hashes[str(path)] = [*mark, digest]
         return digest
@@ -79,14 +85,11 @@ class StageCache:
 
     def record(self, key: str) -> StageRecord | None:
         """Return the record of a stage, or None if it has never finished here."""
-        content = _read_json(self._file(key))
-        return StageRecord(**content) if content else None
+        return _record(self._file(key))
 
     def records(self, stage: str) -> list[StageRecord]:
         """Return the records of all subjects of a stage, in the order in which they finished."""
-        found = [
-            StageRecord(**content) for path in self.folder.glob(f"{stage}@*.json") if (content := _read_json(path))
-        ]
+        found = [record for path in self.folder.glob(f"{stage}@*.json") if (record := _record(path)) is not None]
         return sorted(found, key=lambda record: record.order)
 
     def is_fresh(self, key: str, digest: str) -> bool:
@@ -94,8 +97,10 @@ class StageCache:
         record = self.record(key)
         if record is None or record.digest != digest:
             return False
+        files = {self.out / name: sha for name, sha in record.outputs.items()}
         return all(
-            (self.out / name).is_file() and self.sha256(self.out / name) == sha for name, sha in record.outputs.items()
+            ".." not in path.parts and path.is_relative_to(self.out) and path.is_file() and self.sha256(path) == sha
+            for path, sha in files.items()
         )
 
     def store(
@@ -109,18 +114,20 @@ class StageCache:
     ) -> StageRecord:
         """Note that a stage has finished."""
         made = {path.relative_to(self.out).as_posix(): self.sha256(path) for path in outputs}
-        order = 1 + max((item.order for item in self.records("*")), default=0)
-        record = StageRecord(key, digest, plain(options) or {}, made, dict(inputs or {}), order)
+        measured = key.partition("/")[0] in _MEASURED
+        order = 0 if measured else 1 + max((item.order for item in self.records("*")), default=0)
+        record = StageRecord(key, digest, plain(options) or {}, made, dict(inputs or {}), order, __version__)
         write_text(self._file(key), json.dumps(asdict(record), indent=1) + "\n")
         self.save_hashes()
         return record
 
     def save_hashes(self) -> None:
         """Keep the remembered hashes for the next run."""
-        write_text(self._hashes_file, json.dumps(self._hashes) + "\n")
+        if self._hashes != _read_json(self._hashes_file):
+            write_text(self._hashes_file, json.dumps(self._hashes) + "\n")
 
     def _file(self, key: str) -> Path:
-        return self.folder / f"{key.replace('/', '@')}.json"
+        return self.folder / _file_name(key)
 
 
 @cache
@@ -153,10 +160,23 @@ def plain(value: object) -> Any:
     return value
 
 
-def _read_json(path: Path) -> dict[str, Any]:
-    """Return a JSON mapping, empty where the file is absent or damaged: then the stage simply runs again."""
+def _record(path: Path) -> StageRecord | None:
+    """Return a record; None where there is none, or what is there is none: then the stage simply runs again."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        record = TypeAdapter(StageRecord).validate_python(_read_json(path))
+    except ValidationError:
+        return None
+    return record if path.name == _file_name(record.key) else None
+
+
+def _file_name(key: str) -> str:
+    return f"{key.replace('/', '@')}.json"
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    """Return a JSON mapping, empty where the file is absent or damaged."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}

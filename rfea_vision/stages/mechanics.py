@@ -38,7 +38,15 @@ Recordings = Mapping[str, Stored[Recording]]
 
 
 def model_folder(work: Workspace, name: str) -> Path:
-    """Return the folder of a model's artefacts."""
+    """Return the folder of a model's artefacts.
+
+    Raises
+    ------
+    InputError
+        If the name, which may stand in a file of a stranger, cannot name a folder.
+    """
+    if Path(name).name != name or name.startswith("."):
+        raise InputError(f"{work.out}: '{name}' cannot name a model; fit it again under another name")
     return work.out / "models" / name
 
 

@@ -9,11 +9,13 @@ from typing import Any, TypeVar
 from rfea_vision.artefacts import Calibration, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
 from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
 from rfea_vision.errors import DataError, InputError, RfeaError
+from rfea_vision.files import sweep
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import declares, from_keywords
 from rfea_vision.progress import Listener, Progress
 from rfea_vision.stages import measurement, mechanics, publishing
 from rfea_vision.stages.cache import StageCache
+from rfea_vision.stages.locks import locked
 from rfea_vision.stages.stored import Stored, values
 
 _Result = TypeVar("_Result")
@@ -202,21 +204,35 @@ class Workspace:
         if key in self._done:
             return self._done[key]
         hashes, digest = self._digest(stage, inputs, also, options, code)
-        if stage not in self.force and self.cache.is_fresh(key, digest):
+        stored = None
+        if not self._is_fresh(stage, key, digest):
+            with locked(self.cache.lock, say=self.listener.note):
+                if not self._is_fresh(stage, key, digest):  # it may have been done while we waited
+                    sweep(self.out)
+                    progress = self.listener.begin(stage, subject)
+                    try:
+                        result, outputs, sentence = make(progress)
+                        self._refuse_changed(hashes, inputs)
+                    except BaseException as error:
+                        self.listener.end(stage, subject, "failed", str(error))
+                        raise
+                    stored = Stored.of(result)
+                    self.cache.store(key, digest, outputs, options=options, inputs=hashes)
+                    self._say(stage, subject, "done", sentence)
+        if stored is None:
             stored = Stored(load)
             self._say(stage, subject, "unchanged", "")
-        else:
-            progress = self.listener.begin(stage, subject)
-            try:
-                result, outputs, sentence = make(progress)
-            except BaseException as error:
-                self.listener.end(stage, subject, "failed", str(error))
-                raise
-            stored = Stored.of(result)
-            self.cache.store(key, digest, outputs, options=options, inputs=hashes)
-            self._say(stage, subject, "done", sentence)
         self._done[key] = stored
         return stored
+
+    def _is_fresh(self, stage: str, key: str, digest: str) -> bool:
+        return stage not in self.force and self.cache.is_fresh(key, digest)
+
+    def _refuse_changed(self, hashes: Mapping[str, str], inputs: Sequence[Path]) -> None:
+        """Raise if a raw file changed while it was read: the result belongs to neither state of it."""
+        for path in inputs:
+            if not path.is_file() or self.cache.sha256(path) != hashes[self._shown(path)]:
+                raise DataError(f"{path}: changed while it was read; wait until it is complete and run the command again")
 
     def remember(
         self,

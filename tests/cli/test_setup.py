@@ -31,6 +31,7 @@ COMMANDS = [
     "report",
     "run",
     "batch",
+    "table",
     "open",
     "export",
     "simulate",

@@ -8,6 +8,7 @@ from rfea_vision.dynamics.parameters import PUBLISHED
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.base import HOOKS, Effect
 from rfea_vision.effects.catalogue import catalogue, find_effects, load_effect_file
+from rfea_vision.effects.permission import name_files
 from rfea_vision.effects.typeset import typeset
 from rfea_vision.effects.validation import validate
 from rfea_vision.errors import InputError
@@ -30,6 +31,7 @@ class Mine(Effect):
 def _write(tmp_path, law, unit="1/rad^2", hook="stiffness(self, joint, stiffness)"):
     path = tmp_path / "mine.py"
     path.write_text(TEMPLATE.format(law=law, unit=unit, hook=hook))
+    name_files([path])
     return path
 
 
@@ -66,6 +68,7 @@ def test_a_faulty_law_is_named_in_one_sentence(tmp_path, law, unit, words):
 def test_a_file_without_an_effect(tmp_path):
     path = tmp_path / "empty.py"
     path.write_text("x = 1\n")
+    name_files([path])
     with pytest.raises(InputError, match="declares no effect"):
         load_effect_file(path)
     with pytest.raises(InputError, match="rfea effects new"):
