@@ -6,7 +6,6 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from rfea_vision import __version__
 from rfea_vision.files import sha256_of, write_text
 
 _MEASURED = ("calibrate", "track", "clip", "preview", "sync")
-_PACKAGE = Path(__file__).resolve().parent.parent
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ class StageCache:
         self._hashes[str(path)] = [*mark, digest]
         return digest
 
-    def digest(self, stage: str, hashes: Iterable[str], options: object, code: Iterable[str]) -> str:
+    def digest(self, stage: str, hashes: Iterable[str], options: object, code: str) -> str:
         """Return one hash for what a stage depends on.
 
         Parameters
@@ -73,13 +71,13 @@ class StageCache:
         stage : its name
         hashes : content hashes of the inputs, in order
         options : anything made of dataclasses, mappings, sequences and plain values
-        code : packages and modules below ``rfea_vision`` that compute the result
+        code : hash of the source that makes the result, see `code.code_of`
         """
         parts = {
             "stage": stage,
             "hashes": list(hashes),
             "options": plain(options),
-            "code": [code_version(name) for name in code],
+            "code": code,
         }
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
@@ -128,19 +126,6 @@ class StageCache:
 
     def _file(self, key: str) -> Path:
         return self.folder / _file_name(key)
-
-
-@cache
-def code_version(name: str) -> str:
-    """Return a hash of the source of a package or module below ``rfea_vision``: its version, kept by no one."""
-    root = _PACKAGE / name.replace(".", "/")
-    files = sorted(root.rglob("*")) if root.is_dir() else [root.with_suffix(".py")]
-    files = [path for path in files if path.is_file() and path.suffix != ".pyc"]  # templates count, too
-    digest = hashlib.sha256()
-    for path in files:
-        digest.update(path.relative_to(_PACKAGE).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def plain(value: object) -> Any:

@@ -22,12 +22,6 @@ from rfea_vision.stages.stored import Stored
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
-CALIBRATION_CODE = ("calibration", "readers.pictures")
-TRACK_CODE = ("calibration", "vision", "readers.video", "readers.pictures")
-CLIP_CODE = TRACK_CODE
-TABLE_CODE = ("readers.tables", "readers.tracks", "readers.poses", "readers.columns", "readers.kinds")
-SYNC_CODE = ("sync", "readers.pressure", "readers.tables", "readers.kinds", "readers.columns", "readers.database")
-
 
 def calibration_path(work: Workspace, experiment: ExperimentSpec | None) -> Path:
     """Return where a calibration is kept: the campaign's, or an experiment's own where its camera differs."""
@@ -92,7 +86,6 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
         subject,
         inputs=inputs,
         options={"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled},
-        code=CALIBRATION_CODE,
         make=make,
         load=lambda: load(path),
     )
@@ -153,7 +146,6 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
         inputs=_pictures(video),
         also=[work.cache.sha256(calibration_file)],
         options={"actuator": experiment.actuator, "camera": camera, "rate_Hz": video.rate_Hz, "lamp": lamp},
-        code=TRACK_CODE,
         make=make,
         load=lambda: Track.load(path),
     )
@@ -220,7 +212,6 @@ def _clip(
         inputs=[],
         also=[work.cache.sha256(track_file)],
         options={},
-        code=CLIP_CODE,
         make=make,
         load=lambda: None,
     )
@@ -254,7 +245,6 @@ def preview(work: Workspace, experiment: ExperimentSpec) -> Stored[Path]:
         inputs=[],
         also=[work.cache.sha256(path.with_name("track.nc"))],
         options={},
-        code=CLIP_CODE,
         make=make,
         load=lambda: path,
     )
@@ -284,7 +274,6 @@ def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> S
         inputs=[source.file],
         also=[] if camera is None else [work.cache.sha256(calibration_path(work, experiment))],
         options={"bends": experiment.actuator.bends, "track": source},
-        code=TABLE_CODE,
         make=make,
         load=lambda: Track.load(path),
     )
@@ -345,7 +334,6 @@ def synchronise(work: Workspace, experiment: ExperimentSpec) -> Stored[Recording
             "bends": experiment.actuator.bends,
             "repeat_of": experiment.repeat_of,
         },
-        code=SYNC_CODE,
         make=make,
         load=lambda: Recording.load(path),
     )

@@ -30,7 +30,6 @@ from rfea_vision.stages.stored import Stored, values
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
-CODE = ("artefacts", "options", "tube", "steady", "dynamics", "effects", "fitting", "critique")
 PREDICTED_ROLES = ("train", "validate")
 RUNG_FILES = ("model.json", "prediction.nc", "comparison.json", "diagnosis.json")
 
@@ -210,7 +209,6 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
         inputs=list(options.effect_files),
         also=_recording_hashes(work, recordings),
         options={"fit": as_record(options), "critique": as_record(critique), "actuator": actuator},
-        code=CODE,
         make=make,
         load=lambda: Ladder.load(path),
     )
@@ -283,20 +281,20 @@ def _fit_parts(work: Workspace, options: FitOptions, recordings: Recordings, act
         "inputs": list(options.effect_files),
         "also": _recording_hashes(work, recordings, PREDICTED_ROLES),
         "options": {"fit": as_record(options), "actuator": actuator},
-        "code": CODE,
+        "code": fit,
     }
 
 
 def _compare_parts(work: Workspace, name: str) -> dict[str, Any]:
     files = [model_folder(work, name) / file for file in ("model.json", "prediction.nc")]
-    return {"inputs": [], "also": [work.cache.sha256(file) for file in files], "options": {}, "code": CODE}
+    return {"inputs": [], "also": [work.cache.sha256(file) for file in files], "options": {}, "code": compare}
 
 
 def _diagnose_parts(work: Workspace, name: str, recordings: Recordings, critique: CritiqueOptions) -> dict[str, Any]:
     model = work.cache.sha256(model_folder(work, name) / "model.json")
     also = [model, *_recording_hashes(work, recordings, PREDICTED_ROLES)]
     options = {"critique": as_record(replace(critique, budget_s=None))}  # the budget ends a climb, no diagnosis
-    return {"inputs": list(critique.effect_files), "also": also, "options": options, "code": CODE}
+    return {"inputs": list(critique.effect_files), "also": also, "options": options, "code": diagnose}
 
 
 def _recording_hashes(work: Workspace, recordings: Recordings, roles: Sequence[str] | None = None) -> list[str]:

@@ -30,10 +30,12 @@ def report(work: Workspace) -> Stored[Path]:
     bring_up_to_date(work)
     files = sorted({file for pattern in _ARTEFACTS for file in work.out.glob(pattern) if file.is_file()})
 
+    asked = commands(work)
+
     def make(progress: Progress) -> tuple[Path, list[Path], str]:
         from rfea_vision.report import render
 
-        page = render(work.out, title=work.campaign.name, commands=commands(work))
+        page = render(work.out, title=work.campaign.name, commands=asked)
         write_text(path, page)
         return path, [path], f"{path} ({path.stat().st_size / 1e6:.1f} MB)"
 
@@ -42,8 +44,7 @@ def report(work: Workspace) -> Stored[Path]:
         "page",
         inputs=[],
         also=[f"{file.relative_to(work.out)}:{work.cache.sha256(file)}" for file in files],
-        options={"title": work.campaign.name, "commands": commands(work)},
-        code=("report",),
+        options={"title": work.campaign.name, "commands": asked},
         make=make,
         load=lambda: path,
     )

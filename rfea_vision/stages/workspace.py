@@ -15,6 +15,7 @@ from rfea_vision.options.asking import declares, from_keywords
 from rfea_vision.progress import Listener, Progress
 from rfea_vision.stages import measurement, mechanics, publishing
 from rfea_vision.stages.cache import StageCache
+from rfea_vision.stages.code import code_of
 from rfea_vision.stages.locks import locked
 from rfea_vision.stages.stored import Stored, values
 
@@ -183,10 +184,10 @@ class Workspace:
         *,
         inputs: Sequence[Path],
         options: Mapping[str, Any],
-        code: Sequence[str],
         make: Callable[[Progress], tuple[_Result, list[Path], str]],
         load: Callable[[], _Result],
         also: Sequence[str] = (),
+        code: Callable[..., Any] | None = None,
     ) -> Stored[_Result]:
         """Run one stage, or take what it made before if nothing that it depends on has changed.
 
@@ -195,15 +196,15 @@ class Workspace:
         stage, subject : names of the record and of the progress bar
         inputs : raw files that the result depends on
         options : options that it depends on; kept in the record
-        code : packages below ``rfea_vision`` that it depends on
         make : does the work; returns the result, the files written, and a sentence
         load : reads the result back
         also : content hashes of results of earlier stages
+        code : function whose source, with all that it imports, the result depends on; by default `make`
         """
         key = f"{stage}/{subject}"
         if key in self._done:
             return self._done[key]
-        hashes, digest = self._digest(stage, inputs, also, options, code)
+        hashes, digest = self._digest(stage, inputs, also, options, code or make)
         stored = None
         if not self._is_fresh(stage, key, digest):
             with locked(self.cache.lock, say=self.listener.note):
@@ -232,7 +233,9 @@ class Workspace:
         """Raise if a raw file changed while it was read: the result belongs to neither state of it."""
         for path in inputs:
             if not path.is_file() or self.cache.sha256(path) != hashes[self._shown(path)]:
-                raise DataError(f"{path}: changed while it was read; wait until it is complete and run the command again")
+                raise DataError(
+                    f"{path}: changed while it was read; wait until it is complete and run the command again"
+                )
 
     def remember(
         self,
@@ -243,7 +246,7 @@ class Workspace:
         inputs: Sequence[Path],
         also: Sequence[str],
         options: Mapping[str, Any],
-        code: Sequence[str],
+        code: Callable[..., Any],
     ) -> None:
         """Note a result that came about inside another stage, so that its own stage finds it done."""
         hashes, digest = self._digest(stage, inputs, also, options, code)
@@ -257,17 +260,22 @@ class Workspace:
         inputs: Sequence[Path],
         also: Sequence[str],
         options: Mapping[str, Any],
-        code: Sequence[str],
+        code: Callable[..., Any],
     ) -> bool:
         """Whether a stage has been done with just these inputs, options and code, and is not to be redone."""
         _, digest = self._digest(stage, inputs, also, options, code)
         return stage not in self.force and self.cache.is_fresh(f"{stage}/{subject}", digest)
 
     def _digest(
-        self, stage: str, inputs: Sequence[Path], also: Sequence[str], options: Mapping[str, Any], code: Sequence[str]
+        self,
+        stage: str,
+        inputs: Sequence[Path],
+        also: Sequence[str],
+        options: Mapping[str, Any],
+        code: Callable[..., Any],
     ) -> tuple[dict[str, str], str]:
         hashes = {self._shown(path): self.cache.sha256(path) for path in inputs}
-        return hashes, self.cache.digest(stage, [*hashes.values(), *also], options, code)
+        return hashes, self.cache.digest(stage, [*hashes.values(), *also], options, code_of(code))
 
     def outcome(self, stage: str, subject: str) -> str:
         """Return how a stage ended in this session: done or unchanged."""
