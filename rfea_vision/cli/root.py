@@ -30,6 +30,7 @@ _COMMANDS = {
     "chain": ("report", "run"),
     "batch": ("batch", "table"),
     "workbench": ("open",),
+    "figures": ("figures",),
     "export": ("export",),
     "twin": ("simulate", "demo"),
 }

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Ladder
+from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 from rfea_vision.options import CritiqueOptions
 from rfea_vision.options.asking import from_record, written
@@ -48,6 +50,24 @@ def report(work: Workspace) -> Stored[Path]:
         make=make,
         load=lambda: path,
     )
+
+
+def figures(work: Workspace, *, formats: Sequence[str], style: str, model: str | None = None) -> list[Path]:
+    """Write every figure of the report as a file, with its data, to ``figures/``.
+
+    Raises
+    ------
+    InputError
+        If there is no such model, a format is unknown, or matplotlib is not installed.
+    """
+    from rfea_vision.figures import save_plates
+    from rfea_vision.figures.models import plates
+    from rfea_vision.report.collect import collect
+
+    if model is not None and model not in mechanics.model_names(work):
+        there = ", ".join(mechanics.model_names(work)) or "none"
+        raise InputError(f"{work.campaign.root}: no model '{model}'; there are: {there}")
+    return save_plates(plates(collect(work.out), model), work.out / "figures", formats=formats, style=style)
 
 
 def notebook(work: Workspace) -> Path:

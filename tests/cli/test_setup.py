@@ -33,6 +33,7 @@ COMMANDS = [
     "batch",
     "table",
     "open",
+    "figures",
     "export",
     "simulate",
     "demo",

@@ -1,0 +1,199 @@
+"""The figures of one run: what was measured, and what a model makes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from rfea_vision.figures.plates import Axis, FloatArray, Lines, Map, Plate, Series, lines, thinned
+from rfea_vision.report.collect import Experiment, Step
+from rfea_vision.report.pack import nearest
+
+MOST_ROWS, MOST_COLUMNS = 4000, 600
+TIME, ALONG = Axis("time", "s"), Axis("place along the tube, clamp 0, tip 1")
+
+
+def measured_of(experiment: Experiment) -> xr.Dataset | None:
+    """The recording, or the track where there is no recording."""
+    return experiment.recording if experiment.recording is not None else experiment.track
+
+
+def run_plates(experiment: Experiment, step: Step | None) -> list[Plate]:
+    """Every figure of a run, with the model's curves where the model has been run on it."""
+    data = measured_of(experiment)
+    if data is None:
+        return []
+    modelled = step.predictions.get(experiment.name) if step is not None else None
+    name = experiment.name
+    found = [*_over_time(name, data, modelled), *_loops(name, data, modelled), *_trust(name, data)]
+    found += _maps(name, data, modelled) if modelled is not None else []
+    return found
+
+
+def _valid(data: xr.Dataset, key: str, *, part: int | None = None) -> FloatArray | None:
+    if key not in data:
+        return None
+    values = np.asarray(data[key].values, dtype=float)
+    values = values if part is None else values[:, part]
+    return values if np.isfinite(values).any() else None
+
+
+def curve(
+    data: xr.Dataset | None, key: str, name: str, role: Any, *, part: int | None = None, sigma: str | None = None
+) -> Series | None:
+    """One quantity over time, thinned to what a page can show."""
+    values = None if data is None else _valid(data, key, part=part)
+    if data is None or values is None:
+        return None
+    rows = thinned(len(values), MOST_ROWS)
+    errors = _valid(data, sigma, part=part) if sigma else None
+    return Series(name, role, data["time"].values[rows], values[rows], None if errors is None else errors[rows])
+
+
+def _over_time(run: str, data: xr.Dataset, modelled: xr.Dataset | None) -> list[Plate]:
+    found: list[Plate] = []
+    if "pressure" in data:
+        rows = thinned(data.sizes["log_time"], MOST_ROWS)
+        log = Series("pressure", "measured", data["log_time"].values[rows], data["pressure"].values[rows])
+        found += lines(f"{run}-pressure", "Pressure", TIME, Axis("pressure", "kPa"), [log], wide=True)
+    for name, key, part, title, unit in (
+        ("tip-x", "tip", 0, "tip x", "mm"), ("tip-y", "tip", 1, "tip y", "mm"), ("angle", "bend_angle", None, "bend angle", "deg"),
+    ):  # fmt: skip
+        both = [
+            curve(data, key, "measured", "measured", part=part),
+            curve(modelled, key, "modelled", "modelled", part=part),
+        ]
+        if both[0] is not None:
+            found += lines(f"{run}-{name}", title.capitalize(), TIME, Axis(title, unit), both, wide=True)
+    if modelled is not None:
+        found += _error(run, data, modelled)
+    return found
+
+
+def _error(run: str, data: xr.Dataset, modelled: xr.Dataset) -> list[Plate]:
+    """The gap that was kept with the prediction; for an inclinometer the gap in angle."""
+    gap = _valid(modelled, "tip_residual")
+    rows = thinned(modelled.sizes["time"], MOST_ROWS)
+    time = modelled["time"].values[rows]
+    if gap is not None:
+        error, axis = np.hypot(gap[:, 0], gap[:, 1])[rows], Axis("tip error", "mm")
+    elif "bend_angle" in modelled and "bend_angle" in data:
+        where = nearest(data["time"].values, modelled["time"].values)
+        gaps = data["bend_angle"].values[where] - modelled["bend_angle"].values
+        error, axis = np.abs(gaps)[rows], Axis("angle error", "deg")
+    else:
+        return []
+    return lines(
+        f"{run}-error", axis.label.capitalize(), TIME, axis, [Series("error", "modelled", time, error)], wide=True
+    )
+
+
+def _loops(run: str, data: xr.Dataset, modelled: xr.Dataset | None) -> list[Plate]:
+    """What moves against what drives it, and where the tip has been."""
+    found: list[Plate] = []
+    if "pressure" in data:
+        pressure = Axis("pressure", "kPa")
+
+        def against(source: xr.Dataset | None, key: str, name: str, role: Any, part: int | None) -> Series | None:
+            made = curve(source, key, name, role, part=part)
+            if made is None:
+                return None
+            at = np.interp(made.x, data["log_time"].values, data["pressure"].values)
+            return Series(name, role, at, made.y)
+
+        for name, key, part, axis in (
+            ("loop-angle", "bend_angle", None, Axis("bend angle", "deg")), ("loop-tip", "tip", 1, Axis("tip y", "mm")),
+        ):  # fmt: skip
+            both = [
+                against(data, key, "measured", "measured", part),
+                against(modelled, key, "modelled", "modelled", part),
+            ]
+            title = f"{axis.label.capitalize()} against pressure"
+            found += lines(f"{run}-{name}", title, pressure, axis, both) if both[0] is not None else []
+    path = [tip_path(data, "measured", "measured"), tip_path(modelled, "modelled", "modelled")]
+    return found + lines(f"{run}-path", "Path of the tip", Axis("x", "mm"), Axis("y", "mm"), path, equal=True)
+
+
+def tip_path(data: xr.Dataset | None, name: str, role: Any) -> Series | None:
+    """Where the tip travels."""
+    tip = None if data is None else _valid(data, "tip")
+    if tip is None:
+        return None
+    rows = thinned(len(tip), MOST_ROWS)
+    return Series(name, role, tip[rows, 0], tip[rows, 1])
+
+
+def _maps(run: str, data: xr.Dataset, modelled: xr.Dataset) -> list[Plate]:
+    columns = thinned(modelled.sizes["time"], MOST_COLUMNS)
+    time = modelled["time"].values[columns]
+
+    def over_tube(
+        name: str, title: str, source: xr.Dataset, key: str, unit: str, scale: float, signed: bool
+    ) -> list[Plate]:
+        values = _valid(source, key)
+        if values is None or len(values) != modelled.sizes["time"]:
+            return []
+        count = values.shape[1]
+        place = (
+            np.linspace(0.0, 1.0, count) if key in ("normal_residual", "width") else (np.arange(count) + 0.5) / count
+        )
+        axis = Axis(title.lower(), unit)
+        shown = scale * values[columns].T
+        return [Map(f"{run}-{name}", title, TIME, ALONG, axis, time, place, shown, signed, y_down=True, wide=True)]
+
+    return [
+        *over_tube("carpet", "Error along the tube", modelled, "normal_residual", "mm", 1.0, True),
+        *over_tube("torque", "Residual torque", modelled, "residual_torque", "mN m", 1.0, True),
+        *over_tube("elongation", "Elongation", data, "elongation", "%", 100.0, False),
+        *over_tube("width", "Width of the tube", data, "width", "mm", 1.0, False),
+    ]
+
+
+def _trust(run: str, data: xr.Dataset) -> list[Plate]:
+    """What tells how far the measurement can be trusted."""
+    found: list[Plate] = []
+    for name, key, axis, part in (
+        ("tracking", "tip_sigma", Axis("standard error of the tip", "mm"), 0), ("seen", "seen", Axis("share of the edges seen"), None),
+        ("blur", "blur", Axis("blur of the edges", "px"), None),
+    ):  # fmt: skip
+        found += lines(
+            f"{run}-{name}",
+            axis.label.capitalize(),
+            TIME,
+            axis,
+            [curve(data, key, name, "measured", part=part)],
+            wide=True,
+        )
+    hinge, angle = _valid(data, "hinge_length"), _valid(data, "bend_angle")
+    if hinge is not None and angle is not None:
+        rows = thinned(len(hinge), 1500)
+        dots = [Series("inner side", "dots", angle[rows], hinge[rows])]
+        found += lines(
+            f"{run}-hinge", "Length of the inner side", Axis("bend angle", "deg"), Axis("length", "mm"), dots
+        )
+    if "sync_explained" in data.variables and "sync_offset" in data.variables:
+        explained = np.asarray(data["sync_explained"].values, dtype=float)
+        tried = explained != 0  # far from the answer only every fifth offset was tried
+        offset_ms = 1000.0 * np.asarray(data["sync_offset"].values, dtype=float)[tried]
+        share = [Series("share of the motion explained", "measured", offset_ms, explained[tried])]
+        found += lines(
+            f"{run}-offsets", "Offsets tried", Axis("offset", "ms"), Axis("share of the motion explained"), share
+        )
+    return found + _clocks(run, data)
+
+
+def _clocks(run: str, data: xr.Dataset) -> list[Plate]:
+    """Pressure and motion, each stretched to the full height."""
+    motion = curve(data, "bend_angle", "bend angle", "measured") or curve(data, "tip", "tip y", "measured", part=1)
+    if motion is None or "pressure" not in data:
+        return []
+    rows = thinned(data.sizes["log_time"], MOST_ROWS)
+    stretch: Callable[[FloatArray], FloatArray] = lambda v: (v - np.nanmin(v)) / (np.nanmax(v) - np.nanmin(v) or 1.0)  # noqa: E731
+    pressure = Series("pressure", "modelled", data["log_time"].values[rows], stretch(data["pressure"].values[rows]))
+    both = (pressure, Series(motion.name, "measured", motion.x, stretch(motion.y)))
+    return [
+        Lines(f"{run}-sync", "Pressure and motion on one clock", TIME, Axis("share of the full range"), both, wide=True)
+    ]

@@ -1,0 +1,195 @@
+"""Plates to files: PDF, SVG and PNG with matplotlib, each with its data as CSV; the same bytes every time."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+
+from rfea_vision.errors import InputError
+from rfea_vision.figures.plates import Bars, Lines, Map, Plate, Series
+from rfea_vision.files import whole_file, write_text
+
+FORMATS = ("pdf", "svg", "png")
+COLUMN_IN, TEXT_IN = 3.5, 7.16
+"""Widths of one and of two columns of a journal page (IEEE: 88.9 and 181.9 mm)."""
+_PAPER_PT, _SCREEN_PT = 8.0, 10.0
+
+# Okabe and Ito's palette, told apart by people who do not see all colours (https://jfly.uni-koeln.de/color/).
+_BLUE, _ORANGE, _GREEN, _GREY, _PURPLE, _SKY = "#0072B2", "#D55E00", "#009E73", "#777777", "#CC79A7", "#56B4E9"
+_CYCLE = (_PURPLE, _GREEN, _SKY, "#E69F00", "#000000", _GREY)
+_STROKES: dict[str, dict[str, Any]] = {
+    "measured": {"color": _SKY, "linewidth": 2.4, "solid_capstyle": "round"},
+    "modelled": {"color": "#A23B00", "linewidth": 0.8},
+    "coarse": {"color": _GREEN, "linewidth": 0.9, "linestyle": (0, (4, 1.5))},
+    "floor": {"color": _GREY, "linewidth": 0.8, "linestyle": (0, (2, 2))},
+    "dots": {"color": _BLUE, "linestyle": "none", "marker": ".", "markersize": 3.5},
+    "rings": {"color": _ORANGE, "linestyle": "none", "marker": "o", "markersize": 4, "markerfacecolor": "none"},
+}
+_METADATA = {
+    "pdf": {"CreationDate": None, "Creator": "rfea", "Producer": "rfea"},
+    "svg": {"Date": None, "Creator": "rfea"},
+    "png": {"Software": None},
+}
+
+
+def save_plates(
+    plates: Sequence[Plate], folder: Path, *, formats: Sequence[str] = FORMATS, style: str = "paper"
+) -> list[Path]:
+    """Write every plate in every format, and its data.
+
+    Parameters
+    ----------
+    plates : the figures
+    folder : where ``<name>.pdf``, ``<name>.csv``, ... go
+    formats : of `FORMATS`
+    style : ``paper`` (one or two columns of a journal wide, 8 pt) or ``screen`` (larger type)
+
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed, or a format is unknown.
+    """
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown or not formats:
+        raise InputError(f"--format: '{', '.join(unknown)}' is unknown; choose of {', '.join(FORMATS)}")
+    written: list[Path] = []
+    with _drawing(style) as figure_of:
+        for plate in plates:
+            figure = figure_of(plate)
+            for ending in formats:
+                target = folder / f"{plate.name}.{ending}"
+                page = io.BytesIO()
+                figure.savefig(page, format=ending, metadata=_METADATA[ending], dpi=300)
+                with whole_file(target) as temporary:
+                    temporary.write_bytes(page.getvalue())
+                written.append(target)
+            write_text(folder / f"{plate.name}.csv", plate.table().to_csv(index=False, float_format="%.9g"))
+            written.append(folder / f"{plate.name}.csv")
+    return written
+
+
+def as_svg(plate: Plate, *, style: str = "paper") -> str:
+    """One plate as SVG, to stand inside a page; its marks are named after the plate, so that two do not mix."""
+    with _drawing(style, salt=plate.name) as figure_of:
+        page = io.StringIO()
+        figure_of(plate).savefig(page, format="svg", metadata=_METADATA["svg"])
+    text = page.getvalue()
+    return (
+        text[text.index("<svg") :]
+        .replace('id="', f'id="{plate.name}-')
+        .replace('="#', f'="#{plate.name}-')
+        .replace("url(#", f"url(#{plate.name}-")
+    )
+
+
+@contextmanager
+def _drawing(style: str, salt: str = "rfea") -> Iterator[Callable[[Plate], Any]]:
+    """Give a function that draws a plate, with matplotlib set as the style asks and as it was before afterwards."""
+    try:
+        import matplotlib
+        from cycler import cycler
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        remedy = "pip install 'rfea-vision[figures]'"
+        raise InputError(f"figures need the Python module '{error.name}'; install it with: {remedy}") from error
+    size = _PAPER_PT if style == "paper" else _SCREEN_PT
+    settings: dict[Any, Any] = {
+        "font.family": "DejaVu Sans", "font.size": size, "axes.titlesize": size, "axes.labelsize": size,
+        "xtick.labelsize": size - 1, "ytick.labelsize": size - 1, "legend.fontsize": size - 1,
+        "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "axes.spines.top": False,
+        "axes.spines.right": False, "legend.frameon": False, "svg.hashsalt": salt, "svg.fonttype": "path",
+        "pdf.fonttype": 42, "axes.unicode_minus": True, "path.simplify": True, "image.cmap": "viridis",
+        "axes.prop_cycle": cycler(color=_CYCLE),
+    }  # fmt: skip
+    draw: dict[type, Callable[[Any, Any], None]] = {Lines: _lines, Map: _map, Bars: _bars}
+
+    def figure_of(plate: Plate) -> Any:
+        width = TEXT_IN if plate.wide else COLUMN_IN
+        square = (isinstance(plate, Lines) and plate.equal) or (isinstance(plate, Map) and bool(plate.names))
+        height = COLUMN_IN * (0.95 if square else 0.66)
+        figure = Figure(figsize=(width, height), layout="constrained")
+        draw[type(plate)](figure.subplots(), plate)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # laid out once, for all formats
+        return figure
+
+    with matplotlib.rc_context(settings):
+        yield figure_of
+
+
+def _lines(axes: Any, plate: Lines) -> None:
+    for item in plate.series:
+        _curve(axes, item)
+    if plate.equal:
+        axes.set_aspect("equal", adjustable="datalim")
+    if plate.log_y:
+        axes.set_yscale("log")
+    if plate.whole_x:
+        axes.set_xticks(sorted({float(x) for item in plate.series for x in item.x}))
+    axes.set_xlabel(str(plate.x))
+    axes.set_ylabel(str(plate.y))
+    axes.margins(x=0.02)
+    if len(plate.series) > 1:
+        _legend(axes, plate)
+
+
+def _legend(axes: Any, plate: Lines) -> None:
+    """Above the axes, where it hides nothing; many runs in the same two strokes need but two entries."""
+    handles, names = axes.get_legend_handles_labels()
+    roles = [item.role for item in plate.series]
+    if len(roles) > 2 and set(roles) <= {"measured", "modelled", "dots"}:
+        chosen = {role: handles[roles.index(role)] for role in dict.fromkeys(roles)}
+        handles, names = list(chosen.values()), ["measured" if role == "dots" else role for role in chosen]
+    count = len(names)
+    columns = min(count, 4 if plate.wide else 3)
+    axes.legend(handles, names, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1,
+                handlelength=1.6, columnspacing=1.0)  # fmt: skip
+
+
+def _curve(axes: Any, item: Series) -> None:
+    stroke = _STROKES.get(item.role, {"linewidth": 1.0})
+    (line,) = axes.plot(item.x, item.y, label=item.name, **stroke)
+    if item.sigma is not None and item.role not in ("dots", "rings"):
+        axes.fill_between(item.x, item.y - item.sigma, item.y + item.sigma, color=line.get_color(), alpha=0.2, lw=0)
+    elif item.sigma is not None:
+        axes.errorbar(item.x, item.y, item.sigma, fmt="none", ecolor=line.get_color(), elinewidth=0.7)
+
+
+def _map(axes: Any, plate: Map) -> None:
+    top = float(np.nanmax(np.abs(plate.values))) if np.isfinite(plate.values).any() else 1.0
+    colours = {"cmap": "RdBu_r", "vmin": -top, "vmax": top} if plate.signed else {}
+    mesh = axes.pcolormesh(plate.x_values, plate.y_values, plate.values, shading="nearest", rasterized=True, **colours)
+    bar = axes.figure.colorbar(mesh, ax=axes, pad=0.02)
+    bar.set_label(str(plate.value))
+    bar.outline.set_linewidth(0.4)
+    axes.set_xlabel(str(plate.x))
+    axes.set_ylabel(str(plate.y))
+    if plate.names:
+        axes.set_xticks(range(len(plate.names)), plate.names, rotation=60, ha="right")
+        axes.set_yticks(range(len(plate.names)), plate.names)
+    if plate.y_down:
+        axes.invert_yaxis()
+
+
+def _bars(axes: Any, plate: Bars) -> None:
+    count = len(plate.sets)
+    place = np.arange(len(plate.categories))
+    for index, (label, values) in enumerate(plate.sets):
+        colour = (_ORANGE, _BLUE, *_CYCLE)[index % 8]
+        axes.bar(place + (index - (count - 1) / 2) * 0.8 / count, values, 0.72 / count, label=label, color=colour)
+    many = len(plate.categories) > 7
+    turned = {"rotation": 35, "ha": "right"} if many else {}
+    names = plate.categories if many else [fill(name, 22) for name in plate.categories]
+    axes.set_xticks(place, names, **turned)
+    if plate.log_y:
+        axes.set_yscale("log")
+    axes.set_xlabel(str(plate.x) if plate.x.label else "")
+    axes.set_ylabel(str(plate.y))
+    if count > 1:
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=count, borderaxespad=0.1)

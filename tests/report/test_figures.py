@@ -1,0 +1,84 @@
+"""Figures for papers: all that the page shows, with the numbers drawn, the same bytes twice."""
+
+import builtins
+import io
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rfea_vision.errors import InputError
+from rfea_vision.figures import Lines, Map, Series, save_plates
+from rfea_vision.figures.models import plates
+from rfea_vision.figures.plates import Axis
+from rfea_vision.figures.saving import as_svg
+from rfea_vision.report.collect import collect
+from rfea_vision.report.figures import FIGURES
+
+pytest.importorskip("matplotlib")
+
+# Drawn by the moment on the page, or the same data again: those of the torque against a chosen quantity, the profile at the cursor, ...
+ON_THE_PAGE_ONLY = {"torque-cloud", "profile-now", "study-path", "study-seconds"}
+
+
+@pytest.fixture(scope="module")
+def drawn(sample):
+    return plates(collect(sample))
+
+
+def test_every_figure_of_the_page_has_its_file(drawn):
+    names = " ".join(plate.name for plate in drawn)
+    lacking = {name for name in FIGURES if name not in names} - ON_THE_PAGE_ONLY
+    assert lacking <= {"study", "likelihood", "next"}, (
+        lacking
+    )  # only where a study, a profile or an experiment was asked for
+    assert len({plate.name for plate in drawn}) == len(drawn)
+
+
+def test_the_numbers_drawn_stand_beside_with_units(drawn, tmp_path):
+    chosen = [plate for plate in drawn if re.search("tip-y$|carpet$|ladder|steady", plate.name)][:5]
+    save_plates(chosen, tmp_path, formats=["svg"])
+    for plate in chosen:
+        frame = pd.read_csv(tmp_path / f"{plate.name}.csv")
+        again = pd.read_csv(io.StringIO(plate.table().to_csv(index=False, float_format="%.9g")))
+        pd.testing.assert_frame_equal(frame, again)
+        assert any(re.search(r"\[.+\]", column) for column in frame.columns)
+    tip = next(plate for plate in chosen if plate.name.endswith("tip-y"))
+    assert isinstance(tip, Lines) and [item.name for item in tip.series] == ["measured", "modelled"]
+
+
+def test_twice_the_same_bytes(drawn, tmp_path):
+    chosen = [drawn[0], next(plate for plate in drawn if isinstance(plate, Map)), drawn[-1]]
+    for folder in ("a", "b"):
+        save_plates(chosen, tmp_path / folder)
+    for file in sorted((tmp_path / "a").iterdir()):
+        assert file.read_bytes() == (tmp_path / "b" / file.name).read_bytes(), file.name
+        assert file.stat().st_size > 200
+    assert (tmp_path / "a" / f"{drawn[0].name}.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_two_drawings_in_one_page_share_no_mark():
+    x = np.linspace(0.0, 1.0, 5)
+    one, two = (
+        as_svg(Lines(name, name, Axis("x"), Axis("y"), (Series("s", "dots", x, x),))) for name in ("one", "two")
+    )
+    marks = [set(re.findall(r'id="([^"]+)"', svg)) for svg in (one, two)]
+    assert marks[0] and not marks[0] & marks[1]
+    for svg, own in zip((one, two), marks, strict=True):
+        assert set(re.findall(r'href="#([^"]+)"', svg)) <= own
+
+
+def test_what_is_wrong_is_said(tmp_path, monkeypatch):
+    with pytest.raises(InputError, match="'gif' is unknown; choose of pdf, svg, png"):
+        save_plates([], tmp_path, formats=["gif"])
+    usual = builtins.__import__
+
+    def without(name, *rest):
+        if name.startswith("matplotlib"):
+            raise ModuleNotFoundError("No module named 'matplotlib'", name="matplotlib")
+        return usual(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=r"pip install 'rfea-vision\[figures\]'"):
+        save_plates([], tmp_path)
