@@ -67,6 +67,8 @@ def collect(folder: Path) -> Evidence:
     A missing or unreadable file becomes a sentence in ``absent``, never an error.
     """
     absent: dict[str, str] = {}
+    if not folder.is_dir():
+        absent["folder"] = f"{folder} is not there: no command has written results for this campaign yet."
     ladder_path = folder / Ladder.FILE
     ladder = None
     if not ladder_path.exists():
@@ -144,6 +146,9 @@ def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[
             models[path.parent.name] = fit
     steps = []
     for rung in ladder.rungs if ladder else []:
+        below = steps[-1].diagnosis if steps else None
+        if rung.added and not rung.tied and below is not None:  # a ladder written before rungs told of their ties
+            rung = rung.model_copy(update={"tied": below.rivals_of(rung.added)})
         if rung.model in models:
             steps.append(_step(folder, models.pop(rung.model), rung, on_ladder=True))
         else:
@@ -185,6 +190,8 @@ def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Step:
     path = room / "prediction.nc"
     if path.exists():
         predictions = _load(_read_groups, path, "prediction", absent) or {}
+        tested = room / "prediction-test.nc"
+        predictions |= (_load(_read_groups, tested, "prediction", absent) or {}) if tested.exists() else {}
     else:
         absent["prediction"] = f"{rung.model} has no prediction.nc: run `rfea compare`."
     pressure = None

@@ -69,7 +69,7 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
         unit=shown[-1].unit if shown else "mm", in_words=lambda text: prose.in_words(text, evidence, titles),
         ended=prose.how_it_ended(evidence, titles),
         methods=[methods.methods(evidence, step, titles) for step in evidence.steps],
-        bibtex=methods.BIBTEX, versions=methods.versions(),
+        in_order=lambda scores: _in_order(evidence, scores), bibtex=methods.BIBTEX, versions=methods.versions(),
         manifest=safe_json(manifest), packed=Markup(packed), clips=clips, style=static("style.css"),
         scripts=Markup("\n").join(static(f"{name}.js") for name in SCRIPTS),
     )  # fmt: skip
@@ -109,6 +109,8 @@ def environment() -> jinja2.Environment:
         "unit": formatting.unit_text,
         "lens": formatting.lens_words,
         "law": formatting.law,
+        "percent": lambda share: formatting.number(None) if share is None else f"{formatting.number(100 * share, 2)} %",
+        "csv_address": _csv_address,
         "listing": formatting.listing,
         "code": formatting.inline_code,
         "log10": math.log10,
@@ -117,6 +119,13 @@ def environment() -> jinja2.Environment:
         "milli": lambda value: None if value is None else 1000 * float(value),
     }
     return made
+
+
+def _csv_address(pressure: tuple[Sequence[float], Sequence[float]]) -> str:
+    """A pressure log as a link that holds its own data."""
+    rows = "".join(f"{time:.6g},{value:.6g}\n" for time, value in zip(*pressure, strict=True))
+    text = base64.b64encode(f"time_s,pressure_kPa\n{rows}".encode()).decode("ascii")
+    return f"data:text/csv;base64,{text}"
 
 
 def static(name: str) -> Markup:
@@ -158,6 +167,12 @@ def _picture(evidence: Evidence, file: str) -> str | None:
     """The small copy of a photo, as an address that holds its own data."""
     data = evidence.photos.get(Path(file).stem)
     return None if data is None else f"data:image/jpeg;base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def _in_order(evidence: Evidence, scores: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Scores by run, in the same order on every rung."""
+    names = [experiment.name for experiment in evidence.experiments]
+    return sorted(scores.items(), key=lambda item: names.index(item[0]) if item[0] in names else len(names))
 
 
 def _said_of_runs(evidence: Evidence, key: str) -> list[dict[str, str]]:

@@ -7,7 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from rfea_vision.report.collect import Evidence, Step
-from rfea_vision.report.formatting import inner_title, number, with_unit
+from rfea_vision.report.formatting import inner_title, listing, number, with_unit
+from rfea_vision.report.series import with_rivals
 from rfea_vision.report.shown import errors_of
 
 # The headline names the effects, the tiles the noise floor, and the diagnosis tells why the search ended: once is enough.
@@ -94,22 +95,45 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if step is None:
         return "The motion is measured; no model has been fitted yet."
     diagnosis = step.diagnosis
-    added = [inner_title(titles[effect]) for effect in _added(evidence)]
+    added = [_inner(with_rivals(one, titles)) for one in evidence.steps if one.on_ladder and one.rung.added]
+    unsure = any(one.rung.tied for one in evidence.steps if one.on_ladder)
     if diagnosis is None:
         return "The model is fitted; what it lacks has not been looked for yet."
     if diagnosis.verdict == "complete":
         if not added:
             return "The model of the paper is complete here: nothing that matters is missing."
         if len(added) == 1:
-            return f"The model of the paper lacked one thing: {added[0]}. With it, nothing that matters is missing."
+            tie = " (these data cannot tell which)" if unsure else ""
+            return (
+                f"The model of the paper lacked one thing: {added[0]}{tie}. With it, nothing that matters is missing."
+            )
         things = "; ".join(added)
         return (
             f"The model of the paper lacked {len(added)} things: {things}. With them, nothing that matters is missing."
         )
     if diagnosis.verdict == "unexplained":
-        return "Something is missing that no effect in the catalogue explains."
-    named = [inner_title(titles[effect]) for effect in diagnosis.named]
+        so_far = f" after {listing(added)} had been added" if added else ""
+        return f"Something is missing that no effect in the catalogue explains{so_far}{_shows(step)}."
+    named = [_inner(_or(effect, diagnosis.rivals_of(effect), titles)) for effect in diagnosis.named]
     return f"The model still lacks something: {'; '.join(named)}." if named else "The model still lacks an effect."
+
+
+def _or(effect: str, rivals: Sequence[str], titles: Mapping[str, str]) -> str:
+    return listing([titles.get(effect, effect), *(inner_title(titles.get(other, other)) for other in rivals)], "or")
+
+
+def _inner(name: str) -> str:
+    """A title inside a sentence; what follows a colon is left out."""
+    head, comma, rest = name.partition(", or ")
+    return inner_title(head) + comma + rest
+
+
+def _shows(step: Step) -> str:
+    """Where on the tube a model fails most, if that is not everywhere."""
+    places = step.comparison.where if step.comparison else []
+    if not places or places[0].to_sigma - places[0].from_sigma > 0.5:
+        return ""
+    return f"; it shows {100 * places[0].from_sigma:.0f} to {100 * places[0].to_sigma:.0f} % along the tube"
 
 
 def _added(evidence: Evidence) -> list[str]:
@@ -182,11 +206,12 @@ def _stop(sentence: str) -> str:
     return sentence if sentence.endswith((".", "!", "?")) else f"{sentence}."
 
 
-def _missing(added: Sequence[str], verdict: str) -> Tile:
+def _missing(added: Sequence[str], verdict: str, where: str) -> Tile:
     note = "added to the model of the paper" if added else "nothing had to be added"
     if verdict == "unexplained":
         value = "; ".join([*added, "something that is not in the catalogue"] if added else ["Not in the catalogue"])
-        return Tile("Missing physics", value, note="see the residual torque and what it depends on", section="where")
+        note = f"see the error along the tube{where}; rfea effects new FILE writes a law of your own"
+        return Tile("Missing physics", value, note=note, section="where")
     if verdict == "missing" and not added:
         return Tile("Missing physics", "Named, not yet added", note="see the candidates", section="why")
     return Tile("Missing physics", "; ".join(added) or "None found", note=note, section="why")
@@ -197,8 +222,9 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     step, ladder = last_step(evidence), evidence.ladder
     climbed = [errors_of(one, evidence) for one in evidence.steps if one.on_ladder]
     if ladder and climbed:
-        added = [titles[effect].split(":")[0] for effect in _added(evidence)]
-        yield _missing(added, step.diagnosis.verdict if step and step.diagnosis else "")
+        rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added]
+        added = [with_rivals(one, titles).split(":")[0] for one in rungs]
+        yield _missing(added, step.diagnosis.verdict if step and step.diagnosis else "", _shows(step) if step else "")
         first, last = climbed[0], climbed[-1]
         which = "held-out" if first.validate is not None else "training"
         before = number(first.best) if len(climbed) > 1 else ""
@@ -216,6 +242,6 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
                 yield Tile(f"{shown.what}, {heading} runs", value, note="root mean square", section="ladder")
     shown = errors_of(step, evidence) if step else None
     if step and shown and shown.floor is not None:
-        known = step.fit.noise_floor_source if shown.unit == "mm" else ""
-        source = f"from {known}" if known else "no model can do better"
+        known = step.fit.noise_floor_source if shown.unit == "mm" or step.fit.noise_floor_deg else ""
+        source = f"from {known}" if known else "of the measurement"
         yield Tile("Noise floor", with_unit(shown.floor, shown.unit), note=source, section="trust")

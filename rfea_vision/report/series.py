@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.report.collect import Evidence, Experiment, Step
-from rfea_vision.report.formatting import inner_title, reason_words
+from rfea_vision.report.formatting import inner_title, listing, reason_words
 from rfea_vision.report.pack import Pack, nearest
 from rfea_vision.report.shown import errors_of
 
@@ -142,7 +142,9 @@ def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str,
     modelled = step.predictions.get(experiment.name)
     data = experiment.recording if experiment.recording is not None else experiment.track
     if modelled is None or data is None:
-        note = "was kept for the final score" if experiment.role == "test" else "was not predicted"
+        note = "was not predicted"
+        if experiment.role == "test":
+            note = "was kept for the final score of the first and the last rung; it was not predicted"
         why.setdefault("prediction", f"{experiment.name} {note} by {step.rung.model}.")
         return {"why": why}
     return pack_modelled(modelled, data, experiment, pack, why, step.rung.model)
@@ -214,6 +216,7 @@ def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, s
         "train": shown.train,
         "validate": shown.validate,
         "floor": shown.floor,
+        "tested": list((evidence.ladder.test or {}).get("experiments") or {}) if evidence.ladder else [],
         "phases": comparison.by_phase if comparison else [],
         "pressures": comparison.by_pressure if comparison else [],
         "segments": comparison.by_segment if comparison else [],
@@ -232,10 +235,18 @@ def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, s
     }
 
 
+def with_rivals(step: Step, titles: Mapping[str, str]) -> str:
+    """The effect that a rung adds, with those that the data cannot tell it from; a stand-in is called one."""
+    added = step.rung.added or ""
+    rivals = [inner_title(titles.get(effect, effect.replace("_", " "))) for effect in step.rung.tied]
+    name = titles.get(added, added) + (f", or {listing(rivals, 'or')}" if rivals else "")
+    return f"{name} (a stand-in)" if step.rung.grade == "stand-in" else name
+
+
 def rung_name(step: Step, titles: Mapping[str, str]) -> str:
     """In the reader's words: the paper's model first, then what each rung adds."""
     if step.on_ladder:
-        return titles[step.rung.added] if step.rung.added else "The model of the paper"
+        return with_rivals(step, titles) if step.rung.added else "The model of the paper"
     added = " and ".join(inner_title(titles.get(effect, effect)) for effect in step.fit.effects)
     name = f"With {added}" if added else "The model of the paper"
     usual = "+".join(("base", *step.fit.effects))

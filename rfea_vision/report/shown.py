@@ -30,6 +30,7 @@ def errors_of(step: Step, evidence: Evidence) -> Shown:
     angle = (rung.train_angle_rmse_deg, rung.validate_angle_rmse_deg)
     if tip == (None, None) and angle != (None, None):
         floors = (diagnosis and diagnosis.noise_floor_deg, evidence.ladder and evidence.ladder.noise_floor_deg)
+        floors = (*floors, step.fit.noise_floor_deg)
         return Shown("deg", "Angle error", *angle, next((floor for floor in floors if floor), None))
     return Shown("mm", "Tip error", *tip, step.fit.noise_floor_mm)
 

@@ -201,6 +201,7 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
             progress=progress,
         )
         ladder.save(path)
+        outputs += _predict_test(work, ladder, recordings)
         return ladder, [path, *dict.fromkeys(outputs)], ladder.stopped_because
 
     return work.run(
@@ -212,6 +213,21 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
         make=make,
         load=lambda: Ladder.load(path),
     )
+
+
+def _predict_test(work: Workspace, ladder: Ladder, recordings: Recordings) -> list[Path]:
+    """Write what the first and the last model say of the test runs: after all is decided, to be looked at, not chosen by."""
+    tested = {name: item for name, item in values(recordings).items() if item.role == "test"}
+    if not ladder.test or not tested:
+        return []
+    from rfea_vision.fitting import predict
+
+    files = []
+    for name in dict.fromkeys((ladder.rungs[0].model, ladder.rungs[-1].model)):
+        folder = model_folder(work, name)
+        predicted = predict(ModelFit.load(folder / "model.json"), tested)
+        files.append(save_prediction(folder, predicted, "prediction-test.nc"))
+    return files
 
 
 def _finished(

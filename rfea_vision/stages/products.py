@@ -15,10 +15,11 @@ from rfea_vision.files import read_dataset, whole_file, write_datasets, write_te
 from rfea_vision.units import rounded
 
 
-def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset]) -> None:
-    """Write prediction.nc, one group per experiment."""
+def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset], file: str = "prediction.nc") -> Path:
+    """Write prediction.nc, one group per experiment, and return its path."""
     groups: dict[str | None, xr.Dataset] = {name: dataset for name, dataset in predictions.items()}  # noqa: C416
-    write_datasets(folder / "prediction.nc", groups)
+    write_datasets(folder / file, groups)
+    return folder / file
 
 
 def load_prediction(folder: Path, experiments: Sequence[str]) -> dict[str, xr.Dataset]:

@@ -40,7 +40,7 @@ def test_index_has_a_row_per_experiment_and_a_column_per_rung(tube_a: Path, tmp_
     assert len(re.findall(r"Rung \d", html)) == 3
     assert 'href="tube-A/rfea/report/index.html"' in html
     assert "tube-B" in html
-    assert "No ladder yet" in html
+    assert "no command has written results for this campaign yet" in html
 
 
 def test_notebook_runs_as_it_stands(tube_a: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -71,7 +71,8 @@ def test_loads_without_complaint_or_request(opened: Browser) -> None:
     opened.wait("document.documentElement?.dataset.ready === 'yes'")
     opened.run(VISIT_ALL)
     assert opened.complaints == []
-    assert [r for r in opened.requests if not r.startswith(("blob:", "data:"))] == [opened.run("location.href")]
+    asked = [r.split("#")[0] for r in opened.requests if not r.startswith(("blob:", "data:"))]
+    assert asked == [opened.run("location.href.split('#')[0]")]
 
 
 def test_every_figure_is_painted(opened: Browser) -> None:
@@ -226,12 +227,40 @@ def test_prints_every_figure_as_vectors(opened: Browser) -> None:
     assert pdf.count(b"/Type /Page\n") >= 5
     assert opened.run("document.querySelectorAll('.sheet').length") == 0  # the screen is as it was
     opened.run("dispatchEvent(new Event('beforeprint'))")
-    figures, sheets, empty = opened.run(
-        "['[data-figure]', '.sheet svg', '.figure.empty'].map(s => document.querySelectorAll(s).length)"
+    sheets = opened.run(
+        "Object.fromEntries([...document.querySelectorAll('[data-figure]:not(.empty)')]"
+        ".map(f => [f.dataset.figure, f.querySelectorAll('.sheet svg').length]))"
     )
+    laws = opened.run("[...document.querySelectorAll('.laws article')].filter(a => a.offsetParent !== null).length")
     opened.run("dispatchEvent(new Event('afterprint'))")
-    assert figures == sheets + empty
-    assert sheets > 15
+    assert len(sheets) > 15 and min(sheets.values()) >= 1
+    assert sheets["error"] == 2  # of the first rung and of the last
+    assert laws >= 1  # the cure's law is printed too
+    assert opened.run("document.querySelectorAll('.rung-on-paper').length") == 0
+
+
+def test_an_address_leads_to_a_rung_a_run_and_an_instant(opened: Browser) -> None:
+    opened.run("document.querySelector('[data-choose=\"1\"]').click()")
+    opened.run("document.querySelectorAll('[data-experiment]')[1].click()")
+    opened.run("{ const s = document.querySelector('#scrub'); s.value = 40; s.dispatchEvent(new Event('input')); }")
+    opened.run("new Promise(done => setTimeout(done, 400))")
+    gap, place = opened.run("document.querySelector('#gap').textContent"), opened.run("location.hash")
+    assert "Gap at the tip" in gap and "run=" in place
+    opened.call("Page.reload")
+    opened.run("new Promise(done => setTimeout(done, 300))")
+    opened.wait("document.documentElement?.dataset.ready === 'yes'")
+    assert opened.run("document.querySelector('#gap').textContent") == gap
+    assert opened.run("document.querySelector('[data-choose=\"1\"]').getAttribute('aria-checked')") == "true"
+
+
+def test_measured_modelled_and_the_gap_are_on_the_first_screen(opened: Browser) -> None:
+    for width, height in ((1280, 800), (400, 860)):
+        opened.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        opened.run("scrollTo(0, 0)")
+        opened.run("new Promise(done => setTimeout(done, 200))")
+        boxes = opened.run("['h1', '#gap', '#stage'].map(s => document.querySelector(s).getBoundingClientRect().top)")
+        assert boxes[0] < boxes[1] < boxes[2] < 0.6 * height, (width, boxes)
+    opened.call("Emulation.clearDeviceMetricsOverride")
 
 
 def test_saves_figures_and_tables(opened: Browser, tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ def test_what_no_effect_explains_is_not_called_nothing(small: Path, tmp_path: Pa
     changed = found | {"verdict": "unexplained", "named": []}
     Diagnosis.model_validate(changed).save(folder / "models" / "base" / "diagnosis.json")
     text = words(page_of(folder))
-    assert "Something is missing that no effect in the catalogue explains." in text
+    assert "Something is missing that no effect in the catalogue explains" in text
     assert "Not in the catalogue" in text
     assert "nothing had to be added" not in text
 

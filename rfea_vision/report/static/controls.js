@@ -75,6 +75,24 @@ function showTime() {
 
 function step(by) { const e = experiment(); if (e?.tp) setTime(poseTime(Math.min(series(e.tp).length - 1, Math.max(0, pose() + by)))); }
 
+// The address keeps section, rung, run and instant: reloading comes back to them, and a copied address leads to them.
+function rememberPlace() {
+  clearTimeout(rememberPlace.waiting);
+  rememberPlace.waiting = setTimeout(() => {
+    const section = location.hash.slice(1).split("?")[0] || "see", place = new URLSearchParams({rung: rung()?.model ?? "", run: experiment()?.name ?? "", t: state.time.toFixed(3)});
+    try { history.replaceState(null, "", `#${section}?${place}`); } catch { /* some browsers keep the address of a file as it is */ }
+  }, 250);
+}
+function recallPlace() {
+  const [section, query] = location.hash.slice(1).split("?");
+  if (!query) return false;
+  const place = new URLSearchParams(query), index = manifest.rungs.findIndex(r => r.model === place.get("rung")), run = manifest.experiments.findIndex(e => e.name === place.get("run"));
+  if (index >= 0) state.rung = index;
+  chooseExperiment(Math.max(0, run)); tell("rung"); setTime(Number(place.get("t")) || 0);
+  document.getElementById(section)?.scrollIntoView({block: "start"});
+  return true;
+}
+
 const actions = {
   ArrowLeft: event => step(event.shiftKey ? -10 : -1), ArrowRight: event => step(event.shiftKey ? 10 : 1), " ": () => play(),
   "[": () => chooseExperiment(state.experiment - 1), "]": () => chooseExperiment(state.experiment + 1),
@@ -110,7 +128,8 @@ function toggleTheme() {
 }
 
 function csvOf(table) {
-  const cell = element => { const text = element.dataset.value ?? element.textContent.trim().replace(/\s+/g, " ").replace(/^–$/, "").replaceAll("−", "-"); return /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text; };
+  const own = element => { const id = element.querySelector(":scope > br + code"); return id ? {textContent: `${element.firstChild.textContent.trim()} (${id.textContent})`} : element; };
+  const cell = element => { const text = element.dataset.value ?? own(element).textContent.trim().replace(/\s+/g, " ").replace(/^–$/, "").replaceAll("−", "-"); return /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text; };
   return [...table.rows].map(row => [...row.cells].map(cell).join(",")).join("\r\n") + "\r\n";
 }
 
@@ -135,25 +154,50 @@ function paperWidth(element) {
   if (element.closest(".twothirds")) return element === element.parentElement.firstElementChild ? 450 : 230;
   return element.closest(".linked") ? 440 : 690;
 }
+// What differs from rung to rung is printed for the first and for the last.
+const rungsOnPaper = () => { const climbed = manifest.rungs.map((r, i) => [r, i]).filter(([r]) => r.ladder); return [...new Set([climbed.at(0)?.[1] ?? 0, climbed.at(-1)?.[1] ?? 0])]; };
+function sheetsOf(figure) {
+  const chosen = state.rung, size = [paperWidth(figure.element), parseFloat(figure.element.style.getPropertyValue("--height"))], sheets = [];
+  for (const index of rungsOnPaper()) {
+    state.rung = index;
+    if (figure.plot.need?.()) continue;
+    const svg = figure.svg(...size);
+    if (!sheets.some(([, other]) => other === svg)) sheets.push([index, svg]);
+  }
+  state.rung = chosen;
+  return sheets;
+}
 let themeBefore = null;
 function toPaper() {
   if (themeBefore !== null) return;
   themeBefore = document.documentElement.dataset.theme;
   setTheme("light");
+  for (const element of every("[data-rung]")) {
+    const index = Number(element.dataset.rung);
+    element.hidden = !rungsOnPaper().includes(index);
+    const title = document.createElement("p");
+    title.className = "rung-on-paper"; title.textContent = `Rung ${index + 1}: ${manifest.rungs[index].name}`;
+    if (rungsOnPaper().length > 1) element.prepend(title);
+  }
   for (const figure of Figure.all) {
     const why = figure.plot.need?.();
     figure.element.classList.toggle("empty", Boolean(why));
     figure.holder.querySelector(".why")?.remove();
     figure.base.hidden = figure.top.hidden = true;
     if (why) { const note = figure.holder.appendChild(document.createElement("p")); note.className = "why"; note.textContent = why.replaceAll("`", ""); continue; }
-    const sheet = document.createElement("div");
-    sheet.className = "sheet"; sheet.innerHTML = figure.svg(paperWidth(figure.element), parseFloat(figure.element.style.getPropertyValue("--height")));
-    figure.holder.append(sheet);
+    const sheets = sheetsOf(figure);
+    for (const [index, svg] of sheets) {
+      const sheet = document.createElement("div");
+      sheet.className = "sheet"; sheet.innerHTML = svg;
+      if (sheets.length > 1) sheet.prepend(Object.assign(document.createElement("p"), {className: "rung-on-paper", textContent: `Rung ${index + 1}: ${manifest.rungs[index].name}`}));
+      figure.holder.append(sheet);
+    }
   }
 }
 function fromPaper() {
   if (themeBefore === null) return;
-  every(".sheet").forEach(sheet => sheet.remove());
+  every(".sheet, .rung-on-paper").forEach(sheet => sheet.remove());
+  showRung();
   for (const figure of Figure.all) figure.base.hidden = figure.top.hidden = false;
   setTheme(themeBefore);
   themeBefore = null;

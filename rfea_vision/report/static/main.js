@@ -20,6 +20,9 @@ function wire() {
   listenKeys();
   addEventListener("beforeprint", toPaper);
   addEventListener("afterprint", fromPaper);
+  listen("#link", "click", async button => { await navigator.clipboard?.writeText(location.href); button.textContent = "Copied"; setTimeout(() => { button.textContent = "Link to this instant"; }, 1500); });
+  on("rung experiment time", rememberPlace);
+  addEventListener("hashchange", () => { if (!location.hash.includes("?")) rememberPlace(); });
   on("rung experiment", showMarks);
   on("rung", () => { showRung(); Figure.redraw(); paintStage(); });
   on("experiment", () => { showExperiment(); showRung(); Figure.redraw(); });
@@ -33,7 +36,7 @@ function followSections() {
   const watch = new IntersectionObserver(entries => {
     for (const entry of entries) if (entry.isIntersecting) { links.forEach(link => link.classList.remove("here")); links.get(entry.target.id)?.classList.add("here"); }
   }, {rootMargin: "-20% 0px -70% 0px"});
-  every("main > section").forEach(section => watch.observe(section));
+  every("main > section, #ladder, #fit").forEach(section => watch.observe(section));
 }
 
 async function start() {
@@ -44,6 +47,7 @@ async function start() {
   wire();
   showRung();
   // Begin where the first rung fails most: that is what the page is about.
+  if (recallPlace()) { document.documentElement.dataset.ready = "yes"; return; }
   const worst = manifest.rungs[0]?.worst[0], index = manifest.experiments.findIndex(e => e.name === worst?.experiment);
   chooseExperiment(Math.max(0, index));
   if (index >= 0) jumpToPeak(worst.from_s, worst.to_s); else if (experiment()?.span) setTime(experiment().span[0]);

@@ -68,8 +68,16 @@ class SvgPen {
     draw();
     this.parts.push("</g>");
   }
-  document() {
-    return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${this.width} ${this.height}" width="${this.width}" height="${this.height}" font-family="${this.colours.font.replaceAll('"', "'")}"><rect width="100%" height="100%" fill="${this.colours.paper}"/>${this.parts.join("")}</svg>`;
+  // The drawing as a file; `caption` is [words, colour] for the line of the title and those of the legend below it.
+  document([title, ...legend] = []) {
+    const drawing = this.parts, head = title ? 44 : 0, height = this.height + head;
+    this.parts = [];
+    if (title) {
+      this.text(title[0], 12, 14, {colour: title[1], size: 14, bold: true});
+      let x = 12;
+      for (const [words, colour] of legend) { this.text(words, x, 33, {colour}); x += 18 + 6.1 * words.length; }
+    }
+    return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${this.width} ${height}" width="${this.width}" height="${height}" font-family="${this.colours.font.replaceAll('"', "'")}"><rect width="100%" height="100%" fill="${this.colours.paper}"/>${this.parts.join("")}<g transform="translate(0 ${head})">${drawing.join("")}</g></svg>`;
   }
 }
 

@@ -103,12 +103,21 @@ class Figure {
   svg(width = this.holder.clientWidth || 720, height = this.holder.clientHeight || 260) {
     const pen = new SvgPen(width, height, coloursOf(document.getElementById("printed")));
     this.plot.draw(pen);
-    this.plot.cursor?.(pen);
-    return pen.document();
+    if (this.plot.atCursor) this.plot.cursor(pen);
+    return pen.document(Figure.saving ? this.caption() : []);
+  }
+  // What a figure must carry once it has left the page: what it shows, of which run, and what the lines are.
+  caption() {
+    const c = coloursOf(document.getElementById("printed")), lines = [[experiment()?.name, c.ink], ["measured", c.measured], rung() && [`modelled: ${rung().name}`, c.modelled]];
+    const unit = this.plot.unitNow?.(), at = this.plot.atCursor ? ` at ${show(state.time, 4)} s` : "";
+    return [[`${this.element.querySelector("h3").textContent}${unit ? ` in ${unit}` : ""}${at}`, c.ink], ...lines.filter(Boolean)];
   }
   save(kind) {
     if (this.plot.need?.()) return;
-    const svg = this.svg(), name = `${this.name}-${experiment()?.name ?? "run"}-${rung()?.model ?? "measured"}`;
+    Figure.saving = true;
+    const svg = this.svg(this.holder.clientWidth || 720, Math.max(180, this.holder.clientHeight || 260));
+    Figure.saving = false;
+    const name = `${this.name}-${experiment()?.name ?? "run"}-${rung()?.model ?? "measured"}`;
     if (kind === "svg") return download(new Blob([svg], {type: "image/svg+xml"}), `${name}.svg`);
     const picture = new Image(), sheet = document.createElement("canvas");
     picture.onload = () => {

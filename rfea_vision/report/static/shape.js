@@ -45,6 +45,7 @@ function profileFrame(pen, range) {
 }
 const percent = (y, values) => Float64Array.from(values, v => y(100 * v));
 plots["profile-now"] = {
+  atCursor: true,
   need: plots.elongation.need,
   draw() {},
   cursor(pen) {

@@ -61,7 +61,7 @@ function paintStage() {
   const e = experiment(), canvas = stage.canvas;
   if (!canvas || !e?.tp || !block) return;
   const view = stageView(), holder = canvas.parentElement, width = holder.clientWidth, dense = Math.min(3, devicePixelRatio || 1);
-  const height = Math.min(width * view.height / view.width, 560), k = pose();
+  const height = Math.min(width * view.height / view.width, 440), k = pose();
   canvas.style.height = `${height}px`;
   if (canvas.width !== Math.round(width * dense) || canvas.height !== Math.round(height * dense)) { canvas.width = Math.round(width * dense); canvas.height = Math.round(height * dense); }
   const c = canvas.getContext("2d"), perMm = Math.min(width / view.width, height / view.height);
@@ -71,8 +71,26 @@ function paintStage() {
   rulerOf(c, width, height, perMm);
   const tip = tipOf(e, k);
   if (document.getElementById("lens").checked && tip) drawLens(c, width, height, perMm, tip, k);
+  showGap();
   const film = stage.films.get(e.name);
   document.getElementById("stage-note").textContent = film?.broken ? "This browser cannot play the film (H.264); the tube is drawn alone." : e.clip ? "" : e.why.clip ?? "";
+}
+
+// The last rung of the ladder, where it is not the one that is shown: the cure beside what it cures.
+function cureOf() {
+  const climbed = manifest.rungs.filter(r => r.ladder), last = climbed.at(-1);
+  return last && climbed.length > 1 && last !== rung() ? last : undefined;
+}
+
+// What stands under the picture: how far apart measured and modelled are at the cursor, with this rung and with the last.
+function showGap() {
+  const line = document.getElementById("gap"), cured = cureOf(), note = document.getElementById("cured");
+  if (!line || !experiment()?.t) return;
+  const i = nearest(frameTimes(), state.time), gap = of => { const p = prediction(of), all = series(p?.error); return all && all[i] === all[i] ? `${show(all[i], 2)} ${p.unit}` : undefined; };
+  const now = gap(rung()), then = cured && gap(cured), what = prediction()?.unit === "deg" ? "bend angle" : "tip";
+  if (note) note.hidden = !then;
+  const tested = experiment().role === "test" && (now || then) ? " · test run: drawn after the end, scored once" : "";
+  line.textContent = now || then ? `Gap at the ${what}, ${state.time.toFixed(2)} s: ${[now && now, then && `${then} with the last rung`].filter(Boolean).join(" → ")}${tested}` : prediction()?.why?.prediction?.replaceAll("`", "") ?? "";
 }
 
 function tipOf(e, k) {
@@ -100,7 +118,7 @@ function drawScene(c, to, k, weight) {
     c.strokeStyle = colour; c.lineWidth = width; c.stroke(path); c.setLineDash([]);
   };
   const overFilm = Boolean(film && film.readyState >= 2);
-  const hue = overFilm ? {measured: "#56b4e9", modelled: "#e8590c", earlier: "#cfd2d6"} : paint;
+  const hue = overFilm ? {measured: "#56b4e9", modelled: "#e8590c", earlier: "#cfd2d6", cured: "#2ec4a0"} : {...paint, cured: paint.good};
   if (!overFilm) { c.fillStyle = paint.muted; c.fillRect(to.x(-9), to.y(3.5), 18 * to.perMm, 3 * to.perMm); }
   if (document.getElementById("outline").checked) {
     const edges = poseOf(e, "edges", k);
@@ -109,6 +127,8 @@ function drawScene(c, to, k, weight) {
   const before = rungBefore() && poseOf(prediction(rungBefore()), "midline", k);
   trace(before, hue.earlier, 1.5 * weight, [5, 4], false);
   trace(poseOf(e, "midline", k), hue.measured, 3.2 * weight, [], overFilm);
+  const cured = cureOf();
+  if (cured) trace(poseOf(prediction(cured), "midline", k), hue.cured, 1.6 * weight, [2, 3], false);
   trace(poseOf(prediction(), "midline", k), hue.modelled, 1.8 * weight, [], false);
   const dot = (x, y, colour) => { c.beginPath(); c.arc(to.x(x), to.y(y), 4, 0, 7); c.fillStyle = colour; c.fill(); c.strokeStyle = "#fff"; c.lineWidth = 1.2; c.stroke(); };
   const i = nearest(frameTimes(), poseTime(k)), tips = series(e.tip), modelTips = series(prediction()?.tip);

@@ -1,5 +1,5 @@
 // Everything over time: five linked curves and the cursor they share.
-const timeBox = pen => area(pen, {right: 14, top: 6, bottom: pen.height < 125 ? 8 : 32}); // low ones are stacked above one that has the labels
+const timeBox = pen => area(pen, {right: 14, top: 6, bottom: pen.height < 125 && !Figure.saving ? 8 : 32}); // low ones are stacked above one that has the labels
 const timeScale = box => scale(...state.window, box.left, box.right);
 
 function cursorAt(pen, box, dots = []) {
@@ -22,9 +22,10 @@ function timePlot({times, measured, modelled, unit, digits = 3, limits, extra, l
   };
   const value = array => array?.[nearest(times(), state.time)];
   return {
+    unitNow,
     draw(pen) {
       const box = timeBox(pen), x = timeScale(box), y = span(box), xs = x.all(times()), c = pen.colours;
-      axisY(pen, box, y, unitNow()); if (label) axisX(pen, box, x, "time in s"); else pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
+      axisY(pen, box, y, unitNow()); if (label || Figure.saving) axisX(pen, box, x, "time in s"); else pen.line([box.left, box.right], [box.bottom, box.bottom], c.hair, 1);
       pen.clip(box.left, box.top - 4, box.right - box.left, box.bottom - box.top + 8, () => {
         shadeGaps(pen, box, x);
         extra?.(pen, box, x, y);

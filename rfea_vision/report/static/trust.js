@@ -60,7 +60,7 @@ plots.correlation = {
   need: modelOnly(r => r.correlation?.matrix?.length, "model.json of this rung carries no correlations."),
   draw(pen) {
     const {names, matrix} = rung().correlation, c = pen.colours, left = Math.min(pen.width * 0.4, 12 + 6.4 * Math.max(...names.map(n => n.length))), top = 8;
-    const side = Math.min((pen.width - left - 8) / names.length, (pen.height - top - 60) / names.length), colour = divergingRamp(c);
+    const side = Math.min((pen.width - left - 52) / names.length, (pen.height - top - 60) / names.length), colour = divergingRamp(c);
     names.forEach((name, i) => {
       pen.text(name, left - 6, top + (i + 0.5) * side, {align: "right", colour: c.ink, size: 11});
       pen.text(name, left + (i + 0.5) * side, top + names.length * side + 6, {align: "right", turn: -45, size: 10.5});
@@ -71,6 +71,7 @@ plots.correlation = {
         if (side > 30 && i !== j && Math.abs(v) >= 0.5) pen.text(show(v, 2), left + (j + 0.5) * side, top + (i + 0.5) * side, {align: "center", size: 10, colour: c.ink});
       });
     });
+    colourBar(pen, left + names.length * side + 12, top, Math.min(100, names.length * side), colour, -1, 1, "");
   },
 };
 plots.steady = {
