@@ -23,3 +23,21 @@ def read_grey(path: Path, *, as_stored: bool = False) -> Picture | None:
     except (OSError, cv2.error, MemoryError):
         return None
     return None if found is None else np.asarray(found, dtype=np.uint8)
+
+
+def read_colour(path: Path) -> Picture | None:
+    """Read a picture (h, w, 3) in blue, green and red, turned as its file says; None if it cannot be read."""
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+        found = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except (OSError, cv2.error, MemoryError):
+        return None
+    return None if found is None else np.asarray(found, dtype=np.uint8)
+
+
+def scaled(picture: Picture, scale: float) -> Picture:
+    """Scale the sides of a picture down, each pixel the mean of those that it covers."""
+    if scale >= 1.0:
+        return picture
+    size = (max(round(scale * picture.shape[1]), 2), max(round(scale * picture.shape[0]), 2))
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

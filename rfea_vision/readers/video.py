@@ -19,7 +19,7 @@ from av.error import FFmpegError
 from numpy.typing import NDArray
 
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.readers.pictures import read_grey
+from rfea_vision.readers.pictures import read_colour, read_grey, scaled
 
 Luma = NDArray[np.uint8]
 MOST_PIXELS = 1 << 28  # of one picture; a phone's 200 megapixels are less
@@ -53,6 +53,11 @@ class FrameSource(ABC):
     @abstractmethod
     def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         """Frames from number `start_frame` on."""
+
+    def colours(self, scale: float = 1.0) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
+        """Frames in colour, (h, w, 3) BGR, scaled by `scale`; grey where the source has no colour."""
+        for time, luma in self.frames():
+            yield time, np.repeat(scaled(luma, scale)[:, :, None], 3, axis=2)
 
     def __iter__(self) -> Iterator[tuple[float, Luma]]:
         return self.frames()
@@ -88,6 +93,16 @@ class VideoSource(FrameSource):
         return self._cache["times"]
 
     def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
+        for time, frame in self._decoded(start_frame):
+            yield time, self._luma(frame)
+
+    def colours(self, scale: float = 1.0) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
+        for time, frame in self._decoded(0):
+            size = [max(round(scale * side), 2) for side in (frame.width, frame.height)]
+            small = frame.reformat(*size, format="bgr24", interpolation="AREA").to_ndarray()
+            yield time, np.ascontiguousarray(np.rot90(small, self.quarter_turns) if self.quarter_turns else small)
+
+    def _decoded(self, start_frame: int) -> Generator[tuple[float, av.VideoFrame], None, None]:
         """Decode from `start_frame` on; a damaged end stops the sequence, so that what came before is kept."""
         with _opened(self.path) as container:
             stream = container.streams.video[0]
@@ -108,7 +123,7 @@ class VideoSource(FrameSource):
                     time = max(time, last)
                     if number >= start_frame:
                         last = time
-                        yield time, self._luma(frame)
+                        yield time, frame
                     number += 1
             except FFmpegError as error:
                 if number == 0:
@@ -154,6 +169,11 @@ class FolderSource(FrameSource):
                     f"{file}: {luma.shape[1]} x {luma.shape[0]} px, the first frame has {self.size[0]} x {self.size[1]}"
                 )
             yield time, luma
+
+    def colours(self, scale: float = 1.0) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
+        for (time, luma), file in zip(self.frames(), self.files, strict=True):
+            picture = read_colour(file)
+            yield time, scaled(np.repeat(luma[:, :, None], 3, axis=2) if picture is None else picture, scale)
 
 
 def _opened(path: Path) -> InputContainer:

@@ -17,6 +17,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.begin import Scene, scale_at
+from rfea_vision.vision.body.follower import HALF_PX, BodyFollower
 from rfea_vision.vision.checkpoint import Checkpoint
 from rfea_vision.vision.follower import Follower
 from rfea_vision.vision.rows import Rows
@@ -26,6 +27,10 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 
 LEAST_SHARE = 0.5  # of the frames: a film of which less was measured tells more of what disturbs than of the tube
+EDGES_ENOUGH = (
+    0.95  # of the frames read by the edges alone: below it the whole body is followed, where it was pointed at
+)
+EDGES_TRIED = 120  # frames after which this is asked for the first time
 GIVE_UP_AFTER = 2400  # frames without any tube before the search is called off
 PIXELS_AHEAD = 16_000_000
 
@@ -72,8 +77,9 @@ def track_frames(
     calibration = matched_to(calibration, source)
     scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size)
     lamp = lamp_window(lamp_box, source.size)
-    follower = Follower(scene)
+    follower: Follower | BodyFollower = Follower(scene)
     rows = Rows(nodes, segments)
+    pointed = scene.clamp_px is not None and scene.tip_px is not None
     kept = Checkpoint(checkpoint, source.path, scene, vertical, lamp_box, nodes, segments, scene.camera)
     begun = kept.load(rows, follower)
     total = source.frame_count or 0
@@ -85,14 +91,20 @@ def track_frames(
             rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
             if follower.start is None and done >= GIVE_UP_AFTER:
                 break
+            if pointed and done >= EDGES_TRIED and rows.good < EDGES_ENOUGH * len(rows):
+                break
             kept.keep(rows, follower)
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))
+    if pointed and rows.good < EDGES_ENOUGH * len(rows):
+        # Edges that are lost in some frames may be another thing's in the rest: the body, which knows more, decides.
+        follower, rows = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or rows.good < LEAST_SHARE * len(rows):
         raise DataError(too_few(source.path, rows, scene))
     attributes = {
+        "followed_by": "edges" if isinstance(follower, Follower) else "body",
         "source": source.path.name,
         "clamp_found_by": follower.start.base.kind,
         "polarity": follower.start.polarity,
@@ -101,6 +113,25 @@ def track_frames(
     track = Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
     kept.remove()
     return track
+
+
+def follow_body(
+    source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress
+) -> tuple[BodyFollower, Rows]:
+    """Follow the whole body by colour, texture and outline, from what was pointed at."""
+    assert scene.clamp_px is not None
+    half_px = 0.5 * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
+    scale = min(1.0, HALF_PX / max(half_px, 1.0))
+    follower = BodyFollower(scene, scale)
+    total = source.frame_count or 0
+    small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
+    with closing(read_ahead(source.colours(scale), frames_ahead(source.size))) as frames:
+        for done, (time_s, picture) in enumerate(frames):
+            reason = follower.next(picture, time_s)
+            rows.append(time_s, reason, follower, np.nan if small is None else float(picture[small].mean()))
+            if progress is not None and (done % 8 == 0 or done + 1 == total):
+                progress(done + 1, max(total, done + 1))
+    return follower, rows
 
 
 def too_few(path: Path, rows: Rows, scene: Scene) -> str:

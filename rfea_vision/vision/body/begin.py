@@ -1,0 +1,104 @@
+"""The body in the first frame, from what a person pointed at."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from skimage.graph import route_through_array
+
+from rfea_vision.vision.body.model import STATIONS, Body, Picture, learn_colours, new_body
+from rfea_vision.vision.curve import basis_matrix, fit_curve
+
+FloatArray = NDArray[np.float64]
+
+FIRST_COEFFICIENTS = 7
+CLEAR = 3.0  # standard deviations between two colours that are never confused
+ROUTE_FLOOR = 0.02  # cost of a pixel that is surely the body, over that of one that surely is not
+
+
+def hinted_lines(
+    picture: Picture, clamp_px: FloatArray, line_px: FloatArray, half_px: float, length_px: float
+) -> list[FloatArray]:
+    """Lines of stations (S, 2) px that the hints allow: a curve of the body's length, the straight one, and a route.
+
+    Parameters
+    ----------
+    picture : CIELAB
+    clamp_px : (2, 2) across the first visible cross-section
+    line_px : what is known of the centre line (n, 2), from clamp to tip
+    half_px, length_px : half the body's width, and its length
+    """
+    if len(line_px) >= 4:  # clamp, tip and two between: the person has drawn it
+        return [_stations(line_px)]
+    across = clamp_px[1] - clamp_px[0]
+    inwards = np.array([-across[1], across[0]]) / max(float(np.linalg.norm(across)), 1e-9)
+    inwards *= 1.0 if inwards @ (line_px[-1] - line_px[0]) >= 0 else -1.0
+    lines = [_route(picture, line_px, inwards, half_px)]
+    if len(line_px) == 2:
+        lines += [_stations(line_px), _stations(_bow(line_px, inwards, length_px))]
+    return lines
+
+
+def _bow(line_px: FloatArray, inwards: FloatArray, length_px: float) -> FloatArray:
+    """The parabola that leaves the clamp squarely and reaches the tip, as nearly of the body's length as there is one."""
+    t = np.linspace(0, 1, 60)[:, None]
+    chord = float(np.linalg.norm(line_px[1] - line_px[0]))
+    curves = [
+        (1 - t) ** 2 * line_px[0] + 2 * t * (1 - t) * (line_px[0] + reach * chord * inwards) + t**2 * line_px[1]
+        for reach in np.linspace(0.2, 2.0, 19)
+    ]
+    lengths = [float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in curves]
+    return curves[int(np.argmin(np.abs(np.array(lengths) - length_px)))]
+
+
+def _route(picture: Picture, line_px: FloatArray, inwards: FloatArray, half_px: float) -> FloatArray:
+    """From hint to hint by way of pixels that look like the body's ends."""
+    back = line_px[-2] - line_px[-1]
+    back = back / np.linalg.norm(back)
+    seeds = [line_px[0] + k * half_px * inwards for k in (0.7, 1.2)]
+    seeds += [line_px[-1] + k * half_px * back for k in (0.6, 1.0)]
+    likeness = np.zeros(picture.shape[:2], dtype=np.float32)
+    for seed in [*seeds, *line_px[1:-1]]:
+        disc = np.zeros(picture.shape[:2], dtype=np.uint8)
+        cv2.circle(disc, (round(seed[0]), round(seed[1])), max(round(0.5 * half_px), 1), 1, -1)
+        colours = picture[disc > 0].astype(np.float32)
+        if len(colours) == 0:
+            continue
+        off = (picture.astype(np.float32) - np.median(colours, axis=0)) / np.array([10.0, 5.0, 5.0], dtype=np.float32)
+        likeness = np.maximum(likeness, np.exp(-0.5 * np.sum(off**2, axis=-1)))
+    likeness = cv2.GaussianBlur(likeness, (0, 0), max(0.5 * half_px, 0.5))
+    cost = 1.0 / (likeness / max(float(likeness.max()), 1e-6) + ROUTE_FLOOR)
+    route: list[FloatArray] = []
+    size = np.array(picture.shape[1::-1]) - 1
+    for start, end in pairwise(line_px):
+        a, b = (np.clip(np.round(p), 0, size).astype(int) for p in (start, end))
+        steps, _ = route_through_array(cost, (a[1], a[0]), (b[1], b[0]), fully_connected=True, geometric=True)
+        route.append(np.array(steps, dtype=float)[:, ::-1])
+    points = np.vstack([line_px[:1], *route, line_px[-1:]])
+    return _stations(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
+
+
+def _stations(points: FloatArray) -> FloatArray:
+    """A smooth line of stations through points, with its ends where theirs are."""
+    ends = points[[0, -1]]
+    coefficients = fit_curve(points, min(FIRST_COEFFICIENTS, 4 + len(points) // 2))
+    line = basis_matrix(np.linspace(0, 1, STATIONS), len(coefficients)) @ coefficients
+    line[0], line[-1] = ends
+    return line
+
+
+def separation(body: Body) -> float:
+    """How clearly the body's colours differ from those around it, 0 to 1: the mean over stations and sides."""
+    inside, outside = body.inside[:, None], body.outside
+    distance = np.sum((inside[:, :, 0] - outside[:, :, 0]) ** 2 / (inside[:, :, 1] + outside[:, :, 1]), axis=-1)
+    return float(np.mean(np.minimum(np.sqrt(distance), CLEAR) / CLEAR))
+
+
+def first_body(picture: Picture, line: FloatArray, half_px: float) -> Body:
+    """A body on a line of stations, with the colours that it has there."""
+    body = new_body(line, np.full(STATIONS, half_px))
+    learn_colours(picture, body, 1.0)
+    return body

@@ -1,0 +1,220 @@
+"""One frame: the displacement of the body that its edges, its end and its texture agree on, with its covariance.
+
+Unknowns are three splines along the body: how far it moves across itself, how far along itself, and what its half width
+gains. Each piece of evidence is a normal equation with its own variance; the frame before is a prior that loosens with
+every frame. Texture is that of the first frame, so that nothing drifts; where it is not to be recognised, the flow from
+the last frame stays as the prior.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.vision.body.model import (
+    ACROSS_TEXTURE,
+    ALONG_BASIS,
+    NORMAL_BASIS,
+    STATIONS,
+    WIDTH_BASIS,
+    Body,
+    Picture,
+    frame_of,
+)
+from rfea_vision.vision.body.sampling import RAYS, match_texture, measure_edges, measure_end, support
+
+FloatArray = NDArray[np.float64]
+
+NORMAL, ALONG, WIDTH = slice(0, 11), slice(11, 17), slice(17, 25)
+UNKNOWNS = 25
+TURNS = 3
+CORRELATED = 3.0  # edges of so many neighbouring stations err alike
+CLAMP_PX = 0.4  # the clamp stays where it is
+SHAPE_PX = 1.5  # second differences of a frame's displacement across the body
+BENDS_GRADUALLY = 0.06  # third differences of the line, over the spacing of its coefficients
+SWELLS = 0.15  # of the half width, 1 s.d.: edges that are seen easily outweigh it
+STRETCHES_GRADUALLY = 0.05  # second differences of the places along it, likewise
+THIRD, SECOND = np.diff(np.eye(11), n=3, axis=0), np.diff(np.eye(6), n=2, axis=0)
+TO_NORMAL, TO_ALONG, TO_WIDTH = (np.linalg.pinv(basis) for basis in (NORMAL_BASIS, ALONG_BASIS, WIDTH_BASIS))
+END_PX = 0.3  # scatter of a ray's end at full contrast
+HUBER = 2.0  # standard errors
+
+
+@dataclass
+class Wall:
+    """What is known of the still wall: mean colour (h, w, 3), and how often each pixel was seen (h, w)."""
+
+    colour: NDArray[np.float32]
+    times: NDArray[np.int32]
+
+
+@dataclass
+class Fit:
+    """Result of a frame.
+
+    Attributes
+    ----------
+    body : where it is now
+    covariance : (25, 25) px^2 of the displacement's coefficients
+    seen : (S, 2) whether each side's edge was found
+    alike : (S,) share of the texture that is that of the first frame
+    backing : (S,) share of the inside that looks like the body
+    end : (RAYS,) px how far the end lies beyond where the rays had it, NaN where it was not found
+    moved : px of the last turn
+    """
+
+    body: Body
+    covariance: FloatArray
+    seen: NDArray[np.bool_]
+    alike: FloatArray
+    backing: FloatArray
+    end: FloatArray
+    moved: float
+
+
+def fit_body(
+    picture: Picture,
+    wall: Wall,
+    predicted: Body,
+    texture: FloatArray | None,
+    end_offsets: FloatArray | None,
+    prior: FloatArray,
+    clamp: FloatArray,
+    rest_half: FloatArray,
+    reach: float,
+) -> Fit:
+    """Fit the body to a picture.
+
+    Parameters
+    ----------
+    predicted : where the flow has put it
+    texture : (S, V, 3) of the first frame; None while it is being learnt
+    end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
+    prior : (25, 25) information of the prediction
+    clamp : (2,) px where the body begins
+    rest_half : (S,) px half width in the first frame
+    reach : px to either side in which edges are looked for
+    """
+    body = predicted.copy()
+    edges = np.empty((STATIONS, 2, 2))
+    rays = np.empty((RAYS, 2))
+    information, pull, alike = np.zeros((STATIONS, 3)), np.zeros((STATIONS, 2)), np.zeros(STATIONS)
+    total = np.zeros(UNKNOWNS)
+    normal_matrix = np.eye(UNKNOWNS)
+    shape = np.diff(np.eye(11), n=2, axis=0) / SHAPE_PX
+    moved, backing = 0.0, np.ones(STATIONS)
+    for turn in range(TURNS):
+        tangents, normals = frame_of(body.points)
+        support(picture, wall.colour, wall.times, body.points, normals, body.half, body.inside, body.outside, backing)
+        span = reach if turn == 0 else max(0.5 * reach, 4.0)
+        measure_edges(
+            picture, wall.colour, wall.times, body.points, normals, body.half, body.inside, body.outside, span, edges
+        )
+        matrix = prior.copy()
+        vector = -prior @ total
+        matrix[NORMAL, NORMAL] += shape.T @ shape
+        vector[NORMAL] -= shape.T @ shape @ total[NORMAL]
+        _add_shape(matrix, vector, body, normals, rest_half)
+        _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0))
+        if texture is not None:
+            match_texture(picture, body.points, normals, body.half, ACROSS_TEXTURE, texture, information, pull, alike)
+            _add_texture(matrix, vector, information, pull, alike)
+        end = np.full(RAYS, np.nan)
+        if end_offsets is not None:
+            last = slice(STATIONS - 3, STATIONS)
+            measure_end(
+                picture, wall.colour, wall.times, body.points[-1], tangents[-1], body.half[-4:].mean(),
+                body.inside[last].mean(axis=0), body.outside[last].mean(axis=(0, 1)), 2.0 * span, rays,
+            )  # fmt: skip
+            end = np.where(np.isfinite(rays[:, 1]), rays[:, 0] - end_offsets, np.nan)
+            _add_end(matrix, vector, end)
+        off = clamp - body.points[0]
+        for part, basis, direction in ((NORMAL, NORMAL_BASIS, normals[0]), (ALONG, ALONG_BASIS, tangents[0])):
+            row = basis[0] / CLAMP_PX
+            matrix[part, part] += np.outer(row, row)
+            vector[part] += row * float(off @ direction) / CLAMP_PX
+        step = np.linalg.solve(matrix, vector)
+        total += step
+        across, along = NORMAL_BASIS @ step[NORMAL], ALONG_BASIS @ step[ALONG]
+        shift = across[:, None] * normals + along[:, None] * tangents
+        limit = np.minimum(1.0, 1.5 * span / np.maximum(np.linalg.norm(shift, axis=1, keepdims=True), 1e-9))
+        body.points = body.points + shift * limit
+        body.half = np.maximum(body.half + WIDTH_BASIS @ step[WIDTH], 0.4 * predicted.half)
+        normal_matrix = matrix
+        moved = float(np.abs(shift).max())
+        if turn and moved < 0.05:
+            break
+    return Fit(
+        body,
+        np.asarray(np.linalg.inv(normal_matrix), dtype=float),
+        np.isfinite(edges[:, :, 1]),
+        alike.copy(),
+        backing,
+        end,
+        moved,
+    )
+
+
+def _add_shape(matrix: FloatArray, vector: FloatArray, body: Body, normals: FloatArray, rest_half: FloatArray) -> None:
+    """Rubber bends and stretches gradually, and swells within limits.
+
+    Third differences across and second differences along are small, and so is what the half width has gained.
+    """
+    sigma = SWELLS * float(np.median(rest_half))
+    matrix[WIDTH, WIDTH] += np.eye(8) / sigma**2
+    vector[WIDTH] -= TO_WIDTH @ (body.half - rest_half) / sigma**2
+    spacing = body.length / (NORMAL_BASIS.shape[1] - 3)
+    middles = np.round(np.linspace(0, STATIONS - 1, NORMAL_BASIS.shape[1] - 3)).astype(int)
+    rows = THIRD / (BENDS_GRADUALLY * spacing)
+    wiggle = np.sum((THIRD @ (TO_NORMAL @ body.points)) * normals[middles], axis=1) / (BENDS_GRADUALLY * spacing)
+    matrix[NORMAL, NORMAL] += rows.T @ rows
+    vector[NORMAL] -= rows.T @ wiggle
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(body.points, axis=0), axis=1))])
+    sigma = STRETCHES_GRADUALLY * body.length / (ALONG_BASIS.shape[1] - 3)
+    rows = SECOND / sigma
+    matrix[ALONG, ALONG] += rows.T @ rows
+    vector[ALONG] -= rows.T @ (SECOND @ (TO_ALONG @ steps)) / sigma
+
+
+def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_seen: FloatArray) -> None:
+    """Both sides of every station: the left one moves with n + w, the right one with -n + w."""
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        value, variance = edges[:, side, 0], edges[:, side, 1] * CORRELATED
+        weight = np.where(np.isfinite(variance), share_seen / variance, 0.0)
+        middle = np.median(value[weight > 0]) if np.any(weight > 0) else 0.0
+        share = np.abs(value - middle) * np.sqrt(weight)
+        weight = weight * np.minimum(1.0, 3.0 * HUBER / np.maximum(share, 1e-9))
+        rows = np.hstack([sign * NORMAL_BASIS, WIDTH_BASIS])
+        part = np.r_[NORMAL, WIDTH]
+        matrix[np.ix_(part, part)] += rows.T @ (weight[:, None] * rows)
+        vector[part] += rows.T @ (weight * value)
+
+
+def _add_texture(
+    matrix: FloatArray, vector: FloatArray, information: FloatArray, pull: FloatArray, alike: FloatArray
+) -> None:
+    """The skin of the first frame, where enough of it is recognised."""
+    share = np.clip((alike - 0.4) / 0.4, 0.0, 1.0)
+    nn, nt, tt = (information[:, k] * share for k in range(3))
+    matrix[NORMAL, NORMAL] += NORMAL_BASIS.T @ (nn[:, None] * NORMAL_BASIS)
+    cross = NORMAL_BASIS.T @ (nt[:, None] * ALONG_BASIS)
+    matrix[NORMAL, ALONG] += cross
+    matrix[ALONG, NORMAL] += cross.T
+    matrix[ALONG, ALONG] += ALONG_BASIS.T @ (tt[:, None] * ALONG_BASIS)
+    vector[NORMAL] += NORMAL_BASIS.T @ (pull[:, 0] * share)
+    vector[ALONG] += ALONG_BASIS.T @ (pull[:, 1] * share)
+
+
+def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray) -> None:
+    """The end of the body moves with the last station."""
+    found = end[np.isfinite(end)]
+    if len(found) < RAYS // 2:
+        return
+    middle = float(np.median(found))
+    scatter = 1.4826 * float(np.median(np.abs(found - middle))) + END_PX
+    sigma = 1.25 * scatter * np.sqrt(2.0 / len(found))  # of the median; two rays next to each other see the same
+    row = ALONG_BASIS[-1] / sigma
+    matrix[ALONG, ALONG] += np.outer(row, row)
+    vector[ALONG] += row * middle / sigma

@@ -1,0 +1,320 @@
+"""The body from frame to frame: flow foretells, the fit measures, rules accept; the wall and the light are learnt on the way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.calibration.projection import unproject
+from rfea_vision.vision import fitted
+from rfea_vision.vision.begin import Begin, Scene
+from rfea_vision.vision.body.begin import first_body, hinted_lines, separation
+from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, Wall, fit_body
+from rfea_vision.vision.body.model import (
+    ACROSS_TEXTURE,
+    ALONG_BASIS,
+    NORMAL_BASIS,
+    SHARES,
+    STATIONS,
+    WIDTH_BASIS,
+    Body,
+    Picture,
+    frame_of,
+    learn_colours,
+)
+from rfea_vision.vision.body.rules import First, refused
+from rfea_vision.vision.body.sampling import RAYS, learn_wall, measure_end, read_strip
+from rfea_vision.vision.curve import (
+    COEFFICIENTS,
+    WIDTH_COEFFICIENTS,
+    basis_matrix,
+    fit_curve,
+    vertices_of,
+)
+from rfea_vision.vision.ends import End
+from rfea_vision.vision.follow import turning
+
+FloatArray = NDArray[np.float64]
+
+HALF_PX = 12.0  # the picture is scaled until the body is twice as wide; never enlarged
+FIRST_TURNS = 8
+FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
+FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
+FLOW_WINDOW = (17, 17)
+FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
+FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
+LIGHT_GAIN = 0.08  # of the colours of the last frame
+NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
+STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
+POINTED_PX = 1.0  # how well a person points, in px of the film
+LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
+SYSTEMATIC = 0.02  # of the half width: rims, glare and shadows that move an edge alike in many frames
+SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond its last shape
+
+_LINEAR = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
+UNIFORMLY = np.outer(_LINEAR, _LINEAR)
+_TO_COEFFICIENTS = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS)) @ NORMAL_BASIS
+_TO_WIDTH = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS)) @ WIDTH_BASIS
+
+
+class BodyFollower:
+    """Carries the body from frame to frame; the same outside as `Follower`, but its pictures are in colour.
+
+    Parameters
+    ----------
+    scene : with clamp and tip pointed at
+    scale : of the pictures over those in which the hints were given
+    """
+
+    def __init__(self, scene: Scene, scale: float) -> None:
+        assert scene.clamp_px is not None and scene.tip_px is not None
+        self.scene, self.scale = scene, scale
+        self.px_per_mm = scene.px_per_mm * scale
+        self.camera = scene.camera.copy()
+        self.camera[1:3] *= scale
+        self.camera[3:5] = (self.camera[3:5] + 0.5) * scale - 0.5
+        self.clamp = (scene.clamp_px + 0.5) * scale - 0.5
+        self.line = (scene.line_px + 0.5) * scale - 0.5
+        self.state: fitted.State | None = None
+        self.work = fitted.new_workspace()
+        self.start: Begin | None = None
+        self.good, self.missed = 0, 0
+        self.first_refusal = ""
+        self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
+        self.first = First(1.0, np.ones(STATIONS), None, (0, 0), scene.length_mm, self.px_per_mm)
+
+    def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
+        """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
+        lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
+        grey = np.ascontiguousarray(lab[:, :, 0])
+        if self.good == 0:
+            if self.missed == FIRST_TRIES:
+                return self.first_refusal
+            self._begin(lab)
+            fit = self._fit(lab, self.body, 0.8)
+        elif self.missed == 0 and np.array_equal(grey, self._grey):
+            return "duplicate"
+        else:
+            fit = self._fit(lab, self._foretold(grey), 0.8 if self.missed == 0 else 1.5)
+        reason = refused(self.first, fit)
+        if self.good and reason and self.missed and self.missed % 5 == 0:
+            fit = self._fit(lab, self._swung(lab), 1.2)
+            reason = refused(self.first, fit)
+        if reason:
+            self.missed += 1
+            self.first_refusal = reason
+            return reason
+        self._accept(lab, grey, fit)
+        return ""
+
+    def clamp_stderr_mm(self) -> tuple[float, float | None]:
+        """Standard error of the origin along the tube: it is where it was pointed at."""
+        return POINTED_PX / self.scene.px_per_mm, None
+
+    def _begin(self, lab: Picture) -> None:
+        """Outline, colours, texture and end in the first frame."""
+        self.first.shape = lab.shape[:2]
+        self.wall = Wall(np.zeros(lab.shape, dtype=np.float32), np.zeros(lab.shape[:2], dtype=np.int32))
+        half = 0.5 * float(np.linalg.norm(self.clamp[1] - self.clamp[0]))
+        length = self.scene.length_mm * self.px_per_mm
+        self.covariance = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
+        tried = [
+            self._drawn(lab, line, half, length) for line in hinted_lines(lab, self.clamp, self.line, half, length)
+        ]
+        self.body, _ = max(tried, key=lambda pair: pair[1])
+        offsets = self._end_seen(lab, half)
+        if np.isfinite(offsets).sum() > RAYS // 2:  # people point beside the end; where it is seen, it is there
+            beyond = float(np.clip(np.nanmedian(offsets), -0.6 * half, 0.6 * half))
+            self.body.points[-1] += beyond * frame_of(self.body.points)[0][-1]
+            self.body.points = _even(self.body.points)
+            learn_colours(lab, self.body, 1.0)
+            offsets = self._end_seen(lab, half)
+        self.end_offsets = offsets if np.isfinite(offsets).sum() > RAYS // 2 else None
+        _, normals = frame_of(self.body.points)
+        self.texture = np.empty((STATIONS, len(ACROSS_TEXTURE), 3))
+        read_strip(lab, self.body.points, normals, self.body.half, ACROSS_TEXTURE, self.texture)
+        self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
+        self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
+        self.first.length, self.first.half = self.body.length, self.body.half.copy()
+        pointed = POINTED_PX / self.scene.px_per_mm
+        self.start = Begin(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
+
+    def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float) -> tuple[Body, float]:
+        """The outline around a line that was pointed at, and how well it is seen: edges, colours, length."""
+        body = first_body(lab, line, half)
+        fit = None
+        for turn in range(FIRST_TURNS):
+            if turn < FIRST_TURNS - 2:
+                body.half[:] = half
+            self.first.half = body.half
+            fit = self._fit(lab, body, 0.45, texture=False)
+            body = fit.body
+            body.points = _even(body.points)
+            learn_colours(lab, body, 1.0)
+        assert fit is not None
+        known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
+        return body, float(np.mean(fit.seen) * (0.2 + separation(body)) * (0.2 + known))
+
+    def _end_seen(self, lab: Picture, half: float) -> FloatArray:
+        """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
+        rays = np.empty((RAYS, 2))
+        tangents, _ = frame_of(self.body.points)
+        last = slice(STATIONS - 3, STATIONS)
+        measure_end(
+            lab, self.wall.colour, self.wall.times, self.body.points[-1], tangents[-1], self.body.half[-4:].mean(),
+            self.body.inside[last].mean(axis=0), self.body.outside[last].mean(axis=(0, 1)), 2.0 * half, rays,
+        )  # fmt: skip
+        return np.where(np.isfinite(rays[:, 1]) & (np.abs(rays[:, 0]) < 2.0 * half), rays[:, 0], np.nan)
+
+    def _fit(self, lab: Picture, predicted: Body, reach: float, *, texture: bool = True) -> Fit:
+        half = float(np.median(predicted.half))
+        added = np.zeros(UNKNOWNS)
+        if texture:
+            added[NORMAL], added[ALONG], added[WIDTH] = NORMAL_SPREAD**2, SLIP_PX**2, (GAIN_SHARE * half) ** 2
+        loosened = self.covariance + np.diag(added) * (1 + self.missed)
+        if texture:
+            loosened[ALONG, ALONG] += (1 + self.missed) * (STRETCH_SHARE * predicted.length) ** 2 * UNIFORMLY
+        prior = np.asarray(np.linalg.inv(loosened), dtype=float)
+        ends = self.end_offsets if texture else None
+        skin = self.texture if texture else None
+        return fit_body(
+            lab,
+            self.wall,
+            predicted,
+            skin,
+            ends,
+            prior,
+            self.clamp.mean(axis=0),
+            self.first.half,
+            max(reach * half, 5.0),
+        )
+
+    def _foretold(self, grey: NDArray[np.uint8]) -> Body:
+        """The body of the last good frame, moved by the flow of its skin."""
+        tangents, normals = frame_of(self.body.points)
+        places = [self.body.points + v * self.body.half[:, None] * normals for v in FLOW_ACROSS]
+        before = np.vstack(places).astype(np.float32)[:, None]
+        options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
+        after, there, _ = cv2.calcOpticalFlowPyrLK(self._grey, grey, before, before.copy(), **options)
+        back, again, _ = cv2.calcOpticalFlowPyrLK(grey, self._grey, after, after.copy(), **options)
+        kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
+        moved = (after - before)[:, 0].astype(float)
+        station = np.tile(np.arange(STATIONS), len(FLOW_ACROSS))
+        body = self.body.copy()
+        if kept.sum() < STATIONS // 3:
+            return body
+        across = np.sum(moved * normals[station], axis=1)
+        along = np.sum(moved * tangents[station], axis=1)
+        n = _robust_spline(NORMAL_BASIS[station], across, kept)
+        t = _robust_spline(ALONG_BASIS[station], along, kept)
+        moved_line = body.points + (NORMAL_BASIS @ n)[:, None] * normals + (ALONG_BASIS @ t)[:, None] * tangents
+        body.points = _spaced(moved_line, self.body.points)
+        return body
+
+    def _swung(self, lab: Picture) -> Body:
+        """The last shape bent farther to either side: that in which the inside looks most like the body."""
+        best, found = -np.inf, self.body
+        for swing in SWINGS:
+            body = self.body.copy()
+            steps = np.diff(self.body.points, axis=0)
+            turn = swing * (SHARES[1:] - 0.5 / STATIONS)
+            turned = np.column_stack(
+                [
+                    steps[:, 0] * np.cos(turn) - steps[:, 1] * np.sin(turn),
+                    steps[:, 0] * np.sin(turn) + steps[:, 1] * np.cos(turn),
+                ]
+            )
+            body.points = self.body.points[0] + np.vstack([[0.0, 0.0], np.cumsum(turned, axis=0)])
+            fit = self._fit(lab, body, 1.2)
+            score = float(np.mean(fit.backing) + np.mean(fit.seen))
+            if score > best:
+                best, found = score, fit.body
+        return found
+
+    def _accept(self, lab: Picture, grey: NDArray[np.uint8], fit: Fit) -> None:
+        self.body, self.covariance, self._grey = fit.body, fit.covariance, grey
+        if self.good == 0:
+            self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
+        self.good += 1
+        self.missed = 0
+        learn_colours(lab, self.body, LIGHT_GAIN)
+        mask = np.zeros(lab.shape[:2], dtype=np.uint8)
+        tangents, normals = frame_of(self.body.points)
+        reach = (1.15 * self.body.half + 2.5)[:, None]
+        beyond = self.body.points[-1:] + tangents[-1:] * (self.body.half[-1] + 3.0)
+        outline = np.vstack([self.body.points + reach * normals, beyond, (self.body.points - reach * normals)[::-1]])
+        cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1)
+        learn_wall(lab, mask, self.wall.colour, self.wall.times)
+        self.state = self._as_state(self.body)
+        self._fill_numbers(fit)
+
+    def _as_state(self, body: Body) -> fitted.State:
+        """On the plane, in mm."""
+        points = unproject(self.camera, body.points)
+        scale = np.linalg.norm(np.gradient(body.points, axis=0), axis=1) / np.maximum(
+            np.linalg.norm(np.gradient(points, axis=0), axis=1), 1e-9
+        )
+        steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        width, *_ = np.linalg.lstsq(basis_matrix(steps / steps[-1], WIDTH_COEFFICIENTS), body.half / scale, rcond=None)
+        blank = np.ones((3, self.work.centre.shape[0]))
+        return fitted.State(
+            fit_curve(points), width, np.zeros((*blank.shape, 2)), blank, blank.copy(), np.zeros(2), np.zeros(4)
+        )
+
+    def _fill_numbers(self, fit: Fit) -> None:
+        """What the track is derived from; the width is that of this body, not a doubt about it."""
+        assert self.state is not None
+        work, numbers = self.work, self.work.numbers
+        numbers[:] = 0.0
+        numbers[fitted.LENGTH] = vertices_of(
+            self.state.coefficients, self.state.width, work.centre, work.normal, work.half_width
+        )
+        numbers[fitted.BEND] = turning(work.normal)
+        numbers[fitted.NOISE] = numbers[fitted.INFLATION] = numbers[fitted.USED] = 1.0
+        numbers[fitted.WIDTH] = 2.0 * self.scene.half_mm
+        numbers[fitted.ONE_SIDED] = float(np.mean(fit.seen[:, 0] != fit.seen[:, 1]))
+        mm2 = self.px_per_mm**-2
+        floor = (SYSTEMATIC * float(np.median(fit.body.half)) / self.px_per_mm) ** 2
+        k = COEFFICIENTS
+        work.covariance[:] = 0.0
+        work.covariance[:k, :k] = _TO_COEFFICIENTS @ fit.covariance[NORMAL, NORMAL] @ _TO_COEFFICIENTS.T * mm2
+        work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * mm2
+        work.covariance[np.diag_indices(len(work.covariance))] += floor
+        along = float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1])
+        numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
+
+
+def _spaced(line: FloatArray, like: FloatArray) -> FloatArray:
+    """Stations on a line with the distances of `like`: rubber does not change its length from one frame to the next.
+
+    The flow of smooth rubber tells little along it, and what it tells is that of the wall behind.
+    """
+    beyond = line[-1] + 3.0 * (line[-1] - line[-4])
+    line = np.vstack([line, beyond])
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    wanted = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(like, axis=0), axis=1))])
+    return np.column_stack([np.interp(wanted, steps, line[:, c]) for c in (0, 1)])
+
+
+def _even(points: FloatArray) -> FloatArray:
+    """The same line with its stations at even distances."""
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return np.column_stack([np.interp(SHARES * steps[-1], steps, points[:, c]) for c in (0, 1)])
+
+
+def _robust_spline(rows: FloatArray, values: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    """Coefficients of a smooth displacement through `values` (n,), of which some may be anything."""
+    count = rows.shape[1]
+    bend = np.diff(np.eye(count), n=2, axis=0)
+    penalty = 3.0 * bend.T @ bend + 1e-3 * np.eye(count)
+    weight = kept.astype(float)
+    solution = np.zeros(count)
+    for scale in (8.0, 4.0, 2.0, 1.0, 1.0):
+        matrix = rows.T @ (weight[:, None] * rows) + penalty
+        solution = np.linalg.solve(matrix, rows.T @ (weight * values))
+        off = (values - rows @ solution) / (scale * FLOW_PX)
+        weight = kept / (1.0 + off**2) ** 2
+    return np.asarray(solution, dtype=float)

@@ -1,0 +1,81 @@
+"""The body: where its stations are in the picture, how wide it is, what colour it has inside and around."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.vision.body.sampling import read_strip
+from rfea_vision.vision.curve import basis_matrix
+
+FloatArray = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+STATIONS = 65
+ACROSS_TEXTURE = np.linspace(-1.05, 1.05, 13)
+ACROSS_INSIDE = np.linspace(-0.7, 0.7, 7)
+ACROSS_AROUND = np.array([1.5, 1.9, 2.3])
+LEAST_VARIANCE = np.array([6.0, 3.0, 3.0]) ** 2  # of L, a and b: noise and compression
+AROUND_VARIANCE = np.array([12.0, 4.0, 4.0]) ** 2  # the wall has lines and shadows
+NEIGHBOURS = 4  # stations on either side whose colours are taken together
+
+SHARES = np.linspace(0.0, 1.0, STATIONS)
+NORMAL_BASIS = basis_matrix(SHARES, 11)  # displacements across the body,
+ALONG_BASIS = basis_matrix(SHARES, 6)  # along it,
+WIDTH_BASIS = basis_matrix(SHARES, 8)  # and what its half width gains
+
+
+@dataclass
+class Body:
+    """Stations are points of the material: `points` (S, 2) px on the centre line from clamp to tip, `half` (S,) px.
+
+    `inside` (S, 2, 3) and `outside` (S, 2 sides, 2, 3) hold mean and variance of the colours.
+    """
+
+    points: FloatArray
+    half: FloatArray
+    inside: FloatArray
+    outside: FloatArray
+
+    def copy(self) -> Body:
+        return Body(self.points.copy(), self.half.copy(), self.inside.copy(), self.outside.copy())
+
+    @property
+    def length(self) -> float:
+        """Of the centre line in px."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+
+def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit tangents and normals (S, 2) of a line of points, smoothed over its neighbours."""
+    tangent = np.empty_like(points)
+    tangent[2:-2] = points[4:] - points[:-4]
+    tangent[:2], tangent[-2:] = points[2] - points[0], points[-1] - points[-3]
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
+    return tangent, np.column_stack([-tangent[:, 1], tangent[:, 0]])
+
+
+def new_body(points: FloatArray, half: FloatArray) -> Body:
+    """A body whose colours are still unknown."""
+    return Body(points, half, np.zeros((STATIONS, 2, 3)), np.zeros((STATIONS, 2, 2, 3)))
+
+
+def learn_colours(picture: Picture, body: Body, gain: float) -> None:
+    """Read the colours inside and around the body, and mix them by `gain` into what is known."""
+    _, normals = frame_of(body.points)
+    for target, across, least in (
+        (body.inside, ACROSS_INSIDE, LEAST_VARIANCE),
+        (body.outside[:, 0], ACROSS_AROUND, AROUND_VARIANCE),
+        (body.outside[:, 1], -ACROSS_AROUND, AROUND_VARIANCE),
+    ):
+        strip = np.empty((STATIONS, len(across), 3))
+        read_strip(picture, body.points, normals, body.half, across, strip)
+        padded = np.pad(strip, ((NEIGHBOURS, NEIGHBOURS), (0, 0), (0, 0)), mode="edge")
+        near = np.stack([padded[k : k + STATIONS] for k in range(2 * NEIGHBOURS + 1)], axis=1)
+        near = near.reshape(STATIONS, -1, 3)
+        middle = np.median(near, axis=1)  # glare and marks are few
+        spread = 1.4826 * np.median(np.abs(near - middle[:, None]), axis=1)
+        target[:, 0] += gain * (middle - target[:, 0])
+        target[:, 1] += gain * (np.maximum(spread**2, 0.0) + least - target[:, 1])

@@ -1,0 +1,125 @@
+"""Which fits of the body are measurements: one table of rules, each with its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.vision.body.fit import ALONG, Fit
+from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, STATIONS
+
+FloatArray = NDArray[np.float64]
+
+# Limits of the table at the end, set on the even scenes of tests/measurement/phone.py.
+LEAST_BACKING = 0.65  # of the inside must look like the body,
+FIRST_SEEN = 0.5  # of its edges so much must be seen in the first frame,
+STILL_SEEN = 0.6  # and later so much of that, on one side at least: less, and it may be anything
+WIDTHS = (0.75, 1.5)  # median half width, of the first frame's
+LONGEST_LOST = 0.35  # of the length in one piece
+LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
+WIDEST_ERROR = 0.6  # of the half width: standard error of the end that is still a measurement
+SHARPEST = 0.9  # curvature times half width
+
+
+@dataclass
+class First:
+    """The first frame, to which all others are compared: length and half width (S,) px, share of the edges seen.
+
+    `seen` is None while the first frame itself is judged; `shape` is that of the picture, `length_mm` the tube's.
+    """
+
+    length: float
+    half: FloatArray
+    seen: float | None
+    shape: tuple[int, int]
+    length_mm: float
+    px_per_mm: float
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Refuses a fitted frame: `reason`, and a test that returns what was seen, or nothing."""
+
+    reason: str
+    test: Callable[[First, Fit], str]
+
+
+def _unlike(first: First, fit: Fit) -> str:
+    share = float(np.mean(fit.backing))
+    return "" if share >= LEAST_BACKING else f"{100 * share:.0f} % of what is there looks like the tube"
+
+
+def _hidden(first: First, fit: Fit) -> str:
+    """A long stretch that looks like nothing that the tube was before."""
+    lost = np.flatnonzero(fit.backing < 0.3)
+    runs = np.split(lost, np.flatnonzero(np.diff(lost) > 1) + 1)
+    longest = max(runs, key=len)
+    if len(longest) < LONGEST_LOST * STATIONS:
+        return ""
+    ends = SHARES[[longest[0], longest[-1]]] * first.length_mm
+    return f"the tube looks unlike before, {ends[0]:.0f} to {ends[1]:.0f} mm from the clamp"
+
+
+def _edges(first: First, fit: Fit) -> str:
+    left, right = (float(np.mean(fit.seen[:, side])) for side in (0, 1))
+    seen = f"{100 * left:.0f} % of the left edge and {100 * right:.0f} % of the right one are seen"
+    if first.seen is None:
+        return "" if left + right >= 2 * FIRST_SEEN else f"{seen} where it was pointed at"
+    return "" if max(left, right) >= STILL_SEEN * first.seen else seen
+
+
+def _width(first: First, fit: Fit) -> str:
+    share = float(np.median(fit.body.half / first.half))
+    return "" if WIDTHS[0] <= share <= WIDTHS[1] else f"{share:.2f} times as wide as in the first frame"
+
+
+def _length(first: First, fit: Fit) -> str:
+    share = fit.body.length / first.length
+    return "" if LENGTHS[0] <= share <= LENGTHS[1] else f"{share:.2f} times as long as in the first frame"
+
+
+def _folded(first: First, fit: Fit) -> str:
+    """A body does not bend within its own width, nor gather in one place."""
+    steps = np.diff(fit.body.points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    sharpest = float(
+        np.max(np.abs(heading[4:] - heading[:-4]) / np.maximum(lengths[2:-2] * 4, 1e-9) * fit.body.half[2:-3])
+    )
+    gathered = float(lengths.min() / lengths.mean())
+    return "" if sharpest < SHARPEST and gathered > 0.4 else "the line that fits is folded"
+
+
+def _border(first: First, fit: Fit) -> str:
+    x, y = fit.body.points[-1]
+    height, width = first.shape
+    margin = 0.3 * float(fit.body.half[-1])
+    inside = margin <= x <= width - 1 - margin and margin <= y <= height - 1 - margin
+    return "" if inside else "the tip is at the border of the picture"
+
+
+def _vague(first: First, fit: Fit) -> str:
+    error = float(np.sqrt(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]))
+    limit = WIDEST_ERROR * float(np.median(fit.body.half))
+    return "" if error <= limit else f"the end is known to {error / first.px_per_mm:.1f} mm only"
+
+
+RULES = (
+    Rule("touches_border", _border),
+    Rule("no_fit", _folded),
+    Rule("no_tube", _unlike),
+    Rule("occluded", _hidden),
+    Rule("edge_lost", _edges),
+    Rule("width_off", _width),
+    Rule("length_off", _length),
+    Rule("tip_hidden", _vague),
+)
+
+
+def refused(first: First, fit: Fit) -> str:
+    """The first rule that a fit breaks, with what was seen; empty where it is a measurement."""
+    found = ((rule.reason, rule.test(first, fit)) for rule in RULES)
+    return next((f"{reason}: {seen}" for reason, seen in found if seen), "")

@@ -1,0 +1,211 @@
+"""What the picture says along the body: evidence of rubber against wall, edges, ends, and displaced texture. Compiled.
+
+Pictures are CIELAB, (h, w, 3) uint8; places are pixels of that picture. The evidence of a pixel is the logarithm of how
+much likelier its colour is on the body than on the wall, clipped, so that no pixel decides alone. Where the wall at that
+very pixel has been seen, it is the wall's own colour that counts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from rfea_vision.vision.compiled import compiled, lean
+
+CLIP = 4.0  # of the evidence of one pixel
+SEEN = 3  # times that the wall must have been seen at a pixel
+WALL_SCATTER = 5.0  # grey levels: noise and compression of a still wall
+LEAST_EVIDENCE = 0.35  # mean of the three pixels to either side of an edge
+EDGE_PX = 0.4  # standard error of an edge of full contrast
+RAYS = 7  # along the body through its end
+RAY_REACH = 0.6  # of the half width: the outermost rays
+TEXTURE_SCATTER = 5.0  # grey levels by which the same skin differs from frame to frame
+NOISE_SLOPE = 3.0  # grey levels per pixel
+TEXTURE_ALIKE = 0.2  # share of a texture's pixels that are independent in a compressed picture
+
+
+@lean
+def _read(picture, x, y, out):
+    """Bilinear colour at a place; False outside of the picture."""
+    i, j = math.floor(y), math.floor(x)
+    if i < 0 or j < 0 or i >= picture.shape[0] - 1 or j >= picture.shape[1] - 1:
+        return False
+    a, b = y - i, x - j
+    for c in range(3):
+        top = (1.0 - b) * picture[i, j, c] + b * picture[i, j + 1, c]
+        low = (1.0 - b) * picture[i + 1, j, c] + b * picture[i + 1, j + 1, c]
+        out[c] = (1.0 - a) * top + a * low
+    return True
+
+
+@lean
+def _evidence(picture, wall, times, x, y, inside, outside, colour):
+    """Evidence at a place that it is the body; `inside` and `outside` are means and variances (2, 3)."""
+    if not _read(picture, x, y, colour):
+        return -CLIP
+    i, j = int(y + 0.5), int(x + 0.5)
+    body = behind = 0.0
+    known = times[i, j] >= SEEN
+    for c in range(3):
+        off = colour[c] - inside[0, c]
+        body += 0.5 * off * off / inside[1, c] + 0.5 * math.log(inside[1, c])
+        if known:
+            off, variance = colour[c] - wall[i, j, c], WALL_SCATTER**2
+        else:
+            off, variance = colour[c] - outside[0, c], outside[1, c]
+        behind += 0.5 * off * off / variance + 0.5 * math.log(variance)
+    # Something of neither colour (glare, tape, a hand) says little.
+    return min(max(min(behind, 25.0) - min(body, 25.0), -CLIP), CLIP)
+
+
+@lean
+def _best_step(evidence, count, expected, spread):
+    """Place (in samples) of the step from body to wall; its quality, negative where there is none."""
+    best, place, total = -1e300, 0, 0.0
+    for k in range(count - 1):
+        total += evidence[k]
+        off = (k + 0.5 - expected) / spread
+        score = 2.0 * total - 0.5 * off * off
+        if score > best:
+            best, place = score, k
+    inner = outer = 0.0
+    ni = no = 0
+    for d in range(3):
+        if place - d >= 0:
+            inner += evidence[place - d]
+            ni += 1
+        if place + 1 + d < count:
+            outer -= evidence[place + 1 + d]
+            no += 1
+    quality = min(inner / max(ni, 1), outer / max(no, 1))
+    a, b = evidence[place], evidence[place + 1]
+    at = place + a / (a - b) if a > 0.0 > b else place + 0.5
+    if place == 0 or place >= count - 2:
+        quality = -1.0
+    return at, quality
+
+
+@compiled
+def measure_edges(picture, wall, times, points, normals, half, inside, outside, reach, out):
+    """Edges to both sides of every station: `out` (S, 2, 2) how far beyond `half`, and its variance (infinite: none)."""
+    colour, evidence = np.empty(3), np.empty(256)
+    for s in range(points.shape[0]):
+        for side in range(2):
+            sign = 1.0 if side == 0 else -1.0
+            first = max(half[s] - reach, 0.25 * half[s])
+            count = min(int(half[s] + reach - first) + 1, 256)
+            for k in range(count):
+                d = sign * (first + k)
+                x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
+                evidence[k] = _evidence(picture, wall, times, x, y, inside[s], outside[s, side], colour)
+            at, quality = _best_step(evidence, count, half[s] - first, 0.5 * reach)
+            out[s, side, 0] = first + at - half[s]
+            out[s, side, 1] = np.inf
+            if quality > LEAST_EVIDENCE:
+                out[s, side, 1] = (EDGE_PX * (1.0 + 2.0 * math.exp(-quality))) ** 2
+
+
+@compiled
+def measure_end(picture, wall, times, tip, tangent, half, inside, outside, reach, out):
+    """Along rays through the end: `out` (RAYS, 2) how far beyond `tip` the body ends, and the variance (infinite: none)."""
+    colour, evidence = np.empty(3), np.empty(256)
+    first = -min(reach, 3.0 * half) - half
+    count = min(int(2.0 * min(reach, 3.0 * half) + half) + 1, 256)
+    for r in range(RAYS):
+        v = RAY_REACH * half * (2.0 * r / (RAYS - 1) - 1.0)
+        for k in range(count):
+            d = first + k
+            x = tip[0] + d * tangent[0] - v * tangent[1]
+            y = tip[1] + d * tangent[1] + v * tangent[0]
+            evidence[k] = _evidence(picture, wall, times, x, y, inside, outside, colour)
+        at, quality = _best_step(evidence, count, -first, 0.5 * min(reach, 3.0 * half))
+        out[r, 0] = first + at
+        out[r, 1] = (EDGE_PX * (1.0 + 2.0 * math.exp(-quality))) ** 2 if quality > LEAST_EVIDENCE else np.inf
+
+
+@compiled
+def support(picture, wall, times, points, normals, half, inside, outside, out):
+    """Share (S,) of the body's inside that looks like it rather than like the wall."""
+    colour = np.empty(3)
+    for s in range(points.shape[0]):
+        good = 0.0
+        for k in range(7):
+            d = half[s] * (k - 3) * 0.22
+            x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
+            side = 0 if k >= 3 else 1
+            good += _evidence(picture, wall, times, x, y, inside[s], outside[s, side], colour) > 0.0
+        out[s] = good / 7.0
+
+
+@compiled
+def read_strip(picture, points, normals, half, across, out):
+    """Colours `out` (S, V, 3) at `across` (V,) half widths; False where some lie outside of the picture."""
+    colour = np.zeros(3)
+    whole = True
+    for s in range(points.shape[0]):
+        for v in range(across.shape[0]):
+            d = across[v] * half[s]
+            there = _read(picture, points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1], colour)
+            whole = whole and there
+            for c in range(3):
+                out[s, v, c] = colour[c]
+    return whole
+
+
+@compiled
+def match_texture(picture, points, normals, half, across, texture, information, pull, alike):
+    """How the texture lies beside its place: `information` (S, 3) nn, nt, tt and `pull` (S, 2), per station.
+
+    One Gauss-Newton step on the robust difference between picture and `texture` (S, V, 3), without what a change of the
+    light does to all of a station. `alike` (S,) is the share of pixels that agree.
+    """
+    count, width = texture.shape[:2]
+    here, ahead, behind = np.empty((width, 3)), np.empty(3), np.empty(3)
+    slope = np.empty((width, 3, 2))
+    for s in range(count):
+        information[s, :], pull[s, :], alike[s] = 0.0, 0.0, 0.0
+        nx, ny = normals[s, 0], normals[s, 1]
+        whole = True
+        for v in range(width):
+            x, y = points[s, 0] + across[v] * half[s] * nx, points[s, 1] + across[v] * half[s] * ny
+            whole = whole and _read(picture, x, y, here[v])
+            for k in range(2):  # along the normal, then along the tangent (ny, -nx)
+                dx, dy = (nx, ny) if k == 0 else (ny, -nx)
+                whole = whole and _read(picture, x + dx, y + dy, ahead) and _read(picture, x - dx, y - dy, behind)
+                for c in range(3):
+                    steep = 0.5 * (ahead[c] - behind[c])
+                    # Noise has slopes, too, and they would hold the body where it is.
+                    slope[v, c, k] = math.copysign(max(abs(steep) - NOISE_SLOPE, 0.0), steep)
+        if not whole:
+            continue
+        for c in range(3):
+            light = 0.0
+            for v in range(width):
+                light += (here[v, c] - texture[s, v, c]) / width
+            for v in range(width):
+                off = here[v, c] - texture[s, v, c] - light
+                share = off / (3.0 * TEXTURE_SCATTER)
+                if abs(share) >= 1.0:
+                    continue
+                weight = TEXTURE_ALIKE * (1.0 - share * share) ** 2 / TEXTURE_SCATTER**2
+                gn, gt = slope[v, c, 0], slope[v, c, 1]
+                information[s, 0] += weight * gn * gn
+                information[s, 1] += weight * gn * gt
+                information[s, 2] += weight * gt * gt
+                pull[s, 0] -= weight * gn * off
+                pull[s, 1] -= weight * gt * off
+                alike[s] += 1.0 / (3.0 * width)
+
+
+@compiled
+def learn_wall(picture, mask, wall, times):
+    """Average the wall wherever the body is not (`mask` is 0); slowly once it is known, so that light may change."""
+    for i in range(picture.shape[0]):
+        for j in range(picture.shape[1]):
+            if mask[i, j] == 0:
+                n = times[i, j] + 1
+                gain = max(1.0 / n, 0.05)
+                for c in range(3):
+                    wall[i, j, c] += gain * (picture[i, j, c] - wall[i, j, c])
+                times[i, j] = min(n, 1000)

@@ -1,0 +1,62 @@
+"""The whole body in films as phones take them: colour, ruled paper, glare, tape, marks, swelling, compression."""
+
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.errors import DataError
+from rfea_vision.readers.video import open_video
+from rfea_vision.vision import track_frames
+
+from .phone import Arm, Room, film
+
+SMALL = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clutter=3, seed=4)
+LEFT = -np.concatenate([np.linspace(0.05, 0.9, 20), np.linspace(0.9, 0.3, 12)])
+
+
+def tracked(path, truth, *, aside=(0.0, 0.0)):
+    source = open_video(path)
+    x, y = np.mean(truth.clamp_px, axis=0)
+    ruler = [[x, y], [x + 50 * truth.px_per_mm, y]]
+    clamp = tuple((px + aside[0], py + aside[1]) for px, py in truth.clamp_px)
+    hints = Hints(clamp=clamp, tip=(truth.tip_px[0] + aside[0], truth.tip_px[1] + aside[1]))
+    arm = truth.arm
+    actuator = Actuator(outer_radius=arm.half_width / 1e3, inner_radius=arm.half_width / 2e3, length=arm.length / 1e3)
+    calibration = scaled_by_distance(source.size, ruler, 50.0)
+    return track_frames(source, calibration, actuator, hints=hints, vertical="image")
+
+
+@pytest.mark.parametrize(
+    "arm",
+    [
+        Arm(opacity=0.7, glare=0.3, marks=3, tape_end=5.0, swell=0.25),
+        Arm(rgb=(60.0, 60.0, 65.0), taper=0.4, bellows=7, swell=0.1, ragged=1.0),
+    ],
+)
+def test_a_film_that_edges_cannot_read_is_read_by_the_body(arm, tmp_path):
+    truth = film(tmp_path / "film.mp4", arm, SMALL, LEFT)
+    track = tracked(tmp_path / "film.mp4", truth)
+    assert track.dataset.attrs["followed_by"] == "body"
+    assert track.valid.mean() >= 0.95, track.dataset["reason_detail"].values
+    off = track.dataset["tip"].values - truth.tip_mm
+    swing = np.ptp(truth.tip_mm, axis=0).max()
+    assert np.sqrt(np.nanmean(np.sum(off**2, axis=1))) < 0.03 * swing
+    assert np.nanmean(np.abs(off / track.dataset["tip_sigma"].values) < 2.0) > 0.9
+    width = track.dataset["width"].values
+    assert abs(width[:4, -3].mean() / width[:4, 2].mean() - (1 - 0.9 * arm.taper)) < 0.15
+
+
+def test_hints_beside_the_arm_give_no_track(tmp_path):
+    truth = film(tmp_path / "film.mp4", Arm(), SMALL, LEFT[:12])
+    with pytest.raises(DataError, match=r"edge_lost|no_tube|no_fit|occluded|touches_border"):
+        tracked(tmp_path / "film.mp4", truth, aside=(60.0, 10.0))
+
+
+def test_what_covers_the_arm_is_called_so(tmp_path):
+    """A hand over most of the arm in a few frames: they are refused, and the arm is found again behind it."""
+    truth = film(tmp_path / "film.mp4", Arm(rgb=(90.0, 150.0, 120.0), marks=3), SMALL, LEFT, hand=(14, 17))
+    track = tracked(tmp_path / "film.mp4", truth)
+    assert not track.valid[14:17].any()
+    assert track.valid[19:].all()
+    assert set(track.dataset["reason"].values[14:17]) <= {"occluded", "no_tube", "edge_lost"}
