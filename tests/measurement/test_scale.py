@@ -113,5 +113,5 @@ def test_of_two_tubes_the_one_that_was_pointed_at(small_lens):
     assert track.valid.all() and np.abs(error).max() < 0.4
     aside = np.array([60.0, 0.0])
     far = Hints(clamp=tuple(map(tuple, clamp + aside)), tip=tuple(tip + aside))
-    with pytest.raises(DataError, match=r"off_hints|no_tube"):
+    with pytest.raises(DataError, match=r"off_hints|no_tube|edge_lost"):
         track_frames(memory_source(pictures, times), calibration, Actuator(), hints=far)

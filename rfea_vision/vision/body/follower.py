@@ -84,7 +84,7 @@ class BodyFollower:
         self.good, self.missed = 0, 0
         self.first_refusal = ""
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
-        self.first = First(1.0, np.ones(STATIONS), None, (0, 0), scene.length_mm, self.px_per_mm)
+        self.first = First(1.0, np.ones(STATIONS), None, 0.0, (0, 0), scene.length_mm, self.px_per_mm)
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
@@ -139,6 +139,7 @@ class BodyFollower:
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
+        self.first.separation = separation(self.body)
         pointed = POINTED_PX / self.scene.px_per_mm
         self.start = Begin(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
 

@@ -15,7 +15,8 @@ FloatArray = NDArray[np.float64]
 
 # Limits of the table at the end, set on the even scenes of tests/measurement/phone.py.
 LEAST_BACKING = 0.65  # of the inside must look like the body,
-FIRST_SEEN = 0.5  # of its edges so much must be seen in the first frame,
+LEAST_SEPARATION = 0.25  # of the colours of the first frame: below it a wall of noise would do
+FIRST_SEEN = 0.5  # of both its edges so much must be seen in the first frame,
 STILL_SEEN = 0.6  # and later so much of that, on one side at least: less, and it may be anything
 WIDTHS = (0.75, 1.5)  # median half width, of the first frame's
 LONGEST_LOST = 0.35  # of the length in one piece
@@ -28,12 +29,14 @@ SHARPEST = 0.9  # curvature times half width
 class First:
     """The first frame, to which all others are compared: length and half width (S,) px, share of the edges seen.
 
-    `seen` is None while the first frame itself is judged; `shape` is that of the picture, `length_mm` the tube's.
+    `seen` is None while the first frame itself is judged; `separation` tells how clearly its colours differ from those
+    around it (0 to 1); `shape` is that of the picture, `length_mm` the tube's.
     """
 
     length: float
     half: FloatArray
     seen: float | None
+    separation: float
     shape: tuple[int, int]
     length_mm: float
     px_per_mm: float
@@ -45,6 +48,15 @@ class Rule:
 
     reason: str
     test: Callable[[First, Fit], str]
+
+
+def _wall(first: First, fit: Fit) -> str:
+    clear = first.separation
+    return (
+        ""
+        if clear >= LEAST_SEPARATION
+        else f"what was pointed at has the colours of what is around it ({clear:.2f} of 1)"
+    )
 
 
 def _unlike(first: First, fit: Fit) -> str:
@@ -67,7 +79,7 @@ def _edges(first: First, fit: Fit) -> str:
     left, right = (float(np.mean(fit.seen[:, side])) for side in (0, 1))
     seen = f"{100 * left:.0f} % of the left edge and {100 * right:.0f} % of the right one are seen"
     if first.seen is None:
-        return "" if left + right >= 2 * FIRST_SEEN else f"{seen} where it was pointed at"
+        return "" if min(left, right) >= FIRST_SEEN else f"{seen} where it was pointed at"
     return "" if max(left, right) >= STILL_SEEN * first.seen else seen
 
 
@@ -110,6 +122,7 @@ def _vague(first: First, fit: Fit) -> str:
 RULES = (
     Rule("touches_border", _border),
     Rule("no_fit", _folded),
+    Rule("no_tube", _wall),
     Rule("no_tube", _unlike),
     Rule("occluded", _hidden),
     Rule("edge_lost", _edges),
