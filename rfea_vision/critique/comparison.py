@@ -165,6 +165,16 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
     return comparison.model_copy(update={"sentences": _sentences(model, comparison, unit)})
 
 
+#: A dependence that explains less than this share of the residual torque's variance is not worth a word.
+WORTH_A_WORD = 0.05
+
+
+def goes_with(comparison: Comparison) -> list[dict[str, Any]]:
+    """What the residual torque depends on, as a diagnosis says it: {"what", "r2"}, best first."""
+    ranked = comparison.residual_torque.get("depends_on") or []
+    return [{"what": row["what"], "r2": row["score"]} for row in ranked if row["score"] >= WORTH_A_WORD]
+
+
 def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray]) -> list[dict[str, Any]]:
     if not pressures:
         return []

@@ -2,101 +2,103 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from rfea_vision.artefacts.judgement import Candidate, Parameter
+from rfea_vision.critique.measures import delta_bic, matters, share
 from rfea_vision.critique.refinement import SEGMENTS
-from rfea_vision.critique.screening import Screened
-from rfea_vision.critique.trials import Refitted, Trials
+from rfea_vision.critique.search import Search
+from rfea_vision.critique.trials import Trial, plain
+from rfea_vision.critique.verdict import Verdict, title
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.uncertainty import sandwich
 
 
-def candidate_rows(trials: Trials, screened: Sequence[Screened], refitted: Mapping[str, Refitted]) -> list[Candidate]:
-    """Every effect that was screened, those that were refitted first; p values allow for the number of effects tried."""
-    errors, problem = trials.errors, trials.problem
-    unit = "mm" if trials.in_mm else "deg"
-    tests = len({item.effect for item in screened})
-    rows, seen = [], set()
-    for item in (*screened, *(trial.screened for trial in refitted.values())):  # a fresh look needs no score
-        if item.effect in seen:
-            continue
-        seen.add(item.effect)
-        done = refitted.get(item.effect)
-        predicted = errors.train * float(np.sqrt(max(1 - item.explained, 0.0)))
-        scores = [s.score_p for s in screened if s.effect == item.effect and s.score_p is not None]
-        best_p = min(1.0, tests * min(scores)) if scores else None
-        title = trials.title(item.effect)
-        if done is None:
-            shown: dict[str, Any] = {f"predicted_rmse_{unit}": predicted}
-            rows.append(Candidate(effect=item.effect, title=title, score_p=best_p, **shown))
-            continue
-        shown = {f"predicted_rmse_{unit}": predicted, f"train_rmse_{unit}": done.errors.train}
-        if problem.validate:
-            shown[f"validate_rmse_{unit}"] = done.errors.held
-        rows.append(
-            Candidate(
-                effect=item.effect,
-                title=title,
-                score_p=best_p,
-                **shown,
-                share=done.explained,
-                delta_bic=done.delta_bic,
-                parameters=effect_parameters(problem, done.fitted, item.effect),
-                refitted=True,
-                matters=done.matters,
-                note="" if done.allowed else "ended at a bound: not a value that physics allows",
+def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
+    """Every effect that was screened, those that were refitted alone first; p values allow for the number of effects tried."""
+    tests = len({item.effect for item in search.screened})
+    alone = {item.added[0]: item.trial for item in verdict.weighed if len(item.added) == 1}
+    refused = {
+        next(iter(key - search.present.effects)): trial
+        for key, trial in search.trials.done.items()
+        if trial is not None and not trial.allowed and len(key - search.present.effects) == 1
+    }
+    rows = []
+    for name in dict.fromkeys([*(item.effect for item in search.screened), *alone]):
+        own = [item for item in search.screened if item.effect == name]
+        scores = [item.score_p for item in own if item.score_p is not None]
+        unit = search.floors.unit
+        shown: dict[str, Any] = {"score_p": min(1.0, tests * min(scores)) if scores else None}
+        if own:
+            shown[f"predicted_rmse_{unit}"] = search.present.errors.train * float(
+                np.sqrt(max(1 - own[0].explained, 0.0))
             )
-        )
+        done = alone.get(name) or refused.get(name)
+        if done is not None:
+            shown |= _refitted(search, name, done)
+        shown["probability"] = verdict.probability.get(name, 0.0 if done is not None else None)
+        rows.append(Candidate(effect=name, title=title(search, name), **shown))
 
     def error(row: Candidate) -> float:
-        held_out = row.validate_rmse_mm if trials.in_mm else row.validate_rmse_deg
-        predicted = row.predicted_rmse_mm if trials.in_mm else row.predicted_rmse_deg
-        return held_out if held_out is not None else predicted or 0.0
+        found = (row.validate_rmse_mm, row.validate_rmse_deg, row.predicted_rmse_mm, row.predicted_rmse_deg)
+        return next((value for value in found if value is not None), 0.0)
 
-    return sorted(rows, key=lambda row: (not row.refitted, error(row)))
+    return sorted(rows, key=lambda row: (not row.refitted, -(row.probability or 0.0), error(row)))
 
 
-def effect_parameters(problem: Problem, fitted: Fitted, effect_id: str) -> dict[str, Parameter]:
+def _refitted(search: Search, name: str, done: Trial) -> dict[str, Any]:
+    problem, unit, before = search.trials.problem, search.floors.unit, search.present
+    names = set(before.errors.runs) & set(done.errors.runs)
+    shown: dict[str, Any] = {f"train_rmse_{unit}": done.errors.train}
+    if problem.validate:
+        shown[f"validate_rmse_{unit}"] = done.errors.held
+    return shown | {
+        "share": share(before.errors.on(names), done.errors.on(names), search.floor),
+        "delta_bic": delta_bic(problem, before.fitted, done.fitted),
+        "parameters": effect_parameters(problem, done.fitted, name),
+        "refitted": True,
+        "matters": matters(before.errors.on(names), done.errors.on(names), search.floor),
+        "note": "" if done.allowed else "ended at a bound: not a value that physics allows",
+    }
+
+
+def effect_parameters(problem: Problem, fitted: Fitted, name: str) -> dict[str, Parameter]:
     """Fitted values of an effect with their intervals; none for what is no effect but a finer chain."""
-    if effect_id == SEGMENTS:
+    effect = next((e for e in fitted.model.effects if e.id == plain(name)), None)
+    if name == SEGMENTS or effect is None:
         return {}
-    solution = fitted.solution
-    spread = sandwich(
-        list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
-    )
-    ny = len(fitted.coordinates.free)
-    covariance = fitted.coordinates.matrix @ spread.covariance[:ny, :ny] @ fitted.coordinates.matrix.T
-    effect = next(e for e in fitted.model.effects if e.id == effect_id)
+    covariance, quantile = _covariance(problem, fitted)
     out: dict[str, Parameter] = {}
-    for name, spec in effect.parameters.items():
-        k = fitted.model.names.index(f"{effect_id}.{name}")
-        error = float(np.sqrt(max(covariance[k, k], 0)))
-        out[f"{effect_id}.{name}"] = Parameter(
-            value=float(fitted.par[k]),
+    for parameter, spec in effect.parameters.items():
+        k = fitted.model.names.index(f"{effect.id}.{parameter}")
+        value, error = float(fitted.par[k]), float(np.sqrt(max(covariance[k, k], 0)))
+        out[f"{effect.id}.{parameter}"] = Parameter(
+            value=value,
             unit=spec.unit,
             stderr=error,
             lower=spec.lower,
             upper=spec.upper,
-            interval_95=(
-                float(fitted.par[k] - spread.quantile * error),
-                float(fitted.par[k] + spread.quantile * error),
-            ),
+            interval_95=(value - quantile * error, value + quantile * error),
         )
     return out
 
 
-def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:
-    """Base parameters that had moved to make up for the missing effect: value and z-score before and after."""
-    solution = before.solution
+def _covariance(problem: Problem, fitted: Fitted) -> tuple[Any, float]:
+    """Covariance of all parameters of a fit, and the quantile of its 95 % intervals."""
+    solution, matrix = fitted.solution, fitted.coordinates.matrix
     spread = sandwich(
         list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
     )
-    ny = len(before.coordinates.free)
-    covariance = before.coordinates.matrix @ spread.covariance[:ny, :ny] @ before.coordinates.matrix.T
+    ny = len(fitted.coordinates.free)
+    return matrix @ spread.covariance[:ny, :ny] @ matrix.T, spread.quantile
+
+
+def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:
+    """Base parameters that had moved to make up for the missing effects: value and z-score before and after."""
+    covariance, _ = _covariance(problem, before)
     out = []
     for k in range(7):
         old, new, error = float(before.par[k]), float(after.par[k]), float(np.sqrt(max(covariance[k, k], 0)))

@@ -1,10 +1,10 @@
-"""Fit, diagnose, add one effect, again: rung by rung until a verdict ends it."""
+"""Fit, diagnose, add one effect, again: rung by rung until nothing more is named."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,16 @@ import xarray as xr
 
 from rfea_vision.artefacts.judgement import Comparison, Diagnosis, Ladder, ModelFit, Rung
 from rfea_vision.artefacts.measurement import Actuator, Recording
-from rfea_vision.critique.comparison import compare
-from rfea_vision.critique.diagnosis import Judgement, judge, refit_artefact, refit_named
-from rfea_vision.critique.measures import Errors, delta_bic, errors_of, matters
-from rfea_vision.critique.refinement import SEGMENTS
+from rfea_vision.critique.comparison import compare, goes_with
+from rfea_vision.critique.diagnosis import Judgement, judge, refit_artefact
+from rfea_vision.critique.measures import common_runs, delta_bic, matters
+from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.critique.refinement import TITLE as SEGMENTS_TITLE
+from rfea_vision.critique.screening import acting, sensitivities
+from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.torque import with_residual_torque
-from rfea_vision.critique.trials import Refitted
+from rfea_vision.critique.trials import Trial, Trials, plain
+from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
@@ -27,27 +30,161 @@ from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
 
 OnRung = Callable[[ModelFit, dict[str, xr.Dataset], Comparison, Diagnosis], None]
-MOST_RUNGS = 6
+#: No more than so many effects are added: with more, the parameters of an RSDA model outnumber what a bend can tell.
+MOST_RUNGS = 8
 
 
-def _look_back(
-    problem: Problem, fitted: Fitted, errors: Errors, floor: float, keep: str
-) -> tuple[Fitted, Errors, str | None]:
-    """Drop an earlier effect whose removal no longer hurts the held-out error."""
+@dataclass(frozen=True)
+class Step:
+    """What is added next, why, and how surely; nothing where `why` says so."""
+
+    added: str | None = None
+    grade: str | None = None
+    probability: float | None = None
+    share: float | None = None
+    tied: list[str] = field(default_factory=list)
+    why: str = ""
+
+
+def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool) -> Step:
+    """The most telling effect that is named; with `stand_ins`, else the one that helps the held-out error most."""
+    rows = {row.effect: row for row in diagnosis.candidates}
+
+    def of(name: str, grade: str) -> Step:
+        row = rows.get(name)
+        tied = diagnosis.rivals_of(name)
+        if row is None:
+            return Step(name, grade, tied=tied)
+        return Step(f"{name}:{row.form}" if row.form else name, grade, row.probability, row.share, tied)
+
+    for name in diagnosis.named:
+        if name not in dropped:
+            return of(name, "named")
+    if diagnosis.named:
+        return Step(why="what is named had been dropped before: it does not earn its place")
+    if stand_ins and not diagnosis.sufficient:
+        helping = [row for row in rows.values() if row.matters and row.effect not in dropped and not row.note]
+        if helping:
+            return of(max(helping, key=lambda row: row.share or 0.0).effect, "stand-in")
+    return Step(why=f"the verdict is {diagnosis.verdict}: {diagnosis.sentence}")
+
+
+def _climbed(problem: Problem, fitted: Fitted, name: str, trials: Trials) -> Fitted | None:
+    """The model with one effect more, under a law of its own, from where the search has found it best."""
+    if name == SEGMENTS:
+        known = trials.done.get(frozenset((*fitted.options.effects, SEGMENTS)))
+        return (
+            known.fitted if known is not None else refit_segments(problem, fitted, f"{fitted.options.name}+{SEGMENTS}")
+        )
+    key = frozenset((*fitted.options.effects, name))
+    trial = trials.done.get(key) or _tried_alone(trials, trials.stands(fitted), name)
+    if trial is None:
+        return None
+    options = replace(
+        fitted.options, effects=(*fitted.options.effects, name), name=f"{fitted.options.name}+{plain(name)}",
+        effect_files=trials.effect_files or fitted.options.effect_files,
+    )  # fmt: skip
+    values = dict(zip(trial.fitted.model.names, trial.fitted.par.tolist(), strict=True))
+    try:
+        return refit(problem, options, values, options.segments, trial.fitted.solution.clocks)
+    except DataError:
+        return None
+
+
+def _look_back(fitted: Fitted, trials: Trials, floor: float, keep: str) -> tuple[Fitted, set[str]]:
+    """The model without an earlier effect whose removal no longer hurts the held-out error, and what was dropped."""
+    whole = trials.done[frozenset(fitted.options.effects)]
+    base = trials.done.get(frozenset())
     for effect in fitted.options.effects:
-        if effect == keep or any(effect in other.goes_with for other in fitted.model.effects):
+        needed = any(plain(effect) in other.goes_with for other in acting(fitted))
+        if effect == keep or needed or whole is None or base is None:
             continue
-        left = tuple(e for e in fitted.options.effects if e != effect)
-        options = replace(fitted.options, effects=left, name="+".join(("base", *left)))
-        known = dict(zip(fitted.model.names, fitted.par, strict=True))
-        try:
-            without = refit(problem, options, known, fitted.options.segments, fitted.solution.clocks)
-        except DataError:
+        rest = [one for one in fitted.options.effects if one != effect]
+        values = dict(zip(fitted.model.names, fitted.par.tolist(), strict=True))
+        start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
+        without = trials.refit(base, rest, start)
+        if without is None:
             continue
-        other = errors_of(problem, without)
-        if not matters(other, errors, floor):
-            return without, other, effect
-    return fitted, errors, None
+        names = common_runs([without.errors, whole.errors])
+        if not matters(without.errors.on(names), whole.errors.on(names), floor):
+            options = replace(fitted.options, effects=tuple(rest), name="+".join(("base", *map(plain, rest))))
+            known = dict(zip(without.fitted.model.names, without.fitted.par.tolist(), strict=True))
+            clocks = without.fitted.solution.clocks
+            return refit(trials.problem, options, known, options.segments, clocks), {plain(effect)}
+    return fitted, set()
+
+
+def _tried_alone(trials: Trials, base: Trial, name: str) -> Trial | None:
+    """The refit behind a name that an earlier diagnosis of the same fit has given."""
+    (effect,) = find_effects([plain(name)], trials.effect_files)
+    proposals = Combinations(list(sensitivities(trials.problem, base.fitted, (effect,)))).best(frozenset(), 1, 1)
+    return trials.refit(base, (name,), proposals[0][0].start if proposals and proposals[0] else {})
+
+
+@dataclass
+class _Climb:
+    """Where a climb stands."""
+
+    problem: Problem
+    trials: Trials
+    fitted: Fitted
+    rungs: list[Rung] = field(default_factory=list)
+    dropped: set[str] = field(default_factory=set)
+    last: Step = field(default_factory=Step)
+    before: Fitted | None = None
+    floor: float = 0.0
+
+    def note(self, artefact: ModelFit, diagnosis: Diagnosis) -> None:
+        """Write a rung down."""
+        self.floor = diagnosis.noise_floor_mm or diagnosis.noise_floor_deg or 0.0
+        train, validate = artefact.metrics.get("train"), artefact.metrics.get("validate")
+        bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
+        self.rungs.append(
+            Rung(
+                model=artefact.name,
+                added=plain(self.last.added) if self.last.added else None,
+                tied=self.last.tied,
+                train_tip_rmse_mm=train.tip_rmse_mm if train else None,
+                validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
+                train_angle_rmse_deg=train.angle_rmse_deg if train else None,
+                validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
+                delta_bic=bic,
+                verdict=diagnosis.verdict,
+                grade=self.last.grade,  # type: ignore[arg-type]
+                probability=self.last.probability,
+                share=self.last.share,
+            )
+        )
+
+    def add(self, step: Step, following: ModelFit | None) -> bool:
+        """Take a step, or the one that an earlier climb had taken; whether it could be taken."""
+        name = str(step.added)
+        if following is not None:
+            fitted = refit_artefact(following, self.problem)
+            gone = {*map(plain, self.fitted.options.effects), plain(name)} - {*map(plain, following.effects), SEGMENTS}
+        else:
+            found = _climbed(self.problem, self.fitted, name, self.trials)
+            if found is None:
+                return False
+            self.trials.stands(found)
+            fitted, gone = _look_back(found, self.trials, self.floor, name)
+        self.dropped |= gone
+        self.before, self.fitted, self.last = self.fitted, fitted, step
+        return True
+
+    def ladder(self, first: Fitted, stopped: str) -> Ladder:
+        """What came of it; test runs are scored here, once."""
+        in_mm = self.problem.train[0].has_tip
+        test = _test_score(self.problem, first, self.fitted) if self.problem.test else None
+        titles, unit = _titles(self.fitted, self.rungs), "mm" if in_mm else "deg"
+        return Ladder(
+            rungs=self.rungs,
+            test=test,
+            noise_floor_mm=self.floor if in_mm else None,
+            noise_floor_deg=None if in_mm else self.floor,
+            stopped_because=stopped,
+            findings=_findings(self.rungs, titles, test, self.floor, unit, stopped),
+        )
 
 
 def improve(
@@ -65,82 +202,64 @@ def improve(
 
     Choosing uses the training and validation runs only; test runs, where there are any, are scored once at the end.
     `on_rung` receives every rung as soon as it stands. `finished` are the rungs of an earlier climb that was interrupted:
-    they are climbed again without being fitted or judged anew.
+    they are climbed again without being fitted or judged anew. With `stand_ins` the climb goes on with what lowers the held-out
+    error though it is hardly the cause. Work is counted, not timed; a budget, where one is given, ends the climb between two
+    rungs, but not before what was named is added.
     """
     started = time.monotonic()
-    judged = critique or CritiqueOptions()
+    asked = critique or CritiqueOptions()
     chosen = options or FitOptions()
-    chosen = replace(chosen, effect_files=judged.effect_files or chosen.effect_files)
-    judged = replace(judged, effect_files=chosen.effect_files)
+    chosen = replace(chosen, effect_files=asked.effect_files or chosen.effect_files)
+    asked = replace(asked, effect_files=chosen.effect_files)
     problem = make_problem(recordings, actuator, chosen.observe, pressure_zero_sd=chosen.pressure_zero_sd)
-    in_mm = problem.train[0].has_tip
-    fitted = refit_artefact(finished[0][0], problem) if finished else fit(problem, chosen)
-    first = fitted
-    added: str | None = None
-    tied: list[str] = []
-    before: Fitted | None = None
-    rungs: list[Rung] = []
-    floor: float | None = None
-    dropped: set[str] = set()
-    expected: list[str] = []
+    first = refit_artefact(finished[0][0], problem) if finished else fit(problem, chosen)
+    climb = _Climb(problem, Trials(problem, chosen.effect_files), first)
     stopped = f"{MOST_RUNGS} rungs were climbed"
     for index in range(MOST_RUNGS):
-        refitted: Mapping[str, Refitted] = {}
+        following = finished[index + 1][0] if index + 1 < len(finished) else None
         if index < len(finished):
-            artefact, diagnosis = finished[index]
+            diagnosis = finished[index][1]
+            climb.note(*finished[index])
         else:
-            artefact = as_artefact(problem, fitted)
-            predictions = with_residual_torque(artefact, recordings, predict(artefact, _without_test(recordings)))
-            comparison = compare(artefact, recordings, predictions)
-            judgement = judge(
-                problem,
-                fitted,
-                options=judged,
-                candidates=candidates,
-                where=comparison.where,
-                expected=expected,
-            )
-            diagnosis, refitted = judgement.diagnosis, judgement.refitted
-            if on_rung is not None:
-                told = diagnosis.model_copy(update={"next_pressure": _as_lists(judgement)})
-                on_rung(artefact, predictions, comparison, told)
-        floor = diagnosis.noise_floor_mm if in_mm else diagnosis.noise_floor_deg
-        rungs.append(_rung(problem, artefact, added, tied, before, fitted, diagnosis))
+            diagnosis = _judged(climb, recordings, candidates, asked, on_rung)
         if progress is not None:
             progress(index + 1, MOST_RUNGS)
-        if diagnosis.verdict != "missing":
-            stopped = f"the verdict is {diagnosis.verdict}: {diagnosis.sentence}"
+        step = next_step(diagnosis, climb.dropped, asked.stand_ins)
+        late = asked.budget_s is not None and time.monotonic() - started > asked.budget_s
+        if step.added is None or (late and step.grade != "named"):
+            stopped = step.why or f"the time budget of {asked.budget_s:.0f} s is used up; nothing more is named"
             break
-        name = next((n for n in diagnosis.named if n not in dropped), None)
-        if name is None:
-            stopped = "the only effect named had been dropped before: it does not earn its place"
+        if index + 1 == MOST_RUNGS or not climb.add(step, following):
+            stopped = stopped if index + 1 == MOST_RUNGS else f"{step.added} is named, but could not be fitted again"
             break
-        if judged.budget_s is not None and time.monotonic() - started > judged.budget_s:
-            stopped = f"the time budget of {judged.budget_s:.0f} s is used up; the last diagnosis still names {name}"
-            break
-        before, added, tied = fitted, name, diagnosis.rivals_of(name)
-        expected = [other for other in diagnosis.named if other != name]
-        if index + 1 < len(finished):
-            following = finished[index + 1][0]
-            fitted = refit_artefact(following, problem)
-            dropped |= {*before.options.effects, name} - {*following.effects, SEGMENTS}
-            continue
-        trial = refitted.get(name) or refit_named(problem, fitted, name, judged.effect_files)
-        if trial is None:
-            stopped = f"{name} is named, but could not be fitted again"
-            break
-        fitted, _, gone = _look_back(problem, trial.fitted, trial.errors, floor or 0.0, name)
-        if gone is not None:
-            dropped.add(gone)
-    test = _test_score(problem, first, fitted) if problem.test else None
-    return Ladder(
-        rungs=rungs,
-        test=test,
-        noise_floor_mm=floor if in_mm else None,
-        noise_floor_deg=None if in_mm else floor,
-        stopped_because=stopped,
-        findings=_findings(rungs, _titles(fitted, rungs), test, floor, "mm" if in_mm else "deg", stopped),
+    return climb.ladder(first, stopped)
+
+
+def _judged(
+    climb: _Climb,
+    recordings: Mapping[str, Recording],
+    candidates: Sequence[str] | None,
+    options: CritiqueOptions,
+    on_rung: OnRung | None,
+) -> Diagnosis:
+    """Score, compare and diagnose the model as it stands; the rung is handed on as soon as it is known."""
+    artefact = as_artefact(climb.problem, climb.fitted)
+    predictions = with_residual_torque(artefact, recordings, predict(artefact, _without_test(recordings)))
+    comparison = compare(artefact, recordings, predictions)
+    judgement = judge(
+        climb.problem,
+        climb.fitted,
+        options,
+        candidates=candidates,
+        where=comparison.where,
+        goes_with=goes_with(comparison),
+        trials=climb.trials,
     )
+    climb.note(artefact, judgement.diagnosis)
+    if on_rung is not None:
+        told = judgement.diagnosis.model_copy(update={"next_pressure": _as_lists(judgement)})
+        on_rung(artefact, predictions, comparison, told)
+    return judgement.diagnosis
 
 
 def _as_lists(judgement: Judgement) -> dict[str, Any] | None:
@@ -155,30 +274,6 @@ def _as_lists(judgement: Judgement) -> dict[str, Any] | None:
 
 def _without_test(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
     return {name: r for name, r in recordings.items() if r.role in ("train", "validate")}
-
-
-def _rung(
-    problem: Problem,
-    artefact: ModelFit,
-    added: str | None,
-    tied: list[str],
-    before: Fitted | None,
-    fitted: Fitted,
-    diagnosis: Diagnosis,
-) -> Rung:
-    bic = delta_bic(problem, before, fitted) if before is not None else None
-    train, validate = artefact.metrics.get("train"), artefact.metrics.get("validate")
-    return Rung(
-        model=artefact.name,
-        added=added,
-        tied=tied,
-        train_tip_rmse_mm=train.tip_rmse_mm if train else None,
-        validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
-        train_angle_rmse_deg=train.angle_rmse_deg if train else None,
-        validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
-        delta_bic=bic,
-        verdict=diagnosis.verdict,
-    )
 
 
 def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]:

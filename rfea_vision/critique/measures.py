@@ -1,15 +1,15 @@
-"""How good a fit is: errors on training and held-out runs, what is left above the noise, and when an effect matters."""
+"""How good a fit is: its errors run by run, what of them is above the floor, and when a fall of them matters."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.fitting.fit import Fitted, Problem
-from rfea_vision.fitting.observation import MM, Observed, noise_floor_deg, noise_floor_mm
+from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.residual_tests import correlation_time
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import gaps
@@ -19,100 +19,105 @@ FloatArray = NDArray[np.float64]
 #: An effect matters if it lowers the held-out error by this share and by this many noise floors (docs/formats.md).
 MATTERS_SHARE = 0.10
 MATTERS_FLOORS = 0.2
-#: Structure below half a noise floor does not change the verdict.
+#: Structure below half a noise floor does not change the verdict (docs/formats.md).
 STRUCTURE_FLOORS = 0.5
-#: Differences over frames up to this far apart are noise, not motion.
-NOISE_SPAN_S = 0.02
-#: Residuals may raise the noise floor by this factor at most: beyond, they are not noise.
-MOST_RAISED = 4.0
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """Mean squared errors on one run: of the tip (mm^2) or, without a tip, of the angle (deg^2); and of the midline (mm^2)."""
+
+    role: str
+    frames: int
+    tip: float
+    midline: float | None
 
 
 @dataclass(frozen=True)
 class Errors:
-    """RMS errors of a model: tip and midline (mm), or angle (deg) in place of the tip, on training and held-out runs."""
+    """Errors of a model on the runs on which it could be simulated; each in mm, or in deg where only an angle was seen."""
 
-    train: float
-    held: float
-    held_midline: float | None
-    train_midline: float | None
+    runs: Mapping[str, RunErrors] = field(default_factory=dict)
+
+    def on(self, names: Collection[str]) -> Errors:
+        """The same on fewer runs: candidates are compared on those that all of them can be simulated on."""
+        return Errors({name: run for name, run in self.runs.items() if name in names})
+
+    def _rms(self, roles: Collection[str], key: str) -> float | None:
+        rows = [(getattr(run, key), run.frames) for run in self.runs.values() if run.role in roles]
+        rows = [row for row in rows if row[0] is not None]
+        frames = sum(count for _, count in rows)
+        return float(np.sqrt(sum(square * count for square, count in rows) / frames)) if frames else None
+
+    @property
+    def judges(self) -> tuple[str, ...]:
+        """Roles of the runs that judge: validation, or training where there are no others."""
+        return ("validate",) if any(run.role == "validate" for run in self.runs.values()) else ("train",)
+
+    @property
+    def train(self) -> float:
+        return self._rms(("train",), "tip") or 0.0
+
+    @property
+    def held(self) -> float:
+        """Root mean square error of the tip, or the angle, on the runs that judge."""
+        return self._rms(self.judges, "tip") or 0.0
+
+    @property
+    def held_midline(self) -> float | None:
+        return self._rms(self.judges, "midline")
+
+    def excess(self, floor: float) -> dict[str, float]:
+        """Squared error above the floor, by run; mean of tip and midline where there are both."""
+        out = {}
+        for name, run in self.runs.items():
+            parts = [run.tip] if run.midline is None else [run.tip, run.midline]
+            out[name] = float(np.mean([max(part - floor**2, 0.0) for part in parts]))
+        return out
+
+    def held_excess(self, floor: float) -> float:
+        """Squared error above the floor on the runs that judge."""
+        left = self.excess(floor)
+        rows = [(left[name], run.frames) for name, run in self.runs.items() if run.role in self.judges]
+        return sum(square * frames for square, frames in rows) / max(sum(frames for _, frames in rows), 1)
 
 
-def held_out(problem: Problem) -> tuple[Observed, ...]:
-    """Runs on which candidates are judged: validation runs, or the training runs where there are none."""
-    return problem.validate or problem.train
-
-
-def _rms(items: Sequence[Observed], predicted: Sequence[Predicted]) -> tuple[float, float | None]:
-    tips, lines = [], []
-    for item, one in zip(items, predicted, strict=True):
-        part = gaps(item, one)
-        tips.append(part.tip if part.tip is not None else part.angle)
-        if part.midline is not None:
-            lines.append(part.midline)
-    tip = float(np.sqrt(np.nanmean(np.concatenate(tips))))  # type: ignore[arg-type]
-    return tip, float(np.sqrt(np.nanmean(np.concatenate(lines)))) if lines else None
+def mean_squares(item: Observed, predicted: Predicted) -> RunErrors:
+    """Mean squared errors of one prediction."""
+    part = gaps(item, predicted)
+    tip = part.tip if part.tip is not None else part.angle
+    line = None if part.midline is None else float(np.nanmean(part.midline))
+    return RunErrors(item.role, int(item.time.size), float(np.nanmean(np.asarray(tip))), line)
 
 
 def errors_of(problem: Problem, fitted: Fitted) -> Errors:
     """Errors of a solved fit; held-out runs may adjust their clocks where these were found from the motion."""
-    train, train_line = _rms(problem.train, fitted.solution.evaluation.predicted)
-    if not problem.validate:
-        return Errors(train, train, train_line, train_line)
-    clocks = fit_clocks(fitted.model, problem.validate, fitted.par)
-    predicted = []
-    for item, clock in zip(problem.validate, clocks, strict=True):
-        one = predict_observed(fitted.model, fitted.par, item, (), float(clock))
-        if one is None:
-            return Errors(train, float("inf"), float("inf"), train_line)
-        predicted.append(one)
-    held, held_line = _rms(problem.validate, predicted)
-    return Errors(train, held, held_line, train_line)
+    runs = {
+        item.name: mean_squares(item, one)
+        for item, one in zip(problem.train, fitted.solution.evaluation.predicted, strict=True)
+    }
+    for item in problem.validate:
+        clock = float(fit_clocks(fitted.model, [item], fitted.par)[0])
+        one = predict_observed(fitted.model, fitted.par, item, (), clock)
+        if one is not None:
+            runs[item.name] = mean_squares(item, one)
+    return Errors(runs)
 
 
-def _tip_gaps(problem: Problem, fitted: Fitted) -> list[FloatArray]:
-    """Residual of the tip in mm (frames, 2), or of the angle in deg (frames, 1), per training run."""
-    out = []
-    for item, predicted in zip(problem.train, fitted.solution.evaluation.predicted, strict=True):
-        if item.has_tip:
-            out.append((item.points[:, -1] - predicted.points[:, -1]) / MM)
-        else:
-            out.append(np.rad2deg(item.angle - predicted.angle)[:, None])
-    return out
-
-
-def floor_of(problem: Problem, fitted: Fitted) -> float:
-    """Noise floor in the norm of the held-out error (mm, or deg where only an angle was measured).
-
-    Noise that is correlated over a few frames hides from the track's own high frequencies, where the tube's motion would
-    drown it. In the residual the motion is gone, so there third differences may be taken over longer and longer strides.
-    """
-    known, _ = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
-    known = known or noise_floor_deg(list(problem.train)) or 0.0
-    seen = []
-    for item, gap in zip(problem.train, _tip_gaps(problem, fitted), strict=True):
-        period = float(np.median(np.diff(item.time)))
-        strides = range(1, max(1, int(NOISE_SPAN_S / period + 1e-6)) + 1)
-        seen.append(max((_spread(gap, stride) for stride in strides), default=0.0))
-    raised = float(np.sqrt(np.mean(np.square(seen))))
-    return float(np.clip(raised, known, MOST_RAISED * known))
-
-
-def _spread(gap: FloatArray, stride: int) -> float:
-    third = gap[3 * stride :] - 3 * gap[2 * stride : -stride] + 3 * gap[stride : -2 * stride] - gap[: -3 * stride]
-    if third.shape[0] < 12:
-        return 0.0
-    sigma = np.median(np.abs(third - np.median(third, axis=0)), axis=0) / 0.6745 / np.sqrt(20)
-    return float(np.sqrt(np.sum(sigma**2)))
+def common_runs(errors: Iterable[Errors]) -> set[str]:
+    """Runs on which all of these could be simulated: one that is missing is left out for all alike."""
+    names = [set(one.runs) for one in errors]
+    return set.intersection(*names) if names else set()
 
 
 def effective_count(problem: Problem, fitted: Fitted) -> float:
-    """Number of independent residuals: frames over the integrated autocorrelation time of the tip residual, run by run."""
+    """Number of independent residuals: frames over the integrated autocorrelation time of the worst axis, run by run."""
     total = 0.0
-    for gap in _tip_gaps(problem, fitted):
-        for axis in range(gap.shape[1]):
-            frames = 2 * correlation_time(gap[:, axis], 1.0)  # one frame after the other where the residual is white
-            total += gap.shape[0] / frames if frames > 0 else 0.0
-    return max(total, 10.0)
+    for item, predicted in zip(problem.train, fitted.solution.evaluation.predicted, strict=True):
+        gap = item.points[:, -1] - predicted.points[:, -1] if item.has_tip else (item.angle - predicted.angle)[:, None]
+        frames = 2 * correlation_time(gap[:, int(np.argmax(gap.std(axis=0)))], 1.0)  # one where the residual is white
+        total += gap.shape[0] / frames if frames > 0 else 0.0
+    return max(total, 2.0)
 
 
 def delta_bic(problem: Problem, before: Fitted, after: Fitted) -> float:
@@ -139,18 +144,13 @@ def matters(before: Errors, after: Errors, floor: float) -> bool:
     )
 
 
-def excess(errors: Errors, floor: float) -> float:
-    """Squared held-out error above the noise floor, tip and midline together."""
-    line = errors.held_midline if errors.held_midline is not None else 0.0
-    return max(errors.held**2 - floor**2, 0.0) + max(line**2 - floor**2, 0.0)
+def share(before: Errors, after: Errors, floor: float) -> float:
+    """Share of the held-out squared error above the floor that is gone; negative where it grew."""
+    had = before.held_excess(floor)
+    return 1 - after.held_excess(floor) / had if had > 0 else 0.0
 
 
 def structure(errors: Errors, floor: float) -> float:
-    """What is left above the noise, in noise floors: of the tip or of the midline, whichever is more."""
-    worst = max(errors.held, errors.held_midline if errors.held_midline is not None else 0.0)
+    """What is left above the floor, in floors: of the tip or of the midline, whichever is more."""
+    worst = max(errors.held, errors.held_midline or 0.0)
     return float(np.sqrt(max(worst**2 - floor**2, 0.0))) / floor if floor > 0 else float("inf")
-
-
-def merit(errors: Errors) -> float:
-    """Held-out error by which candidates are ranked: tip and midline together."""
-    return errors.held if errors.held_midline is None else float(np.hypot(errors.held, errors.held_midline))

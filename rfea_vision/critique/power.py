@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.diagnosis import refit_artefact
-from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE, floor_of
+from rfea_vision.critique.floors import binding, floors_of
+from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE
 from rfea_vision.critique.screening import Sensitivity, available, offered, sensitivities
 from rfea_vision.fitting.fit import make_problem
 from rfea_vision.fitting.observation import MM, Observed
@@ -61,7 +62,7 @@ def power_study(
     zero_sd = float(model.given.get("pressure_zero_sd", 0.0))
     problem = make_problem(recordings, Actuator(**model.actuator), model.observe, pressure_zero_sd=zero_sd)  # type: ignore[arg-type]
     fitted = refit_artefact(model, problem)
-    floor = floor_of(problem, fitted)
+    floor = binding(floors_of(problem, fitted))
     present = {e.id for e in fitted.model.effects}
     effects = available(offered(problem, fitted, candidates, effect_files), present)
     # From the floor up to an error that an effect must lower by a tenth, and by a fifth of the floor.

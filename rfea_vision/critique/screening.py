@@ -88,14 +88,14 @@ def _vector(model: Model, fitted: Fitted, point: dict[str, float]) -> FloatArray
     known = dict(zip(fitted.model.names, fitted.par, strict=True))
     par = np.zeros(len(model.names))
     for k, name in enumerate(model.names):
-        if name in known:
+        if name in known and name not in point:
             par[k] = known[name]
         elif name in point:
             par[k] = point[name]
         else:
             effect, parameter = name.split(".")
             spec = next(e for e in model.effects if e.id == effect).parameters[parameter]
-            par[k] = 0.0 if spec.absent is None else spec.absent
+            par[k] = (spec.grid or (spec.start,))[-1] if spec.absent is None else spec.absent
     return par
 
 
@@ -130,6 +130,20 @@ class Sensitivity:
     secant: float = 0.0
 
 
+def acting(fitted: Fitted) -> tuple[Effect, ...]:
+    """Effects that a fit has; those that its law was only compiled with are held at their absent values."""
+    values = dict(zip(fitted.model.names, fitted.par, strict=True))
+    return tuple(
+        effect
+        for effect in fitted.model.effects
+        if any(
+            f"{effect.id}.{name}" not in fitted.options.fixed
+            or values[f"{effect.id}.{name}"] != effect.parameters[name].absent
+            for name in effect.amplitudes()
+        )
+    )
+
+
 def sensitivities(
     problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None
 ) -> Iterator[Sensitivity]:
@@ -138,11 +152,13 @@ def sensitivities(
     Where a run with all of them fails (on the edge of what can be simulated), they are taken in halves.
     """
     points = grids(effects)
+    # The law of the whole catalogue is compiled once and for all; a law of those asked for would be another each time.
+    compiled = tuple({e.id: e for e in (*find_effects(sorted(catalogue())), *effects)}.values())
     for round_, point in enumerate(points):
         active = (
             effects if round_ == 0 else [e for e in effects if any(len(s.grid) > round_ for s in e.parameters.values())]
         )
-        yield from _at_point(problem, fitted, effects, active, point)
+        yield from _at_point(problem, fitted, compiled, active, point)
         if progress is not None:
             progress(round_ + 1, len(points))
 
@@ -153,8 +169,8 @@ def _at_point(
     """Sensitivities of the active effects at one point of the grid; `effects` are those that the law is compiled with."""
     rough = tuple(o.rough(FRAMES_SCREENED) for o in problem.train)
     thin = tuple(o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train)
-    everything = tuple(sorted([*fitted.model.effects, *effects], key=lambda e: e.id))
-    model = replace(fitted.model, effects=everything)
+    everything = {e.id: e for e in (*effects, *acting(fitted))}
+    model = replace(fitted.model, effects=tuple(everything[name] for name in sorted(everything)))
     base_free = [model.names.index(name) for name in fitted.coordinates.names]
     par = _vector(model, fitted, point)
     extra = [model.names.index(f"{e.id}.{n}") for e in active for n in e.amplitudes()]
@@ -164,6 +180,9 @@ def _at_point(
         if result is not None:
             break
     else:
+        if len(effects) > len(active):
+            yield from _at_point(problem, fitted, active, active, point)
+            return
         half = len(active) // 2
         for part in (active[:half], active[half:]) if half else ():
             yield from _at_point(problem, fitted, part, part, point)
@@ -201,13 +220,11 @@ def _at_point(
         yield Sensitivity(effect, own_grid, names, jacobian, residual, items, result.slices, secant)
 
 
-def screen(
-    problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None
-) -> list[Screened]:
-    """Score every effect at every point of its grid, best first; empty if the model cannot be simulated."""
+def screened_rows(rows: Sequence[Sensitivity], effects: Sequence[Effect]) -> list[Screened]:
+    """Score of every effect at every point of its grid, best first."""
     found: list[Screened] = []
     tests = len(grids(effects))
-    for row in sensitivities(problem, fitted, effects, progress):
+    for row in rows:
         # The residual is measured minus modelled; its Jacobian has the sign of minus the model's.
         gradient, hessian = -row.jacobian.T @ row.residual, row.jacobian.T @ row.jacobian
         step, fall = _step(row.effect, gradient, hessian, row.names)

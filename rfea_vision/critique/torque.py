@@ -144,7 +144,12 @@ def summarise_torque(results: list[tuple[ResidualTorque, Observed, float]]) -> d
     for name in columns[0]:
         score = correlation_ratio(torque, np.concatenate([c[name] for c in columns]))
         ranked.append(
-            {"on": name, "score": score, "sentence": f"{100 * score:.0f} % of its variance goes with {_WORDS[name]}."}
+            {
+                "on": name,
+                "what": _WORDS[name],
+                "score": score,
+                "sentence": f"{100 * score:.0f} % of its variance goes with {_WORDS[name]}.",
+            }
         )
     ranked.sort(key=lambda row: -row["score"])
     return {

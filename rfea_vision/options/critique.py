@@ -10,9 +10,6 @@ from pydantic.dataclasses import dataclass
 from rfea_vision.options.asking import CLOSED, Asked, quantity
 from rfea_vision.options.fit import EffectFiles, Seed
 
-#: Share of the squared error above the noise from which on a misfit counts as explained, unless asked otherwise.
-EXPLAINED = 0.97
-
 
 @dataclass(frozen=True, kw_only=True, config=CLOSED)
 class CritiqueOptions:
@@ -20,20 +17,9 @@ class CritiqueOptions:
 
     seed: Seed = 0
     effect_files: EffectFiles = ()
-    enough: Annotated[
-        float,
-        quantity("1", "97%"),
-        Asked(("diagnose", "improve"), "SHARE", write=lambda value, _: [f"{100 * value:g}%"]),
-    ] = Field(
-        default=EXPLAINED,
-        gt=0,
-        le=1,
-        description="Share of the misfit (squared error above the noise) that must be explained to earn a name; "
-        "default 97%.",
-    )
-    stand_ins: bool = Field(
+    stand_ins: Annotated[bool, Asked(("improve",))] = Field(
         default=False,
-        description="Go on with flexible stand-ins for what has no name, after the effects that have one.",
+        description="Go on with effects that lower the held-out error though they are hardly its cause, marked as such.",
     )
     budget_s: Annotated[
         float | None,
@@ -43,5 +29,5 @@ class CritiqueOptions:
         default=None,
         ge=0,
         validation_alias=AliasChoices("budget", "budget_s"),
-        description="Time after which no further rung is begun; by default there is none.",
+        description="Time after which nothing is added that is not named; by default there is none.",
     )

@@ -142,12 +142,14 @@ def diagnose(work: Workspace, name: str, options: CritiqueOptions) -> Stored[Dia
 
     def make(progress: Progress) -> tuple[Diagnosis, list[Path], str]:
         from rfea_vision.critique import diagnose as diagnose_model
+        from rfea_vision.critique.comparison import goes_with
 
         diagnosis, experiment = diagnose_model(
             model.value,
             values(recordings),
             options,
             where=compared.value.where,
+            goes_with=goes_with(compared.value),
             progress=progress,
         )
         pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)

@@ -1,0 +1,130 @@
+"""Are the critique's probabilities right as often as they say? ``python -m benchmarks.probabilities --plant other --resume``.
+
+Every finished campaign is one line of ``probabilities/results.jsonl``, with the commit that it was run with; an interrupted run
+goes on where it stopped. ``--tables`` writes docs/probabilities.md from these lines, and from nothing else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.probable_campaigns import Case, draw, recordings_of
+from rfea_vision.critique.diagnosis import Judgement, judge
+from rfea_vision.errors import RfeaError
+from rfea_vision.fitting import FitOptions
+from rfea_vision.fitting.fit import fit, make_problem
+
+FOLDER = Path(__file__).parent / "probabilities"
+RESULTS = FOLDER / "results.jsonl"
+#: Seeds that the rule was calibrated on (the twin's alone), and seeds that were run once, when it was frozen.
+CALIBRATED, UNSEEN = range(0, 200), range(1000, 1400)
+
+
+def run_case(case: Case) -> dict[str, Any]:
+    """Make one campaign, diagnose its base model, and note what was said beside the truth."""
+    started, processor = time.perf_counter(), time.process_time()
+    recordings, actuator = recordings_of(case)
+    problem = make_problem(recordings, actuator)
+    judgement = judge(problem, fit(problem, FitOptions(segments=8, starts=0)))
+    return {
+        "key": case.key,
+        "plant": case.plant,
+        "seed": case.seed,
+        "kind": case.kind,
+        "hidden": {k: float(f"{v:.4g}") for k, v in case.hidden.items()},
+        "right": list(case.right),
+        "angle_only": case.angle_only,
+        **_said(judgement),
+        "seconds": round(time.perf_counter() - started, 1),
+        "processor_s": round(time.process_time() - processor, 1),
+    }
+
+
+def _said(judgement: Judgement) -> dict[str, Any]:
+    diagnosis, search = judgement.diagnosis, judgement.search
+    now = search.present
+    return {
+        "verdict": diagnosis.verdict,
+        "named": diagnosis.named,
+        "tied": [tie.effects for tie in diagnosis.tied],
+        "sufficient": diagnosis.sufficient,
+        "floors": round(now.errors.held / search.floor, 3),
+        "share": judgement.verdict.share,
+        "probability": {name: round(p, 5) for name, p in judgement.verdict.probability.items()},
+        # What the rule weighs, so that another rule can be tried on the same refits:
+        "floor": search.floor,
+        "room": search._room,
+        "independent": search.independent,
+        "offered": len(search.effects),
+        "sets": [
+            {
+                "effects": list(item.added),
+                "excess": {name: float(f"{v:.5g}") for name, v in item.trial.errors.excess(search.floor).items()},
+                "parameters": item.trial.free - now.free,
+            }
+            for item in judgement.verdict.weighed
+        ],
+    }
+
+
+def commit() -> str:
+    """The commit that is run, with a plus where the tree is not clean."""
+    here = Path(__file__).parent
+    head = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=here, capture_output=True, text=True, check=False
+    )
+    dirty = subprocess.run(
+        ["git", "status", "--porcelain", "--untracked-files=no", "--", "../rfea_vision"],
+        cwd=here, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return head.stdout.strip() + ("+" if dirty.stdout.strip() else "")
+
+
+def read_results(path: Path = RESULTS) -> list[dict[str, Any]]:
+    """Lines of finished campaigns."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+
+
+def run_all(plant: str, seeds: Sequence[int], path: Path = RESULTS) -> None:
+    """Run campaigns that are not done yet, each kept as soon as it is finished."""
+    done = {line["key"] for line in read_results(path)}
+    path.parent.mkdir(exist_ok=True)
+    version = commit()
+    for seed in seeds:
+        case = draw(plant, seed)
+        if case.key in done:
+            continue
+        try:
+            line = run_case(case)
+        except RfeaError as error:
+            line = {"key": case.key, "plant": plant, "seed": seed, "kind": "failed", "error": str(error)}
+        line["commit"] = version
+        with path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(line) + "\n")
+        said = (
+            line.get("error") or f"{line['verdict']} {line['named']} {line['floors']} floors, {line['processor_s']} s"
+        )
+        sys.stderr.write(f"{case.key} {case.kind} {case.right}: {said}\n")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.probabilities", description=__doc__)
+    parser.add_argument("--plant", choices=("twin", "other"), default="other")
+    parser.add_argument("--calibrate", action="store_true", help="the seeds that the rule is calibrated on")
+    parser.add_argument("--count", type=int, default=40, help="campaigns to get to")
+    parser.add_argument("--to", type=Path, default=RESULTS, help="file of the lines")
+    given = parser.parse_args(arguments)
+    run_all(given.plant, (CALIBRATED if given.calibrate else UNSEEN)[: given.count], given.to)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,250 @@
+"""Campaigns whose physics is known, for the calibration of the critique's probabilities: of the twin and of the second plant.
+
+Small on purpose (two runs to fit, one to judge, 6 s at 60 frames/s, nine nodes): what is asked is whether a probability of 0.8
+is right eight times in ten, and that takes many campaigns. Which seed hides what is drawn here, and nowhere else.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from benchmarks.hidden_campaigns import AMPLITUDES, NOISE_MM, OUTSIDE, PARTNERS, SIGNED
+from benchmarks.other_plant import OtherTube, centre_line, simulate
+from rfea_vision import open_campaign
+from rfea_vision.artefacts import Actuator, Recording
+from rfea_vision.twin import TwinOptions
+from rfea_vision.twin import simulate as simulate_twin
+
+FloatArray = NDArray[np.float64]
+ROLES = ("train", "train", "validate")
+DURATION_S, RATE_HZ, ANGLE_NOISE_DEG = 6.0, 60.0, 0.2
+FRACTIONS = np.linspace(0, 1, 9)
+#: Of the second plant: law, the effect of the catalogue that it is a form of, and the range of its amplitude.
+LAWS: dict[str, tuple[tuple[str, ...], float, float]] = {
+    "soften_capped": (("mullins",), 0.05, 0.35),
+    "soften_root": (("mullins",), 0.03, 0.15),
+    "spot": (("stiffness_profile",), 0.2, 0.7),
+    "stepped": (("stiffness_profile",), 0.03, 0.25),
+    "play": (("hysteresis",), 1e-4, 2e-3),
+    "stribeck": (("coulomb",), 5e-5, 1e-3),
+    "spectrum": (("maxwell", "maxwell_2"), 0.005, 0.06),
+    "stiffer_abs": (("nonlinear_stiffness",), 0.03, 0.3),
+    "damping_root": (("nonlinear_damping",), 0.1, 1.0),
+    "payload": (("payload",), 2e-4, 3e-3),
+    "tilt": (("gravity_tilt",), 0.02, 0.2),
+    "curl_root": (("rest_curvature", "rest_curvature_profile"), 0.03, 0.4),
+    "line": (("pressure_lag",), 0.05, 0.4),
+    "latency": (("time_offset",), 0.005, 0.1),
+    "stiffer_pressure": (("pressure_stiffening",), 2e-7, 2e-6),
+    "drag": (("drag",), 200.0, 2000.0),
+    "clamp": (("base_rotation",), 0.03, 0.6),
+    "damping_stepped": (("damping_profile",), 0.3, 0.8),
+}
+UNKNOWN: dict[str, tuple[float, float]] = {
+    "fan": (0.003, 0.05),
+    "shake": (1e-4, 1e-3),
+    "drift": (0.03, 0.2),
+    "twitch": (0.005, 0.03),
+}
+#: Kinds, and how often each is drawn.
+KINDS = {"single": 0.5, "pair": 0.2, "triple": 0.1, "nothing": 0.1, "outside": 0.1}
+SHOWN_BY_TWIN = tuple(
+    dict.fromkeys(k.split(".")[0] for k in AMPLITUDES if k.split(".")[0] not in (*OUTSIDE, "virtual_work"))
+)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One campaign: its plant, its seed, what hides in it (by the plant's own names), and what may be called right."""
+
+    plant: str
+    seed: int
+    kind: str
+    hidden: dict[str, float]
+    right: tuple[str, ...]
+    angle_only: bool
+
+    @property
+    def key(self) -> str:
+        """Name of the campaign."""
+        return f"{self.plant}-{self.seed}"
+
+
+def draw(plant: str, seed: int) -> Case:
+    """Draw one campaign."""
+    rng = np.random.default_rng([seed, len(plant)])
+    kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+    count = {"single": 1, "pair": 2, "triple": 3}.get(kind, 0)
+    angle_only = bool(rng.uniform() < 0.15)
+    pool = list(LAWS) if plant == "other" else list(SHOWN_BY_TWIN)
+    hidden: dict[str, float] = {}
+    right: list[str] = []
+    for name in rng.permutation(pool)[:count]:
+        own, names = (_of_other if plant == "other" else _of_twin)(str(name), rng)
+        hidden |= own
+        right += names
+    if kind == "outside":
+        name = str(rng.choice(list(UNKNOWN) if plant == "other" else list(OUTSIDE)))
+        hidden |= {name: _even(rng, *UNKNOWN[name])} if plant == "other" else _of_twin(name, rng)[0]
+    return Case(plant, seed, kind, hidden, tuple(dict.fromkeys(right)), angle_only)
+
+
+def _even(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def _of_other(name: str, rng: np.random.Generator) -> tuple[dict[str, float], tuple[str, ...]]:
+    right, low, high = LAWS[name]
+    value = _even(rng, low, high) * (
+        rng.choice([-1.0, 1.0]) if name in ("tilt", "curl_root", "stepped", "damping_stepped") else 1.0
+    )
+    out = {name: float(value)}
+    if name == "soften_capped":
+        out["soften_capped_at"] = float(rng.uniform(0.5, 2.0))
+    if name == "spot":
+        out |= {"spot_at": float(rng.uniform(0.2, 0.8)), "spot_width": float(rng.uniform(0.05, 0.15))}
+    return out, right
+
+
+def _of_twin(name: str, rng: np.random.Generator) -> tuple[dict[str, float], tuple[str, ...]]:
+    key = next(k for k in AMPLITUDES if k.split(".")[0] == name)
+    guess, most = AMPLITUDES[key]
+    value = min(guess * _even(rng, 0.2, 3.0), most)
+    if name in SIGNED and rng.uniform() < 0.5:
+        value = -value
+    out = {key: float(f"{value:.4g}")}
+    out |= {k: float(f"{_even(rng, *span):.4g}") for k, span in PARTNERS.get(name, {}).items()}
+    return out, () if name in OUTSIDE else (name,)
+
+
+def recordings_of(case: Case) -> tuple[dict[str, Recording], Actuator]:
+    """Make the campaign."""
+    rng = np.random.default_rng([case.seed, 77])
+    if case.plant == "twin":
+        found, actuator = _by_twin(case)
+    else:
+        found, actuator = _by_other(case, rng), Actuator()
+    if case.angle_only:
+        found = {name: _angle_alone(r, rng) for name, r in found.items()}
+    return found, actuator
+
+
+def _by_twin(case: Case) -> tuple[dict[str, Recording], Actuator]:
+    clocks = any(name.split(".")[0] in ("time_offset", "clock_drift") for name in case.hidden)
+    options = TwinOptions(
+        hidden=case.hidden,
+        seed=case.seed,
+        roles=ROLES,
+        duration_s=DURATION_S,
+        rate_Hz=RATE_HZ,
+        noise_mm=NOISE_MM,
+        noise_correlation=0.5 if case.seed % 3 == 2 else 0.0,
+        joints=16,
+        sync="offset" if clocks else "common_clock",
+        write_truth=False,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        simulate_twin(Path(folder) / "campaign", options)
+        found = open_campaign(Path(folder) / "campaign").sync()
+        return {name: Recording(r.dataset.load()) for name, r in found.items()}, options.actuator
+
+
+def _by_other(case: Case, rng: np.random.Generator) -> dict[str, Recording]:
+    tube = OtherTube(*(float(v) for v in rng.uniform(0.85, 1.2, 3)), case.hidden)
+    step_s = 1e-3
+    time_s = np.arange(0, DURATION_S + 0.3, step_s)
+    out = {}
+    for index, role in enumerate(ROLES):
+        own = tube
+        if "twitch" in case.hidden:  # the tube is not the same from run to run
+            changed = {
+                **case.hidden,
+                "twitch": case.hidden["twitch"] * float(rng.choice([-1, 1]) * rng.uniform(0.5, 1.5)),
+            }
+            own = replace(tube, hidden=changed)
+        pressure = programme(time_s, rng)
+        every = round(1 / RATE_HZ / step_s)
+        phi = simulate(own, pressure, step_s, every)
+        frame_s = time_s[::every][: phi.shape[0]]
+        seen = frame_s < DURATION_S
+        line = centre_line(phi[seen], FRACTIONS) * 1e3
+        noise = NOISE_MM * rng.standard_normal(line.shape)
+        if case.seed % 3 == 2:
+            for k in range(1, noise.shape[0]):
+                noise[k] = 0.5 * noise[k - 1] + np.sqrt(0.75) * noise[k]
+        noise[:, 0] = 0.0
+        out[f"run{index}"] = _recording(
+            f"run{index}", role, frame_s[seen], line + noise, phi[seen, -1], time_s, pressure
+        )
+    return out
+
+
+def programme(time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Pressure (Pa) of one run: rest, then steps, ramps and a swing in an order of their own, no faster than 600 kPa/s."""
+    top = rng.uniform(1.2e5, 2.2e5)
+    wanted, at = np.zeros_like(time_s), 0.5
+    while at < time_s[-1]:
+        length = rng.uniform(0.5, 1.5)
+        part = (time_s >= at) & (time_s < at + length)
+        level, kind = top * rng.uniform(0, 1), rng.integers(3)
+        if kind == 0:
+            wanted[part] = level
+        elif kind == 1:
+            wanted[part] = np.linspace(top * rng.uniform(0, 1), level, int(part.sum()))
+        else:
+            wanted[part] = level * (0.5 - 0.5 * np.cos(2 * np.pi * rng.uniform(0.7, 2.5) * (time_s[part] - at)))
+        at += length
+    step = 6e5 * (time_s[1] - time_s[0])
+    out = np.zeros_like(wanted)
+    for k in range(1, wanted.size):
+        out[k] = out[k - 1] + np.clip(wanted[k] - out[k - 1], -step, step)
+    return out
+
+
+def _recording(
+    name: str,
+    role: str,
+    frame_s: FloatArray,
+    line: FloatArray,
+    bend: FloatArray,
+    log_s: FloatArray,
+    pressure: FloatArray,
+) -> Recording:
+    frames, nodes = line.shape[:2]
+    dataset = xr.Dataset(
+        {
+            "valid": ("time", np.ones(frames, dtype=np.int8)),
+            "reason": ("time", np.full(frames, "", dtype=object)),
+            "midline": (("time", "node", "xy"), line),
+            "midline_sigma": (("time", "node"), np.full((frames, nodes), NOISE_MM)),
+            "tip": (("time", "xy"), line[:, -1]),
+            "tip_sigma": (("time", "xy"), np.full((frames, 2), NOISE_MM)),
+            "bend_angle": ("time", np.rad2deg(bend)),
+            "pressure": ("log_time", pressure / 1e3),
+        },
+        coords={"time": ("time", frame_s, {"units": "s"}), "log_time": ("log_time", log_s), "xy": ["x", "y"]},
+        attrs={
+            "experiment": name,
+            "role": role,
+            "bends": "left",
+            "sync_method": "offset",
+            "offset_s": 0.0,
+            "offset_stderr_s": 0.0,
+        },
+    )
+    return Recording(dataset)
+
+
+def _angle_alone(recording: Recording, rng: np.random.Generator) -> Recording:
+    data = recording.dataset
+    keep = [n for n in ("pressure", "bend_angle", "valid", "reason") if n in data]
+    out = data[keep].copy()
+    out["bend_angle"] = out["bend_angle"] + ANGLE_NOISE_DEG * rng.standard_normal(out["bend_angle"].shape)
+    out["bend_angle_sigma"] = ("time", np.full(out.sizes["time"], ANGLE_NOISE_DEG))
+    return Recording(out)

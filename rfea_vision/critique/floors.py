@@ -1,0 +1,159 @@
+"""Below what no model gets: noise of the measurement, motion that does not come again, and calibration. Kept apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from rfea_vision.artefacts.judgement import Floors
+from rfea_vision.fitting.fit import Fitted, Problem
+from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
+from rfea_vision.fitting.residuals import predict_observed
+from rfea_vision.fitting.solver import fit_clocks
+
+FloatArray = NDArray[np.float64]
+#: Differences over frames up to this far apart are noise, not motion: a tenth of the period of the fastest ringing seen (5 Hz).
+NOISE_SPAN_S = 0.02
+#: Residuals may raise the noise floor by this factor at most: beyond, they are not noise.
+MOST_RAISED = 4.0
+#: Systematic errors of clamp, calibration and of a chain of segments, over the tube's length (0.03 mm of 155): what the twin's
+#: films, whose truth is known, are read with.
+CALIBRATION_SHARE = 2e-4
+#: A repeat may begin so much earlier or later on its log than the run that it repeats.
+SEARCHED_S = 0.5
+#: Coefficients of a cosine transform that are looked at together, and by how much the residual in such a band must stand out
+#: from the modelled motion, the input and the noise there. Motion that is only late differs from itself by four times its square at
+#: the most; with half as much again it is not that.
+BAND, CLEAR = 16, 6.0
+
+
+def _gaps(problem: Problem, fitted: Fitted) -> list[tuple[Observed, FloatArray]]:
+    """Residual of the tip in mm (frames, 2), or of the angle in deg (frames, 1), per training run."""
+    out = []
+    for item, predicted in zip(problem.train, fitted.solution.evaluation.predicted, strict=True):
+        if item.has_tip:
+            out.append((item, (item.points[:, -1] - predicted.points[:, -1]) / MM))
+        else:
+            out.append((item, np.rad2deg(item.angle - predicted.angle)[:, None]))
+    return out
+
+
+def measurement(problem: Problem, fitted: Fitted) -> float:
+    """Noise of the measurement in the norm of the held-out error (mm, or deg where only an angle was measured).
+
+    Noise that is correlated over a few frames hides from the track's own high frequencies, where the tube's motion would
+    drown it. In the residual the motion is gone, so there third differences may be taken over longer and longer strides.
+    """
+    items = problem.with_roles("train", "validate")
+    known, _ = noise_floor_mm([_alone(o) for o in items], problem.recordings)
+    if not known:
+        known = float(np.rad2deg(np.median(np.concatenate([o.angle_sigma for o in problem.train]))))
+    seen = []
+    for item, gap in _gaps(problem, fitted):
+        period = float(np.median(np.diff(item.time)))
+        strides = range(1, max(1, int(NOISE_SPAN_S / period + 1e-6)) + 1)
+        seen.append(max((_spread(gap, stride) for stride in strides), default=0.0))
+    raised = float(np.sqrt(np.mean(np.square(seen))))
+    return float(np.clip(raised, known, MOST_RAISED * known))
+
+
+def _alone(item: Observed) -> Observed:
+    """The run without its repeats, which tell of more than the measurement."""
+    return replace(item, repeat_of=None)
+
+
+def _spread(gap: FloatArray, stride: int) -> float:
+    third = gap[3 * stride :] - 3 * gap[2 * stride : -stride] + 3 * gap[stride : -2 * stride] - gap[: -3 * stride]
+    if third.shape[0] < 12:
+        return 0.0
+    sigma = np.median(np.abs(third - np.median(third, axis=0)), axis=0) / 0.6745 / np.sqrt(20)
+    return float(np.sqrt(np.sum(sigma**2)))
+
+
+def floors_of(problem: Problem, fitted: Fitted) -> Floors:
+    """The three floors, from the training runs and the repeats; null where the runs do not tell."""
+    noise = measurement(problem, fitted)
+    again = from_repeats(problem, fitted)
+    uncaused = float(np.sqrt(np.mean([_uncaused(item, gap, noise) for item, gap in _gaps(problem, fitted)])))
+    parts = [] if again is None else [again]
+    parts += [float(np.hypot(noise, uncaused))] if uncaused > 0 else []
+    in_mm = problem.train[0].has_tip
+    return Floors(
+        measurement=noise,
+        irreproducible=max(parts, default=None),
+        calibration=CALIBRATION_SHARE * problem.actuator.length / MM if in_mm else None,
+        unit="mm" if in_mm else "deg",
+    )
+
+
+def binding(floors: Floors) -> float:
+    """The floor that rules: no model is promised the noise of the measurement where the tube itself is not the same again."""
+    return max(floors.measurement or 0.0, floors.irreproducible or 0.0)
+
+
+def from_repeats(problem: Problem, fitted: Fitted) -> float | None:
+    """Root mean square of what two runs of the same excitation differ by, over root two; None without repeats.
+
+    What the model foretells of the difference (a pressure that was not quite the same) is taken out first.
+    """
+    residuals = {item.name: (item, gap) for item, gap in _gaps(problem, fitted)}
+    residuals |= {item.name: (item, gap) for item, gap in _held_gaps(problem, fitted)}
+    squares = []
+    for item, gap in residuals.values():
+        if item.repeat_of not in residuals:
+            continue
+        other, seen = residuals[str(item.repeat_of)]
+        then = item.time + _shift(item, other)
+        inside = (then >= other.time[0]) & (then <= other.time[-1])
+        if inside.sum() < 12:
+            continue
+        before = np.column_stack([np.interp(then[inside], other.time, column) for column in seen.T])
+        squares.append(float(np.mean(np.sum((gap[inside] - before) ** 2, axis=1))) / 2)
+    return float(np.sqrt(np.mean(squares))) if squares else None
+
+
+def _held_gaps(problem: Problem, fitted: Fitted) -> list[tuple[Observed, FloatArray]]:
+    out = []
+    for item in problem.validate:
+        one = predict_observed(
+            fitted.model, fitted.par, item, (), float(fit_clocks(fitted.model, [item], fitted.par)[0])
+        )
+        if one is not None and item.has_tip == problem.train[0].has_tip:
+            gap = (
+                (item.points[:, -1] - one.points[:, -1]) / MM
+                if item.has_tip
+                else np.rad2deg(item.angle - one.angle)[:, None]
+            )
+            out.append((item, gap))
+    return out
+
+
+def _shift(item: Observed, other: Observed) -> float:
+    """What to add to the time of one run to get that of the other, by their pressures; both begin alike unless these say else."""
+    first = other.excitation.start_s - item.excitation.start_s
+    grid = item.excitation.start_s + item.excitation.step_s * np.arange(0, item.excitation.pressure.size, 10)
+    pressure = item.excitation.at(grid)
+    shifts = first + np.arange(-SEARCHED_S, SEARCHED_S + 1e-9, 0.01)
+    costs = [float(np.mean((other.excitation.at(grid + shift) - pressure) ** 2)) for shift in shifts]
+    return float(shifts[int(np.argmin(costs))])
+
+
+def _uncaused(item: Observed, gap: FloatArray, noise: float) -> float:
+    """Mean square of the residual in those bands of frequency in which the modelled tube hardly moves, less the noise there."""
+    pressure = item.excitation.at(item.time)
+    span = max(float(np.ptp(pressure)), 1e-300)
+    moved = item.points[:, -1] / MM if item.has_tip else np.rad2deg(item.angle)[:, None]
+    modelled = dct(moved - gap, axis=0, norm="ortho") ** 2
+    driven = (dct(pressure / span, norm="ortho") ** 2)[:, None] * float(np.sum(np.var(moved, axis=0)))
+    left = np.sum(dct(gap, axis=0, norm="ortho") ** 2, axis=1)
+    caused = np.maximum(np.sum(modelled, axis=1), np.sum(driven, axis=1))
+    total = 0.0
+    for low in range(0, left.size - BAND, BAND):
+        band = slice(low, low + BAND)
+        own = float(np.mean(left[band]))
+        if own > CLEAR * max(float(np.mean(caused[band])), noise**2):
+            total += BAND * (own - noise**2)
+    return total / left.size

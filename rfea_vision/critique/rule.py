@@ -1,0 +1,74 @@
+"""The one rule by which effects are accepted: evidence under a model that admits a structured remainder.
+
+No law of a catalogue is that of a real tube. So every set of effects S, the empty one too, leaves a discrepancy d(t, place)
+with a size and correlation of its own (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294; Brynjarsdottir and O'Hagan
+2014, doi:10.1088/0266-5611/30/11/114007). With its size integrated out, n independent values of it weigh
+
+    log evidence(S) = -n/2 mean over runs of log(X(S) + r^2) - price(S)
+
+X is the squared error above the irreproducible floor on a run, r what of that is never told apart. Training and held-out
+runs count half each. A large remainder tempers every claim, as only the ratio of remainders speaks; where little is left,
+the same ratio is sharp.
+
+`n` is not the number of frames. Neighbouring values are correlated, which leaves n_c of them (frames over the correlation time
+of the residual); and a discrepancy is a fault of the law, the same in every run, of which a longer record tells no more:
+the log of what a true law in another form leaves scatters by 2 / n_s from one tube to the next. Variances add: 1/n = 1/n_c + 1/n_s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfea_vision.critique.measures import MATTERS_FLOORS
+
+
+@dataclass(frozen=True)
+class Rule:
+    """The numbers of the rule: all there are.
+
+    ============ ======= ===============================================================================================
+    independent  n_s     calibrated on the twin (benchmarks/calibrated.py), on campaigns drawn for that purpose alone
+    resolution   r       floors; what docs/formats.md calls too little to matter
+    expected     -       effects missing from a model before anything was seen: one, which the catalogue's K share
+    likely       -       a half: the probability from which an effect is named, by docs/formats.md
+    ============ ======= ===============================================================================================
+    """
+
+    independent: float = 10.0
+    resolution: float = MATTERS_FLOORS
+    expected: float = 1.0
+    likely: float = 0.5
+
+    def count(self, correlated: float) -> float:
+        """Independent values of a discrepancy, of which `correlated` could be told apart in the record."""
+        return 1 / (1 / correlated + 1 / self.independent)
+
+    def price(self, effects: int, parameters: int, offered: int, count: float) -> float:
+        """Log of the prior odds against so many effects of those offered, and of the room that their parameters have.
+
+        Half a log of the independent values per parameter beyond the first of each effect (Schwarz 1978,
+        doi:10.1214/aos/1176344136); the room of the first is in the odds.
+        """
+        odds = max(offered, 2) / self.expected
+        return effects * float(np.log(odds)) + 0.5 * max(parameters - effects, 0) * float(np.log(count))
+
+    def evidence(self, excess: Mapping[str, float], roles: Mapping[str, str], room: float, count: float) -> float:
+        """Log evidence before the price: excess is the squared error above the floor by run, of which room^2 is not told apart."""
+        groups: dict[bool, list[float]] = {}
+        for name, value in excess.items():
+            groups.setdefault(roles[name] == "train", []).append(float(np.log(max(value, 0.0) + room**2 + 1e-300)))
+        return -0.5 * count * float(np.mean([np.mean(values) for values in groups.values()]))
+
+
+def posterior(log_weights: Sequence[float]) -> list[float]:
+    """Probabilities of hypotheses from the logs of their weights."""
+    weights = np.exp(np.asarray(log_weights) - np.max(log_weights))
+    return (weights / weights.sum()).tolist()
+
+
+RULE = Rule()
+
+__all__ = ["RULE", "Rule", "posterior"]

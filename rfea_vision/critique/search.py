@@ -1,0 +1,233 @@
+"""Which sets of effects are worth a refit, and what all that were refitted say together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rfea_vision.artefacts.judgement import Floors
+from rfea_vision.critique.floors import binding, floors_of
+from rfea_vision.critique.measures import common_runs, effective_count, matters, share, structure
+from rfea_vision.critique.refinement import SEGMENTS
+from rfea_vision.critique.rule import RULE, Rule, posterior
+from rfea_vision.critique.screening import Screened, available, screened_rows, sensitivities
+from rfea_vision.critique.subsets import MOST_TOGETHER, Combinations, Proposal
+from rfea_vision.critique.trials import Trial, Trials, plain
+from rfea_vision.effects.base import Effect
+
+#: Sets of one, two, three and four effects that are refitted from the model as it stands, and from each better one found then.
+FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)
+#: Better models from which the search goes on.
+ROUNDS = 4
+#: Single effects that are refitted whatever their linear step says; and how many times better than that a refit may turn out.
+SURE, LENIENT = 3, 2.0
+#: Two sets are as likely as one another where the odds are less than 20 to 1, the usual word for what data can tell.
+EVEN = float(np.log(20.0))
+#: Two effects do alike where what they do differs by less than this share of it (a correlation of 0.95).
+ALIKE = 0.3
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A set that was refitted, relative to the model as it stands: its probability and its share of the misfit."""
+
+    trial: Trial
+    added: tuple[str, ...]
+    weight: float
+    probability: float
+    share: float
+
+
+@dataclass
+class Search:
+    """The search from one model: effects on offer, floors, and the sets that were tried."""
+
+    trials: Trials
+    present: Trial
+    effects: tuple[Effect, ...]
+    rule: Rule = RULE
+
+    def __post_init__(self) -> None:
+        self.independent = effective_count(self.trials.problem, self.present.fitted)
+        self.count = self.rule.count(self.independent)
+        self.screened: list[Screened] = []
+        self._quietest: Trial | None = None
+        self.floors = self._settled()
+
+    def _settled(self) -> Floors:
+        """The floors as the best fit so far shows them: what a poor fit leaves is motion, and easily taken for noise."""
+        tried = [t for t in self.trials.done.values() if t is not None]
+        quietest = min(tried, key=lambda t: t.cost, default=self.present)
+        if quietest is not self._quietest:
+            self._quietest = quietest
+            self.floors = floors_of(self.trials.problem, quietest.fitted)
+            self.floor = binding(self.floors)
+        return self.floors
+
+    # -- the rule ------------------------------------------------------------------------------------------------------
+
+    def weigh(self) -> list[Weighed]:
+        """All sets that hold the present model, most probable first; the present model itself among them."""
+        self._settled()
+        now = self.present.effects
+        tried = [t for k, t in self.trials.done.items() if t is not None and k >= now and (t.allowed or k == now)]
+        tried = [t for t in tried if self._offered(t)]
+        names = common_runs(t.errors for t in tried)
+        weights = [self._weight(t, names) for t in tried]
+        before = self.present.errors.on(names)
+        out = [
+            Weighed(t, tuple(sorted(t.effects - now)), w, p, share(before, t.errors.on(names), self.floor))
+            for t, w, p in zip(tried, weights, posterior(weights), strict=True)
+        ]
+        return sorted(out, key=lambda item: -item.weight)
+
+    def _offered(self, trial: Trial) -> bool:
+        ids = {effect.id for effect in self.effects} | {SEGMENTS}
+        return {plain(one) for one in trial.effects - self.present.effects} <= ids
+
+    def _weight(self, trial: Trial, names: set[str]) -> float:
+        errors = trial.errors.on(names)
+        roles = {name: run.role for name, run in errors.runs.items()}
+        evidence = self.rule.evidence(errors.excess(self.floor), roles, self._room, self.count)
+        return evidence - self._price(trial.effects, trial.free)
+
+    @property
+    def _room(self) -> float:
+        """What is never told apart, in the unit of the floor."""
+        return float(np.hypot(self.rule.resolution * self.floor, self.floors.calibration or 0.0))
+
+    def _price(self, effects: frozenset[str], free: int) -> float:
+        added = len(effects - self.present.effects)
+        return self.rule.price(added, free - self.present.free, len(self.effects), self.count)
+
+    # -- the search ----------------------------------------------------------------------------------------------------
+
+    def run(self) -> list[Weighed]:
+        """Screen, propose, refit; from every better set found again; then each member of the best set is left out in turn."""
+        centre, seen = self.present, set[frozenset[str]]()
+        for _ in range(ROUNDS):
+            seen.add(centre.effects)
+            self._look_from(centre, FIRST if centre is self.present else LATER)
+            best = self.weigh()[0].trial
+            if best.effects in seen or SEGMENTS in best.effects:
+                break
+            centre = best
+        self._rivals()
+        for _ in range(2):
+            if not self._leave_one_out():
+                break
+        return self.weigh()
+
+    def _look_from(self, centre: Trial, widths: Sequence[int]) -> None:
+        have = frozenset(plain(one) for one in centre.effects)
+        offered = tuple(e for e in self.effects if e.id not in have)
+        room = MOST_TOGETHER - len(centre.effects - self.present.effects)
+        if not offered or room <= 0:
+            return
+        rows = list(sensitivities(self.trials.problem, centre.fitted, offered))
+        if centre is self.present:
+            self.screened = screened_rows(rows, offered)
+        proposals = Combinations(rows).best(have, min(room, len(widths)), max(widths))
+        for size, (group, width) in enumerate(zip(proposals, widths, strict=False)):
+            for rank, proposal in enumerate(group[:width]):
+                if (size == 0 and rank < SURE and centre is self.present) or self._worth(centre, proposal):
+                    self.trials.refit(centre, proposal.effects, proposal.start)
+
+    def _worth(self, centre: Trial, proposal: Proposal) -> bool:
+        """Whether a refit could earn its price: if it left nothing at all, and if it did thrice as well as its linear step."""
+        best = self.weigh()[0]
+        added = centre.effects | set(proposal.effects)
+        parameters = centre.free + sum(name.partition(".")[0] in proposal.effects for name in proposal.start)
+        price = self._price(added, parameters)
+        perfect = -self.count * float(np.log(self._room))
+        if perfect - price <= best.weight and best.trial is not self.present:
+            return False
+        gain = -0.5 * self.count * float(np.log(max(1 - proposal.fall, 1e-6)))
+        return LENIENT * gain >= price - self._price(centre.effects, centre.free)
+
+    def _rivals(self) -> None:
+        """Nobody is named without the rivals that are said to be mistaken for it: they are refitted in its place."""
+        best = self.weigh()[0]
+        for own in best.added:
+            others = [one for one in look_alikes(self.effects, plain(own)) if one not in map(plain, best.trial.effects)]
+            base = self.trials.done.get(best.trial.effects - {own})
+            rows = [row for row in self.screened if row.effect in others]
+            for row in {r.effect: r for r in reversed(rows)}.values():
+                start = {f"{row.effect}.{k}": v for k, v in {**row.grid, **row.step}.items()}
+                self.trials.refit(base or self.present, (row.effect,), start)
+
+    def _leave_one_out(self) -> bool:
+        """Refit the best set without each of its members; whether any of that was new."""
+        best, known = self.weigh()[0], len(self.trials.done)
+        for own in best.added if len(best.added) > 1 else ():
+            rest = [one for one in best.added if one != own]
+            values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
+            start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
+            self.trials.refit(self.present, rest, start)
+        return len(self.trials.done) > known
+
+    # -- what it says --------------------------------------------------------------------------------------------------
+
+    def tied(self, weighed: Sequence[Weighed]) -> dict[str, list[Weighed]]:
+        """For each member of the best set, the sets with another effect in its place that do alike and are as likely."""
+        best, out = weighed[0], {}
+        for own in best.added:
+            without = self.trials.done.get(best.trial.effects - {own})
+            for other in weighed[1:]:
+                new = other.trial.effects - best.trial.effects
+                if len(new) != 1 or best.trial.effects - other.trial.effects != {own} or without is None:
+                    continue
+                if best.weight - other.weight < EVEN and self._alike(best.trial, other.trial, without):
+                    out.setdefault(own, []).append(other)
+        return out
+
+    def _alike(self, one: Trial, other: Trial, without: Trial) -> bool:
+        apart, change = _distance(one, other), _distance(one, without)
+        unit = 1e-3 if self.floors.unit == "mm" else np.pi / 180
+        return apart < max(ALIKE * change, self.rule.resolution * self.floor * unit)
+
+    def probabilities(self, weighed: Sequence[Weighed], ties: dict[str, list[Weighed]]) -> dict[str, float]:
+        """Of every effect that was refitted: that it, or a member of its tie, is really there."""
+        group = {
+            own: {own, *(next(iter(set(w.added) - set(weighed[0].added))) for w in rows)} for own, rows in ties.items()
+        }
+        out: dict[str, float] = {}
+        for name in {one for item in weighed for one in item.added}:
+            mates = next((members for members in group.values() if name in members), {name})
+            out[name] = min(1.0, sum(item.probability for item in weighed if mates & set(item.added)))
+        return out
+
+    def matters(self, weighed: Sequence[Weighed], own: str) -> bool:
+        """Whether leaving a member of the best set out would raise the held-out error by what matters."""
+        best = weighed[0]
+        without = self.trials.done.get(best.trial.effects - {own})
+        if without is None:
+            return False
+        names = common_runs([best.trial.errors, without.errors])
+        return matters(without.errors.on(names), best.trial.errors.on(names), self.floor)
+
+    def structure(self, trial: Trial) -> float:
+        return structure(trial.errors, self.floor)
+
+
+def _distance(one: Trial, other: Trial) -> float:
+    """Root mean square difference of two fits on the training runs: of the points (m), or of the angle (rad)."""
+    squares = []
+    pairs = zip(one.fitted.solution.evaluation.predicted, other.fitted.solution.evaluation.predicted, strict=True)
+    for a, b in pairs:
+        gap = (a.points - b.points) if a.points.shape[1] else (a.angle - b.angle)[:, None, None]
+        squares.append(float(np.mean(np.sum(gap**2, axis=2))))
+    return float(np.sqrt(np.mean(squares)))
+
+
+def look_alikes(effects: Sequence[Effect], name: str) -> list[str]:
+    """Effects that are said to be mistaken for one, or the other way round."""
+    own = next((e for e in effects if e.id == name), None)
+    said = set(re.findall(r"\w+", own.mistaken_for)) if own is not None else set()
+    return [e.id for e in effects if e.id != name and (e.id in said or name in re.findall(r"\w+", e.mistaken_for))]
+
+
+__all__ = ["Search", "Weighed", "available", "look_alikes"]

@@ -1,0 +1,124 @@
+"""All combinations by linear algebra: what would every set of up to four effects remove of the misfit, by one linear step?
+
+The score test (screening.py) gives the slopes of the residual over every amplitude, less what the base model can swallow. The
+joint Gauss-Newton step of any set is then a solve of a few unknowns, so that a pair whose members are each too weak alone is
+found as surely as a single effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.critique.screening import Sensitivity
+
+FloatArray = NDArray[np.float64]
+MOST_TOGETHER = 4
+#: Pairs, and triples, from which larger sets are built. With the sixty columns of the catalogue: some 8,000 small solves.
+BEAM = 60
+#: A step of an amplitude this far on the wrong side of none at all, as a share of its own size, is not noise: the effect would
+#: have to be there with the wrong sign.
+WRONG_SIDE = 1e-9
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A set of effects with the values of a linear step; `fall` is the share of the squared error that it would remove."""
+
+    effects: tuple[str, ...]
+    start: dict[str, float]
+    fall: float
+
+
+@dataclass(frozen=True)
+class _Column:
+    effect: str
+    needs: tuple[str, ...]
+    grid: dict[str, float]
+    names: tuple[str, ...]
+    place: NDArray[np.int64]
+    low: FloatArray
+    high: FloatArray
+
+
+class Combinations:
+    """Normal equations of all sensitivities at one fit."""
+
+    def __init__(self, rows: Sequence[Sensitivity]) -> None:
+        rows = [row for row in rows if row.residual.size == rows[0].residual.size] if rows else []
+        self._columns: list[_Column] = []
+        at = 0
+        for row in rows:
+            specs = [row.effect.parameters[name] for name in row.names]
+            zero = [spec.absent or 0.0 for spec in specs]
+            self._columns.append(
+                _Column(
+                    row.effect.id,
+                    tuple(row.effect.goes_with),
+                    {f"{row.effect.id}.{k}": v for k, v in row.grid.items()},
+                    tuple(f"{row.effect.id}.{name}" for name in row.names),
+                    np.arange(at, at + len(row.names)),
+                    np.array([spec.lower - z for spec, z in zip(specs, zero, strict=True)]),
+                    np.array([spec.upper - z for spec, z in zip(specs, zero, strict=True)]),
+                )
+            )
+            at += len(row.names)
+        wide = np.concatenate([row.jacobian for row in rows], axis=1) if rows else np.zeros((0, 0))
+        # The residual is measured minus modelled; its Jacobian has the sign of minus the model's.
+        self._gradient = -wide.T @ rows[0].residual if rows else np.zeros(0)
+        self._hessian = wide.T @ wide
+        self._scale = np.sqrt(np.maximum(np.diag(self._hessian), 1e-300))
+        self._cost = float(rows[0].residual @ rows[0].residual) if rows else 1.0
+
+    def best(self, present: frozenset[str], size: int, most: int) -> list[list[Proposal]]:
+        """The best proposals of every size up to `size`, at most `most` sets of each; of a set its best point of the grids."""
+        found: list[list[Proposal]] = []
+        beam: list[tuple[int, ...]] = [()]
+        for step in range(size):
+            tried: dict[tuple[int, ...], Proposal] = {}
+            for picks in beam:
+                taken = {self._columns[i].effect for i in picks}
+                for k, column in enumerate(self._columns):
+                    key = tuple(sorted((*picks, k)))
+                    if column.effect not in taken and key not in tried:
+                        proposal = self._step(key)
+                        if proposal is not None:
+                            tried[key] = proposal
+            ranked = sorted(tried.items(), key=lambda pair: -pair[1].fall)
+            # All pairs are looked at, also those of which one alone would have the wrong sign.
+            beam = [picks for picks, _ in ranked[:BEAM]] if step else [(k,) for k in range(len(self._columns))]
+            sets: dict[frozenset[str], Proposal] = {}
+            for picks, proposal in ranked:
+                needed = {one for i in picks for one in self._columns[i].needs}
+                if needed <= {*present, *proposal.effects}:
+                    sets.setdefault(frozenset(proposal.effects), proposal)
+                if len(sets) >= most:
+                    break
+            found.append(list(sets.values()))
+        return found
+
+    def _step(self, picks: tuple[int, ...]) -> Proposal | None:
+        """The joint step, within its bounds; None where an effect would have the wrong sign: the set without it is as good."""
+        columns = [self._columns[i] for i in picks]
+        place = np.concatenate([column.place for column in columns])
+        scale = self._scale[place]
+        normed = self._hessian[np.ix_(place, place)] / np.outer(scale, scale) + 1e-8 * np.eye(place.size)
+        step = np.linalg.solve(normed, self._gradient[place] / scale) / scale
+        low, high = (np.concatenate([getattr(c, side) for c in columns]) for side in ("low", "high"))
+        inside = np.clip(step, low, high)
+        begin = 0
+        for column in columns:
+            own = slice(begin, begin + column.place.size)
+            begin = own.stop
+            if np.all(np.abs(inside[own]) <= WRONG_SIDE * np.abs(step[own])):
+                return None
+        fall = float(2 * self._gradient[place] @ inside - inside @ self._hessian[np.ix_(place, place)] @ inside)
+        start = {name: value for column in columns for name, value in column.grid.items()}
+        start |= dict(zip([name for column in columns for name in column.names], inside.tolist(), strict=True))
+        return Proposal(tuple(column.effect for column in columns), start, fall / self._cost)
+
+
+__all__ = ["MOST_TOGETHER", "Combinations", "Proposal"]
