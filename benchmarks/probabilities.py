@@ -62,7 +62,6 @@ def _said(judgement: Judgement) -> dict[str, Any]:
         "floor": search.floor,
         "room": search._room,
         "independent": search.independent,
-        "offered": len(search.effects),
         "sets": [
             {
                 "effects": list(item.added),

@@ -45,7 +45,7 @@ def test_what_was_asked_for_is_written_as_it_is_read():
     words = written("fit", asked)
     assert "--segments 8" in words and "--add maxwell --add coulomb" in words and "--leave-one-out" in words
     assert "--fix r_hyd=0.0036m" in words and "--pressure-zero 1000Pa" in words
-    assert written("improve", FitOptions(), CritiqueOptions(budget_s=300, enough=0.9)) == "--enough 90% --budget 300s"
+    assert written("improve", FitOptions(), CritiqueOptions(budget_s=300, stand_ins=True)) == "--stand-ins --budget 300s"
     assert written("fit", FitOptions(segments="auto")) == "--segments auto"  # type: ignore[arg-type]
 
 
@@ -66,5 +66,5 @@ def test_the_schema_of_a_recipe_knows_the_options_of_its_steps():
     steps = Recipe.model_json_schema()["properties"]["steps"]["items"]["anyOf"][1]["properties"]
     assert set(RECIPE) <= set(steps["fit"]["properties"]) and steps["fit"]["additionalProperties"] is False
     assert "budget" not in steps["fit"]["properties"] and "name" not in steps["improve"]["properties"]
-    assert steps["improve"]["properties"]["enough"]["type"] == "string", "quantities are written with their unit"
+    assert steps["improve"]["properties"]["budget"]["type"] == "string", "quantities are written with their unit"
     assert all(option["description"] for step in steps.values() for option in step["properties"].values())

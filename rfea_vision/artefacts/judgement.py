@@ -220,7 +220,6 @@ class Diagnosis(_Json):
     noise_floor_mm: float | None = None
     noise_floor_deg: float | None = None  # where only an angle was measured
     explained_fraction: float | None = None
-    enough: float | None = None  # share of the misfit asked of a name
     next_experiment: NextExperiment | None = None
     warnings: list[str] = Field(default_factory=list)
 

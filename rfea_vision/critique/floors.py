@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
@@ -48,7 +46,7 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
     drown it. In the residual the motion is gone, so there third differences may be taken over longer and longer strides.
     """
     items = problem.with_roles("train", "validate")
-    known, _ = noise_floor_mm([_alone(o) for o in items], problem.recordings)
+    known, _ = noise_floor_mm(list(items), problem.recordings, repeats=False)
     if not known:
         known = float(np.rad2deg(np.median(np.concatenate([o.angle_sigma for o in problem.train]))))
     seen = []
@@ -58,11 +56,6 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
         seen.append(max((_spread(gap, stride) for stride in strides), default=0.0))
     raised = float(np.sqrt(np.mean(np.square(seen))))
     return float(np.clip(raised, known, MOST_RAISED * known))
-
-
-def _alone(item: Observed) -> Observed:
-    """The run without its repeats, which tell of more than the measurement."""
-    return replace(item, repeat_of=None)
 
 
 def _spread(gap: FloatArray, stride: int) -> float:
@@ -136,9 +129,14 @@ def _shift(item: Observed, other: Observed) -> float:
     first = other.excitation.start_s - item.excitation.start_s
     grid = item.excitation.start_s + item.excitation.step_s * np.arange(0, item.excitation.pressure.size, 10)
     pressure = item.excitation.at(grid)
-    shifts = first + np.arange(-SEARCHED_S, SEARCHED_S + 1e-9, 0.01)
-    costs = [float(np.mean((other.excitation.at(grid + shift) - pressure) ** 2)) for shift in shifts]
+    shifts: FloatArray = first + np.arange(-SEARCHED_S, SEARCHED_S + 1e-9, 0.01)
+    costs = [float(np.mean((other.excitation.at(np.asarray(grid + shift, dtype=np.float64)) - pressure) ** 2)) for shift in shifts]
     return float(shifts[int(np.argmin(costs))])
+
+
+def _power(series: FloatArray) -> FloatArray:
+    """Square of the cosine transform (frames,) of columns (frames, k), summed over these."""
+    return np.sum(np.asarray(dct(series, axis=0, norm="ortho"), dtype=np.float64) ** 2, axis=1)
 
 
 def _uncaused(item: Observed, gap: FloatArray, noise: float) -> float:
@@ -146,10 +144,8 @@ def _uncaused(item: Observed, gap: FloatArray, noise: float) -> float:
     pressure = item.excitation.at(item.time)
     span = max(float(np.ptp(pressure)), 1e-300)
     moved = item.points[:, -1] / MM if item.has_tip else np.rad2deg(item.angle)[:, None]
-    modelled = dct(moved - gap, axis=0, norm="ortho") ** 2
-    driven = (dct(pressure / span, norm="ortho") ** 2)[:, None] * float(np.sum(np.var(moved, axis=0)))
-    left = np.sum(dct(gap, axis=0, norm="ortho") ** 2, axis=1)
-    caused = np.maximum(np.sum(modelled, axis=1), np.sum(driven, axis=1))
+    driven = _power((pressure / span)[:, None]) * float(np.sum(np.var(moved, axis=0)))
+    left, caused = _power(gap), np.maximum(_power(moved - gap), driven)
     total = 0.0
     for low in range(0, left.size - BAND, BAND):
         band = slice(low, low + BAND)

@@ -249,7 +249,7 @@ def _judged(
     judgement = judge(
         climb.problem,
         climb.fitted,
-        options,
+        options=options,
         candidates=candidates,
         where=comparison.where,
         goes_with=goes_with(comparison),

@@ -17,6 +17,7 @@ from rfea_vision.critique.screening import Screened, available, screened_rows, s
 from rfea_vision.critique.subsets import MOST_TOGETHER, Combinations, Proposal
 from rfea_vision.critique.trials import Trial, Trials, plain
 from rfea_vision.effects.base import Effect
+from rfea_vision.effects.catalogue import catalogue
 
 #: Sets of one, two, three and four effects that are refitted from the model as it stands, and from each better one found then.
 FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)
@@ -101,7 +102,7 @@ class Search:
 
     def _price(self, effects: frozenset[str], free: int) -> float:
         added = len(effects - self.present.effects)
-        return self.rule.price(added, free - self.present.free, len(self.effects), self.count)
+        return self.rule.price(added, free - self.present.free, len(catalogue()), self.count)
 
     # -- the search ----------------------------------------------------------------------------------------------------
 

@@ -298,7 +298,9 @@ def _origin_sigma(data: xr.Dataset) -> float:
     return float(data.attrs.get("origin_sigma_mm", ORIGIN_SIGMA_MM)) * MM
 
 
-def noise_floor_mm(observed: list[Observed], recordings: dict[str, Recording]) -> tuple[float | None, str]:
+def noise_floor_mm(
+    observed: list[Observed], recordings: dict[str, Recording], *, repeats: bool = True
+) -> tuple[float | None, str]:
     """Noise floor in the norm of the tip RMSE, and where it comes from.
 
     Repeats of the same excitation give it directly; else the tracking errors, but never less than the track's own high
@@ -306,7 +308,7 @@ def noise_floor_mm(observed: list[Observed], recordings: dict[str, Recording]) -
     """
     by_name = {o.name: o for o in observed}
     pairs = []
-    for item in observed:
+    for item in observed if repeats else ():
         other = by_name.get(item.repeat_of or "")
         if other is not None and item.has_tip and other.has_tip:
             a = item.time - item.time[0]

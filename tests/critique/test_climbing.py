@@ -40,14 +40,26 @@ def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign):
         assert (one.delta_bic is None) == (other.delta_bic is None)
 
 
-def test_a_part_is_named_only_where_less_is_asked_of_a_name(campaign):
+def test_a_part_is_named_with_its_share_and_what_is_left_is_said(campaign):
     recordings, actuator = campaign((("fan.F", 0.01), *TILT))
-    model = fit_model(recordings, actuator, OPTIONS)
-    strict, _ = diagnose(model, recordings, candidates=["gravity_tilt"])
-    lenient, _ = diagnose(model, recordings, CritiqueOptions(enough=0.6), candidates=["gravity_tilt"])
-    assert strict.verdict == "unexplained" and strict.named == []
-    assert "gravity_tilt" in strict.sentence and "97 %" in strict.sentence
-    assert lenient.verdict == "missing" and lenient.named == ["gravity_tilt"]
+    diagnosis, _ = diagnose(fit_model(recordings, actuator, OPTIONS), recordings, candidates=RIVALS)
+    assert diagnosis.verdict == "missing" and diagnosis.named == ["gravity_tilt"] and diagnosis.sufficient is False
+    row = next(c for c in diagnosis.candidates if c.effect == "gravity_tilt")
+    assert row.probability > 0.5 and 0.3 < row.share < 0.97
+    assert diagnosis.remainder.share == pytest.approx(1 - row.share) and "left" in diagnosis.remainder.sentence
+    assert sum(s.probability for s in diagnosis.sets) == pytest.approx(1, abs=0.01)
+
+
+def test_stand_ins_lower_the_error_and_are_called_so(campaign):
+    recordings, actuator = campaign((("fan.F", 0.05),))
+    rivals = ("stiffness_profile", "rest_curvature")
+    plain, helped = (
+        improve(recordings, actuator, OPTIONS, CritiqueOptions(stand_ins=wanted), candidates=rivals)
+        for wanted in (False, True)
+    )
+    assert all(rung.grade != "stand-in" for rung in plain.rungs)
+    assert helped.rungs[-1].grade == "stand-in" and helped.rungs[-1].probability < 0.5
+    assert helped.rungs[-1].validate_tip_rmse_mm < 0.9 * plain.rungs[-1].validate_tip_rmse_mm
 
 
 def test_an_inclinometer_is_judged_in_degrees(campaign):

@@ -97,7 +97,9 @@ def test_choosing_does_not_look_at_test_runs(campaign):
 
 
 def test_the_ladder_keeps_to_its_budget(campaign):
-    ladder, _ = climbed(campaign((("gravity_tilt.angle", -0.08),)), ("gravity_tilt",), critique=CritiqueOptions(budget_s=0))
+    ladder, _ = climbed(
+        campaign((("gravity_tilt.angle", -0.08),)), ("gravity_tilt",), critique=CritiqueOptions(budget_s=0)
+    )
     assert len(ladder.rungs) == 1
     assert "budget" in ladder.stopped_because and "gravity_tilt" in ladder.stopped_because
 
