@@ -39,6 +39,7 @@ def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
         done = alone.get(name) or refused.get(name)
         if done is not None:
             shown |= _refitted(search, name, done)
+        shown["form"] = form_of(name, verdict)
         shown["probability"] = verdict.probability.get(name, 0.0 if done is not None else None)
         rows.append(Candidate(effect=name, title=title(search, name), **shown))
 
@@ -47,6 +48,12 @@ def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
         return next((value for value in found if value is not None), 0.0)
 
     return sorted(rows, key=lambda row: (not row.refitted, -(row.probability or 0.0), error(row)))
+
+
+def form_of(name: str, verdict: Verdict) -> str | None:
+    """The form of an effect that the best set prefers; None for the usual one."""
+    own = next((one for one in verdict.best.effects if plain(one) == name), name)
+    return own.partition("@")[0].partition(":")[2] or None
 
 
 def _refitted(search: Search, name: str, done: Trial) -> dict[str, Any]:

@@ -10,14 +10,14 @@ import numpy as np
 
 from rfea_vision.artefacts.judgement import Floors
 from rfea_vision.critique.floors import binding, floors_of
-from rfea_vision.critique.measures import common_runs, effective_count, matters, share, structure
+from rfea_vision.critique.measures import STRUCTURE_FLOORS, common_runs, effective_count, matters, share, structure
 from rfea_vision.critique.refinement import SEGMENTS
 from rfea_vision.critique.rule import RULE, Rule, posterior
 from rfea_vision.critique.screening import Screened, available, screened_rows, sensitivities
 from rfea_vision.critique.subsets import MOST_TOGETHER, Combinations, Proposal
 from rfea_vision.critique.trials import Trial, Trials, plain
 from rfea_vision.effects.base import Effect
-from rfea_vision.effects.catalogue import catalogue
+from rfea_vision.effects.catalogue import catalogue, forms_of
 
 #: Sets of one, two, three and four effects that are refitted from the model as it stands, and from each better one found then.
 FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)
@@ -71,19 +71,36 @@ class Search:
     # -- the rule ------------------------------------------------------------------------------------------------------
 
     def weigh(self) -> list[Weighed]:
-        """All sets that hold the present model, most probable first; the present model itself among them."""
+        """All sets that hold the present model, most probable first; the present model itself among them.
+
+        Of the forms of one set the best stands for all, at the price of having chosen among them.
+        """
         self._settled()
         now = self.present.effects
         tried = [t for k, t in self.trials.done.items() if t is not None and k >= now and (t.allowed or k == now)]
         tried = [t for t in tried if self._offered(t)]
         names = common_runs(t.errors for t in tried)
-        weights = [self._weight(t, names) for t in tried]
+        forms: dict[frozenset[str], list[tuple[float, Trial]]] = {}
+        for trial in tried:
+            added = frozenset(map(plain, trial.effects - now))
+            forms.setdefault(added, []).append((self._weight(trial, names), trial))
+        best = {added: max(rows, key=lambda row: row[0]) for added, rows in forms.items()}
+        weights = [weight - float(np.log(len(forms[added]))) for added, (weight, _) in best.items()]
         before = self.present.errors.on(names)
         out = [
-            Weighed(t, tuple(sorted(t.effects - now)), w, p, share(before, t.errors.on(names), self.floor))
-            for t, w, p in zip(tried, weights, posterior(weights), strict=True)
+            Weighed(trial, tuple(sorted(added)), w, p, share(before, trial.errors.on(names), self.floor))
+            for (added, (_, trial)), w, p in zip(best.items(), weights, posterior(weights), strict=True)
         ]
         return sorted(out, key=lambda item: -item.weight)
+
+    def without(self, item: Weighed, own: str) -> Trial | None:
+        """The best fit of a set less one of its members, in whatever forms."""
+        rest = set(item.added) - {own}
+        now = self.present.effects
+        tried = [
+            t for k, t in self.trials.done.items() if t is not None and k >= now and set(map(plain, k - now)) == rest
+        ]
+        return min(tried, key=lambda t: t.cost, default=None)
 
     def _offered(self, trial: Trial) -> bool:
         ids = {effect.id for effect in self.effects} | {SEGMENTS}
@@ -116,6 +133,7 @@ class Search:
             if best.effects in seen or SEGMENTS in best.effects:
                 break
             centre = best
+        self._forms()
         self._rivals()
         for _ in range(2):
             if not self._leave_one_out():
@@ -149,12 +167,25 @@ class Search:
         gain = -0.5 * self.count * float(np.log(max(1 - proposal.fall, 1e-6)))
         return LENIENT * gain >= price - self._price(centre.effects, centre.free)
 
+    def _forms(self) -> None:
+        """Where the best set leaves something, its members in their other forms, one at a time, from the fit so far."""
+        for own in self.weigh()[0].added:
+            best = self.weigh()[0]
+            if self.structure(best.trial) < STRUCTURE_FLOORS:
+                return
+            now = next((one for one in best.trial.effects if plain(one) == own), own)
+            for form in forms_of(own):
+                rest = tuple(one for one in best.trial.effects - self.present.effects if one != now)
+                values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
+                start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
+                self.trials.refit(self.present, (*rest, form), start)
+
     def _rivals(self) -> None:
         """Nobody is named without the rivals that are said to be mistaken for it: they are refitted in its place."""
         best = self.weigh()[0]
         for own in best.added:
-            others = [one for one in look_alikes(self.effects, plain(own)) if one not in map(plain, best.trial.effects)]
-            base = self.trials.done.get(best.trial.effects - {own})
+            others = [one for one in look_alikes(self.effects, own) if one not in best.added]
+            base = self.without(best, own)
             rows = [row for row in self.screened if row.effect in others]
             for row in {r.effect: r for r in reversed(rows)}.values():
                 start = {f"{row.effect}.{k}": v for k, v in {**row.grid, **row.step}.items()}
@@ -164,7 +195,9 @@ class Search:
         """Refit the best set without each of its members; whether any of that was new."""
         best, known = self.weigh()[0], len(self.trials.done)
         for own in best.added if len(best.added) > 1 else ():
-            rest = [one for one in best.added if one != own]
+            rest = [one for one in best.trial.effects - self.present.effects if plain(one) != own]
+            if self.without(best, own) is not None:
+                continue
             values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
             start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
             self.trials.refit(self.present, rest, start)
@@ -176,10 +209,10 @@ class Search:
         """For each member of the best set, the sets with another effect in its place that do alike and are as likely."""
         best, out = weighed[0], {}
         for own in best.added:
-            without = self.trials.done.get(best.trial.effects - {own})
+            without = self.without(best, own)
             for other in weighed[1:]:
-                new = other.trial.effects - best.trial.effects
-                if len(new) != 1 or best.trial.effects - other.trial.effects != {own} or without is None:
+                new = set(other.added) - set(best.added)
+                if len(new) != 1 or set(best.added) - set(other.added) != {own} or without is None:
                     continue
                 if best.weight - other.weight < EVEN and self._alike(best.trial, other.trial, without):
                     out.setdefault(own, []).append(other)
@@ -204,7 +237,7 @@ class Search:
     def matters(self, weighed: Sequence[Weighed], own: str) -> bool:
         """Whether leaving a member of the best set out would raise the held-out error by what matters."""
         best = weighed[0]
-        without = self.trials.done.get(best.trial.effects - {own})
+        without = self.without(best, own)
         if without is None:
             return False
         names = common_runs([best.trial.errors, without.errors])

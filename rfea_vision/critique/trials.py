@@ -86,7 +86,11 @@ class Trials:
     def _solved(self, base: Trial, key: frozenset[str], start: Mapping[str, float]) -> Fitted | None:
         options, values, absent = self._options(base.fitted, key)
         held = _values(base)
-        best = self._from(options, {**values, **held, **start}, base.fitted)
+        grids = [values, *({**values, name: v} for name, points in self._grids(key, start).items() for v in points[1:])]
+        tries = [self._from(options, {**grid, **held, **start}, base.fitted) for grid in grids]
+        best = min(
+            (one for one in tries if one is not None), key=lambda one: one.solution.evaluation.cost, default=None
+        )
         smaller = [t for k, t in self.done.items() if t is not None and k < key and SEGMENTS not in k]
         nearest = min(smaller, key=lambda t: t.cost, default=base)
         if best is None or best.solution.evaluation.cost > nearest.cost:
@@ -98,6 +102,14 @@ class Trials:
             best = min(found, key=lambda one: one.solution.evaluation.cost)
         return best
 
+    def _grids(self, key: frozenset[str], start: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
+        """Points from which to start what vanishes with an amplitude and is not in `start`: of another form, never screened."""
+        forms = find_effects([one for one in key if ":" in one], self.effect_files)
+        found = {
+            f"{e.id}.{name}": spec.grid for e in forms for name, spec in e.parameters.items() if len(spec.grid) > 1
+        }
+        return {name: points for name, points in found.items() if name not in start}
+
     def _options(self, like: Fitted, key: frozenset[str]) -> tuple[FitOptions, dict[str, float], dict[str, float]]:
         """Options of one law of all effects; where its parameters start; and the absent values of the effects of the set."""
         files = self.effect_files or like.options.effect_files
@@ -105,7 +117,9 @@ class Trials:
         chosen = {plain(one): one for one in key}
         # Two laws, compiled once and for all: with the effects that remember, which cost twice as much, and without.
         every = find_effects(sorted({*catalogue(), *users}), files)
-        if not any(effect.states for effect in every if effect.id in chosen):
+        if any(":" in one for one in key):  # another form is compiled with its set alone
+            every = find_effects([one.partition("@")[0] for one in sorted(key)], files)
+        elif not any(effect.states for effect in every if effect.id in chosen):
             every = tuple(effect for effect in every if not effect.states)
         fixed, values, absent = dict(like.options.fixed), {}, {}
         for effect in every:

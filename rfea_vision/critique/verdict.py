@@ -39,8 +39,8 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     top = weighed[0]
     likely = [one for one in top.added if probability[one] >= search.rule.likely and search.matters(weighed, one)]
     likely.sort(key=lambda one: -_worth(search, top, one))
-    best = search.trials.done.get(search.present.effects | set(likely)) or search.present
-    own = next(item for item in weighed if item.trial is best)
+    own = next((item for item in weighed if set(item.added) == set(likely)), weighed[0])
+    best = own.trial
     left = search.structure(best)
     small = max(STRUCTURE_FLOORS, (search.floors.calibration or 0.0) / search.floor if search.floor > 0 else 0.0)
     tied = [
@@ -66,7 +66,7 @@ def _other(best: Weighed, row: Weighed) -> str:
 
 def _worth(search: Search, best: Weighed, own: str) -> float:
     """Held-out squared error that comes back when a member of the best set is left out."""
-    without = search.trials.done.get(best.trial.effects - {own})
+    without = search.without(best, own)
     return without.errors.held_excess(search.floor) if without is not None else 0.0
 
 

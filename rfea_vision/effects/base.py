@@ -154,6 +154,7 @@ class Effect:
     """Base of every effect. Subclasses set the class attributes and override the hooks they need."""
 
     id: ClassVar[str]
+    form: ClassVar[str] = ""  # of a subclass that states the same physics by another formula: asked for as id:form
     title: ClassVar[str]
     reference: ClassVar[str]
     shows: ClassVar[str] = ""

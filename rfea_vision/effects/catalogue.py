@@ -29,17 +29,31 @@ def _effects_in(module: object) -> list[type[Effect]]:
 
 @cache
 def catalogue() -> dict[str, type[Effect]]:
-    """Every effect on offer by id, those of this package first."""
+    """Every effect on offer by id, those of this package first; other forms of an effect as ``id:form``, see `forms_of`."""
+    return {name: effect for name, effect in _known().items() if not effect.form}
+
+
+def forms_of(effect_id: str) -> tuple[str, ...]:
+    """Names by which the other forms of an effect are asked for: ``mullins:linear``."""
+    return tuple(name for name, effect in _known().items() if effect.form and effect.id == effect_id)
+
+
+@cache
+def _known() -> dict[str, type[Effect]]:
     package = importlib.import_module("rfea_vision.effects")
     found: dict[str, type[Effect]] = {}
     for info in sorted(pkgutil.iter_modules(package.__path__), key=lambda item: item.name):
         if info.name not in _NOT_EFFECTS:
             for effect in _effects_in(importlib.import_module(f"rfea_vision.effects.{info.name}")):
-                found[effect.id] = effect
+                found[_called(effect)] = effect
     for point in entry_points(group="rfea.effects"):
         effect = point.load()
-        found.setdefault(effect.id, effect)
+        found.setdefault(_called(effect), effect)
     return found
+
+
+def _called(effect: type[Effect]) -> str:
+    return f"{effect.id}:{effect.form}" if effect.form else effect.id
 
 
 def load_effect_file(path: Path) -> list[type[Effect]]:
@@ -89,10 +103,10 @@ def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple
     InputError
         An id that nobody declares.
     """
-    known = dict(catalogue())
+    known = dict(_known())
     for path in effect_files:
         for effect in load_effect_file(Path(path)):
-            known[effect.id] = effect
+            known[_called(effect)] = effect
     if "segments" in ids and "segments" not in known:
         raise InputError("effect 'segments' is no law but a finer chain; use --segments with a larger number")
     missing = [name for name in ids if name not in known]

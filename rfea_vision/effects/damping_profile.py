@@ -24,3 +24,16 @@ class DampingProfile(Effect):
     def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
         t = 2 * joint.position - 1
         return damping * (1 + self.a1 * t + self.a2 * (3 * t**2 - 1) / 2)
+
+
+class SteppedDamping(DampingProfile):
+    """b_j (1 + a tanh((sigma - at) / 0.02)): more on one side of a place than on the other."""
+
+    form = "stepped"
+    parameters = {
+        "a": EffectParameter("1", 0.0, -0.9, 0.9, 0.1, "half the step"),
+        "at": EffectParameter("1", None, 0.05, 0.95, 0.5, "place, from clamp to tip", grid=(0.25, 0.5, 0.75)),
+    }
+
+    def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
+        return damping * (1 + self.a * sp.tanh(50 * (joint.position - self.at)))

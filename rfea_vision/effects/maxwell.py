@@ -31,3 +31,25 @@ class Maxwell(Effect):
 
     def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
         return {"z": joint.theta}
+
+
+class LogarithmicCreep(Maxwell):
+    """Creep that goes on with the logarithm of time: three branches of k_1 / 3 each, with T / 5, T and 5 T."""
+
+    form = "logarithmic"
+    reference = "Andrade 1910, doi:10.1098/rspa.1910.0050; a spectrum of Maxwell branches, one per log of five"
+    states = {"z": "rad", "z2": "rad", "z3": "rad"}
+
+    def joint_torque(self, joint: Joint) -> sp.Expr:
+        lags = 3 * joint.theta - self.z - self.z2 - self.z3
+        return -self.k1 * joint.base["k_ref"] * lags / 3
+
+    def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
+        return {
+            "z": (joint.theta - self.z) / (self.T / 5),
+            "z2": (joint.theta - self.z2) / self.T,
+            "z3": (joint.theta - self.z3) / (5 * self.T),
+        }
+
+    def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
+        return dict.fromkeys(self.states, joint.theta)

@@ -34,3 +34,21 @@ class Mullins(Effect):
 
     def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
         return {"z": sp.Piecewise((joint.tube_angle, joint.tube_angle > 0), (0, True))}
+
+
+class CappedMullins(Mullins):
+    """k_j (1 - c min(z / s, 1)): the loss grows in proportion to the largest bend, up to s."""
+
+    form = "linear"
+
+    def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
+        return stiffness * (1 - self.c * sp.Piecewise((self.z / self.s, self.z < self.s), (1, True)))
+
+
+class SlowMullins(Mullins):
+    """k_j (1 - c (1 - (1 + z / s)^(-1/2))): a power law, which never ends."""
+
+    form = "power"
+
+    def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
+        return stiffness * (1 - self.c * (1 - (1 + self.z / self.s) ** sp.Rational(-1, 2)))

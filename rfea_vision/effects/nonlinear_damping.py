@@ -20,3 +20,24 @@ class NonlinearDamping(Effect):
 
     def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
         return damping * (1 + self.c * sp.Abs(joint.tube_rate))
+
+
+class RootDamping(NonlinearDamping):
+    """b_j (1 + c sqrt(|r|)), rounded below 0.01 rad/s."""
+
+    form = "root"
+    parameters = {"c": EffectParameter("s**0.5/rad**0.5", 0.0, -0.3, 10.0, 0.05, "growth per root of the rate")}
+    constants = {"rounded": ("rad/s", 0.01)}
+
+    def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
+        return damping * (1 + self.c * (joint.tube_rate**2 + self.rounded**2) ** sp.Rational(1, 4))
+
+
+class SquareDamping(NonlinearDamping):
+    """b_j (1 + c r^2)."""
+
+    form = "square"
+    parameters = {"c": EffectParameter("s**2/rad**2", 0.0, -0.02, 10.0, 0.01, "growth per squared rate")}
+
+    def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
+        return damping * (1 + self.c * joint.tube_rate**2)

@@ -20,3 +20,23 @@ class NonlinearStiffness(Effect):
 
     def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
         return stiffness * (1 + self.c * joint.tube_angle**2)
+
+
+class AbsoluteStiffness(NonlinearStiffness):
+    """k_j (1 + c |Theta|)."""
+
+    form = "absolute"
+    parameters = {"c": EffectParameter("1/rad", 0.0, -0.3, 2.0, 0.02, "relative growth per angle")}
+
+    def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
+        return stiffness * (1 + self.c * sp.Abs(joint.tube_angle))
+
+
+class RadiusStiffness(NonlinearStiffness):
+    """k_j (1 + c (r_i^2 / r_i0^2 - 1)^2): quadratic in the section's opening, beyond the base model's slope over r_i."""
+
+    form = "radius"
+    parameters = {"c": EffectParameter("1", 0.0, -50.0, 500.0, 2.0, "growth per squared opening of the bore")}
+
+    def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
+        return stiffness * (1 + self.c * ((joint.inner_radius / joint.rest_inner_radius) ** 2 - 1) ** 2)

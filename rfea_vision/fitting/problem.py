@@ -104,7 +104,7 @@ def _offers(recording: Recording, observe: Observe) -> bool:
 
 
 def parse_effects(effects: Sequence[str], segments: int) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Split ``coulomb@2`` into id and joint."""
+    """Split ``coulomb@2`` into the effect, with its form if it has one (``mullins:linear``), and the joint by its id."""
     ids, places = [], {}
     for text in effects:
         name, _, joint = text.partition("@")
@@ -112,7 +112,7 @@ def parse_effects(effects: Sequence[str], segments: int) -> tuple[tuple[str, ...
         if joint:
             if not joint.isdigit() or not 1 <= int(joint) <= segments:
                 raise InputError(f"effect '{text}': the joint after @ must be a whole number from 1 to {segments}")
-            places[name] = int(joint)
+            places[name.partition(":")[0]] = int(joint)
     return tuple(ids), places
 
 

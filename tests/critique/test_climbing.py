@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Recording
+from rfea_vision.artefacts import Candidate, Diagnosis, Recording
 from rfea_vision.critique import diagnose, improve
+from rfea_vision.critique.ladder import Step, next_step
 from rfea_vision.critique.screening import available
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting import fit_model
-from rfea_vision.options import CritiqueOptions, FitOptions
+from rfea_vision.options import FitOptions
 
 OPTIONS = FitOptions(segments=6, starts=0)
 TILT = (("gravity_tilt.angle", -0.08),)
@@ -50,16 +51,21 @@ def test_a_part_is_named_with_its_share_and_what_is_left_is_said(campaign):
     assert sum(s.probability for s in diagnosis.sets) == pytest.approx(1, abs=0.01)
 
 
-def test_stand_ins_lower_the_error_and_are_called_so(campaign):
-    recordings, actuator = campaign((("fan.F", 0.05),))
-    rivals = ("stiffness_profile", "rest_curvature")
-    plain, helped = (
-        improve(recordings, actuator, OPTIONS, CritiqueOptions(stand_ins=wanted), candidates=rivals)
-        for wanted in (False, True)
+def test_a_stand_in_is_taken_only_where_one_is_asked_for_and_called_so():
+    helps = Candidate(effect="drag", probability=0.2, share=0.4, matters=True, refitted=True)
+    more = Candidate(effect="coulomb", form="sharp", probability=0.3, share=0.6, matters=True, refitted=True)
+    at_bound = Candidate(
+        effect="maxwell", probability=0.0, share=0.9, matters=True, refitted=True, note="ended at a bound"
     )
-    assert all(rung.grade != "stand-in" for rung in plain.rungs)
-    assert helped.rungs[-1].grade == "stand-in" and helped.rungs[-1].probability < 0.5
-    assert helped.rungs[-1].validate_tip_rmse_mm < 0.9 * plain.rungs[-1].validate_tip_rmse_mm
+    nothing = Diagnosis(
+        model="base", verdict="unexplained", sentence="so", candidates=[helps, more, at_bound], sufficient=False
+    )
+    assert next_step(nothing, (), stand_ins=False) == Step(why="the verdict is unexplained: so")
+    assert next_step(nothing, (), stand_ins=True) == Step("coulomb:sharp", "stand-in", 0.3, 0.6)
+    assert next_step(nothing, ("coulomb",), stand_ins=True).added == "drag"
+    named = nothing.model_copy(update={"named": ["drag"], "verdict": "missing"})
+    assert next_step(named, (), stand_ins=True) == Step("drag", "named", 0.2, 0.4)
+    assert next_step(named, ("drag",), stand_ins=False).added is None
 
 
 def test_an_inclinometer_is_judged_in_degrees(campaign):

@@ -96,12 +96,10 @@ def test_choosing_does_not_look_at_test_runs(campaign):
     assert dirty.test["tip_rmse_mm"] > 5 * clean.test["tip_rmse_mm"]
 
 
-def test_the_ladder_keeps_to_its_budget(campaign):
-    ladder, _ = climbed(
-        campaign((("gravity_tilt.angle", -0.08),)), ("gravity_tilt",), critique=CritiqueOptions(budget_s=0)
-    )
-    assert len(ladder.rungs) == 1
-    assert "budget" in ladder.stopped_because and "gravity_tilt" in ladder.stopped_because
+def test_a_budget_ends_a_climb_only_after_what_is_named_was_added(campaign):
+    found = campaign((("gravity_tilt.angle", -0.08),))
+    ladder, _ = climbed(found, ("gravity_tilt",), critique=CritiqueOptions(budget_s=0))
+    assert [rung.added for rung in ladder.rungs] == [None, "gravity_tilt"] and ladder.rungs[1].grade == "named"
 
 
 def test_power_study_foretells_what_is_found(campaign):
