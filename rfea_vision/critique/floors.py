@@ -8,7 +8,7 @@ from scipy.fft import dct
 
 from rfea_vision.artefacts.judgement import Floors
 from rfea_vision.fitting.fit import Fitted, Problem
-from rfea_vision.fitting.observation import MM, Observed, noise_floor_mm
+from rfea_vision.fitting.observation import MM, Observed, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.solver import fit_clocks
 
@@ -48,7 +48,7 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
     items = problem.with_roles("train", "validate")
     known, _ = noise_floor_mm(list(items), problem.recordings, repeats=False)
     if not known:
-        known = float(np.rad2deg(np.median(np.concatenate([o.angle_sigma for o in problem.train]))))
+        known = noise_floor_deg(list(problem.train)) or 0.0
     seen = []
     for item, gap in _gaps(problem, fitted):
         period = float(np.median(np.diff(item.time)))
