@@ -26,6 +26,7 @@ _COMMANDS = {
     "fit": ("fit",),
     "model": ("compare", "diagnose", "improve"),
     "power": ("power",),
+    "propose": ("propose",),
     "effects": ("effects",),
     "chain": ("report", "run"),
     "batch": ("batch", "table"),

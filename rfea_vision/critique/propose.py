@@ -9,8 +9,10 @@ of Brunton, Proctor and Kutz 2016, doi:10.1073/pnas.1517384113, on a residual in
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -94,16 +96,19 @@ def propose(
         raise DataError(
             f"model {model.name}: the best law of the library, {_listed(chosen)}, does not lower the held-out error"
         )
-    return _described(file, chosen, coefficients, r2, (before.held, errors_of(problem, after).held), before, problem)
-
-
-def _described(file, chosen, coefficients, r2, held, before, problem) -> Proposal:
     unit = "mm" if problem.train[0].has_tip else "deg"
+    return _described(file, chosen, coefficients, r2, (before.held, errors_of(problem, after).held), unit)
+
+
+def _described(
+    file: Path, chosen: Sequence[Term], coefficients: Sequence[float], r2: float, held: tuple[float, float], unit: str
+) -> Proposal:
     sentence = (
         f"The residual torque goes with {_listed(chosen)}; with that law refitted the held-out error falls from {held[0]:.3f} to "
         f"{held[1]:.3f} {unit}. It is a description, not yet a cause: `rfea improve CAMPAIGN --effect-file {file}` weighs it."
     )
-    return Proposal(file, tuple(t.law for t in chosen), tuple(coefficients), r2, *held, unit, sentence)
+    laws = tuple(term.law for term in chosen)
+    return Proposal(file, laws, tuple(coefficients), r2, held[0], held[1], unit, sentence)
 
 
 def _listed(terms: Sequence[Term]) -> str:
@@ -136,24 +141,31 @@ def _residuals(problem: Problem, fitted: Fitted) -> list[tuple[ResidualTorque, O
     return found
 
 
+#: Middles of the places at which a term may act alone.
+SPOTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+
+
+def _to_clamp(place: FloatArray) -> FloatArray:
+    return 1 - place
+
+
+def _to_tip(place: FloatArray) -> FloatArray:
+    return place
+
+
+def _near(place: FloatArray, at: float) -> FloatArray:
+    return np.exp(-(((place - at) / 0.1) ** 2))
+
+
 # -- the library -----------------------------------------------------------------------------------------------------------
 
 
 def library(runs: Sequence[tuple[ResidualTorque, Observed, float]]) -> list[Term]:
     """All terms: a quantity, alone and with the place along the tube."""
     each = [_quantities(*run) for run in runs]
-    places = {
-        "": ("", lambda s: np.ones_like(s)),
-        " * (1 - s)": (" near the clamp", lambda s: 1 - s),
-        " * s": (" near the tip", lambda s: s),
-    }
-    places |= {
-        f" * exp(-((s - {at}) / 0.1)**2)": (
-            f" at {100 * at:.0f} % of the length",
-            lambda s, at=at: np.exp(-(((s - at) / 0.1) ** 2)),
-        )
-        for at in (0.2, 0.35, 0.5, 0.65, 0.8)
-    }
+    places = {"": ("", np.ones_like), " * (1 - s)": (" near the clamp", _to_clamp), " * s": (" near the tip", _to_tip)}
+    for at in SPOTS:
+        places[f" * exp(-((s - {at}) / 0.1)**2)"] = (f" at {100 * at:.0f} % of the length", partial(_near, at=at))
     terms = []
     for law, (words, _) in each[0].items():
         for factor, (where, shape) in places.items():
@@ -360,14 +372,10 @@ class Proposed(Effect):
 
 
 def _words(text: str) -> set[str]:
-    import re
-
     return set(re.findall(r"[a-z]\w*", text))
 
 
 def _sympy(law: str) -> str:
-    import re
-
     return re.sub(r"\b(tanh|cos|exp|Abs)\b", r"sp.\1", f"({law})" if "-" in law or "+" in law else law)
 
 
