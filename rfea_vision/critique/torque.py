@@ -87,8 +87,7 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     ]
     motion = predicted.motion
     acceleration = np.gradient(motion.rate, item.time, axis=0)
-    grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
-    pressure = np.interp(item.time + clock_s, grid, item.excitation.pressure)
+    pressure = item.excitation.at(item.time + clock_s)
     seen = (motion.phi + smooth[0], motion.rate + smooth[1], acceleration + smooth[2])
     measured = joint_torques(model, par, *seen, motion.states, pressure)
     modelled = joint_torques(model, par, motion.phi, motion.rate, acceleration, motion.states, pressure)
@@ -113,8 +112,7 @@ _WORDS = {
 
 def _regressors(result: ResidualTorque, item: Observed, clock_s: float) -> dict[str, FloatArray]:
     frames, n = result.torque.shape
-    grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
-    pressure = np.interp(item.time + clock_s, grid, item.excitation.pressure)
+    pressure = item.excitation.at(item.time + clock_s)
     rate = np.gradient(np.asarray(savgol_filter(pressure, min(31, frames // 2 * 2 - 1), 2)), item.time)
     bend_rate = result.rate.sum(axis=1)
     turned = np.concatenate([[True], np.sign(bend_rate[1:]) != np.sign(bend_rate[:-1])])

@@ -42,9 +42,14 @@ class Excitation:
     def end_s(self) -> float:
         return self.start_s + self.step_s * (self.pressure.size - 1)
 
+    @property
+    def grid_s(self) -> FloatArray:
+        """Times (s) of the grid."""
+        return self.start_s + self.step_s * np.arange(self.pressure.size)
+
     def at(self, time_s: FloatArray) -> FloatArray:
         """Pressure (Pa) at times (s)."""
-        return np.interp(time_s, self.start_s + self.step_s * np.arange(self.pressure.size), self.pressure)
+        return np.interp(time_s, self.grid_s, self.pressure)
 
 
 @njit(cache=True, nogil=True)

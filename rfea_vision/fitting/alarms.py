@@ -6,7 +6,7 @@ import numpy as np
 
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.fitting.coordinates import base_reference, stiffness_per_modulus
-from rfea_vision.fitting.fit import Fitted
+from rfea_vision.fitting.refit import Fitted
 
 #: Young's modulus of PDMS, Pa, over the usual curing temperatures: Johnston et al. 2014, doi:10.1088/0960-1317/24/3/035017.
 PDMS_MODULUS = (1.3e6, 3.0e6)

@@ -16,12 +16,15 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
+from rfea_vision.fitting.profile import profile
 from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.scoring import as_artefact
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import evened, seen_scale
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
+from rfea_vision.fitting.studies import leave_one_out, with_study
 from rfea_vision.options import FitOptions
 
 __all__ = [
@@ -268,8 +271,6 @@ def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fit
     if options.effects:
         fitted = fit_added(problem, options, fitted, progress=progress)
     if options.study_segments or options.auto_segments:
-        from rfea_vision.fitting.studies import with_study
-
         fitted = with_study(problem, fitted)
     return fitted
 
@@ -313,8 +314,6 @@ def fit_model(
     InputError
         An unknown effect, or a profile of a parameter that the model does not have.
     """
-    from rfea_vision.fitting.scoring import as_artefact
-
     chosen = options or FitOptions()
     problem = make_problem(recordings, actuator, chosen.observe, pressure_zero_sd=chosen.pressure_zero_sd)
     _know_all(make_model(actuator, chosen, problem.mirror), chosen)
@@ -322,9 +321,6 @@ def fit_model(
     model = as_artefact(problem, fitted)
     if not (chosen.profile or chosen.leave_one_out):
         return model
-    from rfea_vision.fitting.profile import profile
-    from rfea_vision.fitting.studies import leave_one_out
-
     more: dict[str, Any] = {
         "profiles": {name: profile(problem, fitted, name, model.parameters) for name in chosen.profile}
     }

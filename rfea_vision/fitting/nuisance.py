@@ -10,15 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.dynamics.simulation import Excitation
-
-if TYPE_CHECKING:
-    from rfea_vision.fitting.observation import Observed
 
 FloatArray = NDArray[np.float64]
 
@@ -53,20 +49,27 @@ class Unknowns:
         return {f"{name}_kPa": float(a * s / 1e3) for name, a, s in zip(self.names, amplitude, self.sizes, strict=True)}
 
 
-def unknowns_of(item: Observed) -> Unknowns | None:
-    """Unknowns of a run; None where it has none."""
-    grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
+def unknowns_of(excitation: Excitation, pressure_zero_sd: float, unknown_before_s: float | None) -> Unknowns | None:
+    """Unknowns of a run; None where it has none.
+
+    Parameters
+    ----------
+    excitation : pressure of the run
+    pressure_zero_sd : standard error (Pa) of the sensor's zero; 0 where that is known
+    unknown_before_s : time at which the log begins, where the tube moves then; else None
+    """
+    grid = excitation.grid_s
     names, waves, sizes = [], [], []
-    if item.pressure_zero_sd > 0:
+    if pressure_zero_sd > 0:
         names.append("pressure_zero")
         waves.append(np.ones(grid.size))
-        sizes.append(item.pressure_zero_sd)
-    if item.unknown_before_s is not None:
-        before = grid < item.unknown_before_s - 1e-9
-        size = UNKNOWN_SHARE * max(float(np.max(np.abs(item.excitation.pressure))), 1e3)
+        sizes.append(pressure_zero_sd)
+    if unknown_before_s is not None:
+        before = grid < unknown_before_s - 1e-9
+        size = UNKNOWN_SHARE * max(float(np.max(np.abs(excitation.pressure))), 1e3)
         for name, since_s in SINCE_S.items():
             names.append(f"pressure_{name}_before")
-            waves.append(np.where(before & (grid >= item.unknown_before_s - since_s), 1.0, 0.0))
+            waves.append(np.where(before & (grid >= unknown_before_s - since_s), 1.0, 0.0))
             sizes.append(size)
     if not names:
         return None

@@ -64,7 +64,7 @@ class Observed:
     @cached_property
     def unknowns(self) -> Unknowns | None:
         """Nuisance amplitudes of this run."""
-        return unknowns_of(self)
+        return unknowns_of(self.excitation, self.pressure_zero_sd, self.unknown_before_s)
 
     @cached_property
     def telling(self) -> Observed:

@@ -88,8 +88,7 @@ def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
                 f"experiment {item.name}: its tip comes {reach * 1e3:.3g} mm from the clamp, the tube is "
                 f"{actuator.length * 1e3:.0f} mm long; check the unit and the origin of the track"
             )
-        grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
-        pressure = np.interp(item.time, grid, item.excitation.pressure)
+        pressure = item.excitation.at(item.time)
         loaded = pressure > 0.7 * float(pressure.max())
         bend = float(np.median(2 * np.arctan2(-tip[loaded, 0], -tip[loaded, 1])))
         if pressure.max() > CONSTANT_PA and bend < -WRONG_SIDE_RAD:

@@ -16,7 +16,8 @@ from scipy.stats import chi2
 
 from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting.fit import Fitted, Problem, refit
+from rfea_vision.fitting.problem import Problem
+from rfea_vision.fitting.refit import Fitted, refit
 
 FloatArray = NDArray[np.float64]
 STEPS = 8  # points per side at most

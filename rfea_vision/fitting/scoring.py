@@ -15,11 +15,11 @@ from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.discretisation import drift
-from rfea_vision.fitting.fit import Fitted, Problem, make_model
 from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_deg, noise_floor_mm
-from rfea_vision.fitting.problem import CONSTANT_PA
+from rfea_vision.fitting.problem import CONSTANT_PA, Problem, make_model
 from rfea_vision.fitting.refine import refine
+from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
 from rfea_vision.fitting.solver import fit_clocks

@@ -26,8 +26,7 @@ def seen_scale(items: Sequence[Observed], actuator: Actuator) -> float:
     base = base_reference(actuator, 1)
     for item in items:
         angle = bend_of(item)
-        grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
-        pressure = np.interp(item.time, grid, item.excitation.pressure)
+        pressure = item.excitation.at(item.time)
         loaded = (pressure > 0.5 * pressure.max()) & (angle > 0.05)
         if pressure.max() <= 0 or not loaded.any():
             continue

@@ -33,8 +33,7 @@ def find_plateaus(items: Sequence[Observed]) -> list[Plateau]:
     """Stretches of at least a quarter second over which the pressure and the tube stay within narrow bands."""
     found = []
     for item in items:
-        grid = item.excitation.start_s + item.excitation.step_s * np.arange(item.excitation.pressure.size)
-        pressure = np.interp(item.time, grid, item.excitation.pressure)
+        pressure = item.excitation.at(item.time)
         band = max(0.01 * np.ptp(item.excitation.pressure), 1e3)
         signal = item.points[:, -1] / MM if item.has_tip else np.rad2deg(item.angle)[:, None]
         still = 1.0 + 5 * item.tip_noise_mm

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting.fit import Fitted, Problem, refit
 from rfea_vision.fitting.observation import MM, noise_floor_mm
+from rfea_vision.fitting.problem import Problem
+from rfea_vision.fitting.refit import Fitted, refit
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.scoring import metrics_by_role, score
 from rfea_vision.fitting.solver import fit_clocks

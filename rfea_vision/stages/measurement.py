@@ -6,31 +6,29 @@ import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
-from rfea_vision.errors import DataError, InputError, RfeaError
+from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
 from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.stages.doubts import doubts_of, few_frames, reasons_of
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
+from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
 
-if TYPE_CHECKING:
-    from rfea_vision.stages.workspace import Workspace
 
-
-def calibration_path(work: Workspace, experiment: ExperimentSpec | None) -> Path:
+def calibration_path(work: Runner, experiment: ExperimentSpec | None) -> Path:
     """Return where a calibration is kept: the campaign's, or an experiment's own where its camera differs."""
     if experiment is None or experiment.camera == work.campaign.camera:
         return work.out / "calibration" / "camera.yaml"
     return work.out / experiment.name / "camera.yaml"
 
 
-def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> Stored[Calibration]:
+def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str) -> Stored[Calibration]:
     """Calibrate one camera from its photos, or take over an earlier calibration."""
     inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
     size = _picture_size(work, camera) if camera.scale is not None else None
@@ -82,16 +80,18 @@ def calibrate(work: Workspace, camera: CameraSpec, path: Path, subject: str) -> 
         return calibration, [path], sentence
 
     return work.run(
-        "calibrate",
-        subject,
-        inputs=inputs,
-        options={"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled},
+        Stage(
+            "calibrate",
+            subject,
+            inputs=inputs,
+            options={"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled},
+        ),
         make=make,
         load=lambda: load(path),
     )
 
 
-def _picture_size(work: Workspace, camera: CameraSpec) -> tuple[int, int]:
+def _picture_size(work: Runner, camera: CameraSpec) -> tuple[int, int]:
     """Width and height of the first pictures that were taken with a camera."""
     for experiment in work.campaign.experiments:
         if experiment.video is not None and experiment.camera == camera:
@@ -118,7 +118,7 @@ def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Cali
     return scaled_by_distance(size, line, length_mm, error_mm=TUBE_SPREAD * length_mm)
 
 
-def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
+def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
     """Track one experiment's pictures, or read the track that another tool made."""
     path = work.out / experiment.name / "track.nc"
     if experiment.track is not None:
@@ -128,7 +128,7 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
             f"{experiment.folder / 'experiment.yaml'}: video: nothing to track; name a video, frames or a track"
         )
     calibration_file = calibration_path(work, experiment)
-    calibration = work.calibration_of(experiment)
+    calibration = calibration_of(work, experiment)
     camera, video = experiment.camera, experiment.video
     lamp = experiment.sync.box if experiment.sync.method == "led" else None
 
@@ -141,11 +141,13 @@ def track(work: Workspace, experiment: ExperimentSpec) -> Stored[Track]:
         return found, [path], describe_track(found)
 
     tracked = work.run(
-        "track",
-        experiment.name,
-        inputs=_pictures(video),
-        also=[work.cache.sha256(calibration_file)],
-        options={"actuator": experiment.actuator, "camera": camera, "rate_Hz": video.rate_Hz, "lamp": lamp},
+        Stage(
+            "track",
+            experiment.name,
+            inputs=_pictures(video),
+            earlier=[work.cache.sha256(calibration_file)],
+            options={"actuator": experiment.actuator, "camera": camera, "rate_Hz": video.rate_Hz, "lamp": lamp},
+        ),
         make=make,
         load=lambda: Track.load(path),
     )
@@ -170,7 +172,7 @@ def follow(experiment: ExperimentSpec, calibration: Calibration, source: Any, **
     )
 
 
-def _tell_doubts(work: Workspace, experiment: ExperimentSpec, measured: Track | Recording) -> None:
+def _tell_doubts(work: Runner, experiment: ExperimentSpec, measured: Track | Recording) -> None:
     for doubt in doubts_of(measured):
         work.listener.note(f"warning: {experiment.name}: {doubt}")
 
@@ -185,7 +187,7 @@ def _say_calibration(found: Track, calibration: Calibration, experiment: Experim
 
 
 def _clip(
-    work: Workspace,
+    work: Runner,
     experiment: ExperimentSpec,
     tracked: Stored[Track],
     track_file: Path,
@@ -207,17 +209,17 @@ def _clip(
         return None, [folder / "clip.mp4", folder / "clip.json"], f"{size / 1e3:.0f} kB"
 
     work.run(
-        "clip",
-        experiment.name,
-        inputs=[],
-        also=[work.cache.sha256(track_file)],
-        options={},
+        Stage(
+            "clip",
+            experiment.name,
+            earlier=[work.cache.sha256(track_file)],
+        ),
         make=make,
         load=lambda: None,
     )
 
 
-def preview(work: Workspace, experiment: ExperimentSpec) -> Stored[Path]:
+def preview(work: Runner, experiment: ExperimentSpec) -> Stored[Path]:
     """Draw the track over the video, for people to look at.
 
     Raises
@@ -229,7 +231,7 @@ def preview(work: Workspace, experiment: ExperimentSpec) -> Stored[Path]:
     if video is None:
         where = f"{experiment.folder / 'experiment.yaml'}: video"
         raise InputError(f"{where}: this experiment has no pictures to draw on; choose others with -e")
-    tracked, calibration = work.track_of(experiment), work.calibration_of(experiment)
+    tracked, calibration = track(work, experiment), calibration_of(work, experiment)
     path = work.out / experiment.name / "preview.mp4"
 
     def make(progress: Progress) -> tuple[Path, list[Path], str]:
@@ -240,22 +242,22 @@ def preview(work: Workspace, experiment: ExperimentSpec) -> Stored[Path]:
         return path, [path], str(path)
 
     return work.run(
-        "preview",
-        experiment.name,
-        inputs=[],
-        also=[work.cache.sha256(path.with_name("track.nc"))],
-        options={},
+        Stage(
+            "preview",
+            experiment.name,
+            earlier=[work.cache.sha256(path.with_name("track.nc"))],
+        ),
         make=make,
         load=lambda: path,
     )
 
 
-def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> Stored[Track]:
+def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stored[Track]:
     source = experiment.track
     assert source is not None
 
     camera = experiment.camera if source.points and source.scale_mm is None else None
-    calibration = None if camera is None else work.calibration_of(experiment).value
+    calibration = None if camera is None else calibration_of(work, experiment).value
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
         to_rig_mm = None
@@ -269,19 +271,21 @@ def _foreign_track(work: Workspace, experiment: ExperimentSpec, path: Path) -> S
         return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
 
     return work.run(
-        "track",
-        experiment.name,
-        inputs=[source.file],
-        also=[] if camera is None else [work.cache.sha256(calibration_path(work, experiment))],
-        options={"bends": experiment.actuator.bends, "track": source},
+        Stage(
+            "track",
+            experiment.name,
+            inputs=[source.file],
+            earlier=[] if camera is None else [work.cache.sha256(calibration_path(work, experiment))],
+            options={"bends": experiment.actuator.bends, "track": source},
+        ),
         make=make,
         load=lambda: Track.load(path),
     )
 
 
-def synchronise(work: Workspace, experiment: ExperimentSpec) -> Stored[Recording]:
+def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     """Bring the track and the pressure log of one experiment on one clock."""
-    tracked = work.track_of(experiment)
+    tracked = track(work, experiment)
     spec, sync = experiment.pressure, experiment.sync
     if spec.file is None and spec.url is None:
         raise InputError(
@@ -321,19 +325,21 @@ def synchronise(work: Workspace, experiment: ExperimentSpec) -> Stored[Recording
         return recording, [path], describe_recording(recording)
 
     return work.run(
-        "sync",
-        experiment.name,
-        inputs=[log.file for log in (spec, *(run.pressure for run in before)) if log.file is not None],
-        also=also,
-        options={
-            "before": [[run.name, run.recorded_at, run.pressure] for run in before],
-            "recorded_at": experiment.recorded_at if before else None,
-            "pressure": spec,
-            "sync": sync,
-            "role": experiment.role,
-            "bends": experiment.actuator.bends,
-            "repeat_of": experiment.repeat_of,
-        },
+        Stage(
+            "sync",
+            experiment.name,
+            inputs=[log.file for log in (spec, *(run.pressure for run in before)) if log.file is not None],
+            earlier=also,
+            options={
+                "before": [[run.name, run.recorded_at, run.pressure] for run in before],
+                "recorded_at": experiment.recorded_at if before else None,
+                "pressure": spec,
+                "sync": sync,
+                "role": experiment.role,
+                "bends": experiment.actuator.bends,
+                "repeat_of": experiment.repeat_of,
+            },
+        ),
         make=make,
         load=lambda: Recording.load(path),
     )
@@ -370,11 +376,30 @@ def describe_recording(recording: Recording) -> str:
     return f"{attributes['sync_method']}: log clock minus camera clock {offset:.2f} ms (standard error {error:.2f} ms)"
 
 
-def failures_as_error(failures: dict[str, RfeaError], total: int, verb: str) -> RfeaError:
-    """Return one error for the experiments that failed; those that did not are kept."""
-    first = next(iter(failures.values()))
-    rest = total - len(failures)
-    kept = f" ({rest} of {total} experiments were {verb})" if rest else ""
-    more = f"; also failed: {', '.join(list(failures)[1:])}" if len(failures) > 1 else ""
-    kind = InputError if isinstance(first, InputError) else DataError
-    return kind(f"{first}{more}{kept}")
+def calibration_of(work: Runner, experiment: ExperimentSpec) -> Stored[Calibration]:
+    """Calibrate the camera that an experiment's pictures need.
+
+    Raises
+    ------
+    InputError
+        If the experiment names no camera.
+    """
+    if experiment.camera is None:
+        raise InputError(f"{experiment.folder / 'experiment.yaml'}: camera: is missing; pictures need it")
+    subject = work.campaign.name if experiment.camera == work.campaign.camera else experiment.name
+    return calibrate(work, experiment.camera, calibration_path(work, experiment), subject)
+
+
+def recordings(work: Runner, *roles: str) -> dict[str, Stored[Recording]]:
+    """Return the recordings of these roles by name.
+
+    Raises
+    ------
+    DataError
+        If no training experiment is left.
+    """
+    wanted = [item.name for item in work.active() if item.role in roles]
+    found = work.each(wanted, lambda item: synchronise(work, item), "synchronised") if wanted else {}
+    if not any(work.campaign.experiment(name).role == "train" for name in found):
+        raise DataError(f"{work.campaign.root}: no experiment with 'role: train' is left to fit; mend or add one")
+    return found

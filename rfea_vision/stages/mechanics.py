@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
@@ -14,6 +13,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record, from_record
 from rfea_vision.progress import Progress
+from rfea_vision.stages import measurement
 from rfea_vision.stages.cache import StageRecord
 from rfea_vision.stages.products import (
     describe_fit,
@@ -25,10 +25,8 @@ from rfea_vision.stages.products import (
     save_timings,
     without_pressure,
 )
+from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored, values
-
-if TYPE_CHECKING:
-    from rfea_vision.stages.workspace import Workspace
 
 PREDICTED_ROLES = ("train", "validate")
 RUNG_FILES = ("model.json", "prediction.nc", "comparison.json", "diagnosis.json")
@@ -36,7 +34,7 @@ RUNG_FILES = ("model.json", "prediction.nc", "comparison.json", "diagnosis.json"
 Recordings = Mapping[str, Stored[Recording]]
 
 
-def model_folder(work: Workspace, name: str) -> Path:
+def model_folder(work: Runner, name: str) -> Path:
     """Return the folder of a model's artefacts.
 
     Raises
@@ -49,7 +47,7 @@ def model_folder(work: Workspace, name: str) -> Path:
     return work.out / "models" / name
 
 
-def model_names(work: Workspace) -> list[str]:
+def model_names(work: Runner) -> list[str]:
     """Return the models there are, in the order in which they were fitted."""
     known = [record.key.partition("/")[2] for record in work.cache.records("fit")]
     known = [name for name in known if (model_folder(work, name) / "model.json").is_file()]
@@ -57,40 +55,45 @@ def model_names(work: Workspace) -> list[str]:
     return known + [name for name in others if name not in known]
 
 
-def last_model(work: Workspace) -> str | None:
+def last_model(work: Runner) -> str | None:
     """Return the model that was fitted last."""
     names = model_names(work)
     return names[-1] if names else None
 
 
-def fit(work: Workspace, options: FitOptions) -> Stored[ModelFit]:
+def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
-    recordings = work.recordings(*PREDICTED_ROLES)
+    recordings = measurement.recordings(work, *PREDICTED_ROLES)
     actuator = common_actuator(work, recordings)
     folder = model_folder(work, options.name)
 
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
-        from rfea_vision.critique import with_residual_torque
-        from rfea_vision.fitting import fit_model, predict
-
-        measured = values(recordings)
-        model = fit_model(measured, actuator, options, progress=progress)
-        model = model.model_copy(update={"inputs": work.raw_inputs()})
-        save_prediction(folder, with_residual_torque(model, measured, predict(model, measured)))
-        model.save(folder / "model.json")
-        save_timings(folder, model)
+        model = _fitted(values(recordings), actuator, options, work.raw_inputs(), folder, progress)
         return model, [folder / "model.json", folder / "prediction.nc"], describe_fit(model)
 
-    return work.run(
-        "fit",
-        options.name,
-        **_fit_parts(work, options, recordings, actuator),
-        make=make,
-        load=lambda: ModelFit.load(folder / "model.json"),
-    )
+    stage = _fit_stage(work, options, recordings, actuator)
+    return work.run(stage, make=make, load=lambda: ModelFit.load(folder / "model.json"))
 
 
-def fitted(work: Workspace, name: str) -> Stored[ModelFit]:
+def _fitted(
+    recordings: Mapping[str, Recording],
+    actuator: Actuator,
+    options: FitOptions,
+    inputs: dict[str, str],
+    folder: Path,
+    progress: Progress,
+) -> ModelFit:
+    from rfea_vision.critique import with_residual_torque
+    from rfea_vision.fitting import fit_model, predict
+
+    model = fit_model(recordings, actuator, options, progress=progress).model_copy(update={"inputs": inputs})
+    save_prediction(folder, with_residual_torque(model, recordings, predict(model, recordings)))
+    model.save(folder / "model.json")
+    save_timings(folder, model)
+    return model
+
+
+def fitted(work: Runner, name: str) -> Stored[ModelFit]:
     """Return a model by name, fitted again with the same choices if it is out of date."""
     options = fitted_with(work.cache.record(f"fit/{name}"))
     if options is not None:
@@ -110,64 +113,63 @@ def fitted_with(record: StageRecord | None) -> FitOptions | None:
     return from_record(FitOptions, record.options.get("fit")) if record is not None else None
 
 
-def compare(work: Workspace, name: str) -> Stored[Comparison]:
+def compare(work: Runner, name: str) -> Stored[Comparison]:
     """Say where a model fails."""
     model = fitted(work, name)
     folder = model_folder(work, name)
-    recordings = work.recordings(*PREDICTED_ROLES)
+    recordings = measurement.recordings(work, *PREDICTED_ROLES)
 
     def make(progress: Progress) -> tuple[Comparison, list[Path], str]:
-        from rfea_vision.critique import compare as compare_model
-
-        comparison = compare_model(model.value, values(recordings), load_prediction(folder, list(recordings)))
-        comparison.save(folder / "comparison.json")
+        comparison = _compared(model.value, values(recordings), folder)
         return comparison, [folder / "comparison.json"], comparison.sentences[0] if comparison.sentences else ""
 
-    return work.run(
-        "compare",
-        name,
-        **_compare_parts(work, name),
-        make=make,
-        load=lambda: Comparison.load(folder / "comparison.json"),
-    )
+    return work.run(_compare_stage(work, name), make=make, load=lambda: Comparison.load(folder / "comparison.json"))
 
 
-def diagnose(work: Workspace, name: str, options: CritiqueOptions) -> Stored[Diagnosis]:
+def _compared(model: ModelFit, recordings: Mapping[str, Recording], folder: Path) -> Comparison:
+    from rfea_vision.critique import compare as compare_model
+
+    comparison = compare_model(model, recordings, load_prediction(folder, list(recordings)))
+    comparison.save(folder / "comparison.json")
+    return comparison
+
+
+def diagnose(work: Runner, name: str, options: CritiqueOptions) -> Stored[Diagnosis]:
     """Say which effect is missing."""
     model = fitted(work, name)
     compared = compare(work, name)
     folder = model_folder(work, name)
-    recordings = work.recordings(*PREDICTED_ROLES)
+    recordings = measurement.recordings(work, *PREDICTED_ROLES)
     options = _with_files(options, fitted_with(work.cache.record(f"fit/{name}")))
 
     def make(progress: Progress) -> tuple[Diagnosis, list[Path], str]:
-        from rfea_vision.critique import diagnose as diagnose_model
-        from rfea_vision.critique.comparison import goes_with
+        return _diagnosed(model.value, values(recordings), options, compared.value, folder, progress)
 
-        diagnosis, experiment = diagnose_model(
-            model.value,
-            values(recordings),
-            options,
-            where=compared.value.where,
-            goes_with=goes_with(compared.value),
-            progress=progress,
-        )
-        pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)
-        outputs = save_diagnosis(folder, diagnosis, pressure)
-        return diagnosis, outputs, diagnosis.sentence or diagnosis.verdict
+    stage = _diagnose_stage(work, name, recordings, options)
+    return work.run(stage, make=make, load=lambda: Diagnosis.load(folder / "diagnosis.json"))
 
-    return work.run(
-        "diagnose",
-        name,
-        **_diagnose_parts(work, name, recordings, options),
-        make=make,
-        load=lambda: Diagnosis.load(folder / "diagnosis.json"),
+
+def _diagnosed(
+    model: ModelFit,
+    recordings: Mapping[str, Recording],
+    options: CritiqueOptions,
+    compared: Comparison,
+    folder: Path,
+    progress: Progress,
+) -> tuple[Diagnosis, list[Path], str]:
+    from rfea_vision.critique import diagnose as diagnose_model
+    from rfea_vision.critique.comparison import goes_with
+
+    diagnosis, experiment = diagnose_model(
+        model, recordings, options, where=compared.where, goes_with=goes_with(compared), progress=progress
     )
+    pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)
+    return diagnosis, save_diagnosis(folder, diagnosis, pressure), diagnosis.sentence or diagnosis.verdict
 
 
-def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> Stored[Ladder]:
+def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Stored[Ladder]:
     """Climb the ladder; every rung is written as it comes, and a climb that was interrupted goes on from there."""
-    recordings = work.recordings("train", "validate", "test")
+    recordings = measurement.recordings(work, "train", "validate", "test")
     actuator = common_actuator(work, recordings)
     critique = _with_files(critique, options)
     path = work.out / Ladder.FILE
@@ -207,17 +209,19 @@ def improve(work: Workspace, options: FitOptions, critique: CritiqueOptions) -> 
         return ladder, [path, *dict.fromkeys(outputs)], ladder.stopped_because
 
     return work.run(
-        "improve",
-        "ladder",
-        inputs=list(options.effect_files),
-        also=_recording_hashes(work, recordings),
-        options={"fit": as_record(options), "critique": as_record(critique), "actuator": actuator},
+        Stage(
+            "improve",
+            "ladder",
+            inputs=options.effect_files,
+            earlier=_recording_hashes(work, recordings),
+            options={"fit": as_record(options), "critique": as_record(critique), "actuator": actuator},
+        ),
         make=make,
         load=lambda: Ladder.load(path),
     )
 
 
-def _predict_test(work: Workspace, ladder: Ladder, recordings: Recordings) -> list[Path]:
+def _predict_test(work: Runner, ladder: Ladder, recordings: Recordings) -> list[Path]:
     """Write what the first and the last model say of the test runs: after all is decided, to be looked at, not chosen by."""
     tested = {name: item for name, item in values(recordings).items() if item.role == "test"}
     if not ladder.test or not tested:
@@ -233,7 +237,7 @@ def _predict_test(work: Workspace, ladder: Ladder, recordings: Recordings) -> li
 
 
 def _finished(
-    work: Workspace, options: FitOptions, critique: CritiqueOptions, recordings: Recordings, actuator: Actuator
+    work: Runner, options: FitOptions, critique: CritiqueOptions, recordings: Recordings, actuator: Actuator
 ) -> list[tuple[ModelFit, Diagnosis]]:
     """Rungs of the ladder as it stands that are still true, from the first up to one that is not."""
     path = work.out / Ladder.FILE
@@ -246,10 +250,9 @@ def _finished(
             break
         model = ModelFit.load(folder / "model.json")
         own = _for_rung(options, model)
-        judged = _diagnose_parts(work, model.name, recordings, critique)
-        if not work.has("fit", model.name, **_fit_parts(work, own, recordings, actuator)):
+        if not work.has(_fit_stage(work, own, recordings, actuator)):
             break
-        if not work.has("diagnose", model.name, **judged):
+        if not work.has(_diagnose_stage(work, model.name, recordings, critique)):
             break
         found.append((model, Diagnosis.load(folder / "diagnosis.json")))
     return found
@@ -266,7 +269,7 @@ def _with_files(critique: CritiqueOptions, fit: FitOptions | None) -> CritiqueOp
 
 
 def _save_rung(
-    work: Workspace,
+    work: Runner,
     options: FitOptions,
     critique: CritiqueOptions,
     recordings: Recordings,
@@ -282,46 +285,52 @@ def _save_rung(
     model.save(fit_files[0])
     save_timings(folder, model)
     own = _for_rung(options, model)
-    work.remember("fit", model.name, fit_files, **_fit_parts(work, own, recordings, actuator))
+    work.remember(_fit_stage(work, own, recordings, actuator), fit_files)
     comparison.save(folder / "comparison.json")
-    work.remember("compare", model.name, [folder / "comparison.json"], **_compare_parts(work, model.name))
+    work.remember(_compare_stage(work, model.name), [folder / "comparison.json"])
     outputs = save_diagnosis(folder, *without_pressure(diagnosis))
-    parts = _diagnose_parts(work, model.name, recordings, critique)
-    work.remember("diagnose", model.name, outputs, **parts)
+    work.remember(_diagnose_stage(work, model.name, recordings, critique), outputs)
     return [*fit_files, folder / "comparison.json", *outputs]
 
 
 # -- what each stage depends on ------------------------------------------------------------------------------------
 
 
-def _fit_parts(work: Workspace, options: FitOptions, recordings: Recordings, actuator: Actuator) -> dict[str, Any]:
-    return {
-        "inputs": list(options.effect_files),
-        "also": _recording_hashes(work, recordings, PREDICTED_ROLES),
-        "options": {"fit": as_record(options), "actuator": actuator},
-        "code": fit,
-    }
+def _fit_stage(work: Runner, options: FitOptions, recordings: Recordings, actuator: Actuator) -> Stage:
+    return Stage(
+        "fit",
+        options.name,
+        inputs=options.effect_files,
+        earlier=_recording_hashes(work, recordings, PREDICTED_ROLES),
+        options={"fit": as_record(options), "actuator": actuator},
+        code=_fitted,
+    )
 
 
-def _compare_parts(work: Workspace, name: str) -> dict[str, Any]:
+def _compare_stage(work: Runner, name: str) -> Stage:
     files = [model_folder(work, name) / file for file in ("model.json", "prediction.nc")]
-    return {"inputs": [], "also": [work.cache.sha256(file) for file in files], "options": {}, "code": compare}
+    return Stage("compare", name, earlier=[work.cache.sha256(file) for file in files], code=_compared)
 
 
-def _diagnose_parts(work: Workspace, name: str, recordings: Recordings, critique: CritiqueOptions) -> dict[str, Any]:
+def _diagnose_stage(work: Runner, name: str, recordings: Recordings, critique: CritiqueOptions) -> Stage:
     model = work.cache.sha256(model_folder(work, name) / "model.json")
-    also = [model, *_recording_hashes(work, recordings, PREDICTED_ROLES)]
-    options = {"critique": as_record(replace(critique, budget_s=None))}  # the budget ends a climb, no diagnosis
-    return {"inputs": list(critique.effect_files), "also": also, "options": options, "code": diagnose}
+    return Stage(
+        "diagnose",
+        name,
+        inputs=critique.effect_files,
+        earlier=[model, *_recording_hashes(work, recordings, PREDICTED_ROLES)],
+        options={"critique": as_record(replace(critique, budget_s=None))},  # the budget ends a climb, no diagnosis
+        code=_diagnosed,
+    )
 
 
-def _recording_hashes(work: Workspace, recordings: Recordings, roles: Sequence[str] | None = None) -> list[str]:
+def _recording_hashes(work: Runner, recordings: Recordings, roles: Sequence[str] | None = None) -> list[str]:
     """Return the content hashes of the recordings, of these roles alone where they are given."""
     names = [name for name in sorted(recordings) if roles is None or work.campaign.experiment(name).role in roles]
     return [f"{name}:{work.cache.sha256(work.out / name / 'recording.nc')}" for name in names]
 
 
-def common_actuator(work: Workspace, recordings: Recordings) -> Actuator:
+def common_actuator(work: Runner, recordings: Recordings) -> Actuator:
     """Return the tube that the experiments share; the direction of bending may differ from run to run."""
     first = work.campaign.actuator
     tubes = {name: replace(work.campaign.experiment(name).actuator, bends=first.bends) for name in recordings}

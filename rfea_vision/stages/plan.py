@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from rfea_vision.campaign import Campaign, read_campaign
 from rfea_vision.errors import RfeaError
 from rfea_vision.stages.recipes import Recipe, run_recipe
+from rfea_vision.stages.runner import Stage
 from rfea_vision.stages.stored import Stored
 from rfea_vision.stages.workspace import Workspace
+
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -30,12 +34,12 @@ class _NotYetError(RfeaError):
 class _Looking(Workspace):
     """A campaign that is looked at: a stage that would run stops here."""
 
-    def run(self, stage: str, subject: str, **parts: Any) -> Stored[Any]:  # type: ignore[override]
-        _, digest = self._digest(stage, parts["inputs"], parts.get("also", ()), parts["options"], parts["code"])
-        if not self._is_fresh(stage, f"{stage}/{subject}", digest):
-            raise _NotYetError(f"{stage} {subject}")
-        self.outcomes.append({"stage": stage, "subject": subject, "outcome": "unchanged", "sentence": ""})
-        return Stored(parts["load"])
+    def run(self, stage: Stage, *, make: Callable[..., Any], load: Callable[[], _Result]) -> Stored[_Result]:
+        if not self.has(stage if stage.code is not None else replace(stage, code=make)):
+            raise _NotYetError(f"{stage.name} {stage.subject}")
+        said = {"stage": stage.name, "subject": stage.subject, "outcome": "unchanged", "sentence": ""}
+        self.outcomes.append(said)
+        return Stored(load)
 
 
 def plan(

@@ -5,20 +5,17 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Ladder
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
-from rfea_vision.options import CritiqueOptions
+from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import from_record, written
 from rfea_vision.progress import Progress
 from rfea_vision.stages import mechanics
 from rfea_vision.stages.cache import StageRecord
+from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
-
-if TYPE_CHECKING:
-    from rfea_vision.stages.workspace import Workspace
 
 _ARTEFACTS = (
     "ladder.json", "calibration/*", "calibration/photos/*", "*/camera.yaml", "*/track.nc", "*/recording.nc", "*/clip.*",
@@ -26,7 +23,7 @@ _ARTEFACTS = (
 )  # fmt: skip
 
 
-def report(work: Workspace) -> Stored[Path]:
+def report(work: Runner) -> Stored[Path]:
     """Write the report of what there is; what is out of date is redone first; without a model the ladder is climbed."""
     path = work.out / "report" / "index.html"
     bring_up_to_date(work)
@@ -42,17 +39,18 @@ def report(work: Workspace) -> Stored[Path]:
         return path, [path], f"{path} ({path.stat().st_size / 1e6:.1f} MB)"
 
     return work.run(
-        "report",
-        "page",
-        inputs=[],
-        also=[f"{file.relative_to(work.out)}:{work.cache.sha256(file)}" for file in files],
-        options={"title": work.campaign.name, "commands": asked},
+        Stage(
+            "report",
+            "page",
+            earlier=[f"{file.relative_to(work.out)}:{work.cache.sha256(file)}" for file in files],
+            options={"title": work.campaign.name, "commands": asked},
+        ),
         make=make,
         load=lambda: path,
     )
 
 
-def figures(work: Workspace, *, formats: Sequence[str], style: str, model: str | None = None) -> list[Path]:
+def figures(work: Runner, *, formats: Sequence[str], style: str, model: str | None = None) -> list[Path]:
     """Write every figure of the report as a file, with its data, to ``figures/``.
 
     Raises
@@ -70,7 +68,7 @@ def figures(work: Workspace, *, formats: Sequence[str], style: str, model: str |
     return save_plates(plates(collect(work.out), model), work.out / "figures", formats=formats, style=style)
 
 
-def notebook(work: Workspace) -> Path:
+def notebook(work: Runner) -> Path:
     """Write a notebook that opens the artefacts, for those who go on by hand."""
     from rfea_vision.report import render_notebook
 
@@ -79,7 +77,7 @@ def notebook(work: Workspace) -> Path:
     return path
 
 
-def side_by_side(first: Workspace, second: Workspace) -> Path:
+def side_by_side(first: Runner, second: Runner) -> Path:
     """Write the page that puts two campaigns side by side; it goes to the first one's report."""
     from rfea_vision.report import render_comparison
 
@@ -91,7 +89,7 @@ def side_by_side(first: Workspace, second: Workspace) -> Path:
     return path
 
 
-def bring_up_to_date(work: Workspace) -> None:
+def bring_up_to_date(work: Runner) -> None:
     """Redo what stands on changed data: the ladder with its options, single models with theirs."""
     ladder = work.cache.record("improve/ladder")
     options = mechanics.fitted_with(ladder)
@@ -99,14 +97,14 @@ def bring_up_to_date(work: Workspace) -> None:
     if ladder is not None and options is not None:
         mechanics.improve(work, options, _critique_of(ladder))
     elif not names:
-        work.improve()
+        mechanics.improve(work, FitOptions(), CritiqueOptions())
     climbed = rung_models(work)
     for name in names:
         if name not in climbed:
             mechanics.compare(work, name)
 
 
-def rung_models(work: Workspace) -> set[str]:
+def rung_models(work: Runner) -> set[str]:
     """Return the models that the ladder consists of."""
     path = work.out / Ladder.FILE
     return {rung.model for rung in Ladder.load(path).rungs} if path.is_file() else set()
@@ -117,7 +115,7 @@ def _critique_of(ladder: StageRecord) -> CritiqueOptions:
     return from_record(CritiqueOptions, ladder.options.get("critique")) or CritiqueOptions()
 
 
-def commands(work: Workspace) -> list[str]:
+def commands(work: Runner) -> list[str]:
     """Return the commands that make these results again."""
     campaign = shlex.quote(work.campaign.root.name)
     made = []

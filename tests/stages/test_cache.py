@@ -11,9 +11,10 @@ from rfea_vision.campaign import load_campaign
 from rfea_vision.errors import DataError
 from rfea_vision.stages import Listener, Workspace
 from rfea_vision.stages.cache import StageCache, plain
+from rfea_vision.stages.runner import Stage
 
 
-class Stage:
+class Doubling:
     """A stage that doubles the number in a file, and counts how often it is asked to."""
 
     def __init__(self, folder: Path) -> None:
@@ -32,22 +33,14 @@ class Stage:
 
     def run(self, *, force=(), options=None, code=None, also=()):
         work = Workspace(self.campaign, force=force)
-        value = work.run(
-            "double",
-            "number",
-            inputs=[self.source],
-            options=options or {},
-            code=code,
-            also=also,
-            make=self.make,
-            load=lambda: int(self.result.read_text()),
-        )
+        stage = Stage("double", "number", [self.source], also, options or {}, code)
+        value = work.run(stage, make=self.make, load=lambda: int(self.result.read_text()))
         return value.value, work.outcome("double", "number")
 
 
 @pytest.fixture
 def stage(tmp_path):
-    return Stage(tmp_path / "c")
+    return Doubling(tmp_path / "c")
 
 
 def test_an_unchanged_stage_is_not_run_again(stage):
@@ -119,7 +112,7 @@ def test_the_listener_hears_of_progress_and_end(stage):
             heard.append(("end", outcome, sentence))
 
     work = Workspace(stage.campaign, listener=Ear())
-    work.run("double", "number", inputs=[], options={}, make=stage.make, load=lambda: 0)
+    work.run(Stage("double", "number"), make=stage.make, load=lambda: 0)
     assert heard == [("begin", "double", "number"), ("progress", 1, 1), ("end", "done", "doubled")]
 
 

@@ -30,12 +30,12 @@ def modules(stage: Callable[..., Any]) -> set[str]:
     [
         (measurement.synchronise, {"stages.earlier", "readers.pressure", "sync.motion"}, {"vision", "fitting"}),
         (measurement.calibrate, {"calibration.bundle", "calibration.thumbnails"}, {"vision", "sync", "dynamics"}),
-        (mechanics.fit, {"fitting.solver", "effects.maxwell", "dynamics.system", "critique.torque"}, {"vision", "report"}),
+        (mechanics._fitted, {"fitting.solver", "effects.maxwell", "dynamics.system", "critique.torque"}, {"vision", "report"}),
         (publishing.report, {"report.page"}, {"vision", "dynamics", "fitting"}),
     ],
 )  # fmt: skip
 def test_what_a_stage_depends_on(stage: Callable[..., Any], needs: set[str], not_: set[str]) -> None:
-    found = modules(stage if stage is mechanics.fit else made_by(stage))
+    found = modules(made_by(stage) if stage is not mechanics._fitted else stage)
     assert needs <= found
     assert not {name.partition(".")[0] for name in found} & not_
 

@@ -1,0 +1,185 @@
+"""How a stage runs: what it depends on as data, and the campaign whose results are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rfea_vision.campaign import Campaign, ExperimentSpec
+from rfea_vision.errors import DataError, InputError, RfeaError
+from rfea_vision.files import sweep
+from rfea_vision.progress import Listener, Outcome, Progress
+from rfea_vision.stages.cache import StageCache
+from rfea_vision.stages.code import code_of
+from rfea_vision.stages.locks import locked
+from rfea_vision.stages.stored import Stored
+
+_Result = TypeVar("_Result")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage on one subject, by all that its result depends on.
+
+    Attributes
+    ----------
+    name, subject : of the record and of the progress bar, such as track and steps-270kPa
+    inputs : raw files
+    earlier : content hashes of results of earlier stages
+    options : kept in the record
+    code : function whose source counts, with all that it imports; None for the one that does the work
+    """
+
+    name: str
+    subject: str
+    inputs: Sequence[Path] = ()
+    earlier: Sequence[str] = ()
+    options: Mapping[str, object] = field(default_factory=dict)
+    code: Callable[..., object] | None = None
+
+    @property
+    def key(self) -> str:
+        """Name of the record."""
+        return f"{self.name}/{self.subject}"
+
+
+class Runner:
+    """A campaign and its results.
+
+    Attributes
+    ----------
+    campaign : the typed input
+    out : folder of the results
+    outcomes : what has been done in this session: stage, subject, outcome and a sentence
+    failures : experiments that could not be measured, where failing is tolerated
+    """
+
+    def __init__(
+        self, campaign: Campaign, *, listener: Listener | None = None, force: Iterable[str] = (), tolerant: bool = False
+    ) -> None:
+        self.campaign = campaign
+        self.out = campaign.out
+        self.cache = StageCache(campaign.out)
+        self.listener = listener or Listener()
+        self.force = set(force)
+        self.tolerant = tolerant
+        self.outcomes: list[dict[str, str]] = []
+        self.failures: dict[str, RfeaError] = {}
+        self._done: dict[str, Stored[Any]] = {}
+
+    def run(
+        self,
+        stage: Stage,
+        *,
+        make: Callable[[Progress], tuple[_Result, list[Path], str]],
+        load: Callable[[], _Result],
+    ) -> Stored[_Result]:
+        """Run a stage, or take what it made before if nothing that it depends on has changed.
+
+        Parameters
+        ----------
+        stage : what the result depends on
+        make : does the work; returns the result, the files written, and a sentence
+        load : reads the result back
+        """
+        if stage.key in self._done:
+            return self._done[stage.key]
+        hashes, digest = self._digest(stage if stage.code is not None else replace(stage, code=make))
+        stored = None
+        if not self._is_fresh(stage, digest):
+            with locked(self.cache.lock, say=self.listener.note):
+                if not self._is_fresh(stage, digest):  # it may have been done while we waited
+                    sweep(self.out)
+                    progress = self.listener.begin(stage.name, stage.subject)
+                    try:
+                        result, outputs, sentence = make(progress)
+                        self._refuse_changed(hashes, stage.inputs)
+                    except BaseException as error:
+                        self.listener.end(stage.name, stage.subject, "failed", str(error))
+                        raise
+                    stored = Stored.of(result)
+                    self.cache.store(stage.key, digest, outputs, options=stage.options, inputs=hashes)
+                    self._say(stage, "done", sentence)
+        if stored is None:
+            stored = Stored(load)
+            self._say(stage, "unchanged", "")
+        self._done[stage.key] = stored
+        return stored
+
+    def _is_fresh(self, stage: Stage, digest: str) -> bool:
+        return stage.name not in self.force and self.cache.is_fresh(stage.key, digest)
+
+    def _refuse_changed(self, hashes: Mapping[str, str], inputs: Sequence[Path]) -> None:
+        """Raise if a raw file changed while it was read: the result belongs to neither state of it."""
+        for path in inputs:
+            if not path.is_file() or self.cache.sha256(path) != hashes[self._shown(path)]:
+                raise DataError(
+                    f"{path}: changed while it was read; wait until it is complete and run the command again"
+                )
+
+    def remember(self, stage: Stage, outputs: Sequence[Path]) -> None:
+        """Note a result that came about inside another stage, so that its own stage finds it done."""
+        hashes, digest = self._digest(stage)
+        self.cache.store(stage.key, digest, outputs, options=stage.options, inputs=hashes)
+
+    def has(self, stage: Stage) -> bool:
+        """Whether a stage has been done with just these inputs, options and code, and is not to be redone."""
+        return self._is_fresh(stage, self._digest(stage)[1])
+
+    def _digest(self, stage: Stage) -> tuple[dict[str, str], str]:
+        assert stage.code is not None
+        hashes = {self._shown(path): self.cache.sha256(path) for path in stage.inputs}
+        return hashes, self.cache.digest(
+            stage.name, [*hashes.values(), *stage.earlier], stage.options, code_of(stage.code)
+        )
+
+    def outcome(self, stage: str, subject: str) -> str:
+        """Return how a stage ended in this session: done or unchanged."""
+        found = [item for item in self.outcomes if item["stage"] == stage and item["subject"] == subject]
+        return found[-1]["outcome"] if found else "unchanged"
+
+    def raw_inputs(self) -> dict[str, str]:
+        """Return the hashes of all raw files that recordings were made from, by path below the campaign."""
+        found: dict[str, str] = {}
+        for stage in ("calibrate", "track", "sync"):
+            for record in self.cache.records(stage):
+                found |= record.inputs
+        return dict(sorted(found.items()))
+
+    def _say(self, stage: Stage, outcome: Outcome, sentence: str) -> None:
+        said = {"stage": stage.name, "subject": stage.subject, "outcome": outcome, "sentence": sentence}
+        self.outcomes.append(said)
+        self.listener.end(stage.name, stage.subject, outcome, sentence)
+
+    def _shown(self, path: Path) -> str:
+        return path.relative_to(self.campaign.root).as_posix() if path.is_relative_to(self.campaign.root) else str(path)
+
+    def active(self) -> list[ExperimentSpec]:
+        return [item for item in self.campaign.experiments if item.role != "ignore" and item.name not in self.failures]
+
+    def each(self, names: Sequence[str], action: Callable[[ExperimentSpec], _Result], verb: str) -> dict[str, _Result]:
+        """Do something to each experiment; one that fails does not keep the others from being done."""
+        chosen = [self.campaign.experiment(name) for name in names] if names else self.active()
+        results: dict[str, _Result] = {}
+        failures: dict[str, RfeaError] = {}
+        for experiment in chosen:
+            try:
+                results[experiment.name] = action(experiment)
+            except RfeaError as error:
+                failures[experiment.name] = error
+        if failures and not self.tolerant:
+            raise _as_one_error(failures, len(chosen), verb)
+        self.failures |= failures
+        return results
+
+
+def _as_one_error(failures: dict[str, RfeaError], total: int, verb: str) -> RfeaError:
+    """Return one error for the experiments that failed; those that did not are kept."""
+    first = next(iter(failures.values()))
+    rest = total - len(failures)
+    kept = f" ({rest} of {total} experiments were {verb})" if rest else ""
+    more = f"; also failed: {', '.join(list(failures)[1:])}" if len(failures) > 1 else ""
+    kind = InputError if isinstance(first, InputError) else DataError
+    return kind(f"{first}{more}{kept}")
