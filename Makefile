@@ -10,19 +10,19 @@ PYTEST_OPTIONS ?=
 demo: $(VENV)/installed
 	$(BIN)/rfea demo
 
-test: $(VENV)/installed
+test: $(VENV)/installed-dev
 	@command -v chromium chromium-browser google-chrome >/dev/null 2>&1 || echo "no Chromium here: the tests that open the report in a browser are skipped"
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(PYTEST_OPTIONS)
 
-lint: $(VENV)/installed
+lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .
 	$(BIN)/basedpyright --pythonpath $(BIN)/python
 	$(BIN)/lint-imports
 
-benchmarks: $(VENV)/installed
+benchmarks: $(VENV)/installed-dev
 	$(BIN)/python -m benchmarks $(ONLY)
 
-docs: $(VENV)/installed
+docs: $(VENV)/installed-dev
 	$(BIN)/python docs/generate.py
 
 # --no-build-isolation: the build backend is pinned in requirements.txt like everything else
@@ -31,6 +31,11 @@ $(VENV)/installed: requirements.txt pyproject.toml
 	test -x $(BIN)/python || ./.ci/python -m venv $(VENV) || { rm -rf $(VENV); echo "Python's venv module does not work here; on Debian: apt-get install python3-venv"; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
+	@touch $@
+
+# linters, type checker, test tools and all extras: the demo needs none of them
+$(VENV)/installed-dev: $(VENV)/installed requirements-dev.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.txt
 	@touch $@
 
 clean:

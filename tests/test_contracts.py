@@ -33,9 +33,14 @@ def test_only_the_command_line_prints(root: Path) -> None:
     assert found == []
 
 
+def _pins(root: Path) -> list[str]:
+    files = ("requirements.txt", "requirements-dev.txt")
+    return [line for file in files for line in (root / file).read_text(encoding="utf-8").splitlines()]
+
+
 def test_pins_name_no_index(root: Path) -> None:
-    for line in (root / "requirements.txt").read_text(encoding="utf-8").splitlines():
-        if not line.startswith("#"):
+    for line in _pins(root):
+        if not line.startswith(("#", "--requirement ")):
             name, separator, version = line.partition("==")
             assert name and separator and version and "/" not in line, line
 
@@ -51,7 +56,7 @@ def test_every_dependency_is_pinned_and_explained(root: Path) -> None:
         *project["dependencies"],
         *(item for group in project["optional-dependencies"].values() for item in group),
     ]
-    pins = (root / "requirements.txt").read_text(encoding="utf-8").splitlines()
+    pins = _pins(root)
     versions = {canonicalize_name(line.partition("==")[0]): line.partition("==")[2] for line in pins if "==" in line}
     explained = (root / "docs" / "architecture.md").read_text(encoding="utf-8").lower()
     for text in wanted:

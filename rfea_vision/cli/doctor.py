@@ -23,13 +23,18 @@ _NEEDED = {
     "xarray": ("xarray", "artefacts"),
     "h5netcdf": ("h5netcdf", "artefacts"),
     "av": ("av", "video"),
-    "opencv-contrib-python-headless": ("cv2", "calibration, tracking"),
+    "opencv-python-headless": ("cv2", "calibration, tracking"),
     "scikit-image": ("skimage", "tracking"),
-    "distributed": ("distributed", "rfea batch"),
-    "asammdf": ("asammdf", "logs in .mf4"),
-    "sqlalchemy": ("sqlalchemy", "logs in databases"),
 }
-_OPTIONAL = {"mujoco": ("mujoco", "rfea simulate: pip install 'rfea-vision[twin]'")}
+_OPTIONAL = {
+    "mujoco": ("mujoco", "rfea simulate: pip install 'rfea-vision[twin]'"),
+    "distributed": ("distributed", "rfea batch: pip install 'rfea-vision[batch]'"),
+    "pyarrow": ("pyarrow", "logs in .parquet: pip install 'rfea-vision[parquet]'"),
+    "asammdf": ("asammdf", "logs in .mf4: pip install 'rfea-vision[mdf]'"),
+    "sqlalchemy": ("sqlalchemy", "logs in databases: pip install 'rfea-vision[database]'"),
+}
+#: Larger packages that bring the same module.
+_ALSO = {"opencv-python-headless": "opencv-contrib-python-headless"}
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
@@ -61,10 +66,16 @@ def examine() -> list[Finding]:
     return findings
 
 
-def _package(name: str, module: str, purpose: str, *, needed: bool) -> Finding:
+def _version(name: str) -> str | None:
     try:
-        found = version(name)
+        return version(name)
     except PackageNotFoundError:
+        return None
+
+
+def _package(name: str, module: str, purpose: str, *, needed: bool) -> Finding:
+    found = _version(name) or _version(_ALSO.get(name, name))
+    if found is None:
         return Finding(name, "broken" if needed else "absent", "not installed", purpose)
     try:
         import_module(module)

@@ -37,6 +37,8 @@ _COMMANDS = {
 }
 _HOME_OF = {command: module for module, commands in _COMMANDS.items() for command in commands}
 COMMANDS = tuple(_HOME_OF)
+#: Modules that the package itself does not bring, and the extra that does.
+_EXTRAS = {"distributed": "batch", "dask": "batch", "sqlalchemy": "database", "mujoco": "twin", "matplotlib": "figures"}
 
 
 class _LazyGroup(click.Group):
@@ -97,6 +99,13 @@ def run(arguments: list[str]) -> int:
             traceback.print_exc()
         print_error(str(error), error.exit_code, as_json=as_json)
         return error.exit_code
+    except ModuleNotFoundError as error:
+        extra = _EXTRAS.get((error.name or "").split(".")[0])
+        if debug:
+            traceback.print_exc()
+        remedy = f"'rfea-vision[{extra}]'" if extra else str(error.name)
+        print_error(f"this needs the module '{error.name}'; pip install {remedy}", 2, as_json=as_json)
+        return 2
     except click.ClickException as error:
         error.show()
         if as_json:

@@ -40,7 +40,7 @@ _PACKAGES = (
     "numba",
     "sympy",
     "xarray",
-    "opencv-contrib-python-headless",
+    "opencv-python-headless",
     "av",
     "scikit-image",
 )

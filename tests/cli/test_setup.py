@@ -27,6 +27,7 @@ COMMANDS = [
     "diagnose",
     "improve",
     "power",
+    "propose",
     "effects",
     "report",
     "run",

@@ -48,6 +48,6 @@ def read_mdf(path: Path) -> Table:
 
 
 KINDS = (
-    Kind("Parquet", (".parquet",), read_parquet),
-    Kind("MDF", (".mf4", ".mdf"), read_mdf),
+    Kind("Parquet", (".parquet",), read_parquet, extra="parquet"),
+    Kind("MDF", (".mf4", ".mdf"), read_mdf, extra="mdf"),
 )
