@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.chain_diagnosis import diagnose_chain, low_pass
+from benchmarks.pressure_tip import PressureTipFit, fit_pressure_tip
 from benchmarks.real_records import SHARED, PressureTable, pressure_tables, two_links
 from rfea_vision.artefacts import Actuator
-from rfea_vision.critique.chain_diagnosis import diagnose_chain, low_pass
-from rfea_vision.fitting.pressure_tip import PressureTipFit, fit_pressure_tip
 
 RADII_M = (0.008, 0.012, 0.016, 0.020, 0.024)
 #: From the best bender to one that hardly bends but grows.

@@ -10,7 +10,7 @@ import pandas as pd
 import scipy.io
 import yaml
 
-from rfea_vision.critique.chain_diagnosis import ChainMotion, ChainRecord, residual_torque
+from benchmarks.chain_diagnosis import ChainMotion, ChainRecord, residual_torque
 from rfea_vision.dynamics.simulation import Chain
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
