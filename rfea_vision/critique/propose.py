@@ -24,6 +24,7 @@ from rfea_vision.critique.diagnosis import refit_artefact
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, errors_of, matters, structure
 from rfea_vision.critique.torque import ResidualTorque, residual_torque
+from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added, make_problem
@@ -34,6 +35,8 @@ FloatArray = NDArray[np.float64]
 #: A term is kept where it lowers the error on runs left out of the regression by this share of its square (as in docs/formats.md),
 #: and a law has no more terms than a person reads.
 LEAST_GAIN, MOST_TERMS = 0.1, 4
+#: Laws that are refitted, each begun with another quantity: a regression on smoothed torques ranks them no better than that.
+MOST_LAWS = 3
 #: Relaxation times of the memories on offer (s): a log of four apart, from a fast damper's to a slow creep's.
 MEMORIES_S = (0.3, 1.2, 5.0)
 #: Rate at which the direction of motion counts as turned (rad/s of the whole tube): that of `coulomb`.
@@ -49,6 +52,15 @@ class Term:
     law: str
     words: str
     values: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True)
+class Law:
+    """Terms with their coefficients (N m), and the share of the torque's square that they foretell on runs left out."""
+
+    terms: tuple[Term, ...]
+    coefficients: tuple[float, ...]
+    r2: float
 
 
 @dataclass(frozen=True)
@@ -83,32 +95,36 @@ def propose(
     if structure(before, floor) < STRUCTURE_FLOORS:
         raise DataError(f"model {model.name}: what it leaves is at the floor; there is no law to propose")
     runs = _residuals(problem, fitted)
-    chosen, coefficients, r2 = _regress(library(runs), _nuisance(problem, fitted, runs), [r.torque for r, *_ in runs])
-    if not chosen:
+    laws = regress(library(runs), _nuisance(problem, runs), [result.torque for result, *_ in runs])
+    if not laws:
         raise DataError(
             f"model {model.name}: no term of the library foretells the residual torque of runs that it was not regressed on; "
             "'rfea compare' says where and when it is large"
         )
-    write_text(file, effect_source(effect_id, chosen, coefficients))
-    after = _refitted(problem, fitted, file, effect_id)
-    if after is None or not matters(before, errors_of(problem, after), floor):
+    name_files([file])  # what is written here is our own
+    tried = []
+    for law in laws:
+        write_text(file, effect_source(effect_id, law.terms, law.coefficients))
+        after = _refitted(problem, fitted, file, effect_id)
+        if after is not None:
+            tried.append((after.solution.evaluation.cost, law, errors_of(problem, after)))
+    _, best, after = min(tried, key=lambda row: row[0], default=(0.0, laws[0], before))
+    if not matters(before, after, floor):
         file.unlink(missing_ok=True)
         raise DataError(
-            f"model {model.name}: the best law of the library, {_listed(chosen)}, does not lower the held-out error"
+            f"model {model.name}: the best law of the library, {_listed(best.terms)}, does not lower the held-out error"
         )
-    unit = "mm" if problem.train[0].has_tip else "deg"
-    return _described(file, chosen, coefficients, r2, (before.held, errors_of(problem, after).held), unit)
+    write_text(file, effect_source(effect_id, best.terms, best.coefficients))
+    return _described(file, best, (before.held, after.held), "mm" if problem.train[0].has_tip else "deg")
 
 
-def _described(
-    file: Path, chosen: Sequence[Term], coefficients: Sequence[float], r2: float, held: tuple[float, float], unit: str
-) -> Proposal:
+def _described(file: Path, law: Law, held: tuple[float, float], unit: str) -> Proposal:
     sentence = (
-        f"The residual torque goes with {_listed(chosen)}; with that law refitted the held-out error falls from {held[0]:.3f} to "
+        f"The residual torque goes with {_listed(law.terms)}; with that law refitted the held-out error falls from {held[0]:.3f} to "
         f"{held[1]:.3f} {unit}. It is a description, not yet a cause: `rfea improve CAMPAIGN --effect-file {file}` weighs it."
     )
-    laws = tuple(term.law for term in chosen)
-    return Proposal(file, laws, tuple(coefficients), r2, held[0], held[1], unit, sentence)
+    laws = tuple(term.law for term in law.terms)
+    return Proposal(file, laws, law.coefficients, law.r2, held[0], held[1], unit, sentence)
 
 
 def _listed(terms: Sequence[Term]) -> str:
@@ -204,7 +220,7 @@ def _quantities(result: ResidualTorque, item: Observed, clock_s: float) -> dict[
     }
     for k, period in enumerate(MEMORIES_S):
         z = _relaxed(item.time, a, period)
-        out[f"a - z{k}"] = (f"the angle less its memory of {period:g} s", a - z)
+        out[f"(a - z{k})"] = (f"the angle less its memory of {period:g} s", a - z)
     return out
 
 
@@ -217,9 +233,7 @@ def _relaxed(time: FloatArray, values: FloatArray, period: float) -> FloatArray:
     return out
 
 
-def _nuisance(
-    problem: Problem, fitted: Fitted, runs: Sequence[tuple[ResidualTorque, Observed, float]]
-) -> list[tuple[FloatArray, ...]]:
+def _nuisance(problem: Problem, runs: Sequence[tuple[ResidualTorque, Observed, float]]) -> list[tuple[FloatArray, ...]]:
     """Torques that the base parameters can make: what of a term they take up is not credited to it."""
     columns: list[list[FloatArray]] = [[] for _ in range(7)]
     for result, item, clock in runs:
@@ -237,42 +251,49 @@ def _nuisance(
 # -- the regression ---------------------------------------------------------------------------------------------------------
 
 
-def _regress(
+def regress(
     terms: Sequence[Term], nuisance: Sequence[tuple[FloatArray, ...]], torque: Sequence[FloatArray]
-) -> tuple[list[Term], list[float], float]:
-    """Terms, their coefficients (N m) and the share of the torque's square that they explain, cross-validated over runs or halves."""
+) -> list[Law]:
+    """The best laws, each begun with another quantity; cross-validated over runs, or over the halves of a single one."""
     parts = _folds(torque)
     base = [np.stack([values[r][rows].ravel() for values in nuisance], axis=1) for r, rows in parts]
     target = [torque[r][rows].ravel() for r, rows in parts]
     columns = {term.law: [term.values[r][rows].ravel() for r, rows in parts] for term in terms}
 
-    def error(laws: Sequence[str]) -> float:
-        total = 0.0
-        for out in range(len(parts)):
-            wide = [np.column_stack([base[k], *(columns[law][k] for law in laws)]) for k in range(len(parts))]
-            design = np.concatenate([wide[k] for k in range(len(parts)) if k != out])
-            goal = np.concatenate([target[k] for k in range(len(parts)) if k != out])
-            scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-            solution = np.linalg.lstsq(design / scale, goal, rcond=1e-6)[0] / scale
-            total += float(np.sum((target[out] - wide[out] @ solution) ** 2))
-        return total
+    def solved(laws: Sequence[str], fold: int | None) -> tuple[FloatArray, float]:
+        """Coefficients without one of the parts, and the squared error on it."""
+        wide = [np.column_stack([base[k], *(columns[law][k] for law in laws)]) for k in range(len(parts))]
+        used = [k for k in range(len(parts)) if k != fold]
+        design, goal = np.concatenate([wide[k] for k in used]), np.concatenate([target[k] for k in used])
+        scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+        solution = np.asarray(np.linalg.lstsq(design / scale, goal, rcond=1e-6)[0] / scale, dtype=np.float64)
+        return solution, 0.0 if fold is None else float(np.sum((target[fold] - wide[fold] @ solution) ** 2))
 
-    chosen: list[str] = []
-    first = now = error([])
-    while len(chosen) < MOST_TERMS:
-        tried = {law: error([*chosen, law]) for law in columns if law not in chosen}
-        best = min(tried, key=lambda law: tried[law])
-        if tried[best] > (1 - LEAST_GAIN) * now:
+    def error(laws: Sequence[str]) -> float:
+        return sum(solved(laws, fold)[1] for fold in range(len(parts)))
+
+    before = error([])
+    alone = {law: error([law]) for law in columns}
+    found: list[Law] = []
+    begun: set[str] = set()
+    for first in sorted(alone, key=lambda law: alone[law]):
+        if len(found) == MOST_LAWS or alone[first] > (1 - LEAST_GAIN) * before:
             break
-        chosen.append(best)
-        now = tried[best]
-    if not chosen:
-        return [], [], 0.0
-    design = np.concatenate([np.column_stack([b, *(columns[law][k] for law in chosen)]) for k, b in enumerate(base)])
-    scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-    solution = np.linalg.lstsq(design / scale, np.concatenate(target), rcond=1e-6)[0] / scale
-    picked = [next(term for term in terms if term.law == law) for law in chosen]
-    return picked, solution[-len(chosen) :].tolist(), 1 - now / first
+        if first.partition(" * exp(")[0].partition(" * (1 - s)")[0] in begun:
+            continue
+        begun.add(first.partition(" * exp(")[0].partition(" * (1 - s)")[0])
+        chosen, now = [first], alone[first]
+        while len(chosen) < MOST_TERMS:
+            tried = {law: error([*chosen, law]) for law in columns if law not in chosen}
+            best = min(tried, key=lambda law: tried[law])
+            if tried[best] > (1 - LEAST_GAIN) * now:
+                break
+            chosen.append(best)
+            now = tried[best]
+        solution, _ = solved(chosen, None)
+        picked = tuple(next(term for term in terms if term.law == law) for law in chosen)
+        found.append(Law(picked, tuple(solution[-len(chosen) :].tolist()), 1 - now / before))
+    return found
 
 
 #: Frames of a part of the cross-validation that are looked at: more are correlated and tell nothing new.
