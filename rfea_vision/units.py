@@ -86,6 +86,22 @@ def conversion_factor(unit: str, to: str) -> float:
     return float(_registry().Quantity(1.0, have).to(want).magnitude)
 
 
+def split_quantity(value: object) -> tuple[float, str]:
+    """Take ``30 g`` apart: number and unit, empty for a bare number.
+
+    Raises
+    ------
+    ValueError
+        If there is no finite number, or the unit is unknown.
+    """
+    match = _QUANTITY.match(str(value)) if isinstance(value, str | int | float) and not isinstance(value, bool) else None
+    if match is None or not math.isfinite(float(match[1])):
+        raise ValueError(f"'{value}' is not a number, with or without a unit; write for example 12 or '30 g'")
+    if match[2]:
+        _unit(match[2])
+    return float(match[1]), match[2]
+
+
 _REFERENCED = re.compile(r"^(bar|psi|kPa|MPa|Pa|mbar|hPa)\s*[\[(]?(g|a|gauge|abs|absolute|rel)[\])]?$", re.IGNORECASE)
 
 

@@ -132,7 +132,8 @@ def _read_folder(reach: Reach, out: Path) -> Reading:
         elif experiment is not None:
             experiments.append(experiment)
     problems += _across(file, experiments, complete=len(experiments) == len(files))
-    campaign = Campaign(parsed.name or root.name, root, out, actuator or Actuator(), camera, tuple(experiments))
+    about = (parsed.name or root.name, root, out, actuator or Actuator(), camera)
+    campaign = Campaign(*about, tuple(experiments), parsed.design or {})
     return Reading(campaign, tuple(broken), tuple(problems))
 
 
@@ -170,7 +171,7 @@ def _read_experiment(
         return None, [_file_problem(path, error, name)]
     name = str(own.content.get("name") or name)
     files = (own,) if shared is None else (own, shared)
-    inherited = {} if shared is None else {k: v for k, v in shared.content.items() if k not in ("format", "name")}
+    inherited = {} if shared is None else {k: v for k, v in shared.content.items() if k not in ("format", "name", "design")}
     parsed, problems = _validate(ExperimentFile, _merge(inherited, own.content), files, name)
     if not _SAFE_NAME.match(name) or name in RESERVED_NAMES:
         message = f"'{name}' cannot name a folder of results; use letters, digits and dashes"

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
-from rfea_vision.units import conversion_factor, parse_quantity, pressure_unit
+from rfea_vision.units import conversion_factor, parse_quantity, pressure_unit, split_quantity
 
 
 def _quantity(unit: str, example: str, *, positive: bool = False) -> BeforeValidator:
@@ -54,6 +54,11 @@ def _time_unit(value: object) -> object:
     if isinstance(value, str):
         conversion_factor(value, "s")
     return value
+
+
+def _design(value: object) -> object:
+    """Read ``12`` and ``30 g`` as number and unit."""
+    return split_quantity(value)
 
 
 def _sync(value: object) -> object:
@@ -274,10 +279,11 @@ class _Shared(_Part):
 
 
 class CampaignFile(_Shared):
-    """campaign.yaml."""
+    """campaign.yaml. `design` holds design variables, numbers with or without a unit, for comparisons over campaigns."""
 
     format: Literal["rfea-campaign/1"] = "rfea-campaign/1"
     name: Text | None = None
+    design: dict[str, Annotated[tuple[float, str], BeforeValidator(_design), _shown("30 g")]] | None = None
 
 
 class ExperimentFile(_Shared):

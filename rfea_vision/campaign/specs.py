@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -132,7 +133,7 @@ class ExperimentSpec:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A folder of experiments on one tube; everything made from it goes to `out`."""
+    """A folder of experiments on one tube; everything made from it goes to `out`. `design`: number and unit by name."""
 
     name: str
     root: Path
@@ -140,6 +141,7 @@ class Campaign:
     actuator: Actuator
     camera: CameraSpec | None
     experiments: tuple[ExperimentSpec, ...] = field(default=())
+    design: Mapping[str, tuple[float, str]] = field(default_factory=dict)
 
     def experiment(self, name: str) -> ExperimentSpec:
         """Return one experiment by name.

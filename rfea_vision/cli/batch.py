@@ -26,7 +26,9 @@ from rfea_vision.units import rounded
 @click.option("--tls-cert", type=click.Path(path_type=Path), help="Certificate of this client, for tls:// (PEM).")
 @click.option("--tls-key", type=click.Path(path_type=Path), help="Key of this client, for tls:// (PEM).")
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes on this machine.")
-@click.option("--memory", default="auto", show_default=True, help="Of each process here, such as 2GB; auto: equal shares.")
+@click.option(
+    "--memory", default="auto", show_default=True, help="Of each process here, such as 2GB; auto: equal shares."
+)
 @click.option("--recipe", default="default", show_default=True, help="Recipe to run, by name or as a .yaml file.")
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for one folder of results per campaign.")
 @click.option(
@@ -184,8 +186,12 @@ def _held_out(rung: dict[str, Any]) -> str | None:
 
 @click.command("table")
 @click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=click.Path(path_type=Path))
-@click.option("--format", "kind", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True, help="Of the file.")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="File to write; default rfea-table.parquet or .csv.")
+@click.option(
+    "--format", "kind", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True, help="Of the file."
+)
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), help="File to write; default rfea-table.parquet or .csv."
+)
 @output_options
 def table_command(folders: tuple[Path, ...], kind: str, output: Path | None, as_json: bool, debug: bool) -> int:
     """Results of many campaigns as one table.

@@ -15,18 +15,35 @@ from rfea_vision.cli.options import campaign_options, code_option, opened
 @click.command("report")
 @code_option
 @campaign_options
+@click.argument("more", nargs=-1, metavar="[CAMPAIGN]...", type=click.Path(path_type=Path))
+@click.option("--group", is_flag=True, help="Many tubes on one page: parameters over the design, effects by tube.")
 @click.option("--compare", "other", metavar="OTHER", type=click.Path(path_type=Path), help="Side by side with OTHER.")
 @click.option("--notebook", is_flag=True, help="Also write a notebook that opens the artefacts.")
 def report_command(
-    campaign: Path, other: Path | None, notebook: bool, out: Path | None, force: bool, as_json: bool, debug: bool
+    campaign: Path,
+    more: tuple[Path, ...],
+    group: bool,
+    other: Path | None,
+    notebook: bool,
+    out: Path | None,
+    force: bool,
+    as_json: bool,
+    debug: bool,
 ) -> None:
     """One page, offline: where, why, and the cure.
 
     Where the model fails, which effect is missing, and what adding it does. What is out of date is redone first.
+    '--group A B C' puts many tubes on one page, rfea-group.html: their parameters over the design variables of campaign.yaml
+    (design: {turns: 12, load: 30 g}), and the effects named as a matrix.
     '--compare A B' puts campaign A beside campaign B: two tubes, two materials, before and after.
     """
     from rfea_vision.stages import publishing
 
+    if more and not group:
+        raise click.UsageError(f"Got unexpected '{more[0]}': several campaigns go on one page with --group.")
+    if group:
+        _report_group((campaign, *more), out or Path("rfea-group.html"), force, as_json)
+        return
     forced = ("report",) if force else ()
     with opened(campaign, out, force=forced) as work:
         files = {"file": work.report()}
@@ -44,6 +61,26 @@ def report_command(
         for path in files.values():
             click.echo(str(path))
         say_next(f"open {files.get('compare', files['file'])}", "in a browser; it needs no network")
+
+
+def _report_group(campaigns: tuple[Path, ...], page: Path, force: bool, as_json: bool) -> None:
+    """Bring every campaign up to date, then write the page of all."""
+    from contextlib import ExitStack
+
+    from rfea_vision.stages import publishing
+
+    page = page if page.suffix == ".html" else page / "rfea-group.html"
+    with ExitStack() as stack:
+        works = [stack.enter_context(opened(path, None, force=("report",) if force else ())) for path in campaigns]
+        for work in works:
+            publishing.bring_up_to_date(work)
+        files = publishing.group(works, page)
+    if as_json:
+        print_json(
+            {"file": str(page), "campaigns": [str(path) for path in campaigns], "figures": [str(p) for p in files[1:]]}
+        )
+    else:
+        say_next(f"open {page}", "in a browser; it needs no network")
 
 
 @click.command("run")

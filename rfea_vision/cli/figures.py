@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
-from rfea_vision.cli.console import print_json
-from rfea_vision.cli.options import campaign_options, opened
+from rfea_vision.cli.console import ConsoleListener, print_json
+from rfea_vision.cli.options import campaign_options, opened, output_options
+from rfea_vision.errors import InputError
 
 
 @click.command("figures")
@@ -41,3 +42,43 @@ def figures_command(
         print_json({"folder": str(files[0].parent), "files": [path.name for path in files]})
         return
     click.echo(f"{files[0].parent}: {len({path.stem for path in files})} figures, {len(files)} files")
+
+
+@click.command("reproduce")
+@click.argument("campaign", required=False, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Folder of results; default CAMPAIGN/rfea.")
+@click.option(
+    "--twin", type=click.Path(path_type=Path), default="rfea-paper", show_default=True,
+    help="Without CAMPAIGN: where the twin of the paper's tube goes, or is already.",
+)  # fmt: skip
+@click.option("--force", is_flag=True, help="Fit again even if nothing has changed.")
+@output_options
+def reproduce_command(
+    campaign: Path | None, out: Path | None, twin: Path, force: bool, as_json: bool, debug: bool
+) -> None:
+    """The paper: its Table I and Figs. 4 to 10.
+
+    Two and eight bodies, published parameters beside those found with their intervals, as one page and as files; on your campaign, or
+    on a twin of the paper's tube. The same data give the same bytes.
+    """
+    from rfea_vision.stages.reproducing import reproduce
+
+    if campaign is None:
+        campaign = twin
+        if not (twin / "campaign.yaml").is_file():
+            _write_twin(twin)
+    with opened(campaign, out, force=("fit",) if force else ()) as work:
+        files = reproduce(work)
+    if as_json:
+        print_json({"page": str(files[0]), "files": [str(path) for path in files[1:]]})
+        return
+    click.echo(f"{files[0]}: Table I and {len({path.stem for path in files[2:]})} drawings, each as a file beside it")
+
+
+def _write_twin(folder: Path) -> None:
+    try:
+        from rfea_vision.twin import paper_campaign, simulate
+    except ImportError as error:
+        raise InputError(f"reproduce: needs the module '{error.name}'; pip install 'rfea-vision[twin]'") from error
+    with ConsoleListener().shown() as listener:
+        simulate(folder, paper_campaign(), listener.begin("simulate", folder.name))

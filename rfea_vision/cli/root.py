@@ -31,7 +31,7 @@ _COMMANDS = {
     "chain": ("report", "run"),
     "batch": ("batch", "table"),
     "workbench": ("open",),
-    "figures": ("figures",),
+    "figures": ("figures", "reproduce"),
     "export": ("export",),
     "twin": ("simulate", "demo"),
 }

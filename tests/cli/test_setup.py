@@ -35,6 +35,7 @@ COMMANDS = [
     "table",
     "open",
     "figures",
+    "reproduce",
     "export",
     "simulate",
     "demo",

@@ -1,0 +1,137 @@
+"""Many tubes on one page: what their parameters do with a design variable, and which effects each of them shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from rfea_vision.artefacts import Parameter
+from rfea_vision.figures import Lines, Plate, Series
+from rfea_vision.figures.plates import Axis
+from rfea_vision.figures.saving import as_svg
+from rfea_vision.report import prose
+from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.formatting import unit_text
+from rfea_vision.report.page import environment, static
+from rfea_vision.report.shown import errors_of
+
+Design = Mapping[str, tuple[float, str]]
+_PER_JOINT = ("k_", "b_")
+
+
+@dataclass(frozen=True)
+class Tube:
+    """One campaign of a group: its name, its design variables (value and unit), and what was found out."""
+
+    name: str
+    design: Design
+    evidence: Evidence
+
+    @property
+    def last(self) -> Step | None:
+        """The last rung of the ladder, or the last model there is."""
+        steps = [step for step in self.evidence.steps if step.on_ladder] or list(self.evidence.steps)
+        return steps[-1] if steps else None
+
+
+def parameters_of(tube: Tube) -> dict[str, Parameter]:
+    """The parameters of a tube's last model; stiffness and damping of the whole tube, so that chains can be compared."""
+    if tube.last is None:
+        return {}
+    fit = tube.last.fit
+    return {
+        name: _whole(item, fit.segments) if name.startswith(_PER_JOINT) else item
+        for name, item in fit.parameters.items()
+    }
+
+
+def _whole(item: Parameter, segments: int) -> Parameter:
+    interval = None if item.interval_95 is None else (item.interval_95[0] / segments, item.interval_95[1] / segments)
+    stderr = None if item.stderr is None else item.stderr / segments
+    return item.model_copy(update={"value": item.value / segments, "interval_95": interval, "stderr": stderr})
+
+
+def group_plates(tubes: Sequence[Tube]) -> list[Plate]:
+    """Each parameter that two tubes share, over each design variable of which they have different values."""
+    found: list[Plate] = []
+    values = {tube.name: parameters_of(tube) for tube in tubes}
+    names = dict.fromkeys(name for item in values.values() for name in item)
+    for variable in dict.fromkeys(key for tube in tubes for key in tube.design):
+        having = [tube for tube in tubes if variable in tube.design]
+        unit = having[0].design[variable][1]
+        if len({tube.design[variable][0] for tube in having}) < 2 or any(t.design[variable][1] != unit for t in having):
+            continue
+        for name in names:
+            there = sorted((t.design[variable][0], t.name) for t in having if name in values[t.name])
+            if len(there) > 1:
+                found.append(_plate(variable, unit, name, [(x, values[tube][name]) for x, tube in there]))
+    return found
+
+
+def _plate(variable: str, unit: str, name: str, points: Sequence[tuple[float, Parameter]]) -> Plate:
+    x = np.array([place for place, _ in points])
+    y = np.array([item.value for _, item in points])
+    half = np.array([_half(item) for _, item in points])
+    whole = ", whole tube" if name.startswith(_PER_JOINT) else ""
+    title = f"{name}{whole} over {variable}"
+    dots = Series(name, "dots", x, y, half)
+    file = f"{name.replace('.', '-')}-over-{variable}"
+    return Lines(file, title, Axis(variable, unit), Axis(name, unit_text(points[0][1].unit)), (dots,))
+
+
+def _half(item: Parameter) -> float:
+    """Half the width of the 95 % interval, from the value to its farther end."""
+    if item.interval_95 is None:
+        return np.nan
+    return max(abs(end - item.value) for end in item.interval_95)
+
+
+def render_group(tubes: Sequence[Tube], *, title: str = "Tubes") -> str:
+    """Make the page of a group: one HTML document without any link to another file."""
+    titles: dict[str, str] = {}
+    for tube in tubes:
+        titles |= prose.effect_titles(tube.evidence)
+    cells = {tube.name: _effects(tube) for tube in tubes}
+    effects = list(dict.fromkeys(effect for row in cells.values() for effect in row))
+    rows = [_row(tube) for tube in tubes]
+    plates = [{"title": plate.title, "name": plate.name, "svg": Markup(as_svg(plate))} for plate in group_plates(tubes)]
+    parameters = {tube.name: parameters_of(tube) for tube in tubes}
+    return environment().get_template("group.html.j2").render(
+        title=title, rows=rows, cells=cells, effects=effects, titles=titles, plates=plates, parameters=parameters,
+        variables=list(dict.fromkeys(key for tube in tubes for key in tube.design)),
+        shared=list(dict.fromkeys(name for item in parameters.values() for name in item)), style=static("style.css"),
+    )  # fmt: skip
+
+
+def _row(tube: Tube) -> dict[str, Any]:
+    step = tube.last
+    shown = errors_of(step, tube.evidence) if step is not None else None
+    verdict = step.diagnosis.verdict if step is not None and step.diagnosis is not None else ""
+    absent = tube.evidence.absent.get("models", "") if step is None else ""
+    return {"name": tube.name, "design": tube.design, "shown": shown, "verdict": verdict, "absent": absent,
+            "model": step.rung.model if step is not None else ""}  # fmt: skip
+
+
+def _effects(tube: Tube) -> dict[str, dict[str, Any]]:
+    """What each effect is to a tube: part of its model, named beyond it, or tied; with probability and share where known."""
+    if tube.last is None:
+        return {}
+    found: dict[str, dict[str, Any]] = {effect: {"what": "in the model"} for effect in tube.last.fit.effects}
+    for step in tube.evidence.steps:
+        if step.diagnosis is None:
+            continue
+        known = {item.effect: item for item in step.diagnosis.candidates}
+        for effect in step.diagnosis.named:
+            found.setdefault(effect, {"what": "named"})
+        for tie in step.diagnosis.tied:
+            if set(tie.effects) & set(step.diagnosis.named):
+                for effect in tie.effects:
+                    found.setdefault(effect, {"what": "tied"})
+        for effect, item in found.items():
+            if effect in known and "probability" not in item:
+                item |= {key: getattr(known[effect], key, None) for key in ("probability", "share")}
+    return found
