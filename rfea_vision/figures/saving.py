@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -134,7 +135,7 @@ def _lines(axes: Any, plate: Lines) -> None:
         axes.set_xticks(sorted({float(x) for item in plate.series for x in item.x}))
     axes.set_xlabel(str(plate.x))
     axes.set_ylabel(str(plate.y))
-    axes.margins(x=0.02)
+    axes.margins(x=0.06 if any(item.role in ("dots", "rings") for item in plate.series) else 0.02)
     if len(plate.series) > 1:
         _legend(axes, plate)
 

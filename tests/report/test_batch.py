@@ -87,3 +87,23 @@ def test_pair_in_a_browser(chromium: Browser, tube_a: Path, sample: Path, tmp_pa
     assert chromium.run("document.querySelectorAll('.figure.empty').length") == 0
     assert chromium.complaints == []
     assert [r for r in chromium.requests if not r.startswith("data:")] == [page.resolve().as_uri()]
+
+
+def test_many_tubes_on_one_page(sample):
+    from rfea_vision.report.collect import collect
+    from rfea_vision.report.group import Tube, group_plates, parameters_of, render_group
+
+    pytest.importorskip("matplotlib")
+    evidence = collect(sample)
+    turns = {"A": 12.0, "B": 24.0, "<C>": 36.0}
+    tubes = [Tube(name, {"turns": (count, ""), "load": (30.0, "g")}, evidence) for name, count in turns.items()]
+    plates = group_plates(tubes)
+    assert {plate.name.split("-over-")[1] for plate in plates} == {"turns"}  # the load is the same in all
+    stiffness = next(plate for plate in plates if plate.name.startswith("k_ref"))
+    fit = tubes[0].last.fit
+    assert stiffness.table()["k_ref [N m/rad]"].tolist() == pytest.approx([fit.parameters["k_ref"].value / fit.segments] * 3)
+    assert parameters_of(tubes[0])["r_hyd"] == fit.parameters["r_hyd"]
+    page = render_group(tubes)
+    assert "<C>" not in page and "&lt;C&gt;" in page
+    assert all(effect in page for effect in ("in the model", "36", "30 g"))
+    assert page.count("<svg") == len(plates) and "http://" not in page.replace("http://www.w3.org", "")
