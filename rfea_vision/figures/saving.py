@@ -80,7 +80,7 @@ def as_svg(plate: Plate, *, style: str = "paper") -> str:
     with _drawing(style, salt=plate.name) as figure_of:
         page = io.StringIO()
         figure_of(plate).savefig(page, format="svg", metadata=_METADATA["svg"])
-    text = page.getvalue()
+    text = re.sub(r"<metadata>.*?</metadata>", "", page.getvalue(), flags=re.DOTALL)
     return (
         text[text.index("<svg") :]
         .replace('id="', f'id="{plate.name}-')
