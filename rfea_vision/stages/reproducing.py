@@ -5,7 +5,7 @@ Figs. 1 to 3 of the paper are photographs and a drawing of the drive, and anothe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.dynamics.parameters import PAPER_UNITS, PUBLISHED
 from rfea_vision.errors import DataError
-from rfea_vision.figures import Lines, Plate, Series, save_plates
+from rfea_vision.figures import FORMATS, Lines, Plate, Series, save_plates
 from rfea_vision.figures.plates import Axis, lines
 from rfea_vision.figures.runs import curve, tip_path
 from rfea_vision.files import write_text
@@ -38,7 +38,7 @@ _NAMES = {
 TIME, X, Y = Axis("time", "s"), Axis("x", "mm"), Axis("y", "mm")
 
 
-def reproduce(work: Workspace) -> list[Path]:
+def reproduce(work: Workspace, *, formats: Sequence[str] = FORMATS) -> list[Path]:
     """Fit as the paper did, and write page, table and figures to ``reproduce/``; the page is the first of the files.
 
     Raises
@@ -64,7 +64,7 @@ def reproduce(work: Workspace) -> list[Path]:
             modelled = {column: found[run] for column, found in predictions.items() if run in found}
             plates += _results(number, role, recordings[run], modelled)
     folder = work.out / "reproduce"
-    files = save_plates(plates, folder)
+    files = save_plates(plates, folder, formats=formats)
     table = table_one(fits)
     header = "parameter,unit,model,published,found,lower_95,upper_95\n"
     write_text(
