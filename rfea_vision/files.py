@@ -139,6 +139,10 @@ def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:
     """
     import xarray as xr
 
+    from rfea_vision.readers.apart import ask, isolated
+
+    if isolated():
+        return xr.Dataset.from_dict(ask("dataset", path, group=group))
     again = "run the stage that writes it again with --force"
     try:
         _refuse_links(path)
@@ -153,6 +157,27 @@ def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:
     except Exception as error:  # HDF5, h5netcdf and xarray each have their own kinds
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise DataError(f"{path}: cannot be read ({reason}); {again}") from error
+
+
+def dataset_groups(path: Path) -> list[str]:
+    """Names of the groups of a netCDF4 file.
+
+    Raises
+    ------
+    DataError
+        If it cannot be read.
+    """
+    import h5py
+
+    from rfea_vision.readers.apart import ask, isolated
+
+    if isolated():
+        return list(ask("groups", path))
+    try:
+        with h5py.File(path, "r") as file:
+            return sorted(str(name) for name in file if file.get(name, getclass=True, getlink=False) is h5py.Group)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error}); run the stage that writes it again with --force") from error
 
 
 def _refuse_links(path: Path) -> None:

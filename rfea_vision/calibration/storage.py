@@ -228,7 +228,7 @@ def _pixels(path: Path, values: dict[str, Any], name: str) -> int:
         raise InputError(f"{path}: {name} is missing; add the size of the picture in pixels")
     try:
         found = int(values[name])
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = 0
     if found <= 0:
         raise InputError(f"{path}: {name} is '{values[name]}'; write the size of the picture in pixels")

@@ -6,15 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
+from rfea_vision.campaign import doubts
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import Problem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
 from rfea_vision.errors import RfeaError
-
-_HIGH_KPA = 3000.0
-_LOW_KPA = 0.5
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,8 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
         problems += _experiment_problems(experiment, pressure_said=said)
         if progress is not None:
             progress(done + 1, total)
+    for experiment, text in doubts.alike(active):
+        problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     return Checked({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
 
@@ -126,12 +124,15 @@ def _experiment_problems(experiment: ExperimentSpec, *, pressure_said: bool) -> 
             from rfea_vision.readers.tracks import read_track
 
             by_camera = experiment.camera is not None and experiment.track.scale_mm is None
-            track_s = read_track(
+            track = read_track(
                 experiment.track.file,
                 bends=experiment.actuator.bends,
                 spec=experiment.track,
                 to_rig_mm=(lambda pixels: pixels) if by_camera else None,  # lengths are not what is looked at here
-            ).time_s
+            )
+            track_s = track.time_s
+            said = [] if by_camera else doubts.of_track(track.dataset, 1e3 * experiment.actuator.length)
+            problems += [_warning(file, experiment, "track", text) for text in said]
     except RfeaError as error:
         key = "track" if experiment.track is not None else "video"
         problems.append(Problem(file, str(error), key, experiment=experiment.name))
@@ -145,25 +146,12 @@ def _experiment_problems(experiment: ExperimentSpec, *, pressure_said: bool) -> 
     except RfeaError as error:
         problems.append(Problem(file, str(error), "pressure", experiment=experiment.name))
         return problems
-    problems += [_warning(file, experiment, "pressure", text) for text in _odd_pressure(log.pressure_kPa)]
+    said = doubts.of_pressure(log.pressure_kPa)
     seconds = pictures_s if pictures_s is not None else track_s
     if seconds is not None and len(seconds) > 1:
-        camera, logged = float(np.ptp(seconds)), float(np.ptp(log.time_s))
-        if logged < 0.9 * camera:
-            text = f"the log lasts {logged:.2f} s, the pictures {camera:.2f} s; only what both cover can be used"
-            problems.append(_warning(file, experiment, "pressure", text))
+        said += doubts.of_times(log.time_s, seconds)
+    problems += [_warning(file, experiment, "pressure", text) for text in said]
     return problems
-
-
-def _odd_pressure(pressure_kPa: np.ndarray) -> list[str]:
-    highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
-    if highest > _HIGH_KPA:
-        return [f"reaches {highest:.0f} kPa; is pressure.unit right?"]
-    if span == 0:
-        return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
-    if highest < _LOW_KPA:
-        return [f"stays below {highest:.3g} kPa; is pressure.unit right?"]
-    return []
 
 
 def _warning(file: Path, experiment: ExperimentSpec, key: str, text: str) -> Problem:

@@ -52,7 +52,20 @@ def output_options(command: _Command) -> _Command:
 
 
 def trust_option(command: _Command) -> _Command:
-    """Add --trust; `trusted` tells whether it was given, so that no command has to hand it on."""
+    """Add --trust and --untrusted; `trusted` tells whether the first was given, so that no command has to hand it on."""
+
+    def apart(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+        from rfea_vision.readers.apart import isolate
+
+        isolate(value)
+
+    command = click.option(
+        "--untrusted",
+        is_flag=True,
+        expose_value=False,
+        callback=apart,
+        help="Read films, tables and results in a process of its own, with bounded memory and time.",
+    )(command)
     return click.option(
         "--trust",
         is_flag=True,

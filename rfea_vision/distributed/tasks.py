@@ -15,6 +15,7 @@ from rfea_vision import __version__
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import storage_sentence
+from rfea_vision.readers.apart import isolate
 
 _PATIENCE_S = 60.0
 
@@ -137,6 +138,7 @@ def _working(folder: str, out: str | None, settings: Settings, part: str | None)
             f"{folder}: the batch was started with rfea-vision {settings.version}, this worker runs {fingerprint()}; install the same"
         )
     name_files(settings.effect_files)
+    isolate()
     _one_thread()
     if not Path(folder).is_dir():
         raise InputError(f"{folder}: this worker does not see the folder; mount it under the same path")

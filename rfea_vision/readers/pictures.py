@@ -8,28 +8,32 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.errors import InputError
+from rfea_vision.readers.apart import ask, isolated
+
 Picture = NDArray[np.uint8]
 
 
 def read_grey(path: Path, *, as_stored: bool = False) -> Picture | None:
-    """Read a picture, turned as its file says or, `as_stored`, as the sensor saw it; None if it cannot be read.
-
-    OpenCV returns nothing for what it does not know and raises for what is too large or damaged.
-    """
-    how = cv2.IMREAD_GRAYSCALE | (cv2.IMREAD_IGNORE_ORIENTATION if as_stored else 0)
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-        found = cv2.imdecode(data, how) if data.size else None
-    except (OSError, cv2.error, MemoryError):
-        return None
-    return None if found is None else np.asarray(found, dtype=np.uint8)
+    """Read a picture, turned as its file says or, `as_stored`, as the sensor saw it; None if it cannot be read."""
+    return decode(path, cv2.IMREAD_GRAYSCALE | (cv2.IMREAD_IGNORE_ORIENTATION if as_stored else 0))
 
 
 def read_colour(path: Path) -> Picture | None:
     """Read a picture (h, w, 3) in blue, green and red, turned as its file says; None if it cannot be read."""
+    return decode(path, cv2.IMREAD_COLOR)
+
+
+def decode(path: Path, how: int) -> Picture | None:
+    """Read a picture with OpenCV's flags; it returns nothing for what it does not know and raises for what is damaged."""
+    if isolated():
+        try:
+            return ask("picture", path, how=how)
+        except InputError:
+            return None
     try:
         data = np.fromfile(path, dtype=np.uint8)
-        found = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+        found = cv2.imdecode(data, how) if data.size else None
     except (OSError, cv2.error, MemoryError):
         return None
     return None if found is None else np.asarray(found, dtype=np.uint8)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from rfea_vision.errors import InputError
+from rfea_vision.readers.apart import ask, isolated, serving
 from rfea_vision.readers.kinds import capture, columns, matlab, poses, ros, text
-from rfea_vision.readers.kinds.base import Kind, Table
+from rfea_vision.readers.kinds.base import Kind, Points, Table
 
 KINDS: tuple[Kind, ...] = (*poses.KINDS, *text.KINDS, *columns.KINDS, *matlab.KINDS, *capture.KINDS, *ros.KINDS)
 """Of kinds that share an ending, the first that recognises the file's content reads it."""
@@ -47,6 +48,10 @@ def read_table(path: Path) -> Table:
     InputError
         If the file is missing, empty, of an unknown kind or cannot be read, or an extra is needed.
     """
+    if isolated() or (kind_of(path).apart and not serving()):
+        found = ask("table", path)
+        points = {name: Points(**{**item, "names": tuple(item["names"])}) for name, item in found.pop("points").items()}
+        return Table(**found, points=points)
     kind = kind_of(path)
     try:
         table = kind.read(path)

@@ -19,6 +19,7 @@ from av.error import FFmpegError
 from numpy.typing import NDArray
 
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.readers.apart import isolated
 from rfea_vision.readers.pictures import read_colour, read_grey, scaled
 
 Luma = NDArray[np.uint8]
@@ -99,7 +100,7 @@ class VideoSource(FrameSource):
     def colours(self, scale: float = 1.0) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
         for time, frame in self._decoded(0):
             size = [max(round(scale * side), 2) for side in (frame.width, frame.height)]
-            small = frame.reformat(*size, format="bgr24", interpolation="AREA").to_ndarray()
+            small = np.asarray(frame.reformat(*size, format="bgr24", interpolation="AREA").to_ndarray(), dtype=np.uint8)
             yield time, np.ascontiguousarray(np.rot90(small, self.quarter_turns) if self.quarter_turns else small)
 
     def _decoded(self, start_frame: int) -> Generator[tuple[float, av.VideoFrame], None, None]:
@@ -211,6 +212,10 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
     """
     if not path.is_file():
         raise InputError(f"{path}: video.file not found; check the name")
+    if isolated():
+        from rfea_vision.readers.film import Film
+
+        return Film.open(path, rate_Hz=rate_Hz)
     if rate_Hz is not None and not rate_Hz > 0:
         raise InputError(f"{path}: video.rate must be positive, such as 240 Hz")
     try:
@@ -218,6 +223,8 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
             if not container.streams.video:
                 raise InputError(f"{path}: video.file holds no video stream; give a video")
             stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise InputError(f"{path}: video.file is of a codec that is not known here; convert it to H.264 in MP4")
             stream.codec_context.options = {"max_pixels": str(MOST_PIXELS)}
             nominal = float(stream.average_rate) if stream.average_rate else None
             count = stream.frames or None
@@ -246,6 +253,10 @@ def open_frames(
     InputError
         If the table or a picture is missing, or time runs backwards.
     """
+    if isolated():
+        from rfea_vision.readers.film import Film
+
+        return Film.open(folder, rate_Hz=rate_Hz, times=str(times_csv), within=None if within is None else str(within))
     try:
         with times_csv.open(newline="", encoding="utf-8-sig") as stream:
             rows = list(csv.DictReader(stream))

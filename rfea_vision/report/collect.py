@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-import h5netcdf
 import xarray as xr
 
 from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung, Track
-from rfea_vision.errors import InputError
-from rfea_vision.files import read_dataset
+from rfea_vision.errors import RfeaError
+from rfea_vision.files import dataset_groups, read_dataset
 from rfea_vision.report.camera import read_camera
 
 _ROLE_ORDER = {"train": 0, "validate": 1, "test": 2}
@@ -96,7 +95,7 @@ def _load(reader: Any, path: Path, key: str, absent: dict[str, str]) -> Any:
     """`reader(path)`, or None with the reason filed under `key`."""
     try:
         return reader(path)
-    except InputError as error:
+    except RfeaError as error:
         absent[key] = f"{error}"
     except (OSError, ValueError, KeyError) as error:
         absent[key] = f"{path.name} could not be read ({error}); run the stage that writes it with --force."
@@ -213,6 +212,7 @@ def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Step:
 
 def _find(folder: Path, room: Path, name: str) -> Path:
     """A file named in a diagnosis stands beside it, in `rfea/`, or in the campaign."""
+    name = Path(name).name  # a name that leads elsewhere is none: the diagnosis may be a stranger's
     for place in (room, folder, folder.parent):
         if (place / name).exists():
             return place / name
@@ -220,9 +220,7 @@ def _find(folder: Path, room: Path, name: str) -> Path:
 
 
 def _read_groups(path: Path) -> dict[str, xr.Dataset]:
-    with h5netcdf.File(path, "r") as file:
-        names = list(file.groups)
-    return {name: read_dataset(path, group=name) for name in names}
+    return {name: read_dataset(path, group=name) for name in dataset_groups(path)}
 
 
 def _read_pressure(path: Path) -> tuple[list[float], list[float]]:

@@ -108,6 +108,7 @@ class Kind:
     endings : of the file's name, lower case, with the dot
     read : the reader; whatever it raises is said in one sentence by `read_table`
     is_mine : tells kinds apart that share an ending; the first in the list that says yes reads
+    apart : whether its parser is known to end the whole process over a damaged file: it then always has its own
     extra : the extra of this package that brings the library it needs, if it is no plain dependency
     """
 
@@ -115,6 +116,7 @@ class Kind:
     endings: tuple[str, ...]
     read: Callable[[Path], Table]
     is_mine: Callable[[Path], bool] = _any_file
+    apart: bool = False
     extra: str = ""
 
 

@@ -36,4 +36,4 @@ def read_c3d(path: Path) -> Table:
     return Table(str(path), columns, units, times, table.points)
 
 
-KINDS = (Kind("c3d", (".c3d",), read_c3d, extra="capture"),)
+KINDS = (Kind("c3d", (".c3d",), read_c3d, apart=True, extra="capture"),)

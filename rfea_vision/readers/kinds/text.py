@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from io import StringIO
 from pathlib import Path
 
@@ -85,15 +86,16 @@ def read_text(path: Path) -> Table:
         header, first = 0, 1
     sample = [cell for line in every[first : first + _LOOKED_AT] for cell in _cells(line, separator)]
     comma = any(_COMMA.match(cell) for cell in sample) and not any("." in c and _POINT.match(c) for c in sample)
-    frame = pd.read_csv(
-        StringIO("\n".join([every[header], *every[first:]])),
-        sep=separator,
-        decimal="," if comma else ".",
-        thousands="." if comma else None,
-        comment="#",
-        skipinitialspace=True,
-        index_col=False,
-    )
+    with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):  # cells would be dropped in silence
+        frame = pd.read_csv(
+            StringIO("\n".join([every[header], *every[first:]])),
+            sep=separator,
+            decimal="," if comma else ".",
+            thousands="." if comma else None,
+            comment="#",
+            skipinitialspace=True,
+            index_col=False,
+        )
     refuse_too_much(path, frame.size)
     table = frame_table(str(path), frame)
     if first == header + 2:

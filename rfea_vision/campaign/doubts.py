@@ -1,0 +1,76 @@
+"""Data that are readable and plausible, and probably not what was meant: said aloud before anything is fitted to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rfea_vision.campaign.specs import ExperimentSpec
+from rfea_vision.files import sha256_of
+
+FloatArray = NDArray[np.float64]
+
+# Soft actuators are driven with 10 to 500 kPa: these leave a factor of six to both sides, and the usual slips are factors of
+# 1000 (Pa, ms, m) or 57 (radians), which no factor of six hides.
+_HIGH_KPA, _LOW_KPA = 3000.0, 0.5
+_TOO_LONG = 50.0  # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
+
+
+def of_pressure(pressure_kPa: FloatArray) -> list[str]:
+    """Doubt a pressure: its unit, or that it is one."""
+    highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
+    if highest > _HIGH_KPA:
+        return [f"reaches {highest:.0f} kPa; is it in Pa? pressure.unit says which unit it is in"]
+    if span == 0:
+        return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
+    if highest < _LOW_KPA:
+        return [f"stays below {highest:.3g} kPa; is it in bar or MPa? pressure.unit says which unit it is in"]
+    steps = np.diff(pressure_kPa)
+    if len(steps) > 20 and np.ptp(steps) < 1e-3 * abs(float(steps.mean())):
+        return ["rises by the same amount in every row, as a clock does; is it the column of time?"]
+    return []
+
+
+def of_times(log_s: FloatArray, pictures_s: FloatArray) -> list[str]:
+    """Doubt the unit of a clock: how long the log and the pictures last."""
+    camera, logged = float(np.ptp(pictures_s)), float(np.ptp(log_s))
+    both = f"the log lasts {logged:.4g} s, the pictures {camera:.4g} s"
+    if logged > _TOO_LONG * camera:
+        return [f"{both}; is the time of the log in ms? pressure.time_unit says which unit it is in"]
+    if camera > _TOO_LONG * logged:
+        return [f"{both}; is the time of the pictures in ms?"]
+    return [f"{both}; only what both cover can be used"] if logged < 0.9 * camera else []
+
+
+def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
+    """Doubt a track of another tool: its unit and its axes, by the length of the tube."""
+    if "tip" in track:
+        tip = track["tip"].values[track["valid"].values.astype(bool)]
+        far = float(np.hypot(*tip.T).max())
+        x_mm, y_mm = np.abs(np.median(tip[: max(1, len(tip) // 20)], axis=0))
+        if far < 0.02 * length_mm or far > 2.0 * length_mm:
+            return [f"the tip is never more than {far:.3g} mm from the clamp, the tube is {length_mm:.3g} mm long; are these mm?"]
+        if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
+            return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
+    elif "bend_angle" in track:
+        widest = float(np.nanmax(np.abs(track["bend_angle"].values)))
+        if widest < np.pi:
+            return [f"never bends beyond {widest:.3g} deg; are these radians?"]
+    return []
+
+
+def alike(experiments: Sequence[ExperimentSpec]) -> list[tuple[ExperimentSpec, str]]:
+    """Doubt a pressure log that stands in two runs: the second of each pair, and why."""
+    seen: dict[tuple[str, str | None], ExperimentSpec] = {}
+    found = []
+    for experiment in experiments:
+        log = experiment.pressure
+        if log.file is None or not log.file.is_file():
+            continue
+        first = seen.setdefault((sha256_of(log.file), log.pressure), experiment)
+        if first is not experiment:
+            found.append((experiment, f"is the same log, row by row, as that of '{first.name}'; was it copied by mistake?"))
+    return found

@@ -1,0 +1,74 @@
+"""Data that can be read and are not what was meant: `rfea check` doubts them aloud."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from rfea_vision.campaign.check import check_campaign
+
+from .campaigns import write_campaign
+
+
+def _scaled(column, factor, file="pressure.csv"):
+    def spoil(folder):
+        table = pd.read_csv(folder / "steps" / file)
+        table[column] *= factor
+        table.to_csv(folder / "steps" / file, index=False)
+
+    return spoil
+
+
+def _swapped(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    table[["tip_x_mm", "tip_y_mm"]] = table[["tip_y_mm", "tip_x_mm"]].to_numpy()
+    table.to_csv(folder / "steps" / "track.csv", index=False)
+
+
+def _radians(folder):
+    time_s = np.arange(0.0, 0.5, 1 / 240)
+    angle = 0.9 * (1.0 - np.exp(-time_s / 0.1))
+    pd.DataFrame({"time_s": time_s, "angle_deg": angle}).to_csv(folder / "steps" / "track.csv", index=False)
+
+
+def _time_as_pressure(folder):
+    table = pd.read_csv(folder / "steps" / "pressure.csv")
+    table["pressure_kPa"] = 100 * table["time_s"]
+    table.to_csv(folder / "steps" / "pressure.csv", index=False)
+
+
+def _copied(folder):
+    (folder / "steps" / "pressure.csv").write_bytes((folder / "sine" / "pressure.csv").read_bytes())
+
+
+def _own_log(folder):
+    """Nothing is wrong: the runs of the template share a log, so each gets its own."""
+    for name, factor in (("steps", 1.0), ("sine", 1.1)):
+        table = pd.read_csv(folder / name / "pressure.csv")
+        table["pressure_kPa"] *= factor
+        table.to_csv(folder / name / "pressure.csv", index=False)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (_scaled("pressure_kPa", 1000.0), "is it in Pa?"),
+        (_scaled("pressure_kPa", 0.001), "is it in bar or MPa?"),
+        (_scaled("time_s", 1000.0), "is the time of the log in ms?"),
+        (_scaled("time_s", 1000.0, "track.csv"), "is the time of the pictures in ms?"),
+        (_scaled(["tip_x_mm", "tip_y_mm"], 0.001, "track.csv"), "are these mm?"),
+        (_swapped, "are x and y swapped?"),
+        (_radians, "are these radians?"),
+        (_time_as_pressure, "is it the column of time?"),
+        (_copied, "is the same log, row by row, as that of 'sine'"),
+    ],
+)
+def test_the_usual_slips_are_doubted(tmp_path, spoil, says):
+    folder = write_campaign(tmp_path / "campaign")
+    _own_log(folder)
+    said = [str(problem) for problem in check_campaign(folder).problems]
+    assert not [text for text in said if "?" in text], said
+    spoil(folder)
+    said = [str(problem) for problem in check_campaign(folder).problems if problem.severity == "warning"]
+    assert len([text for text in said if says in text]) == 1, said

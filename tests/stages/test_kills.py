@@ -1,0 +1,13 @@
+"""A few kills at random moments; ``make benchmarks ONLY=kills`` makes 200."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from benchmarks.kills import kill_often
+from tests.campaign.campaigns import write_campaign
+
+
+def test_a_killed_command_run_again_ends_as_if_nothing_had_been(tmp_path: Path) -> None:
+    found = kill_often("track", write_campaign(tmp_path / "campaign"), kills=2, seed=4)
+    assert found.different == [] and found.redone == 0

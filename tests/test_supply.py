@@ -1,0 +1,42 @@
+"""What is shipped: wheels that are the same byte by byte, with a bill of materials that names what was tested."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+_BUILD = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
+_SOURCE = ("rfea_vision", "calib", "pipelines", "pyproject.toml", "README.md", "LICENSE", "requirements.txt", "hatch_build.py")
+
+
+def _built(root: Path, folder: Path, mask: int) -> Path:
+    """A wheel from a copy of the source, made at another place, another time and with other permissions."""
+    source = folder / "source"
+    source.mkdir(parents=True)
+    for name in reversed(_SOURCE) if mask else _SOURCE:
+        if (root / name).is_dir():
+            shutil.copytree(root / name, source / name, ignore=shutil.ignore_patterns("__pycache__"), copy_function=shutil.copyfile)
+        else:
+            shutil.copyfile(root / name, source / name)
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000", "TZ": "UTC" if mask else "Asia/Tokyo"}
+    done = subprocess.run(
+        [sys.executable, "-c", _BUILD, str(folder)], cwd=source, env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return folder / done.stdout.split()[-1]
+
+
+def test_a_wheel_is_the_same_byte_by_byte_and_says_what_it_was_tested_with(root: Path, tmp_path: Path) -> None:
+    first, second = (_built(root, tmp_path / f"at-{mask}", mask) for mask in (0, 1))
+    assert first.read_bytes() == second.read_bytes()
+    with zipfile.ZipFile(first) as wheel:
+        bill = json.loads(wheel.read("rfea_vision/data/sbom.cdx.json"))
+    pins = [line.partition("==")[0] for line in (root / "requirements.txt").read_text().splitlines() if "==" in line]
+    assert bill["bomFormat"] == "CycloneDX" and bill["metadata"]["component"]["name"] == "rfea-vision"
+    assert [part["name"] for part in bill["components"]] == pins
+    assert all(part["purl"].startswith("pkg:pypi/") and part["version"] for part in bill["components"])
