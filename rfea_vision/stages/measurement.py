@@ -144,7 +144,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         Stage(
             "track",
             experiment.name,
-            inputs=_pictures(video),
+            inputs=[*_pictures(video), *_hint_files(camera.hints)],
             earlier=[work.cache.sha256(calibration_file)],
             options={"actuator": experiment.actuator, "camera": camera, "rate_Hz": video.rate_Hz, "lamp": lamp},
         ),
@@ -363,10 +363,18 @@ def _pictures(video: VideoSpec) -> list[Path]:
     return [*files, *([video.times] if video.times is not None else [])]
 
 
+def _hint_files(hints: Hints) -> list[Path]:
+    """The files that hints name: what other programs saw."""
+    masks = sorted(path for path in hints.masks.iterdir() if path.is_file()) if hints.masks is not None else []
+    return [*masks, *([hints.keypoints] if hints.keypoints is not None else [])]
+
+
 def describe_track(track: Track) -> str:
     """Say how many frames were tracked, and why the others were not."""
     lost = ", ".join(f"{count} {reason}" for reason, count in reasons_of(track).items())
-    return f"{int(track.valid.sum())} of {len(track.time_s)} frames" + (f" ({lost})" if lost else "")
+    advice = track.dataset.attrs.get("advice")
+    said = f"{int(track.valid.sum())} of {len(track.time_s)} frames" + (f" ({lost})" if lost else "")
+    return f"{said}; {advice}" if advice else said
 
 
 def describe_recording(recording: Recording) -> str:

@@ -109,6 +109,8 @@ def track_frames(
         "clamp_found_by": follower.start.base.kind,
         "polarity": follower.start.polarity,
     }
+    if rows.good < EDGES_ENOUGH * len(rows):
+        attributes["advice"] = next_hint(scene)
     rows.marked = follower.marked and follower.good >= 3
     track = Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
     kept.remove()

@@ -1,5 +1,6 @@
 """The whole body in films as phones take them: colour, ruled paper, glare, tape, marks, swelling, compression."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -15,12 +16,12 @@ SMALL = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clu
 LEFT = -np.concatenate([np.linspace(0.05, 0.9, 20), np.linspace(0.9, 0.3, 12)])
 
 
-def tracked(path, truth, *, aside=(0.0, 0.0)):
+def tracked(path, truth, *, aside=(0.0, 0.0), **more):
     source = open_video(path)
     x, y = np.mean(truth.clamp_px, axis=0)
     ruler = [[x, y], [x + 50 * truth.px_per_mm, y]]
     clamp = tuple((px + aside[0], py + aside[1]) for px, py in truth.clamp_px)
-    hints = Hints(clamp=clamp, tip=(truth.tip_px[0] + aside[0], truth.tip_px[1] + aside[1]))
+    hints = Hints(clamp=clamp, tip=(truth.tip_px[0] + aside[0], truth.tip_px[1] + aside[1]), **more)
     arm = truth.arm
     actuator = Actuator(outer_radius=arm.half_width / 1e3, inner_radius=arm.half_width / 2e3, length=arm.length / 1e3)
     calibration = scaled_by_distance(source.size, ruler, 50.0)
@@ -45,6 +46,29 @@ def test_a_film_that_edges_cannot_read_is_read_by_the_body(arm, tmp_path):
     assert np.nanmean(np.abs(off / track.dataset["tip_sigma"].values) < 2.0) > 0.9
     width = track.dataset["width"].values
     assert abs(width[:4, -3].mean() / width[:4, 2].mean() - (1 - 0.9 * arm.taper)) < 0.15
+
+
+def test_key_points_and_masks_of_another_program_are_where_the_fit_begins(tmp_path):
+    """An arm that jumps from frame to frame farther than any flow follows: with points, or masks, it is found."""
+    arm = Arm(rgb=(90.0, 150.0, 120.0), marks=3)
+    jumps = np.array([0.05, 0.05, 1.0, -0.6, 0.8, -1.0, 0.4, 1.0])
+    truth = film(tmp_path / "film.mp4", arm, SMALL, jumps)
+    rng = np.random.default_rng(0)
+    points = truth.centre_px[:, ::8] + rng.normal(0, 2.0, (len(jumps), 9, 2))
+    table = np.column_stack([np.arange(len(jumps)), points.reshape(len(jumps), -1)])
+    header = ",".join(["frame", *(f"{axis}{k}" for k in range(9) for axis in "xy")])
+    np.savetxt(tmp_path / "points.csv", table, delimiter=",", header=header, comments="")
+    (tmp_path / "masks").mkdir()
+    for number, line in enumerate(truth.centre_px):
+        mask = np.zeros(SMALL.size[::-1], dtype=np.uint8)
+        cv2.polylines(mask, [np.round(line).astype(np.int32)], False, 255, round(2 * arm.half_width * SMALL.px_per_mm))
+        cv2.imwrite(str(tmp_path / "masks" / f"{number:03d}.png"), mask)
+    swing = np.ptp(truth.tip_mm, axis=0).max()
+    for more in ({"keypoints": tmp_path / "points.csv"}, {"masks": tmp_path / "masks"}):
+        track = tracked(tmp_path / "film.mp4", truth, **more)
+        assert track.valid.all(), track.dataset["reason_detail"].values
+        off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
+        assert off.max() < 0.05 * swing
 
 
 def test_hints_beside_the_arm_give_no_track(tmp_path):

@@ -8,7 +8,8 @@ import pytest
 
 from rfea_vision.calibration import Board, calibrate
 from rfea_vision.vision.midline import Midline, Refusal, midline_from_mask
-from rfea_vision.vision.segment import clamped_midline, mask_by_colour, mask_by_light, tip_angle_deg
+
+from .masks import clamped_midline, mask_by_colour, mask_by_light, tip_angle_deg
 
 
 def test_board_photos_of_1280_x_720(shared_data: Path):

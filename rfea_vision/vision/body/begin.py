@@ -32,13 +32,13 @@ def hinted_lines(
     half_px, length_px : half the body's width, and its length
     """
     if len(line_px) >= 4:  # clamp, tip and two between: the person has drawn it
-        return [_stations(line_px)]
+        return [smooth_line(line_px)]
     across = clamp_px[1] - clamp_px[0]
     inwards = np.array([-across[1], across[0]]) / max(float(np.linalg.norm(across)), 1e-9)
     inwards *= 1.0 if inwards @ (line_px[-1] - line_px[0]) >= 0 else -1.0
     lines = [_route(picture, line_px, inwards, half_px)]
     if len(line_px) == 2:
-        lines += [_stations(line_px), _stations(_bow(line_px, inwards, length_px))]
+        lines += [smooth_line(line_px), smooth_line(_bow(line_px, inwards, length_px))]
     return lines
 
 
@@ -78,10 +78,10 @@ def _route(picture: Picture, line_px: FloatArray, inwards: FloatArray, half_px: 
         steps, _ = route_through_array(cost, (a[1], a[0]), (b[1], b[0]), fully_connected=True, geometric=True)
         route.append(np.array(steps, dtype=float)[:, ::-1])
     points = np.vstack([line_px[:1], *route, line_px[-1:]])
-    return _stations(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
+    return smooth_line(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
 
 
-def _stations(points: FloatArray) -> FloatArray:
+def smooth_line(points: FloatArray) -> FloatArray:
     """A smooth line of stations through points, with its ends where theirs are."""
     ends = points[[0, -1]]
     coefficients = fit_curve(points, min(FIRST_COEFFICIENTS, 4 + len(points) // 2))

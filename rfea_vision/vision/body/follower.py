@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.vision import fitted
 from rfea_vision.vision.begin import Begin, Scene
-from rfea_vision.vision.body.begin import first_body, hinted_lines, separation
+from rfea_vision.vision.body.begin import first_body, hinted_lines, separation, smooth_line
 from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, Wall, fit_body
+from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
     ALONG_BASIS,
@@ -83,6 +84,8 @@ class BodyFollower:
         self.start: Begin | None = None
         self.good, self.missed = 0, 0
         self.first_refusal = ""
+        self.frame = -1
+        self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.first = First(1.0, np.ones(STATIONS), None, 0.0, (0, 0), scene.length_mm, self.px_per_mm)
 
@@ -90,15 +93,22 @@ class BodyFollower:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
         lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
         grey = np.ascontiguousarray(lab[:, :, 0])
+        self.frame += 1
+        guided = self._guided()
         if self.good == 0:
             if self.missed == FIRST_TRIES:
                 return self.first_refusal
-            self._begin(lab)
+            self._begin(lab, guided)
             fit = self._fit(lab, self.body, 0.8)
         elif self.missed == 0 and np.array_equal(grey, self._grey):
             return "duplicate"
         else:
             fit = self._fit(lab, self._foretold(grey), 0.8 if self.missed == 0 else 1.5)
+            if guided is not None:
+                body = self.body.copy()
+                body.points = guided
+                both = fit, self._fit(lab, body, 0.8)
+                fit = max(both, key=lambda found: (not refused(self.first, found), _likeness(found)))
         reason = refused(self.first, fit)
         if self.good and reason and self.missed and self.missed % 5 == 0:
             fit = self._fit(lab, self._swung(lab), 1.2)
@@ -114,7 +124,17 @@ class BodyFollower:
         """Standard error of the origin along the tube: it is where it was pointed at."""
         return POINTED_PX / self.scene.px_per_mm, None
 
-    def _begin(self, lab: Picture) -> None:
+    def _guided(self) -> FloatArray | None:
+        """Stations where another program saw the body in this frame, from the clamp on."""
+        line = None if self.guide is None else self.guide(self.frame)
+        if line is None:
+            return None
+        line = (line + 0.5) * self.scale - 0.5
+        clamp = self.clamp.mean(axis=0)
+        near = int(np.argmin(np.linalg.norm(line - clamp, axis=1)))  # a mask may reach back into the clamp
+        return _even(smooth_line(np.vstack([clamp, line[near + 1 :]]))) if near < len(line) - 2 else None
+
+    def _begin(self, lab: Picture, guided: FloatArray | None) -> None:
         """Outline, colours, texture and end in the first frame."""
         self.first.shape = lab.shape[:2]
         self.wall = Wall(np.zeros(lab.shape, dtype=np.float32), np.zeros(lab.shape[:2], dtype=np.int32))
@@ -230,9 +250,8 @@ class BodyFollower:
             )
             body.points = self.body.points[0] + np.vstack([[0.0, 0.0], np.cumsum(turned, axis=0)])
             fit = self._fit(lab, body, 1.2)
-            score = float(np.mean(fit.backing) + np.mean(fit.seen))
-            if score > best:
-                best, found = score, fit.body
+            if _likeness(fit) > best:
+                best, found = _likeness(fit), fit.body
         return found
 
     def _accept(self, lab: Picture, grey: NDArray[np.uint8], fit: Fit) -> None:
@@ -286,6 +305,11 @@ class BodyFollower:
         work.covariance[np.diag_indices(len(work.covariance))] += floor
         along = float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1])
         numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
+
+
+def _likeness(fit: Fit) -> float:
+    """How much of a fit is seen: its inside, and its edges."""
+    return float(np.mean(fit.backing) + np.mean(fit.seen))
 
 
 def _spaced(line: FloatArray, like: FloatArray) -> FloatArray:
