@@ -6,10 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
+from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration import Board, calibrate
+from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.vision import track_frames
 from rfea_vision.vision.midline import Midline, Refusal, midline_from_mask
 
 from .masks import clamped_midline, mask_by_colour, mask_by_light, tip_angle_deg
+from .sources import memory_source
 
 
 def test_board_photos_of_1280_x_720(shared_data: Path):
@@ -53,6 +57,26 @@ def test_tip_angle_of_the_bending_tube(shared_data: Path):
     midline = clamped_midline(mask_by_colour(picture, smooth_px=2.0), [(525, 503), (575, 503)], (233, 500))
     assert isinstance(midline, Midline)
     assert abs(tip_angle_deg(midline, reference=(0, -1)) - 136) < 3
+
+
+def test_the_bending_tube_goes_through_the_tracker(shared_data: Path):
+    """The photograph as a film of three frames, its clamp, tip and three points of it pointed at: the author's angle."""
+    picture = cv2.imread(str(shared_data / "bending-tube-photo" / "img" / "source" / "P070.JPG"))
+    small = cv2.resize(picture, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
+    noise = np.random.default_rng(0).normal(0, 2, (3, *grey.shape))
+    frames = [np.clip(grey + layer, 0, 255).astype(np.uint8) for layer in noise]
+    # 0.2 mm to a pixel: a length that fits the tube's diameter; the author gives no scale
+    calibration = scaled_by_distance((grey.shape[1], grey.shape[0]), [[100, 100], [600, 100]], 100.0)
+    actuator = Actuator(outer_radius=5e-3, inner_radius=3e-3, length=94.5e-3)
+    line = ((562, 430), (440, 353), (325, 405))
+    hints = Hints(clamp=((525, 503), (575, 503)), tip=(210, 518), centre_line=line)
+    source = memory_source(frames, [0.0, 0.04, 0.08])
+    track = track_frames(source, calibration, actuator, hints=hints, vertical="image")
+    assert track.valid.all()
+    last = np.diff(track.dataset["midline"].values[:, [-4, -1]], axis=1)[:, 0]
+    from_upright = np.degrees(np.arccos(last[:, 1] / np.linalg.norm(last, axis=1)))  # the tube stands in its clamp
+    assert np.abs(from_upright - 136.0).max() < 5.0
 
 
 def test_midline_of_the_bent_strip(shared_data: Path):
