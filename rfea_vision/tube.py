@@ -15,7 +15,7 @@ def inner_radius(actuator: Actuator, theta: ArrayLike, rest_length: float) -> Fl
 
     Closed form of eq. DynInnerRadius (the same as eq. InnerRadius): the rubber keeps its volume at constant outer radius.
     """
-    stretched = rest_length + actuator.outer_radius * np.asarray(theta, dtype=float)
+    stretched = rest_length + actuator.offset * np.asarray(theta, dtype=float)
     rubber = (actuator.outer_radius**2 - actuator.inner_radius**2) * rest_length
     return np.sqrt(actuator.outer_radius**2 - rubber / stretched)
 
@@ -50,16 +50,17 @@ def flow_needed(actuator: Actuator, joint_rates: ArrayLike) -> FloatArray:
 
 def body_mass(actuator: Actuator, length: ArrayLike) -> FloatArray:
     """Mass (kg) of rubber and water at rest in a body of `length` (m)."""
-    outer, inner = actuator.outer_radius, actuator.inner_radius
-    area = actuator.density * (outer**2 - inner**2) + actuator.fluid_density * inner**2
-    return area * np.pi * np.asarray(length, dtype=float)
+    return actuator.linear_density * np.asarray(length, dtype=float)
 
 
 def body_inertia(actuator: Actuator, length: ArrayLike) -> FloatArray:
     """Moment of inertia (kg m^2) of a body about its centre of mass, eq. CylinderIx with the mass of `body_mass`."""
     length = np.asarray(length, dtype=float)
-    radii = 3 * (actuator.outer_radius**2 + actuator.inner_radius**2)
-    return body_mass(actuator, length) * (radii + length**2) / 12
+    outer = actuator.outer_radius
+    across = {"tube": 3 * (outer**2 + actuator.inner_radius**2), "rectangle": 4 * outer**2}.get(
+        actuator.kind, 3 * outer**2
+    )
+    return body_mass(actuator, length) * (across + length**2) / 12
 
 
 #: Section II as printed, "outer radius 8 mm, inner radius 6 mm": these are diameters (docs/physics.md, erratum 1).

@@ -24,9 +24,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Actuator:
-    """Dimensions and densities of the tube at rest, in SI units.
+    """Dimensions and densities of the tube, or beam, at rest, in SI units.
 
-    The radii default to 4 and 3 mm: the 8 and 6 mm that the paper prints are diameters (see docs/physics.md).
+    The radii default to 4 and 3 mm: the 8 and 6 mm that the paper prints are diameters (see docs/physics.md). Of a beam,
+    `outer_radius` is half its thickness in the plane of motion, and pi `inner_radius`^2 the area on which a pressure acts.
+    `mass_per_length` stands in place of the densities, `material` is a name such as PDMS.
     """
 
     outer_radius: float = 0.004
@@ -35,13 +37,58 @@ class Actuator:
     density: float = 965.0
     fluid_density: float = 1000.0
     bends: Literal["left", "right"] = "left"
+    kind: Literal["tube", "rod", "rectangle", "custom"] = "tube"
+    width: float | None = None
+    area: float | None = None
+    second_moment: float | None = None
+    mass_per_length: float | None = None
+    material: str = ""
 
     def __post_init__(self) -> None:
-        if not 0 < self.inner_radius < self.outer_radius:
+        if self.kind == "tube" and not 0 < self.inner_radius < self.outer_radius:
             raise InputError("actuator.inner_radius must be positive and smaller than actuator.outer_radius")
-        for key in ("length", "density", "fluid_density"):
-            if not getattr(self, key) > 0:
+        for key in ("outer_radius", "length", "density", "fluid_density", "width", "area", "second_moment"):
+            if not (getattr(self, key) is None or getattr(self, key) > 0):
                 raise InputError(f"actuator.{key} must be positive")
+        if self.mass_per_length is not None and not self.mass_per_length > 0:
+            raise InputError("actuator.mass_per_length must be positive")
+        if self.kind == "rectangle" and self.width is None:
+            raise InputError("actuator.section.width is missing; a rectangle has a width and a thickness")
+        if self.kind == "custom" and self.mass_per_length is None and self.area is None:
+            raise InputError("actuator.mass_per_length is missing; a custom section needs it, or the mass, or its area")
+
+    @property
+    def offset(self) -> float:
+        """How far the centre line lies outside the hinge line (m): a tube bends about its side, a beam about its middle."""
+        return self.outer_radius if self.kind == "tube" else 0.0
+
+    @property
+    def solid_area(self) -> float:
+        """Area (m^2) of what carries the mass: the wall of a tube, the whole section of a beam."""
+        if self.area is not None:
+            return self.area
+        if self.kind == "rectangle":
+            return 2 * self.outer_radius * float(self.width or 0.0)
+        inner = self.inner_radius if self.kind == "tube" else 0.0
+        return float(np.pi * (self.outer_radius**2 - inner**2))
+
+    @property
+    def linear_density(self) -> float:
+        """Mass per length (kg/m) at rest: as weighed, or of the wall and the water in it."""
+        if self.mass_per_length is not None:
+            return self.mass_per_length
+        water = np.pi * self.inner_radius**2 * self.fluid_density if self.kind == "tube" else 0.0
+        return float(self.density * self.solid_area + water)
+
+    @property
+    def bending_moment_of_area(self) -> float:
+        """Second moment of area (m^4) about the line that does not stretch: a tube's inextensible side, a beam's middle."""
+        if self.second_moment is not None:
+            return self.second_moment
+        outer, area = self.outer_radius, self.solid_area
+        if self.kind == "tube":
+            return float(np.pi / 4 * (outer**4 - self.inner_radius**4) + area * outer**2)
+        return area * outer**2 / (3.0 if self.kind == "rectangle" else 4.0)
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -195,8 +242,10 @@ class Recording:
 
     ``dataset`` is that of `Track` with ``time`` on the log's clock, plus ``log_time`` (s) and ``pressure`` (log_time)
     in kPa gauge; attributes ``experiment``, ``role``, ``bends``, ``sync_method``, ``offset_s`` (log clock minus camera
-    clock), ``offset_stderr_s``, ``drift_ppm``, ``drift_stderr_ppm``, and optionally ``repeat_of``. A run that carries the
-    memory of others has ``earlier_pressure`` (earlier_time) too, in kPa before the log begins.
+    clock), ``offset_stderr_s``, ``drift_ppm``, ``drift_stderr_ppm``, and optionally ``repeat_of``; of another rig than the
+    paper's ``gravity_deg`` from down, positive in the direction of the bend, or ``gravity: none``; ``held_until_s`` on the
+    camera's clock where the tube was let go by hand (NaN: when it is seen to move); ``conditions``, a JSON mapping of SI
+    values. A run that carries the memory of others has ``earlier_pressure`` (earlier_time) too, in kPa before the log begins.
     """
 
     dataset: xr.Dataset

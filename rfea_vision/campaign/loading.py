@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 from rfea_vision.artefacts import Actuator
 from rfea_vision.campaign.problems import Problem, problem_at, validation_problems
 from rfea_vision.campaign.reach import Reach, is_file, is_folder
-from rfea_vision.campaign.resolve import resolve_camera, resolve_experiment
+from rfea_vision.campaign.resolve import resolve_actuator, resolve_camera, resolve_experiment
 from rfea_vision.campaign.schema import CampaignFile, ExperimentFile
 from rfea_vision.campaign.specs import Campaign, ExperimentSpec
 from rfea_vision.campaign.yaml_file import YamlFile, read_yaml
@@ -240,7 +240,7 @@ def _actuator(
         message = "is missing; the tube of the paper is assumed"
         return Actuator(), [problem_at(files, "actuator", message, severity="warning", experiment=experiment)]
     try:
-        return Actuator(**parsed.actuator.model_dump()), []
+        return resolve_actuator(parsed.actuator), []
     except InputError as error:
         key, _, message = str(error).partition(" ")
         return None, [problem_at(files, key, message, experiment=experiment)]
@@ -258,9 +258,14 @@ def _validate(
         return model.model_validate({key: value for key, value in content.items() if key not in broken}), problems
 
 
+_SOURCES = {"file", "url", "value"}
+
+
 def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Return `above` laid over `below`, mapping by mapping; the source of the picture replaces that of the campaign."""
     merged = dict(below)
+    if _SOURCES & set(above):  # a log of its own takes the place of one that is shared
+        merged = {key: value for key, value in merged.items() if key not in _SOURCES}
     for key, value in above.items():
         under = merged.get(key)
         merged[key] = _merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import re
 from glob import has_magic
+from math import pi
 from pathlib import Path
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.campaign.problems import Problem, problem_at
 from rfea_vision.campaign.reach import REMEDY, Reach, is_file, is_folder
 from rfea_vision.campaign.schema import (
+    ActuatorPart,
     CameraPart,
     ExperimentFile,
     PlumbPart,
     PressurePart,
     ScalePart,
+    SectionPart,
     SyncPart,
     TrackPart,
 )
@@ -22,6 +25,7 @@ from rfea_vision.campaign.specs import (
     CameraSpec,
     ExperimentSpec,
     PressureSpec,
+    RigSpec,
     ScaleSpec,
     SyncSpec,
     TrackSpec,
@@ -246,7 +250,9 @@ def resolve_experiment(
             "camera", f"is missing; pictures need it: board and photos, an earlier calibration, or {SCALE_EXAMPLE}"
         )
     pressure = PressureSpec(folder=folders[0]) if parsed.pressure is None else _pressure(parsed.pressure, finder)
+    rig = _rig(parsed, actuator, finder)
     experiment = ExperimentSpec(
+        rig=rig,
         name=name,
         folder=folders[0],
         role=role,
@@ -313,7 +319,62 @@ def _track(part: TrackPart, finder: _Finder) -> TrackSpec | None:
     )
 
 
+def resolve_actuator(part: ActuatorPart) -> Actuator:
+    """Return what is bent.
+
+    Raises
+    ------
+    InputError
+        If its dimensions do not make a section.
+    """
+    section = part.section or SectionPart()
+    values = part.model_dump(exclude={"mass", "section", "material"})
+    if part.mass is not None and part.mass_per_length is not None:
+        raise InputError("actuator.mass stands beside actuator.mass_per_length; keep one of the two")
+    if part.mass is not None:
+        values["mass_per_length"] = part.mass / part.length
+    if section.kind == "rectangle":
+        if section.thickness is None:
+            raise InputError("actuator.section.thickness is missing; that in the plane of motion, for example '30 mm'")
+        values["outer_radius"] = section.thickness / 2
+    if section.kind != "tube":
+        values["inner_radius"] = ((section.chamber_area or 0.0) / pi) ** 0.5 or values["outer_radius"] / 2
+    more = {"kind": section.kind, "width": section.width, "area": section.area, "second_moment": section.second_moment}
+    return Actuator(**values, **more, material=part.material or "")
+
+
+#: Directions of gravity in the rig frame, as angles from down towards camera-left.
+_GRAVITY_DEG = {"down": 0.0, "left": 90.0, "up": 180.0, "right": -90.0}
+
+
+def _rig(parsed: ExperimentFile, actuator: Actuator, finder: _Finder) -> RigSpec:
+    """Return how the run was set up."""
+    gravity: float | None = 0.0
+    if parsed.rig is not None:
+        given = parsed.rig.gravity
+        side = 1.0 if actuator.bends == "left" else -1.0
+        if isinstance(given, str):
+            gravity = None if given == "none" else side * _GRAVITY_DEG[given]
+        else:
+            gravity = given.angle
+    known: dict[str, float] = {}
+    if parsed.conditions:
+        from rfea_vision.options.given import read_conditions  # brings the effects with it
+
+        try:
+            known = read_conditions(parsed.conditions)
+        except InputError as error:
+            finder.complain("conditions", str(error))
+    start = parsed.start
+    until = None if start is None or start.held_until == "auto" else float(start.held_until)
+    return RigSpec(gravity, start is not None, until, known)
+
+
 def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
+    if part.value is not None:
+        if part.file is not None or part.url is not None:
+            finder.complain("pressure.value", "stands beside a log; keep the log, or the constant value")
+        return PressureSpec(folder=finder.folders[0], value_kPa=part.value)
     if (part.file is None) == (part.url is None):
         finder.complain(
             "pressure", "exactly one of 'file' and 'url' is needed; for example 'pressure: {file: pressure.csv}'"

@@ -110,6 +110,12 @@ def _colour(value: object) -> object:
 
 Length = Annotated[float, _quantity("m", "4 mm", positive=True), _shown("4 mm")]
 Offset = Annotated[float, _quantity("m", "3 mm"), _shown("3 mm")]
+Area = Annotated[float, _quantity("m^2", "12 mm^2", positive=True), _shown("12 mm^2")]
+SecondMoment = Annotated[float, _quantity("m^4", "67500 mm^4", positive=True), _shown("67500 mm^4")]
+Mass = Annotated[float, _quantity("kg", "33.2 g", positive=True), _shown("33.2 g")]
+MassPerLength = Annotated[float, _quantity("kg/m", "0.47 g/mm", positive=True), _shown("0.47 g/mm")]
+Angle = Annotated[float, _quantity("deg", "30 deg"), _shown("30 deg")]
+Pressure = Annotated[float, _quantity("kPa", "0 kPa"), _shown("0 kPa")]
 Density = Annotated[float, _quantity("kg/m^3", "965 kg/m^3", positive=True), _shown("965 kg/m^3")]
 Duration = Annotated[float, _quantity("s", "12 ms"), _shown("12 ms")]
 Rate = Annotated[float, _quantity("Hz", "240 Hz", positive=True), _shown("240 Hz")]
@@ -128,9 +134,50 @@ class _Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class ActuatorPart(_Part):
-    """The tube at rest. Radii are radii: the 8 and 6 mm printed in the paper are diameters."""
+class SectionPart(_Part):
+    """What is bent: a tube about its inextensible side, or a beam about its middle.
 
+    A rod has its `outer_radius` from the actuator; a rectangle a `width` and a `thickness` (in the plane of motion); a custom
+    section what is known of it. `chamber_area` is that on which a pressure acts, in a beam that has a chamber.
+    """
+
+    kind: Literal["tube", "rod", "rectangle", "custom"] = "tube"
+    width: Length | None = None
+    thickness: Length | None = None
+    area: Area | None = None
+    second_moment: SecondMoment | None = None
+    chamber_area: Area | None = None
+
+
+class RigAnglePart(_Part):
+    """Gravity's direction from down, positive in the direction that `actuator.bends` names."""
+
+    angle: Angle
+
+
+class RigPart(_Part):
+    """How the rig stands: where gravity points in the frame in which the unloaded tube points down."""
+
+    gravity: Literal["down", "up", "left", "right", "none"] | RigAnglePart = "down"
+
+
+class StartPart(_Part):
+    """A run that begins held by hand in the measured shape, and is let go: at a time, or when it is seen to move."""
+
+    shape: Literal["measured"] = "measured"
+    held_until: Literal["auto"] | Duration = "auto"
+
+
+class ActuatorPart(_Part):
+    """The tube at rest. Radii are radii: the 8 and 6 mm printed in the paper are diameters.
+
+    `mass` (of the whole length) or `mass_per_length` stand in place of the densities.
+    """
+
+    mass: Mass | None = None
+    mass_per_length: MassPerLength | None = None
+    section: SectionPart | None = None
+    material: Text | None = None
     outer_radius: Length = 0.004
     inner_radius: Length = 0.003
     length: Length = 0.155
@@ -235,8 +282,10 @@ class PressurePart(_Part):
     """The pressure log: a table in a file or from a database, the columns to take, and their units.
 
     `ambient` is a pressure or the name of a column; without `reference`, a unit such as ``psia`` or ``bar(g)`` says it.
+    `value` alone is a run at constant pressure, without a log.
     """
 
+    value: Pressure | None = None
     file: str | None = None
     url: str | None = None
     query: str | None = None
@@ -266,12 +315,15 @@ class _Shared(_Part):
     """Keys that a campaign may set for all its experiments, and an experiment may override."""
 
     actuator: ActuatorPart | None = None
+    rig: RigPart | None = None
     camera: CameraPart | None = None
     role: Role | None = None
     video: VideoPart | None = None
     frames: FramesPart | None = None
     track: TrackPart | None = None
     pressure: PressurePart | None = None
+    start: StartPart | None = None
+    conditions: dict[str, str | float] | None = None
     sync: Annotated[SyncPart | None, BeforeValidator(_sync)] = None
     recorded_at: Text | None = None
     memory: Literal["fresh", "carried"] | None = None

@@ -87,7 +87,10 @@ class TrackSpec:
 
 @dataclass(frozen=True)
 class PressureSpec:
-    """A pressure log in a file or behind a database URL, and how to read it; `ambient` names a column."""
+    """A pressure log in a file or behind a database URL, and how to read it; `ambient` names a column.
+
+    With `value_kPa` there is no log: the pressure was constant.
+    """
 
     file: Path | None = None
     url: str | None = None
@@ -100,6 +103,7 @@ class PressureSpec:
     ambient_kPa: float = 101.325
     ambient: str | None = None
     folder: Path = Path()
+    value_kPa: float | None = None
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,23 @@ class SyncSpec:
     value_s: float | None = None
     box: tuple[float, float, float, float] | None = None
     channel: str | None = None
+
+
+@dataclass(frozen=True)
+class RigSpec:
+    """How a run was set up.
+
+    Attributes
+    ----------
+    gravity_deg : direction of gravity from down, positive in the direction of the bend; None where there is none in the plane
+    held : whether the tube was held in the measured shape and let go; `held_until_s` None: when it is seen to move
+    conditions : parameters of effects that are known for this run, ``{"payload.m": 0.01}`` in SI
+    """
+
+    gravity_deg: float | None = 0.0
+    held: bool = False
+    held_until_s: float | None = None
+    conditions: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -129,6 +150,7 @@ class ExperimentSpec:
     recorded_at: str | None = None
     memory: str = "fresh"
     note: str = ""
+    rig: RigSpec = field(default_factory=RigSpec)
 
 
 @dataclass(frozen=True)

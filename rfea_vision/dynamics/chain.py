@@ -24,6 +24,7 @@ class Chain:
     force_along, force_across : point on which body forces act (the middle of the centre line)
     added_along : where along the body sits the mass that it gains as its joint bends: in the middle of the joint's arc
     position : material coordinate of each joint (0 clamp, 1 tip); arc : rest length that each joint stands for
+    offset : of the centre line from the hinge line (m)
     count : what makes a joint's angle the tube's: n for a tube, 1 for a general chain
     """
 
@@ -40,6 +41,7 @@ class Chain:
     base_length: float
     count: float
     outer_radius: float
+    offset: float
     inner_radius: float
     fluid_density: float
     polygon: bool = True
@@ -69,13 +71,14 @@ class Chain:
             across=np.zeros(segments),
             inertia=body_inertia(actuator, length),
             force_along=length / 2,
-            force_across=np.full(segments, actuator.outer_radius),
+            force_across=np.full(segments, actuator.offset),
             added_along=np.zeros(segments) if joints == "middle" else length / 2,
             position=position,
             arc=np.full(segments, arc),
             base_length=arc / 2 if joints == "middle" else 0.0,
             count=float(segments),
             outer_radius=actuator.outer_radius,
+            offset=actuator.offset,
             inner_radius=actuator.inner_radius,
             fluid_density=actuator.fluid_density,
             polygon=joints == "start",
@@ -104,6 +107,7 @@ class Chain:
             base_length=0.0,
             count=1.0,
             outer_radius=0.004,
+            offset=0.004,
             inner_radius=0.003,
             fluid_density=0.0,
         )

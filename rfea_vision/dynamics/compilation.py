@@ -134,7 +134,13 @@ def _compile(effects: Sequence[Effect], key: str) -> CompiledLaw:
 
 
 def constants(
-    count: float, outer_radius: float, inner_radius: float, fluid_density: float, tube_length: float, mirror: float
+    count: float,
+    outer_radius: float,
+    inner_radius: float,
+    fluid_density: float,
+    tube_length: float,
+    mirror: float,
+    offset: float,
 ) -> np.ndarray:
     """The vector of constants in the order of `laws.CONSTANTS`."""
-    return np.array([count, outer_radius, inner_radius, fluid_density, tube_length, mirror])
+    return np.array([count, outer_radius, inner_radius, fluid_density, tube_length, mirror, offset])

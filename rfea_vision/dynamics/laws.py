@@ -34,23 +34,24 @@ OUTER, INNER = sp.symbols("r_o r_i0", positive=True)
 FLUID_DENSITY = sp.Symbol("rho_f", positive=True)
 TUBE_LENGTH = sp.Symbol("tube_length", positive=True)
 MIRROR = sp.Symbol("mirror", real=True)
+OFFSET = sp.Symbol("offset", nonnegative=True)
 X, Y, VX, VY = sp.symbols("x y vx vy", real=True)
 BODY_LENGTH = sp.Symbol("body_length", positive=True)
 IS_LAST = sp.Symbol("is_last", nonnegative=True)
 MASS, INERTIA, ALONG = sp.symbols("mass inertia along", positive=True)
 ACROSS, GRAVITY, TIME = sp.symbols("across g time", real=True)
 
-CONSTANTS: tuple[sp.Symbol, ...] = (COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR)
+CONSTANTS: tuple[sp.Symbol, ...] = (COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR, OFFSET)
 BASE = {name: sp.Symbol(name, real=True) for name in BASE_PARAMETERS}
 
 #: What hooks are given by the name of the argument, beside the joint and what is composed at it.
 GIVEN: dict[str, Any] = {
     "body": Body(X, Y, VX, VY, BODY_LENGTH, OUTER, TUBE_LENGTH, MIRROR),
-    "place": BodyPlace(BODY_LENGTH, IS_LAST, OUTER),
+    "place": BodyPlace(BODY_LENGTH, IS_LAST, OFFSET),
     "inertia": BodyInertia(MASS, ALONG, ACROSS, INERTIA),
     "gravity": (sp.Integer(0), -GRAVITY),
     "pressure": PRESSURE,
-    "rest_outer_radius": OUTER,
+    "rest_outer_radius": OFFSET,
     "x": X,
     "y": Y,
     "mirror": MIRROR,
@@ -110,10 +111,11 @@ def _base_joint(effects: Sequence[Effect]) -> Joint:
         outer = effect.outer_radius(joint, outer)
         rubber = effect.rubber_volume(joint, rubber)
     joint.expressions["outer_radius"] = outer
-    # Eq. InnerRadius: the rubber of one arc keeps its volume while the centre line grows by r_o theta.
+    # Eq. InnerRadius: the rubber of one arc keeps its volume while the centre line grows by r_o theta;
+    # a beam, whose centre line is its hinge line, keeps its section.
     closed = (OUTER**2 - INNER**2) * rubber / outer**2
     spare = OPEN_SHARE * (1 - closed)
-    inner = outer * sp.sqrt(1 - closed / kept_above(1 + OUTER * THETA / ARC, closed + spare, spare / 2))
+    inner = outer * sp.sqrt(1 - closed / kept_above(1 + OFFSET * THETA / ARC, closed + spare, spare / 2))
     joint.expressions["inner_radius"] = inner
     stiffness: sp.Expr = BASE["k_ref"] + BASE["k_slope"] * (inner - INNER)
     for effect in effects:

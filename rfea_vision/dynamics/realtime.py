@@ -196,7 +196,7 @@ class Stepper:
         chain, body = self.model.chain, self._work.body
         phi, rate = body[: chain.bodies + 1, PHI], body[: chain.bodies + 1, OM]
         tip, none = np.empty((1, 1, 2)), np.empty((1, chain.bodies + 1, 0))
-        tube = (float(chain.arc[0]), chain.outer_radius, chain.polygon, float(self._system.line[3]), np.empty(0))
+        tube = (float(chain.arc[0]), chain.offset, chain.polygon, float(self._system.line[3]), np.empty(0))
         centre_line(phi[None].copy(), none, *tube, np.ones(1), tip, np.empty((1, 1, 2, 0)))
         tip[0, 0, 0] *= self.model.mirror
         return Moment(tip[0, 0], float(phi[-1]), float(self._system.volume_rate * (rate[-1] - rate[0])), float(last))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,7 @@ class Model:
     effects: tuple[Effect, ...] = ()
     mirror: float = 1.0
     gravity: float = STANDARD_GRAVITY
+    mounting: float = 0.0  # direction of gravity (rad) from down, positive towards the side of the bend
     order: int = 2
     tolerance: float = 1e-8
     at: dict[str, int] = field(default_factory=dict)  # effect id -> the only joint it acts on (counted from 1)
@@ -74,6 +75,27 @@ class Model:
     @cached_property
     def law(self) -> CompiledLaw:
         return compile_law(self.effects)
+
+    @cached_property
+    def _rigged(self) -> dict[Any, Model]:
+        return {}
+
+    def rigged(self, gravity: float, mounting: float, known: Mapping[str, float] | None = None) -> Model:
+        """The same tube under gravity (m/s^2) from another side (rad), with the effects that `known` names beside its own.
+
+        Parameters of those effects come last in the vector; their values are the caller's.
+        """
+        own = {effect.id for effect in self.effects}
+        more = tuple(dict.fromkeys(name.split(".")[0] for name in known or {} if name.split(".")[0] not in own))
+        key = (gravity, mounting, more)
+        if key == (self.gravity, self.mounting, ()):
+            return self
+        if key not in self._rigged:
+            from rfea_vision.effects.catalogue import find_effects
+
+            effects = (*self.effects, *find_effects(more))
+            self._rigged[key] = replace(self, gravity=gravity, mounting=mounting, effects=effects)
+        return self._rigged[key]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -83,7 +105,8 @@ class Model:
     def _constants(self) -> FloatArray:
         chain = self.chain
         length = chain.base_length + chain.length.sum()
-        return constants(chain.count, chain.outer_radius, chain.inner_radius, chain.fluid_density, length, self.mirror)
+        radii = (chain.outer_radius, chain.inner_radius)
+        return constants(chain.count, *radii, chain.fluid_density, length, self.mirror, chain.offset)
 
     @cached_property
     def _weights(self) -> FloatArray:
@@ -125,7 +148,9 @@ class Model:
         rows = law.gravity(par, self._constants, self.gravity)
         gravity = np.array([float(row[0]) for row in rows])
         dgravity = np.array([[float(v) for v in row[2:]] for row in rows])
-        return line, dline, gravity, dgravity
+        s, c = np.sin(self.mounting), np.cos(self.mounting)
+        turned = np.array([[c, s], [-s, c]])
+        return line, dline, turned @ gravity, np.ascontiguousarray(turned @ dgravity)
 
     def system(self, par: FloatArray) -> System:
         """Chain, law and one set of parameters as the compiled engine reads them."""
@@ -152,7 +177,7 @@ class Model:
             with_base=law.changes("base_compliance"),
             with_line=law.changes("flow_resistance", "flow_inertance"),
             with_added=law.has_added_mass,
-            volume_rate=np.pi * self.chain.outer_radius**3,
+            volume_rate=np.pi * self.chain.outer_radius**2 * self.chain.offset,
         )
 
     def _felt(self, par: FloatArray, excitation: Excitation, nodes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -249,11 +274,13 @@ class Model:
         free: Sequence[int] = (),
         *,
         start: tuple[FloatArray, FloatArray] | None = None,
+        held: FloatArray | None = None,
     ) -> Motion:
         """Run along the excitation; read the motion off at `frames_s` (sorted, inside the excitation).
 
         From the steady state at the first pressure, or from joint angles (rad) and rates (rad/s), each (n,), in `start`;
-        hidden states are then zero and the start does not depend on the parameters.
+        hidden states are then zero and the start does not depend on the parameters. With `held`, joint angles (rad) in which
+        the tube was kept until the excitation begins, it is let go from there, its hidden states relaxed.
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
@@ -263,7 +290,9 @@ class Model:
         out_phi, out_om, out_z = np.zeros((count, n + 1)), np.zeros((count, n + 1)), np.zeros((count, n, m))
         out_S = np.zeros((count, n + 1, p))
         pivot = self.pivot(par, index)
-        if start is None:
+        if held is not None:
+            begin = self._held(par, np.asarray(held, dtype=float), float(excitation.pressure[0]), index)
+        elif start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
             rest = self.steady(par, float(excitation.pressure[0]), list(free), drive=first_drive, fall=True)
             if not rest.found:
@@ -285,6 +314,20 @@ class Model:
         message = "" if status == OK else _why(status, done, taken, excitation)
         return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot, taken)
 
+    def _held(self, par: FloatArray, theta: FloatArray, pressure: float, free: NDArray[np.int64]) -> tuple[Any, ...]:
+        """Start of a run that is let go: a shape that does not depend on the parameters, hidden states that may."""
+        n, m = self.chain.bodies, max(self.law.state_count, 1)
+        phi = np.concatenate([[0.0], np.cumsum(theta)])
+        relaxed = np.zeros((n, m, 3 + par.size))
+        if self.law.state_count:
+            system = self.system(par)
+            felt = float(self.law.felt_pressure(par, self._constants, pressure)[0][0])
+            law: Any = self.law.module.relaxed_states
+            at = (system.position, system.arc, system.weights, system.par, system.con)
+            law(theta, np.zeros(n), np.zeros((n, m)), felt, *at, relaxed)
+        slopes = np.ascontiguousarray(relaxed[:, :, 3 + free])
+        return phi, np.zeros(n + 1), relaxed[:, :, 0].copy(), np.zeros((n + 1, free.size)), slopes
+
     def pivot(self, par: FloatArray, free: Sequence[int] | NDArray[np.int64] = ()) -> FloatArray:
         """Where the clamp turns (m outside the hinge line), followed by the derivatives by the free parameters."""
         value, slope = self._scalar(self.law.base_pivot, np.asarray(par, dtype=float))
@@ -301,7 +344,7 @@ class Model:
             motion.phi,
             motion.sensitivity,
             float(self.chain.arc[0]),
-            self.chain.outer_radius,
+            self.chain.offset,
             self.chain.polygon,
             float(motion.pivot[0]),
             dpivot,

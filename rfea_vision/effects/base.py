@@ -143,7 +143,7 @@ class BodyInertia:
 
 @dataclass(frozen=True)
 class BodyPlace:
-    """Where a body sits: its rest length, whether it is the last one (1 or 0), and the tube's rest outer radius."""
+    """Where a body sits: its rest length, whether it is the last one (1 or 0), and how far the centre line lies outside."""
 
     length: sp.Symbol
     is_last: sp.Symbol

@@ -152,7 +152,7 @@ def _tables(model: Model, par: FloatArray, step_s: float, laws_text: str) -> str
     whole = {"N": chain.bodies, "M": system.states, "WITH_FORCE": int(system.with_force)}
     whole |= {"WITH_BASE": int(system.with_base), "WITH_LINE": int(system.with_line)}
     whole |= {"WITH_ADDED": int(system.with_added), "POLYGON": int(chain.polygon)}
-    numbers = {"STEP_S": step_s, "LAG_S": lag, "BASE_LENGTH": system.base_length, "OUTER_RADIUS": chain.outer_radius}
+    numbers = {"STEP_S": step_s, "LAG_S": lag, "BASE_LENGTH": system.base_length, "OUTER_RADIUS": chain.offset}
     numbers |= {"MIRROR": model.mirror, "VOLUME_RATE": system.volume_rate}
     numbers |= dict(zip(("RESISTANCE", "INERTANCE", "COMPLIANCE", "PIVOT"), system.line, strict=True))
     text = "".join(f"#define {key} {value}\n" for key, value in whole.items())

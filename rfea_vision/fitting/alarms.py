@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.fitting.coordinates import base_reference, stiffness_per_modulus
 from rfea_vision.fitting.refit import Fitted
@@ -21,26 +19,23 @@ def alarms(fitted: Fitted, actuator: Actuator) -> list[str]:
     """Sentences on densities, masses and moduli that a rubber tube cannot have."""
     out = []
     low, high = RUBBER_DENSITY
-    if not low <= actuator.density <= high:
+    named = actuator.material.upper() in ("PDMS", "SILICONE", "RUBBER")
+    if named and actuator.mass_per_length is None and not low <= actuator.density <= high:
         out.append(
             f"A density of {actuator.density:.0f} kg/m^3 is not that of a rubber ({low:.0f} to {high:.0f}): "
             "check actuator.density."
         )
     values = dict(zip(fitted.model.names, fitted.par, strict=True))
-    wall = np.pi * (actuator.outer_radius**2 - actuator.inner_radius**2) * actuator.length
-    water = np.pi * actuator.inner_radius**2 * actuator.length * actuator.fluid_density
+    own = actuator.linear_density * actuator.length
     extra = values.get("payload.m", 0.0)
-    if extra > 0:
-        apparent = actuator.density + extra / wall
-        if extra > wall * actuator.density + water:
-            out.append(
-                f"A payload of {extra * 1e3:.2g} g is more than the filled tube weighs "
-                f"({(wall * actuator.density + water) * 1e3:.2g} g; as a density of the wall it would be "
-                f"{apparent:.0f} kg/m^3): weigh it, and give it as a prior."
-            )
+    if extra > own:
+        out.append(
+            f"A payload of {extra * 1e3:.2g} g is more than the {'filled tube' if actuator.kind == 'tube' else 'beam'} weighs "
+            f"({own * 1e3:.2g} g): weigh it, and give it as a prior."
+        )
     modulus = values["k_ref"] / stiffness_per_modulus(actuator, fitted.options.segments)
     low, high = PDMS_MODULUS[0] / MODULUS_FACTOR, PDMS_MODULUS[1] * MODULUS_FACTOR
-    if not low <= modulus <= high:
+    if actuator.material.upper() == "PDMS" and not low <= modulus <= high:
         out.append(
             f"The stiffness at rest is that of a wall with a Young's modulus of {modulus / 1e6:.2g} MPa, far from PDMS "
             f"({PDMS_MODULUS[0] / 1e6:.1f} to {PDMS_MODULUS[1] / 1e6:.1f} MPa): check the radii and the unit of the pressure."
@@ -50,6 +45,8 @@ def alarms(fitted: Fitted, actuator: Actuator) -> list[str]:
 
 def runaway(fitted: Fitted, actuator: Actuator) -> str:
     """Why a fit is refused; empty where it is not. k, slopes and r_hyd can grow together without end (docs/physics.md 3.10)."""
+    if actuator.kind != "tube":  # of anything, from rubber to steel
+        return ""
     reference = base_reference(actuator, fitted.options.segments)
     par = fitted.par
     free = set(fitted.coordinates.names)

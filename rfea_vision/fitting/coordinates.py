@@ -20,6 +20,11 @@ from rfea_vision.tube import inner_radius
 
 FloatArray = NDArray[np.float64]
 REACH = 1.5
+#: Stiffness and damping may differ from the reference by these factors: of a tube of rubber, and of a beam of anything.
+TUBE_RANGE, BEAM_RANGE = (0.02, 50.0), (1e-5, 1e6)
+BEAM_MODULUS = 1e6  # Pa
+#: A start is kept this far off its bounds at most.
+MARGIN = 5e-3
 R_HYD_BOUNDS = (0.003, 0.005)  # m, the paper's: a free r_hyd runs away along k (docs/physics.md 3.10)
 
 
@@ -52,7 +57,8 @@ class Coordinates:
         """Nearest coordinates within the bounds, a little inside."""
         free = list(self.free)
         y = np.linalg.solve(self.matrix[free], (par - self.offset)[free])
-        margin = 1e-4 * np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 1.0)
+        # Coordinates are of order one; bounds that lie far apart must not push a start away.
+        margin = np.minimum(1e-4 * np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 1.0), MARGIN)
         return np.clip(y, self.lower + margin, self.upper - margin).astype(np.float64)
 
 
@@ -71,7 +77,14 @@ def largest_bend(items: Sequence[Observed]) -> float:
 
 
 def base_reference(actuator: Actuator, segments: int) -> FloatArray:
-    """The paper's 8-DoF table for this number of segments, scaled to this tube's length and radius."""
+    """The paper's 8-DoF table for this number of segments, scaled to this tube's length and radius.
+
+    Of a beam, the stiffness of rubber of 1 MPa with damping as the paper's tube has it; nothing follows a bore.
+    """
+    if actuator.kind != "tube":
+        table = PUBLISHED["8-DoF"].vector()
+        k = BEAM_MODULUS * stiffness_per_modulus(actuator, segments)
+        return np.array([k, 0.0, k * table[2] / table[0], 0.0, k * table[2] / table[0], 0.0, actuator.outer_radius])
     reference = PUBLISHED["8-DoF"].vector()
     standard = Actuator()
     size = (actuator.outer_radius / standard.outer_radius) ** 3 * (standard.length / actuator.length)
@@ -88,9 +101,7 @@ def stiffness_per_modulus(actuator: Actuator, segments: int) -> float:
     Area moment of the ring about its own middle, moved to the hinge line by the parallel axis theorem, over the arc of
     one joint. What the inextensible side is made of, and the pressure in the wall, are left out: a rough value.
     """
-    outer, inner = actuator.outer_radius, actuator.inner_radius
-    about_hinge = np.pi / 4 * (outer**4 - inner**4) + np.pi * (outer**2 - inner**2) * outer**2
-    return float(about_hinge * segments / actuator.length)
+    return actuator.bending_moment_of_area * segments / actuator.length
 
 
 @dataclass(frozen=True)
@@ -103,7 +114,14 @@ class _Axis:
 
 
 def _base_axis(
-    k: int, size: float, reach: float, held: float, count: int, paired: bool, given: tuple[float, float] | None
+    k: int,
+    size: float,
+    reach: float,
+    held: float,
+    count: int,
+    paired: bool,
+    given: tuple[float, float] | None,
+    usual: tuple[float, float],
 ) -> _Axis:
     """Coordinate of a value at rest or of a slope; `held` is the value at rest where only the slope is free."""
     column = np.zeros(count)
@@ -111,7 +129,7 @@ def _base_axis(
         column[k] = size
         if paired:
             column[k + 1] = -size / reach
-        low, high = given or (0.02 * size, 50.0 * size)
+        low, high = given or (usual[0] * size, usual[1] * size)
         return _Axis(column, low / size, high / size)
     column[k] = size / reach
     if given is not None:
@@ -163,13 +181,14 @@ def build(
     for k, name in enumerate(names):
         offset[k] = pinned.get(name, offset[k])
     offset[free] = 0.0
+    usual = TUBE_RANGE if actuator.kind == "tube" else BEAM_RANGE
     axes = []
     for k in free:
         own = given.get(names[k])
         if k < 6:
             rest = k - k % 2
             paired = rest in free and rest + 1 in free and names[rest + 1] not in given
-            axes.append(_base_axis(k, reference[rest], reach, offset[rest], len(names), paired, own))
+            axes.append(_base_axis(k, reference[rest], reach, offset[rest], len(names), paired, own, usual))
         elif k == 6:
             column = np.zeros(len(names))
             column[6] = reference[6]

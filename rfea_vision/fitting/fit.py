@@ -13,13 +13,15 @@ from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting.coordinates import build
+from rfea_vision.fitting.coordinates import base_reference, build
 from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.profile import profile
+from rfea_vision.fitting.ratio import only_ratio
 from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.rules import under_rules
 from rfea_vision.fitting.scoring import as_artefact
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import evened, seen_scale
@@ -239,7 +241,12 @@ def fit_added(
     most = 1 if hopeless else 60
     final = refit(problem, options, values, options.segments, best.solution.clocks, most_evaluations=most)
     return replace(
-        final, plateaus=previous.plateaus, steady=previous.steady, starts=tuple(waterfall), jumps=previous.jumps
+        final,
+        plateaus=previous.plateaus,
+        steady=previous.steady,
+        starts=tuple(waterfall),
+        jumps=previous.jumps,
+        ratio_only=previous.ratio_only,
     )
 
 
@@ -265,14 +272,30 @@ def _cost(fitted: Fitted, items: Sequence[Observed]) -> float:
 
 def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:
     """Base model first, then the effects asked for, all together; then other numbers of segments where they are asked for."""
-    fitted = _without_jumps(problem, fit_base(problem, replace(options, effects=()), progress))
-    options = replace(options, loss=fitted.options.loss)
+    options = under_rules(options, problem.train, problem.actuator)
+    fitted = _told_apart(problem, fit_base(problem, replace(options, effects=()), progress))
+    fitted = _without_jumps(problem, fitted)
+    options = replace(options, loss=fitted.options.loss, fixed=fitted.options.fixed)
     fitted = replace(fitted, options=options)
     if options.effects:
         fitted = fit_added(problem, options, fitted, progress=progress)
     if options.study_segments or options.auto_segments:
         fitted = with_study(problem, fitted)
     return fitted
+
+
+def _told_apart(problem: Problem, fitted: Fitted) -> Fitted:
+    """Hold the lever at its usual value where the runs tell no more than its ratio to the stiffness."""
+    if not only_ratio(fitted, problem.train):
+        return fitted
+    options = fitted.options
+    lever = float(base_reference(problem.actuator, options.segments)[6])
+    share = lever / fitted.par[6]
+    scaled = np.concatenate([fitted.par[:7] * share, fitted.par[7:]])
+    known = dict(zip(fitted.model.names, scaled, strict=True))
+    options = replace(options, fixed={**options.fixed, "r_hyd": lever})
+    held = refit(problem, options, known, options.segments, fitted.solution.clocks)
+    return replace(fitted, options=options, coordinates=held.coordinates, solution=held.solution, ratio_only=True)
 
 
 def _without_jumps(problem: Problem, fitted: Fitted) -> Fitted:

@@ -17,6 +17,8 @@ from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.uncertainty import Uncertainty, sandwich
 
 FloatArray = NDArray[np.float64]
+#: Correlation above which two parameters are told of together.
+NEAR_TIE = 0.995
 
 
 @dataclass(frozen=True)
@@ -186,18 +188,29 @@ def _sentences(
                 f"{listed} cannot be told apart by these data: only their combination is determined, no intervals are "
                 "given; hold one of them fixed or give a prior."
             )
-    for i in range(len(names)):
-        for j in range(i):
-            tied = any(names[i] in group and names[j] in group for group in ties)
-            if abs(correlation[i, j]) > 0.995 and not tied:
-                out.append(
-                    f"{names[j]} and {names[i]} can hardly be told apart by these data (correlation "
-                    f"{correlation[i, j]:+.4f}): read their intervals together, or give a prior for one of them."
-                )
+    for group in _near_ties(correlation, names, ties):
+        places = [names.index(name) for name in group]
+        strongest = float(np.max(np.abs(correlation[np.ix_(places, places)] - np.eye(len(places)))))
+        out.append(
+            f"{', '.join(group[:-1])} and {group[-1]} can hardly be told apart by these data (correlation up to "
+            f"{strongest:.4f}): read their intervals together, or give a prior for one of them."
+        )
     for name, parameter in parameters.items():
         if "bound" in parameter.note:
             out.append(f"{name} ended {parameter.note.split(':')[0]}: the data pull it out of what physics allows.")
     return out
+
+
+def _near_ties(correlation: FloatArray, names: Sequence[str], ties: Sequence[Sequence[str]]) -> list[list[str]]:
+    """Groups of parameters that hang together by strong correlations; those of which a tie was told already are left out."""
+    groups: list[set[int]] = []
+    for i in range(len(names)):
+        for j in range(i):
+            told = any(names[i] in group and names[j] in group for group in ties)
+            if abs(correlation[i, j]) > NEAR_TIE and not told:
+                joined = [group for group in groups if i in group or j in group]
+                groups = [group for group in groups if group not in joined] + [set().union({i, j}, *joined)]
+    return [[names[k] for k in sorted(group)] for group in groups]
 
 
 def _about_coarseness(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,8 +12,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts.measurement import Recording
-from rfea_vision.dynamics.simulation import Excitation
+from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
 from rfea_vision.errors import DataError
+from rfea_vision.fitting.letting_go import Held, letting_go, when_let_go
 from rfea_vision.fitting.nuisance import BEFORE_S, FORGOTTEN_S, Unknowns, unknowns_of
 from rfea_vision.options.fit import Observe
 
@@ -59,6 +62,10 @@ class Observed:
     tip_noise_mm: float = field(default=0.0)
     origin_sigma: float = field(default=0.0)  # m; 0 where the track is in the rig frame by somebody else's word
     pressure_zero_sd: float = 0.0  # Pa; 0 where the sensor's zero is taken as given
+    gravity: float = STANDARD_GRAVITY  # m/s^2 in the plane of motion
+    mounting: float = 0.0  # direction of gravity from down (rad), positive towards the side of the bend
+    held: Held | None = None  # where the run begins in a held shape
+    conditions: Mapping[str, float] = field(default_factory=dict)  # parameters of effects that are known for this run
     unknown_before_s: float | None = None  # before that nobody knows what drove the tube; None where it begins at rest
 
     @cached_property
@@ -226,7 +233,10 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
     angle_sigma = np.maximum(np.where(np.isfinite(angle_sigma), angle_sigma, 0), np.deg2rad(SMALLEST_SIGMA_DEG))
     keep = _without_jumps(points, angle, sigma)
     method = str(data.attrs.get("sync_method", "common_clock"))
-    if "earlier_pressure" in data:  # the tube still carries what the runs before did to it
+    held, keep = _held(recording, time[valid], points, angle, keep)
+    if held is not None:
+        from_s, unknown_before_s = held.until_s, None
+    elif "earlier_pressure" in data:  # the tube still carries what the runs before did to it
         log_time = np.concatenate([data["earlier_time"].values, log_time])
         pressure = np.concatenate([data["earlier_pressure"].values * 1e3, pressure])
         from_s, unknown_before_s = float(log_time[0]), None
@@ -235,6 +245,8 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
             log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
         )
     excitation = Excitation.from_log(log_time, pressure, from_s, float(time[valid][-1]) + 0.25)
+    # A hand lets go when it does: where nothing but that is timed by the log's clock, the moment is found with the fit.
+    let_go = held is not None and bool(np.ptp(pressure) < 1e3)
     tip_mm = points[keep, -1] / MM if fractions.size else np.zeros((0, 2))
     return Observed(
         name=name,
@@ -250,13 +262,40 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         angle_sigma=angle_sigma[keep],
         excitation=excitation,
         observe=wanted,
-        clock_free=method == "motion",
+        clock_free=method == "motion" or let_go,
         clock_sigma=max(float(data.attrs.get("offset_stderr_s", 0.02) or 0.02), 0.01),
         repeat_of=data.attrs.get("repeat_of") or None,
         tip_noise_mm=white_noise_mm(tip_mm),
         origin_sigma=_origin_sigma(data) if fractions.size > 1 else 0.0,
         unknown_before_s=unknown_before_s,
+        gravity=0.0 if data.attrs.get("gravity") == "none" else STANDARD_GRAVITY,
+        mounting=np.deg2rad(float(data.attrs.get("gravity_deg", 0.0))),
+        held=held,
+        conditions=json.loads(str(data.attrs.get("conditions", "{}"))),
     )
+
+
+def _held(
+    recording: Recording,
+    time: FloatArray,
+    points: FloatArray,
+    angle: FloatArray,
+    keep: NDArray[np.bool_],
+) -> tuple[Held | None, NDArray[np.bool_]]:
+    """How the tube was held at first, if it was, and the frames that show it after that."""
+    attributes = recording.dataset.attrs
+    if "held_until_s" not in attributes:
+        return None, keep
+    signal = (points[:, -1] if points.shape[1] else angle[:, None])[keep]
+    until_s = float(attributes["held_until_s"])
+    told = until_s * (1 + 1e-6 * float(attributes.get("drift_ppm", 0.0))) + float(attributes.get("offset_s", 0.0))
+    first = letting_go(recording.name, time[keep], signal, told)
+    shown = np.flatnonzero(keep)[:first]
+    if not np.isfinite(until_s):
+        told = when_let_go(time[keep], signal, first)
+    line = points[shown].mean(axis=0) if points.shape[1] else np.zeros((0, 2))
+    free = keep & (time >= told)
+    return Held(told, line, float(np.mean(angle[shown]))), free
 
 
 def _beginning(

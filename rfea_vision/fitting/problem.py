@@ -14,12 +14,13 @@ from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, largest_bend
 from rfea_vision.fitting.observation import Observed, default_observe, observe_recording
+from rfea_vision.fitting.rules import CONSTANT_PA, pushed
 from rfea_vision.options.fit import FitOptions, Observe
 
 FloatArray = NDArray[np.float64]
-#: A run whose pressure stays within this is no excitation.
-CONSTANT_PA = 5e3
 WRONG_SIDE_RAD = 0.3
+#: A run that goes no further than this many standard errors of its track shows no motion.
+LEAST_WAY_SIGMAS = 10.0
 
 
 @dataclass(frozen=True)
@@ -72,11 +73,15 @@ def make_problem(
 
 def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
     """Refuse what no tube of this length does: a wrong unit, a wrong side, a pressure that never changes."""
-    spread = max(float(np.ptp(item.excitation.pressure)) for item in train)
-    if spread < CONSTANT_PA:
+    ways = [float(np.ptp(item.points[:, -1] if item.has_tip else item.angle, axis=0).max()) for item in train]
+    least = [
+        LEAST_WAY_SIGMAS * float(np.median(item.sigma[:, -1] if item.has_tip else item.angle_sigma)) for item in train
+    ]
+    if not pushed(train) and all(way < floor for way, floor in zip(ways, least, strict=True)):
+        spread = max(float(np.ptp(item.excitation.pressure)) for item in train)
         raise DataError(
-            f"the pressure of the training runs stays within {spread / 1e3:.2g} kPa: it moves no tube; check its unit, or "
-            "record a run in which it changes"
+            f"the pressure of the training runs stays within {spread / 1e3:.2g} kPa, and nothing moves in them; check its unit, or "
+            "record a run in which it changes, or one in which the tube is let go by hand"
         )
     for item in train:
         if not item.has_tip:
@@ -89,9 +94,11 @@ def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
                 f"{actuator.length * 1e3:.0f} mm long; check the unit and the origin of the track"
             )
         pressure = item.excitation.at(item.time)
+        if np.ptp(pressure) <= CONSTANT_PA or item.mounting != 0:
+            continue
         loaded = pressure > 0.7 * float(pressure.max())
         bend = float(np.median(2 * np.arctan2(-tip[loaded, 0], -tip[loaded, 1])))
-        if pressure.max() > CONSTANT_PA and bend < -WRONG_SIDE_RAD:
+        if bend < -WRONG_SIDE_RAD:
             raise DataError(
                 f"experiment {item.name}: under pressure the tip goes to the side that `actuator.bends` does not name; "
                 "change it, or the direction of x in the track"

@@ -35,6 +35,7 @@ class Fitted:
     steady: dict[str, Any] = field(default_factory=dict)
     starts: tuple[dict[str, Any], ...] = ()
     jumps: Mapping[str, int] = field(default_factory=dict)
+    ratio_only: bool = False  # whether r_hyd was held because the runs tell its ratio to the stiffness alone
     study: tuple[dict[str, Any], ...] = ()
     study_seconds: dict[str, float] = field(default_factory=dict)
 

@@ -87,7 +87,9 @@ def predict_observed(
 def why_not(model: Model, par: FloatArray, item: Observed, clock_s: float = 0.0) -> str:
     """Why an experiment cannot be simulated: when, where in the log, and why. Empty where it can."""
     frames = np.clip(item.time + clock_s, item.excitation.start_s, item.excitation.end_s)
-    message = model.simulate(par, item.excitation, frames).message
+    rigged, values = _as_set_up(model, par, item)
+    held = None if item.held is None else item.held.joint_angles(model.chain)
+    message = rigged.simulate(values, item.excitation, frames, held=held).message
     if message or predict_observed(model, par, item, (), clock_s) is not None:
         return message
     return "the start of the run, which the log does not tell, could not be found"
@@ -116,10 +118,12 @@ def _predict(
     fractions: FloatArray | None = None,
 ) -> Predicted | None:
     """Simulate an experiment whose excitation is all known."""
+    model, par = _as_set_up(model, par, item)
     row = model.law.time_shift(par, model._constants, item.time - item.middle_s)[0]
     shift = np.broadcast_to(np.asarray(row[0], dtype=float), item.time.shape)
     frames = np.clip(item.time + shift + clock_s, item.excitation.start_s, item.excitation.end_s)
-    motion = model.simulate(par, item.excitation, frames, free)
+    held = None if item.held is None else item.held.joint_angles(model.chain)
+    motion = model.simulate(par, item.excitation, frames, free, held=held)
     if not motion.ok:
         return None
     free = list(free)
@@ -137,7 +141,24 @@ def _predict(
     points, dpoints = seen_by_camera(
         model, par, seen, item.fractions if fractions is None else fractions, free, pressure
     )
-    return Predicted(motion, points + shift, dpoints + dshift, motion.phi[:, -1], extended[:, -1, :])
+    dpoints, dangle = dpoints + dshift, extended[:, -1, :]
+    known = [k for k, index in enumerate(free) if model.names[index] in item.conditions]
+    if known:  # these are not to be found from this run
+        dpoints[..., known], dangle[..., known] = 0.0, 0.0
+    return Predicted(motion, points + shift, dpoints, motion.phi[:, -1], dangle)
+
+
+def _as_set_up(model: Model, par: FloatArray, item: Observed) -> tuple[Model, FloatArray]:
+    """The model as the rig of this run stands, with what is known of the run in place of what is fitted."""
+    model = model.rigged(item.gravity, item.mounting, item.conditions)
+    if not item.conditions:
+        return model, par
+    own = dict(zip(model.names, par, strict=False))
+    specs = {f"{e.id}.{name}": spec for e in model.effects for name, spec in e.parameters.items()}
+    rest = {name: spec.start if spec.absent is None else spec.absent for name, spec in specs.items()}
+    return model, np.array(
+        [item.conditions.get(name, own.get(name, rest.get(name))) for name in model.names], dtype=float
+    )
 
 
 def seen_by_camera(

@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit
+from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit, Parameter
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.discretisation import drift
 from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.observation import MM, Observed, noise_floor_deg, noise_floor_mm
-from rfea_vision.fitting.problem import CONSTANT_PA, Problem, make_model
+from rfea_vision.fitting.problem import Problem, make_model
+from rfea_vision.fitting.ratio import about_ratio
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
+from rfea_vision.fitting.rules import CONSTANT_PA, held_by_rule, pushed
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.options import FitOptions
 
@@ -194,7 +196,12 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         noise_floor_deg=floor_deg,
         noise_floor_source=source,
         experiments=scores,
-        warnings=[*found.sentences, *alarms(fitted, problem.actuator), *_about_runs(problem, fitted)],
+        warnings=[
+            *_ruled(problem, fitted, found.parameters),
+            *found.sentences,
+            *alarms(fitted, problem.actuator),
+            *_about_runs(problem, fitted),
+        ],
         steady_state=fitted.steady,
         starts=list(fitted.starts),
         residual_tests=examine_residuals(problem.train, best.predicted),
@@ -204,6 +211,16 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         laws=_laws(fitted),
         effect_files=[str(p) for p in options.effect_files],  # type: ignore[call-arg]
     )
+
+
+def _ruled(problem: Problem, fitted: Fitted, parameters: Mapping[str, Parameter]) -> list[str]:
+    """What was held by rule, each fact once."""
+    _, said = held_by_rule(problem.train, problem.actuator, fitted.options.segments)
+    if fitted.ratio_only:
+        k = parameters["k_ref"]
+        half = None if k.interval_95 is None else (k.interval_95[1] - k.interval_95[0]) / 2
+        said.append(about_ratio({"k_ref": (k.value, half)}, parameters["r_hyd"].value))
+    return said
 
 
 def _about_runs(problem: Problem, fitted: Fitted) -> list[str]:
@@ -224,9 +241,9 @@ def _about_runs(problem: Problem, fitted: Fitted) -> list[str]:
         out.append(
             "No experiment has the role 'validate': nothing says how the model does on runs it was not fitted to."
         )
-    for item in problem.train:
+    for item in problem.train if pushed(problem.train) else ():
         spread = float(np.ptp(item.excitation.pressure))
-        if spread < CONSTANT_PA:
+        if spread < CONSTANT_PA and item.held is None:
             out.append(
                 f"{item.name}: the pressure stays within {spread / 1e3:.2g} kPa; such a run tells little of the tube."
             )

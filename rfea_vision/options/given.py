@@ -49,6 +49,33 @@ def known_values(read: Callable[[Sequence[str], Mapping[str, str]], Mapping[str,
     return BeforeValidator(parse, json_schema_input_type=dict[str, str] | list[str])
 
 
+def read_conditions(given: Mapping[str, object]) -> dict[str, float]:
+    """Values in SI of what is known of a run: ``{payload: 10 g}``, or ``{base_rotation.c: 0.2 rad/(N*m)}``.
+
+    An effect with one amplitude is named without it.
+
+    Raises
+    ------
+    InputError
+        If it is no parameter of an effect, or its unit is wrong.
+    """
+    from rfea_vision.effects.catalogue import catalogue
+
+    effects, units, found = catalogue(), units_of(()), {}
+    for name, value in given.items():
+        effect = effects.get(name)
+        full = f"{name}.{effect.amplitudes()[0]}" if effect is not None and len(effect.amplitudes()) == 1 else name
+        if "." not in full or full not in units:
+            near = difflib.get_close_matches(name, [*effects, *units], n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else "; 'rfea effects' lists them"
+            raise InputError(f"'{name}' is no parameter of an effect{hint}")
+        try:
+            found[full] = parse_quantity(value, units[full], example=f"2 {units[full]}")
+        except ValueError as error:
+            raise InputError(f"{name}: {error}") from error
+    return found
+
+
 def write_fixed(values: Mapping[str, float], options: Any) -> list[str]:
     """Write values of parameters as `read_fixed` reads them."""
     return _write(values, options, "")

@@ -71,6 +71,8 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
     InputError
         If the source cannot be read, a column is not there, a unit is unknown, or the clock is not strictly increasing.
     """
+    if spec.value_kPa is not None:
+        raise InputError(f"{spec.folder}: pressure.value: a constant pressure has no log; use `constant_pressure`")
     if spec.url is not None:
         table = read_query(spec.url, spec.query or "", spec.folder)
     elif spec.file is not None:
@@ -93,6 +95,12 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
         if other not in (time_name, pressure_name) and values.shape == time_s.shape and values.dtype.kind in "fiub"
     }
     return PressureLog(time_s, pressure_kPa, name, table.source, others)
+
+
+def constant_pressure(value_kPa: float, from_s: float, to_s: float, name: str = "") -> PressureLog:
+    """Return the log of a run at constant pressure, 100 rows a second over and beyond the frames of its track."""
+    time_s = np.arange(from_s - 0.5, to_s + 0.5, 0.01)
+    return PressureLog(time_s, np.full(time_s.size, value_kPa), name, "constant pressure")
 
 
 def _in_kPa(table: Table, name: str, given: str | None) -> tuple[FloatArray, str | None]:

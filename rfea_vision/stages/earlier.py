@@ -51,6 +51,10 @@ def with_earlier_pressure(recording: Recording, campaign: Campaign, experiment: 
         return recording
     time, pressure = np.empty(0), np.empty(0)
     for run, following in zip(before, [*before[1:], experiment], strict=True):
+        if run.pressure.value_kPa is not None:
+            raise InputError(
+                f"{run.folder / 'experiment.yaml'}: pressure.value: '{experiment.name}' carries its memory; give its log"
+            )
         log = read_pressure(run.pressure, run.name)
         took_s = float(log.time_s[-1] - log.time_s[0])
         time = np.concatenate([time, log.time_s - log.time_s[-1]])

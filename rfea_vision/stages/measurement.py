@@ -8,12 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
-from rfea_vision.readers.pressure import PressureLog, read_pressure
+from rfea_vision.readers.pressure import PressureLog, constant_pressure, read_pressure
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.stages.doubts import doubts_of, few_frames, reasons_of
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
@@ -287,7 +289,8 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     """Bring the track and the pressure log of one experiment on one clock."""
     tracked = track(work, experiment)
     spec, sync = experiment.pressure, experiment.sync
-    if spec.file is None and spec.url is None:
+    constant_kPa = spec.value_kPa
+    if spec.file is None and spec.url is None and constant_kPa is None:
         raise InputError(
             f"{experiment.folder / 'experiment.yaml'}: pressure: is missing; 'rfea track' needs none, what comes after it "
             "does: 'pressure: {file: pressure.csv}'"
@@ -303,14 +306,19 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     def make(progress: Progress) -> tuple[Recording, list[Path], str]:
         from rfea_vision.sync import synchronise as synchronise_clocks
 
+        if constant_kPa is not None:
+            seen_s = tracked.value.time_s
+            used = constant_pressure(constant_kPa, float(seen_s[0]), float(seen_s[-1]), experiment.name)
+        else:
+            used = log or read_pressure(spec, experiment.name)
         try:
             recording = synchronise_clocks(
                 tracked.value,
-                log or read_pressure(spec, experiment.name),
+                used,
                 experiment=experiment.name,
                 role=experiment.role,
                 bends=experiment.actuator.bends,
-                method=sync.method,
+                method=sync.method if constant_kPa is None else "common_clock",
                 value_s=sync.value_s,
                 channel=sync.channel,
                 repeat_of=experiment.repeat_of,
@@ -320,6 +328,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
                 raise DataError(f"{experiment.name}: track: {few}") from error
             raise
         recording = with_earlier_pressure(recording, work.campaign, experiment)
+        recording.dataset.attrs |= rig_attributes(experiment)
         recording.save(path)
         _tell_doubts(work, experiment, recording)
         return recording, [path], describe_recording(recording)
@@ -338,11 +347,27 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
                 "role": experiment.role,
                 "bends": experiment.actuator.bends,
                 "repeat_of": experiment.repeat_of,
+                "rig": experiment.rig,
             },
         ),
         make=make,
         load=lambda: Recording.load(path),
     )
+
+
+def rig_attributes(experiment: ExperimentSpec) -> dict[str, Any]:
+    """Return what a recording says of how the run was set up; nothing where it hangs, free from the start, as the paper's."""
+    rig = experiment.rig
+    found: dict[str, Any] = {}
+    if rig.gravity_deg is None:
+        found["gravity"] = "none"
+    elif rig.gravity_deg:
+        found["gravity_deg"] = rig.gravity_deg
+    if rig.held:
+        found["held_until_s"] = np.nan if rig.held_until_s is None else rig.held_until_s
+    if rig.conditions:
+        found["conditions"] = json.dumps(dict(rig.conditions), sort_keys=True)
+    return found
 
 
 def open_source(video: VideoSpec) -> Any:

@@ -1,0 +1,82 @@
+"""Fits of other rigs and runs: conditions that are known, runs that are let go, and what is held by rule."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from rfea_vision.artefacts import Actuator, Recording
+from rfea_vision.dynamics.simulation import Chain, Excitation, Model
+from rfea_vision.effects.catalogue import catalogue
+from rfea_vision.fitting import FitOptions, fit_model
+from rfea_vision.fitting.observation import observe_recording
+from rfea_vision.fitting.residuals import predict_observed
+
+BEAM = Actuator(outer_radius=0.015, inner_radius=0.0075, length=0.1, density=1070.0, kind="rectangle", width=0.03)
+SEGMENTS = 4
+TRUTH = np.array([0.75, 0.0, 2.2e-3, 0.0, 1.4e-3, 0.0, 0.015])
+LET_GO_S = 0.3047
+
+
+def _let_go(name, role, load_kg, *, known=None, seed=0):
+    """A beam that hangs across gravity, held straight and let go, with or without a load, as motion capture sees it."""
+    model = Model(Chain.tube(BEAM, SEGMENTS), (catalogue()["payload"](),), mounting=np.pi / 2)
+    time = np.arange(0, 2.5, 0.01)
+    free = time[time >= LET_GO_S]
+    excitation = Excitation(LET_GO_S, 1e-3, np.zeros(2301))
+    motion = model.simulate(np.append(TRUTH, load_kg), excitation, free, held=np.zeros(SEGMENTS))
+    tip = np.tile([0.0, -100.0], (time.size, 1))
+    tip[time >= LET_GO_S] = model.centre_line(motion, np.array([1.0]))[0][:, 0] * 1e3
+    tip += np.random.default_rng(seed).normal(0, 0.02, tip.shape)
+    data = xr.Dataset(
+        {
+            "valid": ("time", np.ones(time.size, np.int8)),
+            "reason": ("time", np.full(time.size, "", dtype=object)),
+            "tip": (("time", "xy"), tip),
+            "pressure": ("log_time", np.zeros(400)),
+        },
+        coords={"time": time, "log_time": np.arange(400) * 0.01 - 0.5},
+        attrs={"experiment": name, "role": role, "bends": "left", "gravity_deg": 90.0, "held_until_s": np.nan},
+    )
+    if known is not None:
+        data.attrs["conditions"] = json.dumps({"payload.m": known})
+    return Recording(data)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    made = [
+        _let_go("bare", "train", 0.0, known=0.0),
+        _let_go("loaded", "train", 0.05, seed=1),
+        _let_go("loaded-again", "validate", 0.05, seed=2),
+    ]
+    return {recording.name: recording for recording in made}
+
+
+def test_the_moment_of_letting_go_is_found(runs):
+    item = observe_recording(runs["loaded"])
+    assert item.held is not None and item.held.until_s == pytest.approx(LET_GO_S, abs=0.01)
+    assert item.time[0] >= item.held.until_s and np.abs(item.held.line[0] - [0, -0.1]).max() < 2e-5
+
+
+def test_a_load_that_is_known_to_be_absent_in_one_run_is_found_in_the_others(runs):
+    found = fit_model(runs, BEAM, FitOptions(segments=SEGMENTS, effects=("payload",)))
+    assert found.parameters["payload.m"].value == pytest.approx(0.05, rel=0.01)
+    assert found.parameters["k_ref"].value == pytest.approx(TRUTH[0], rel=0.005)
+    assert found.experiments["loaded-again"].tip_rmse_mm < 0.04
+    said = " ".join(found.warnings)
+    assert said.count("r_hyd") == 1 and "held at 15 mm" in said and "k_slope" in said
+    assert all(found.parameters[name].fixed for name in ("r_hyd", "k_slope", "b_pos_slope", "b_neg_slope"))
+
+
+def test_a_known_condition_is_not_fitted(runs):
+    """Where the load is known for every run the base model describes them all; its derivative by that run is nought."""
+    known = {name: r for name, r in runs.items() if name == "bare"}
+    known["loaded"] = _let_go("loaded", "train", 0.05, known=0.05, seed=1)
+    found = fit_model(known, BEAM, FitOptions(segments=SEGMENTS))
+    assert found.metrics["train"].tip_rmse_mm < 0.04 and "payload.m" not in found.parameters
+    item = observe_recording(known["loaded"])
+    model = Model(Chain.tube(BEAM, SEGMENTS), (catalogue()["payload"](),))
+    seen = predict_observed(model, np.append(TRUTH, 0.0), item, range(8))
+    assert seen is not None and not seen.dpoints[..., 7].any() and seen.dpoints[..., 0].any()
