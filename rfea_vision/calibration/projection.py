@@ -9,6 +9,7 @@ Compiled code takes a camera as one vector of 25 numbers:
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
@@ -192,15 +193,8 @@ def _moved(calibration: Calibration, change: FloatArray) -> FloatArray:
 
 
 def rotation_matrix(vector: ArrayLike) -> FloatArray:
-    """Rotation about `vector` by its length (Rodrigues' formula)."""
-    v = np.asarray(vector, dtype=float)
-    angle = float(np.linalg.norm(v))
-    if angle < 1e-12:
-        k = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-        return np.eye(3) + k
-    axis = v / angle
-    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+    """Rotation (3, 3) about `vector` (3,) by its length (rad)."""
+    return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float))[0], dtype=float)
 
 
 def projection_covariance_mm2(calibration: Calibration, pixels: ArrayLike) -> FloatArray:
