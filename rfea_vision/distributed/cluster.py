@@ -6,6 +6,7 @@ cluster listens on the loopback address alone, and a scheduler in a network belo
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -121,15 +122,27 @@ def _connected(scheduler: str, security: Security) -> Iterator[Client]:
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # said here, in a sentence
     given = security.for_dask()
     try:
+        # the client itself waits without end for one that takes the connection and says nothing
+        asyncio.run(asyncio.wait_for(_greet(scheduler, given), _ANSWER_S))
         client = Client(scheduler, timeout=_ANSWER_S, **({} if given is None else {"security": given}))
-    except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
-        reason = " ".join(str(error).split())[:120]
+    except Exception as error:  # sockets, TLS and whatever else listens at that port each have their own kinds
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
         tls = "; for tls:// give --tls-ca, --tls-cert and --tls-key" if scheduler.startswith("tls://") else ""
         raise InputError(
             f"--scheduler {scheduler}: nothing answers there ({reason}); start 'dask scheduler' or drop the option{tls}"
         ) from error
     with client:
         yield client
+
+
+async def _greet(scheduler: str, security: Any) -> None:
+    """Shake hands with a scheduler."""
+    from distributed import Security as DaskSecurity
+    from distributed.comm.core import connect
+
+    arguments = (security or DaskSecurity()).get_connection_args("client")
+    comm = await connect(scheduler, timeout=_ANSWER_S, **arguments)
+    await comm.close()
 
 
 def _check_workers(client: Client, scheduler: str, folders: Sequence[Path]) -> None:
