@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -15,6 +16,8 @@ from rfea_vision.fitting.fit import Fitted, Problem
 FloatArray = NDArray[np.float64]
 DURATION_S = 8.0
 STEP_S = 2e-3
+#: Steps of the search for pace and amplitude, how often both are tried, and the slowest pace (its inverse is the fastest).
+PACES, AMPLITUDES, ROUNDS, SLOWEST = (0.5, 0.7, 1.4, 2.0), (0.5, 0.7, 1.4), 3, 0.25
 
 
 def limits(problem: Problem) -> tuple[float, float, float]:
@@ -68,26 +71,69 @@ def _tip(fitted: Fitted, pressure: FloatArray) -> FloatArray | None:
     return model.centre_line(motion, np.array([0.5, 1.0]))[0].reshape(times.size, -1) * 1e3
 
 
+@dataclass(frozen=True)
+class _Design:
+    """A shape with its amplitude (1: the highest pressure seen) and pace (2: twice as fast, and again)."""
+
+    shape: str
+    amplitude: float = 1.0
+    pace: float = 1.0
+
+    def words(self, high: float) -> str:
+        how = (
+            ""
+            if self.pace == 1
+            else f", {self.pace:.2g} times as fast"
+            if self.pace > 1
+            else f", {1 / self.pace:.2g} times as slow"
+        )
+        return f"{self.shape}{how} (up to {self.amplitude * high / 1e3:.0f} kPa)"
+
+
+def shaped(target: FloatArray, amplitude: float, pace: float, rate: float) -> FloatArray:
+    """A profile with another amplitude above its lowest pressure and at another pace, no steeper than `rate` (Pa/s).
+
+    Faster ones are played again until the time is over; of slower ones the end is cut.
+    """
+    t = np.arange(target.size) * STEP_S
+    played = np.interp((t * pace) % (t[-1] + STEP_S), t, target)
+    low = float(target.min())
+    return _limited(low + amplitude * (played - low), rate)
+
+
 def design_next(
     problem: Problem, rivals: Sequence[Fitted], names: Sequence[str], seed: int
 ) -> tuple[NextExperiment | None, xr.Dataset | None]:
-    """Profile that separates two fitted rivals best, by the RMS difference of their predictions (mm)."""
+    """Pressure that separates two fitted rivals best, by the RMS difference of their predictions (mm).
+
+    The best shape first; then its pace and its amplitude in turn, as long as either tells more, within what the rig has shown.
+    """
     if len(rivals) < 2:
         return None, None
     low, high, rate = limits(problem)
-    best: tuple[float, str, FloatArray] | None = None
-    for name, pressure in profiles(low, high, rate, seed).items():
-        tips = [_tip(r, pressure) for r in rivals[:2]]
+    shapes = profiles(low, high, rate, seed)
+
+    def apart(design: _Design) -> float:
+        pressure = shaped(shapes[design.shape], design.amplitude, design.pace, rate)
+        tips = [_tip(rival, pressure) for rival in rivals[:2]]
         if tips[0] is None or tips[1] is None:
-            continue
-        apart = float(np.sqrt(2 * np.mean((tips[0] - tips[1]) ** 2)))
-        if best is None or apart > best[0]:
-            best = (apart, name, pressure)
-    if best is None:
+            return -1.0
+        return float(np.sqrt(2 * np.mean((tips[0] - tips[1]) ** 2)))
+
+    told = {design: apart(design) for design in map(_Design, shapes)}
+    for _ in range(ROUNDS):
+        best = max(told, key=lambda design: told[design])
+        near = [replace(best, pace=best.pace * factor) for factor in PACES]
+        near += [replace(best, amplitude=min(1.0, best.amplitude * factor)) for factor in AMPLITUDES]
+        new = [design for design in near if design not in told and SLOWEST <= design.pace <= 1 / SLOWEST]
+        told |= {design: apart(design) for design in new}
+        if max(told, key=lambda design: told[design]) == best:
+            break
+    best = max(told, key=lambda design: told[design])
+    if told[best] < 0:
         return None, None
-    apart, name, pressure = best
-    run = f"Run {name} (up to {high / 1e3:.0f} kPa)"
-    sentence = f"{run}: there {names[0]} and {names[1]}, as fitted now, predict tips {apart:.3f} mm RMS apart."
+    pressure = shaped(shapes[best.shape], best.amplitude, best.pace, rate)
+    sentence = f"Run {best.words(high)}: there {names[0]} and {names[1]}, as fitted now, predict tips {told[best]:.3f} mm RMS apart."
     file = f"next-experiment-{names[0]}-{names[1]}.csv"
     dataset = xr.Dataset(
         {"pressure": ("log_time", pressure / 1e3, {"units": "kPa"})},

@@ -13,7 +13,7 @@ from rfea_vision.critique import screening
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
-from rfea_vision.critique.next_experiment import STEP_S, limits, profiles
+from rfea_vision.critique.next_experiment import STEP_S, limits, profiles, shaped
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.rule import RULE, posterior
 from rfea_vision.critique.screening import Sensitivity
@@ -105,6 +105,10 @@ def test_the_next_experiment_stays_within_what_the_rig_has_shown(campaign):
         assert pressure.min() >= low - 1e-6 and pressure.max() <= high + 1e-6
         assert np.abs(np.diff(pressure)).max() <= rate * STEP_S * (1 + 1e-9)
         assert np.ptp(pressure) > 0.2 * (high - low)
+        for amplitude, pace in ((0.5, 2.0), (1.0, 0.5), (0.7, 4.0)):
+            other = shaped(pressure, amplitude, pace, rate)
+            assert other.min() >= low - 1e-6 and np.ptp(other) <= amplitude * np.ptp(pressure) + 1e-6
+            assert np.abs(np.diff(other)).max() <= rate * STEP_S * (1 + 1e-9)
 
 
 def test_looking_back_drops_what_earns_nothing(campaign):
