@@ -30,7 +30,8 @@ class Rule:
     """The numbers of the rule: all there are.
 
     ============ ======= ===============================================================================================
-    independent  n_s     calibrated on the twin (benchmarks/calibrated.py), on campaigns drawn for that purpose alone
+    independent  n_s     set so that a lone 91 % is likely and a lone half is not (docs/critique.md); benchmarks/probabilities.py
+                         keeps what another value needs to be tried on the same refits
     resolution   r       floors; what docs/formats.md calls too little to matter
     expected     -       effects missing from a model before anything was seen: one, which the catalogue's K share
     likely       -       a half: the probability from which an effect is named, by docs/formats.md
