@@ -134,10 +134,9 @@ class Search:
                 break
             centre = best
         self._forms()
+        self._leave_one_out()  # what is left of a set without one member is where its rivals start from
         self._rivals()
-        for _ in range(2):
-            if not self._leave_one_out():
-                break
+        self._leave_one_out()
         return self.weigh()
 
     def _look_from(self, centre: Trial, widths: Sequence[int]) -> None:
