@@ -12,6 +12,10 @@ from rfea_vision.campaign.problems import Problem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
 from rfea_vision.errors import RfeaError
 
+#: The paper's tube is 19 times as long as thick; given by its diameters it would be 10 times.
+_LEAST_SLENDER = 5.0
+_PAPER_DIAMETERS_MM = (8.0, 6.0)
+
 
 @dataclass(frozen=True)
 class Checked:
@@ -35,6 +39,7 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
     if campaign is None:
         return Checked({}, tuple(problems))
     active = [item for item in (*campaign.experiments, *reading.broken) if item.role != "ignore"]
+    problems += _odd_tubes(campaign, active)
     cameras = _cameras(campaign, active)
     total = len(active) + len(cameras)
     for done, (camera, experiment) in enumerate(cameras):
@@ -50,6 +55,21 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
         problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     return Checked({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
+
+
+def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[Problem]:
+    """Doubt dimensions that are right in form and unlikely in size: above all, diameters given as radii."""
+    problems = []
+    for tube in dict.fromkeys((campaign.actuator, *(item.actuator for item in active))):
+        outer, inner, length = 1e3 * tube.outer_radius, 1e3 * tube.inner_radius, 1e3 * tube.length
+        if length < _LEAST_SLENDER * 2 * outer:
+            text = f"{outer:g} mm makes the tube {length / (2 * outer):.1f} times as long as thick; is it the diameter?"
+        elif (outer, inner) == _PAPER_DIAMETERS_MM:
+            text = f"{outer:g} and {inner:g} mm are the diameters that the paper prints; its radii are 4 and 3 mm"
+        else:
+            continue
+        problems.append(Problem(campaign.root / "campaign.yaml", text, "actuator.outer_radius", severity="warning"))
+    return problems
 
 
 def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[CameraSpec, ExperimentSpec | None]]:

@@ -35,7 +35,8 @@ def report_command(
     Where the model fails, which effect is missing, and what adding it does. What is out of date is redone first.
     '--group A B C' puts many tubes on one page, rfea-group.html: their parameters over the design variables of campaign.yaml
     (design: {turns: 12, load: 30 g}), and the effects named as a matrix.
-    '--compare A B' puts campaign A beside campaign B: two tubes, two materials, before and after.
+    '--compare A B' puts campaign A beside campaign B: two tubes, two materials, before and after. B may be an earlier
+    folder of results of the same campaign, such as a copy of A/rfea.
     """
     from rfea_vision.stages import publishing
 
@@ -51,9 +52,12 @@ def report_command(
         if notebook:
             files["notebook"] = publishing.notebook(work)
         if other is not None:
-            with opened(other, None, force=forced) as second:
-                second.report()
-            files["compare"] = publishing.side_by_side(work, second)
+            if publishing.is_results(other):
+                files["compare"] = publishing.beside_results(work, other)
+            else:
+                with opened(other, None, force=forced) as second:
+                    second.report()
+                files["compare"] = publishing.side_by_side(work, second)
     if as_json:
         shown = {key: str(path) for key, path in files.items()}
         print_json({**shown, "status": status, "bytes": files["file"].stat().st_size})

@@ -44,7 +44,9 @@ _DEMO = "hidden-effect"
     "--noise", "noise_mm", type=Quantity("mm", "0.06mm"), help="Noise of a tracked coordinate; default 0.06mm."
 )
 @click.option(
-    "--pressure", "pressure_max_kPa", type=Quantity("kPa", "270kPa"), help="Highest pressure; default 270kPa."
+    "--pressure",
+    metavar="QUANTITY|FILE",
+    help="Highest pressure (default 270kPa), or a log (time_s,pressure_kPa) that every run plays.",
 )
 @click.option(
     "--paper", is_flag=True, help="The paper's 8-DoF tube, stepped to 270 kPa (train) and 220 kPa (validate)."
@@ -100,7 +102,8 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
         return
     fixed = {"hidden": hidden, "actuator": Actuator(bends=choices.pop("bends")), "scene": scene}
     choices["roles"] = _roles(choices.pop("experiments"), choices.pop("roles"))
-    if choices["roles"] is not None:
+    choices |= _played(choices.pop("pressure"), choices)
+    if "roles" in choices and choices["roles"] is not None:
         fixed["roles"] = choices["roles"]
     options = paper_campaign(**fixed) if choices.pop("paper") else TwinOptions(**fixed)
     if choices["drive"] not in (None, "duty"):
@@ -112,6 +115,26 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
     with ConsoleListener().shown() as listener:
         truth = simulate(out, replace(options, **given), listener.begin("simulate", out.name))
     _report_twin(out, truth, as_json)
+
+
+def _played(pressure: str | None, choices: dict[str, Any]) -> dict[str, Any]:
+    """What --pressure asks for: a highest pressure, or a log to play, for one run where nothing else is said."""
+    if pressure is None:
+        return {}
+    path = Path(pressure)
+    if not path.suffix and not path.exists():
+        return {"pressure_max_kPa": Quantity("kPa", "270kPa").convert(pressure, None, None)}
+    from rfea_vision.campaign.specs import PressureSpec
+    from rfea_vision.readers.pressure import read_pressure
+    from rfea_vision.twin.excitation import given_programme
+
+    log = read_pressure(PressureSpec(folder=path.parent, file=path), path.name)
+    given = given_programme(log.time_s, 1e3 * log.pressure_kPa)
+    return {
+        "given": given,
+        "roles": choices["roles"] or ("train",),
+        "duration_s": choices["duration_s"] or float(given.time_s[-1]),
+    }
 
 
 def _simulate_like(out: Path, campaign: Path, hidden: dict[str, float], seed: int, write_truth: bool) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from rfea_vision.readers.pressure import PressureLog, constant_pressure, read_pr
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.stages.doubts import doubts_of, few_frames, reasons_of
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
+from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
 
@@ -135,6 +136,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
     lamp = experiment.sync.box if experiment.sync.method == "led" else None
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
+        work.tell(compiling("vision"))
         checkpoint = path.with_name(".track-so-far.npz")
         found = follow(experiment, calibration.value, open_source(video), checkpoint=checkpoint, progress=progress)
         _say_calibration(found, calibration.value, experiment)

@@ -16,6 +16,7 @@ from rfea_vision.progress import Progress
 from rfea_vision.stages import measurement
 from rfea_vision.stages.cache import StageRecord
 from rfea_vision.stages.products import (
+    compiling,
     describe_fit,
     describe_rung,
     load_prediction,
@@ -68,6 +69,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     folder = model_folder(work, options.name)
 
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
+        work.tell(compiling("dynamics"))
         model = _fitted(values(recordings), actuator, options, work.raw_inputs(), folder, progress)
         return model, [folder / "model.json", folder / "prediction.nc"], describe_fit(model)
 
@@ -176,6 +178,8 @@ def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Sto
 
     def make(progress: Progress) -> tuple[Ladder, list[Path], str]:
         from rfea_vision.critique import improve as climb
+
+        work.tell(compiling("dynamics"))
 
         outputs: list[Path] = []
         rungs: list[tuple[Rung, Diagnosis]] = []

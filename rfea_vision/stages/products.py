@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,14 @@ import xarray as xr
 from rfea_vision.artefacts import Diagnosis, ModelFit, Rung
 from rfea_vision.files import read_dataset, whole_file, write_datasets, write_text
 from rfea_vision.units import rounded
+
+
+def compiling(room: str) -> str:
+    """A sentence before the first use of a room whose functions Numba still has to compile; empty once they are in its cache."""
+    kept = Path(__file__).parent.parent / room / "__pycache__"
+    if "NUMBA_CACHE_DIR" in os.environ or not os.access(kept.parent, os.W_OK) or any(kept.glob("*.nbi")):
+        return ""
+    return f"compiling {room} once, about 40 s; later commands find it in the cache"
 
 
 def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset], file: str = "prediction.nc") -> Path:

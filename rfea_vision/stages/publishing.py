@@ -96,10 +96,28 @@ def group(works: Sequence[Runner], path: Path) -> list[Path]:
     from rfea_vision.report.group import Tube, group_plates, render_group
 
     names = [work.campaign.name for work in works]
-    labels = [name if names.count(name) == 1 else work.campaign.root.name for name, work in zip(names, works, strict=True)]
+    labels = [
+        name if names.count(name) == 1 else work.campaign.root.name for name, work in zip(names, works, strict=True)
+    ]
     tubes = [Tube(label, work.campaign.design, collect(work.out)) for label, work in zip(labels, works, strict=True)]
     write_text(path, render_group(tubes, title=path.stem.replace("-", " ")))
     return [path, *save_plates(group_plates(tubes), path.with_name(f"{path.stem}-figures"))]
+
+
+def is_results(folder: Path) -> bool:
+    """Whether a folder holds results, an ``rfea/`` or a copy of one, rather than a campaign."""
+    campaign = (folder / "campaign.yaml").is_file() or (folder / "experiment.yaml").is_file()
+    return not campaign and ((folder / "models").is_dir() or (folder / Ladder.FILE).is_file())
+
+
+def beside_results(work: Runner, earlier: Path) -> Path:
+    """Write the page that puts a campaign beside earlier results of it, which are taken as they are."""
+    from rfea_vision.report import render_comparison
+
+    name = earlier.resolve().name
+    path = work.out / "report" / f"beside-{name}.html"
+    write_text(path, render_comparison(work.out, earlier, names=(f"{work.campaign.name}, now", name)))
+    return path
 
 
 def bring_up_to_date(work: Runner) -> None:

@@ -148,6 +148,11 @@ class Runner:
                 found |= record.inputs
         return dict(sorted(found.items()))
 
+    def tell(self, sentence: str) -> None:
+        """Say something in between, if there is something to say."""
+        if sentence:
+            self.listener.note(sentence)
+
     def _say(self, stage: Stage, outcome: Outcome, sentence: str) -> None:
         said = {"stage": stage.name, "subject": stage.subject, "outcome": outcome, "sentence": sentence}
         self.outcomes.append(said)

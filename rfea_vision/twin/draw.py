@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.errors import DataError
-from rfea_vision.twin.excitation import KINDS, Programme, programme
+from rfea_vision.twin.excitation import GRID_S, KINDS, Programme, programme
 from rfea_vision.twin.options import BaseParameters, TwinOptions, with_partners
 from rfea_vision.twin.plant import Motion, Plant
 from rfea_vision.twin.shape import hinge_arcs, line_at
@@ -99,12 +99,16 @@ def draw_runs(options: TwinOptions, highest_Pa: float) -> list[Run]:
         offset = offset if options.offset_s is None else options.offset_s
         drift = options.hidden.get("clock_drift.d", 0.0)
         share = 1.0 if role == "train" else generator.uniform(0.8, 0.95)
+        if options.given is not None:
+            kind = options.given.kind
         peak_Pa = options.peaks_kPa[index] * 1e3 if options.peaks_kPa else share * highest_Pa
         runs.append(
             Run(
                 name=f"{kind}-{index + 1}",
                 role=role,
-                programme=programme(kind, generator, -BEFORE_S, end_s, rest_s, peak_Pa),
+                programme=_held_before_and_after(options.given, end_s)
+                if options.given is not None
+                else programme(kind, generator, -BEFORE_S, end_s, rest_s, peak_Pa),
                 offset_s=offset,
                 drift=drift,
                 claimed_offset_s=offset + 0.5 * drift * options.duration_s - options.hidden.get("time_offset.dt", 0.0),
@@ -114,6 +118,12 @@ def draw_runs(options: TwinOptions, highest_Pa: float) -> list[Run]:
         first = runs[0]
         runs.append(replace(first, name=f"{first.name}-again", repeat_of=first.name))
     return runs
+
+
+def _held_before_and_after(given: Programme, end_s: float) -> Programme:
+    """A given pressure on the whole of the log: the first value before it, the last one after it."""
+    time = np.arange(-BEFORE_S, end_s, GRID_S)
+    return replace(given, time_s=time, pressure_Pa=given.at(time))
 
 
 def move(plant: Plant, run: Run, step_s: float) -> Motion:

@@ -54,6 +54,12 @@ def programme(
     return Programme(kind, time, np.clip(pressure, 0.0, highest_Pa))
 
 
+def given_programme(time_s: FloatArray, pressure_Pa: FloatArray) -> Programme:
+    """A logged pressure as a programme that starts at 0 s."""
+    time = GRID_S * np.arange(int(np.floor((time_s[-1] - time_s[0]) / GRID_S)) + 1)
+    return Programme("given", time, np.interp(time, time_s - time_s[0], pressure_Pa))
+
+
 def _first_order(signal: FloatArray, constant_s: float) -> FloatArray:
     share = 1 - np.exp(-GRID_S / constant_s)
     return lfilter([share], [1.0, share - 1.0], signal, zi=[(1 - share) * signal[0]])[0]

@@ -17,6 +17,7 @@ import pint
 from rfea_vision.artefacts import Actuator
 from rfea_vision.drive import ValveCommands
 from rfea_vision.errors import InputError
+from rfea_vision.twin.excitation import Programme
 from rfea_vision.twin.stress import Stress
 
 
@@ -143,6 +144,7 @@ class TwinOptions:
     scene : what makes the pictures hard
     drive : what makes the pressure: None, a smooth valve; valve commands for a digital hydraulic drive; or ``duty``,
         the same drive following the drawn pressure with a duty cycle
+    given : the pressure that every run plays, instead of one that is drawn; it starts at 0 s
     """
 
     hidden: Mapping[str, float] = field(default_factory=dict)
@@ -178,6 +180,7 @@ class TwinOptions:
     photos: int = 14
     scene: Stress = field(default_factory=Stress)
     drive: ValveCommands | Literal["duty"] | None = None
+    given: Programme | None = None
 
     def __post_init__(self) -> None:
         for key in self.hidden:

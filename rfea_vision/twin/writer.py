@@ -67,7 +67,7 @@ def simulate(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: already there and not empty; choose another folder, or remove it first")
     plant, base = build_plant(options)
-    runs = draw_runs(options, highest_pressure(plant, options))
+    runs = draw_runs(options, 0.0 if options.given is not None else highest_pressure(plant, options))
     hidden = with_partners(options.hidden)
     work = out.with_name(f".{out.name}-unfinished")
     shutil.rmtree(work, ignore_errors=True)

@@ -1,0 +1,125 @@
+"""What a beginner meets: sentences that end in the right place, whatever was typed or filled in wrongly."""
+
+import shutil
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import pytest
+from campaign.campaigns import write_campaign
+
+from rfea_vision.artefacts import Diagnosis, Ladder, Rung
+from rfea_vision.cli import console, model
+
+from .console import rfea
+
+
+def test_the_package_runs_as_a_module():
+    done = subprocess.run([sys.executable, "-m", "rfea_vision", "--version"], capture_output=True, text=True)
+    assert done.returncode == 0 and "rfea" in done.stdout
+
+
+def test_diameters_given_as_radii_are_doubted(tmp_path):
+    campaign = write_campaign(tmp_path / "c")
+    file = campaign / "campaign.yaml"
+    file.write_text(
+        file.read_text().replace("outer_radius: 4 mm, inner_radius: 3 mm", "outer_radius: 8 mm, inner_radius: 6 mm")
+    )
+    answer = rfea("check", campaign)
+    assert answer.out.count("8 and 6 mm are the diameters that the paper prints") == 1
+
+
+@pytest.mark.parametrize(
+    ("header", "remedy"),
+    [
+        ("Zeit [s],Druck [bar]", "pressure: Druck [bar]"),
+        ("t,valve,p1", "pressure: p1"),
+        ("time_s,valve,lamp", "say which one it is"),
+    ],
+)
+def test_the_time_is_never_guessed_to_be_the_pressure(tmp_path, header, remedy):
+    campaign = write_campaign(tmp_path / "c")
+    rows = [",".join([str(0.01 * i), "1", "2"][: header.count(",") + 1]) for i in range(5)]
+    (campaign / "steps" / "pressure.csv").write_text("\n".join([header, *rows]) + "\n")
+    answer = rfea("check", campaign)
+    assert answer.code == 2 and remedy in " ".join(answer.out.split())
+
+
+def test_a_narrow_terminal_breaks_no_word(monkeypatch, capsys):
+    monkeypatch.setattr(console, "shutil", SimpleNamespace(get_terminal_size=lambda: SimpleNamespace(columns=34)))
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    words = ("visco-elastic", "rest_curvature_profile", "unexplained")
+    console.print_table("", ["candidate", "validate mm", "verdict"], [[words[1], 0.00651, words[2]]], left=1)
+    console.say(" ".join(words))
+    shown = capsys.readouterr().out
+    assert all(word in shown for word in words) and "0.0065" in shown
+
+
+def test_a_tie_stands_wherever_its_member_does(tmp_path, capsys):
+    tie = {"effects": ["gravity_tilt", "pressure_offset"], "split_by": "a slow ramp"}
+    diagnosis = Diagnosis(model="base", verdict="missing", named=["gravity_tilt"], tied=[tie])
+    model.print_diagnosis(diagnosis, tmp_path, tmp_path)
+    rungs = [
+        Rung(
+            model="base", added=None, train_tip_rmse_mm=1.0, validate_tip_rmse_mm=1.0, delta_bic=None, verdict="missing"
+        ),
+        Rung(
+            model="base+gravity_tilt",
+            added="gravity_tilt",
+            tied=diagnosis.rivals_of("gravity_tilt"),
+            train_tip_rmse_mm=0.1,
+            validate_tip_rmse_mm=0.1,
+            delta_bic=-9.0,
+            verdict="complete",
+        ),
+    ]
+    model.print_ladder(Ladder(rungs=rungs))
+    first, ladder = capsys.readouterr().out.split("error ladder")
+    assert "gravity_tilt (or pressure_offset: these data cannot tell)" in first
+    assert "pressure_offset" in ladder
+
+
+def test_a_ladder_of_angles_is_in_degrees(capsys):
+    angles = {"train_angle_rmse_deg": 0.31, "validate_angle_rmse_deg": 0.42}
+    rung = Rung(
+        model="base",
+        added=None,
+        train_tip_rmse_mm=None,
+        validate_tip_rmse_mm=None,
+        delta_bic=None,
+        verdict="complete",
+        **angles,
+    )
+    model.print_ladder(Ladder(rungs=[rung]))
+    shown = capsys.readouterr().out
+    assert "validate deg" in shown and "0.42" in shown and " mm" not in shown
+
+
+def test_a_missing_extra_is_one_sentence(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    answer = rfea("batch", write_campaign(tmp_path / "c"))
+    assert answer.code == 2 and "pip install 'rfea-vision[batch]'" in answer.err and "Traceback" not in answer.err
+
+
+def test_the_twin_plays_a_given_pressure(tmp_path):
+    log = tmp_path / "next.csv"
+    log.write_text("time_s,pressure_kPa\n0,0\n0.2,0\n0.3,90\n0.8,90\n")
+    answer = rfea("simulate", tmp_path / "twin", "--pressure", log, "--rate", "60Hz")
+    assert answer.code == 0, answer.err
+    rows = (tmp_path / "twin" / "given-1" / "pressure.csv").read_text().splitlines()[1:]
+    played = [float(row.split(",")[1]) for row in rows]
+    assert max(played) == pytest.approx(90, abs=1) and played[0] == pytest.approx(0, abs=1)
+
+
+def test_every_command_that_ends_well_says_what_comes_next(tmp_path):
+    campaign = write_campaign(tmp_path / "c")
+    for arguments in (
+        ["init", tmp_path / "new"],
+        ["check", campaign],
+        ["effects"],
+        ["effects", "show", "maxwell"],
+        ["board"],
+    ):
+        answer = rfea(*arguments)
+        assert answer.out.rstrip().splitlines()[-1].startswith("next: rfea "), arguments
+    shutil.rmtree(campaign)
