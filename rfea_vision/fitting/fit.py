@@ -271,14 +271,20 @@ def _cost(fitted: Fitted, items: Sequence[Observed]) -> float:
 
 
 def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:
-    """Base model first, then the effects asked for, all together; then other numbers of segments where they are asked for."""
+    """Base model first, then the effects asked for, all together; then other numbers of segments where they are asked for.
+
+    Where the options say at which values to begin, the whole model is fitted from there, and from nowhere else.
+    """
     options = under_rules(options, problem.train, problem.actuator)
-    fitted = _told_apart(problem, fit_base(problem, replace(options, effects=()), progress))
-    fitted = _without_jumps(problem, fitted)
-    options = replace(options, loss=fitted.options.loss, fixed=fitted.options.fixed)
-    fitted = replace(fitted, options=options)
-    if options.effects:
-        fitted = fit_added(problem, options, fitted, progress=progress)
+    if options.start:
+        fitted = _without_jumps(problem, refit(problem, options, options.start, options.segments))
+    else:
+        fitted = _told_apart(problem, fit_base(problem, replace(options, effects=()), progress))
+        fitted = _without_jumps(problem, fitted)
+        options = replace(options, loss=fitted.options.loss, fixed=fitted.options.fixed)
+        fitted = replace(fitted, options=options)
+        if options.effects:
+            fitted = fit_added(problem, options, fitted, progress=progress)
     if options.study_segments or options.auto_segments:
         fitted = with_study(problem, fitted)
     return fitted
@@ -314,7 +320,7 @@ def _without_jumps(problem: Problem, fitted: Fitted) -> Fitted:
 
 def _know_all(model: Model, options: FitOptions) -> None:
     """Refuse what is given of parameters that the model does not have."""
-    given = {*options.fixed, *options.bounds, *options.priors, *options.profile} - {"modulus"}
+    given = {*options.fixed, *options.start, *options.bounds, *options.priors, *options.profile} - {"modulus"}
     unknown = sorted(given - set(model.names))
     if unknown:
         raise InputError(f"{unknown[0]}: is no parameter of model {options.name}; it has {', '.join(model.names)}")

@@ -77,6 +77,12 @@ class FitOptions:
             description="Hold a parameter, as in r_hyd=3.6mm; may be repeated.",
         )
     )
+    start: Annotated[
+        Mapping[str, float], known_values(read_fixed), Asked(("fit",), "NAME=VALUE", write=write_fixed)
+    ] = Field(
+        default_factory=dict,
+        description="Begin here alone, as in k_ref=0.3N*m/rad; what is left out begins as in the paper; may be repeated.",
+    )
     priors: Annotated[
         Mapping[str, tuple[float, float]],
         known_values(read_priors),
@@ -149,6 +155,7 @@ class FitOptions:
             self,
             segments=segments,
             fixed={name: of(name) * value for name, value in self.fixed.items()},
+            start={name: of(name) * value for name, value in self.start.items()},
             bounds={name: (of(name) * low, of(name) * high) for name, (low, high) in self.bounds.items()},
             priors={name: (of(name) * mean, of(name) * sd) for name, (mean, sd) in self.priors.items()},
         )

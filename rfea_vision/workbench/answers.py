@@ -7,7 +7,11 @@ from typing import TYPE_CHECKING, Any
 from starlette.responses import JSONResponse, Response
 
 from rfea_vision.errors import InputError
+from rfea_vision.workbench import laws, pointing
+from rfea_vision.workbench.clocks import write_sync
+from rfea_vision.workbench.curves import write_curve
 from rfea_vision.workbench.desk import Desk, shown
+from rfea_vision.workbench.orders import order
 from rfea_vision.workbench.packets import packet
 from rfea_vision.workbench.state import state_of
 
@@ -15,6 +19,7 @@ if TYPE_CHECKING:
     from rfea_vision.workbench.play import Chosen
 
 BINARY = "application/octet-stream"
+LONGEST_TRIAL_S = 10.0
 
 
 def campaigns(desk: Desk, asked: dict[str, Any]) -> Response:
@@ -33,7 +38,9 @@ def campaigns(desk: Desk, asked: dict[str, Any]) -> Response:
 def state(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """Where one campaign stands."""
     found = state_of(desk.campaigns[index], desk.out)
-    path = shown(desk.campaigns[index])
+    path, step = shown(desk.campaigns[index]), found["next"]
+    if step["do"]:
+        step["command"] = order(path, desk.out, step["do"], step["options"])[1]
     job = {key: desk.worker.job.get(key) for key in ("index", "do", "label", "command")} if desk.worker.job else None
     return JSONResponse(found | {"path": path, "job": job, "log": desk.log[-20:], "single": desk.single})
 
@@ -80,9 +87,7 @@ def play(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
 
 def job(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """Begin a command."""
-    if not desk.begin(index, str(asked["do"]), dict(asked.get("options", {})), str(asked.get("label", ""))):
-        raise InputError("another command is under way; wait for it, or stop it")
-    return JSONResponse({"begun": True})
+    return _begun(desk.begin(index, str(asked["do"]), dict(asked.get("options", {})), str(asked.get("label", ""))))
 
 
 def stop(desk: Desk, asked: dict[str, Any]) -> Response:
@@ -93,8 +98,97 @@ def stop(desk: Desk, asked: dict[str, Any]) -> Response:
 
 def _chosen(desk: Desk, index: int, asked: dict[str, Any]) -> Chosen:
     """The model that is asked for; its effect files are those that this user has opened, and no others."""
-    from rfea_vision.effects.catalogue import load_effect_file
-
     wanted = {str(effect).partition("@")[0] for effect in asked["effects"]}
-    files = [file for file in sorted(desk.own_files) if wanted & {effect.id for effect in load_effect_file(file)}]
+    files = [file for file in sorted(desk.own_files) if wanted & laws.ids_of(file)]
     return desk.bench(index).chosen(str(asked["model"]), tuple(map(str, asked["effects"])), tuple(files))
+
+
+# -- pointing ------------------------------------------------------------------------------------------------------------
+
+
+def film(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """Size and times of an experiment's film."""
+    return JSONResponse(pointing.film(desk.bench(index).experiment(number)))
+
+
+def picture(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """One frame of a film."""
+    return Response(
+        pointing.picture(desk.bench(index).experiment(number), int(asked["frame"])), media_type="image/jpeg"
+    )
+
+
+def photo(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """One photo of the board."""
+    return Response(pointing.photo(desk.bench(index).campaign(), number), media_type="image/jpeg")
+
+
+def outline(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """What was tracked in one frame."""
+    bench = desk.bench(index)
+    return JSONResponse(pointing.outline(bench.campaign(), bench.experiment(number), int(asked["frame"])))
+
+
+def refused(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """Frames that were refused for one reason."""
+    bench = desk.bench(index)
+    return JSONResponse({"frames": pointing.refused(bench.campaign(), bench.experiment(number), str(asked["reason"]))})
+
+
+def hint(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """Write a hint into the files, or take it away."""
+    bench = desk.bench(index)
+    experiment, key, value = bench.experiment(number), str(asked["key"]), asked["value"]
+    file = pointing.write_hint(bench.campaign(), experiment, key, value, everywhere=bool(asked["all"]))
+    return JSONResponse({"file": shown(file)})
+
+
+def sync(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """Write how the clocks of a run are brought together."""
+    file = write_sync(desk.bench(index).experiment(number), asked)
+    return JSONResponse({"file": shown(file)})
+
+
+def trial(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """Follow the tube through the first seconds of a film; the lines come as events."""
+    experiment = desk.bench(index).experiment(number)
+    options = {"name": experiment.name, "seconds": min(float(asked["seconds"]), LONGEST_TRIAL_S)}
+    return _begun(desk.hand(index, "try", options, f"Try the first {options['seconds']:g} s of {experiment.name}"))
+
+
+def _begun(begun: bool) -> Response:
+    if not begun:
+        raise InputError("another command is under way; wait for it, or stop it")
+    return JSONResponse({"begun": True})
+
+
+# -- laws, curves, batches -----------------------------------------------------------------------------------------------
+
+
+def law_template(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+    """A new law to begin with."""
+    file, text = laws.new_law()
+    return JSONResponse({"file": str(file), "text": text})
+
+
+def law_open(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+    """The text of a law that the user names."""
+    file = laws.named_file(str(asked["file"]), desk.campaigns)
+    return JSONResponse({"file": str(file), "text": laws.opened(file)})
+
+
+def law_check(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+    """Say what is wrong with a law or what it declares; with ``keep`` write it, and count it as the user's."""
+    file = laws.named_file(str(asked["file"]), desk.campaigns)
+    return JSONResponse(desk.check_law(file, str(asked["text"]), keep=bool(asked["keep"])))
+
+
+def curve(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+    """Write an edited pressure curve beside the model whose diagnosis asked for it."""
+    file = write_curve(desk.bench(index).out, str(asked["model"]), asked["points"])
+    return JSONResponse({"file": shown(file), "command": f"rfea simulate OUT --pressure {shown(file)}"})
+
+
+def batch(desk: Desk, asked: dict[str, Any]) -> Response:
+    """Run all campaigns."""
+    return _begun(desk.begin_all())

@@ -5,8 +5,10 @@ from __future__ import annotations
 import threading
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from rfea_vision.artefacts import ModelFit
+from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
 from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.errors import InputError
 from rfea_vision.report.collect import Evidence, collect
@@ -22,6 +24,7 @@ class Bench:
         self.out = out if out is not None else folder / OUTPUT_FOLDER
         self._lock = threading.Lock()
         self._read: tuple[float, Evidence, bytes] | None = None
+        self._campaign: tuple[Any, Campaign] | None = None
         self._player: tuple[float, Player] | None = None
 
     def evidence(self) -> tuple[Evidence, bytes]:
@@ -32,6 +35,28 @@ class Bench:
                 evidence = collect(self.out)
                 self._read = (age, evidence, evidence_packet(evidence, self.folder.name))
             return self._read[1], self._read[2]
+
+    def campaign(self) -> Campaign:
+        """The campaign as its files now say.
+
+        Raises
+        ------
+        InputError
+            If they cannot be read.
+        """
+        files = [self.folder / "campaign.yaml", self.folder / "experiment.yaml", *self.folder.glob("*/experiment.yaml")]
+        age = tuple((str(file), file.stat().st_mtime_ns) for file in sorted(files) if file.is_file())
+        with self._lock:
+            if self._campaign is None or self._campaign[0] != age:
+                self._campaign = (age, load_campaign(self.folder, self.out))
+            return self._campaign[1]
+
+    def experiment(self, number: int) -> ExperimentSpec:
+        """An experiment by its number on the page: those with the role `ignore` are not counted."""
+        active = [item for item in self.campaign().experiments if item.role != "ignore"]
+        if not 0 <= number < len(active):
+            raise InputError(f"{self.folder}: has no experiment {number + 1}")
+        return active[number]
 
     def player(self) -> Player:
         """The player of the recordings as they now are."""

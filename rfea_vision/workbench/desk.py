@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import queue
+import shlex
+import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -10,12 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from rfea_vision.campaign.loading import OUTPUT_FOLDER
+from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import InputError
+from rfea_vision.files import write_text
 from rfea_vision.workbench.hands import Worker
 from rfea_vision.workbench.orders import order
 
 DEEPEST = 3  # folders below the one that was opened in which campaigns are looked for
 LOG_LINES = 200
+LONGEST_CHECK_S = 30.0
 
 
 class Desk:
@@ -40,7 +46,10 @@ class Desk:
         self.ending: Callable[[], bool] = lambda: False
         self.own_files: set[Path] = set()  # effect files that this user has typed or opened
         self.worker = Worker(self.tell)
-        self.judge = Worker(lambda event: None)  # checks laws, so that one that never ends can be stopped
+        self.judge = Worker(
+            lambda event: None, prepared=False
+        )  # checks laws, so that one that never ends can be stopped
+        self._judging = threading.Lock()
         self._benches: dict[int, Any] = {}
         self._listeners: set[tuple[asyncio.AbstractEventLoop, asyncio.Queue[dict[str, Any]]]] = set()
         self._lock = threading.Lock()
@@ -56,41 +65,103 @@ class Desk:
 
     def begin(self, index: int, do: str, options: dict[str, Any], label: str) -> bool:
         """Hand a job to the worker; False if it is busy."""
-        campaign = self.campaigns[index]
         files = {str(file) for file in self.own_files}
         if not set(map(str, options.get("effect_files", []))) <= files:
             raise InputError("effect_files: only a law that was opened or written in this workbench is run")
-        kept, command = order(shown(campaign), self.out, do, options)
+        if own := self._own_of(index, options):
+            options = {**options, "effect_files": own}
+        kept, command = order(shown(self.campaigns[index]), self.out, do, options)
+        return self.hand(index, do, kept, label or do, command)
+
+    def _own_of(self, index: int, options: dict[str, Any]) -> list[str]:
+        """Files of the user's own laws that a job's effects, or those of its model, are declared in."""
+        if not self.own_files:
+            return []
+        from rfea_vision.workbench.laws import ids_of
+
+        wanted = {str(effect).partition("@")[0] for effect in options.get("add", [])}
+        if "model" in options:
+            wanted |= set(self.bench(index).chosen(str(options["model"]), (), ()).fit.effects)
+        return [str(file) for file in sorted(self.own_files) if wanted & ids_of(file)]
+
+    def hand(self, index: int, do: str, options: dict[str, Any], label: str, command: str | None = None) -> bool:
+        """Hand a job to the worker as it stands; one without a command is no step of its own."""
         out = None if self.out is None else str(self.out)
         job = {
             "index": index,
             "do": do,
-            "options": kept,
-            "campaign": str(campaign),
+            "options": options,
+            "campaign": str(self.campaigns[index]),
             "out": out,
-            "command": command,
-            "label": label or do,
+            "label": label,
         }
-        return self.worker.submit(job)
+        return self.worker.submit(job | ({"command": command} if command else {}))
+
+    def begin_all(self) -> bool:
+        """Run all campaigns on the desk as `rfea batch` would; False if the worker is busy."""
+        folders = [shown(folder) for folder in self.campaigns]
+        job = {
+            "do": "batch",
+            "options": {},
+            "campaigns": list(map(str, self.campaigns)),
+            "label": f"Run {len(folders)} campaigns",
+        }
+        return self.worker.submit(job | {"command": shlex.join(["rfea", "batch", *folders])})
+
+    def check_law(self, file: Path, text: str, *, keep: bool) -> dict[str, Any]:
+        """Check a law in a process of its own; with `keep` it is written, and one that is right counts as the user's.
+
+        Raises
+        ------
+        InputError
+            What is wrong with it, or that it does not end.
+        """
+        with self._judging:
+            if keep:
+                self.own_files.discard(file)
+                write_text(file, text)
+                found = self._judged(file)
+                self.own_files.add(file)
+                name_files([file])
+                return found
+            with tempfile.TemporaryDirectory(prefix="rfea-law-") as folder:
+                draft = Path(folder) / file.name
+                draft.write_text(text, encoding="utf-8")
+                return self._judged(draft)
+
+    def _judged(self, file: Path) -> dict[str, Any]:
+        answers: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+        self.judge.tell = answers.put
+        self.judge.submit({"do": "check law", "file": str(file)})
+        try:
+            while (event := answers.get(timeout=LONGEST_CHECK_S))["event"] not in ("finished", "failed", "stopped"):
+                pass
+        except queue.Empty:
+            self.judge.stop()
+            self.judge.job = None
+            raise InputError(f"the law took longer than {LONGEST_CHECK_S:g} s to be read, and was stopped") from None
+        if event["event"] != "finished":
+            raise InputError(event.get("error", "the process that reads laws has ended"))
+        return event["result"]
 
     def tell(self, event: dict[str, Any]) -> None:
         """Tell everyone who listens; may be called from any thread."""
         if event.get("command") and event["event"] in ("begun", "said"):
             self.log.append({"command": event["command"], "label": event.get("label", "")})
             del self.log[:-LOG_LINES]
-        for loop, queue in list(self._listeners):
+        for loop, line in list(self._listeners):
             with suppress(RuntimeError):  # a loop that has been closed
-                loop.call_soon_threadsafe(queue.put_nowait, event)
+                loop.call_soon_threadsafe(line.put_nowait, event)
 
     def listen(self) -> asyncio.Queue[dict[str, Any]]:
         """A queue of what is told from now on."""
-        queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self._listeners.add((asyncio.get_running_loop(), queue))
-        return queue
+        line: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._listeners.add((asyncio.get_running_loop(), line))
+        return line
 
-    def leave(self, queue: asyncio.Queue[dict[str, Any]]) -> None:
+    def leave(self, line: asyncio.Queue[dict[str, Any]]) -> None:
         """Stop listening."""
-        self._listeners = {pair for pair in self._listeners if pair[1] is not queue}
+        self._listeners = {pair for pair in self._listeners if pair[1] is not line}
 
     def close(self) -> None:
         """End the processes."""

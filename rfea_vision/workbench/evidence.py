@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rfea_vision.report import prose
 from rfea_vision.report.collect import Evidence, Step
 from rfea_vision.report.pack import Pack
@@ -19,7 +21,12 @@ def evidence_packet(evidence: Evidence, title: str) -> bytes:
     pack, titles = Pack(), prose.effect_titles(evidence)
     rungs = [
         pack_step(step, evidence, pack, titles)
-        | {"effects": list(step.fit.effects), "diagnosis": _diagnosis(step, titles), "runs": _runs(step)}
+        | {
+            "effects": list(step.fit.effects),
+            "diagnosis": _diagnosis(step, titles),
+            "runs": _runs(step),
+            "segments": step.fit.segments,
+        }
         for step in evidence.steps
     ]
     experiments = [pack_experiment(experiment, pack) for experiment in evidence.experiments]
@@ -29,6 +36,7 @@ def evidence_packet(evidence: Evidence, title: str) -> bytes:
     manifest = {
         "title": title, "experiments": experiments, "rungs": rungs, "calibration": {"photos": []},
         "length_mm": length_mm_of(evidence), "bends": bends_of(evidence), "headline": prose.headline(evidence, titles),
+        "limits": limits_of(evidence),
     }  # fmt: skip
     return packet(manifest, pack)
 
@@ -47,6 +55,22 @@ def _diagnosis(step: Step, titles: Mapping[str, str]) -> dict[str, Any] | None:
     for candidate in record.get("candidates", []):
         candidate["title"] = titles.get(candidate["effect"], candidate["effect"])
     return record
+
+
+#: Over this time a change of pressure is told from the sensor's noise.
+CHANGE_S = 0.02
+
+
+def limits_of(evidence: Evidence) -> dict[str, float] | None:
+    """Lowest and highest pressure (kPa) that the rig has had, and how fast (kPa/s) it has changed it; None without a log."""
+    logs = [run.recording for run in evidence.experiments if run.recording is not None and "pressure" in run.recording]
+    low, high, slope = 0.0, 0.0, 0.0
+    for log in logs:
+        time, pressure = log["log_time"].values, log["pressure"].values
+        apart = max(1, round(CHANGE_S / float(np.median(np.diff(time)))))
+        low, high = min(low, float(pressure.min())), max(high, float(pressure.max()))
+        slope = max(slope, float(np.max(np.abs(pressure[apart:] - pressure[:-apart]) / (time[apart:] - time[:-apart]))))
+    return {"low": low, "high": high, "slope": slope} if logs else None
 
 
 def newest(folder: Path) -> float:

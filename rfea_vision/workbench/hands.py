@@ -9,14 +9,19 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+PATIENCE_S = 2.0  # between a polite end and a kill; files are whole in either case
+
 Tell = Callable[[dict[str, Any]], None]
 
 
 class Worker:
     """A process that does jobs; it is started with the first, and anew after one was stopped."""
 
-    def __init__(self, tell: Tell) -> None:
+    def __init__(self, tell: Tell, *, prepared: bool = True) -> None:
         self.tell = tell
+        self._arguments = (
+            ["prepared"] if prepared else []
+        )  # whether the libraries of all stages are loaded at its start
         self.job: dict[str, Any] | None = None
         self._process: subprocess.Popen[str] | None = None
         self._lock = threading.Lock()
@@ -46,14 +51,14 @@ class Worker:
         if process is not None:
             process.terminate()
             try:
-                process.wait(timeout=5)
+                process.wait(timeout=PATIENCE_S)
             except subprocess.TimeoutExpired:
                 process.kill()
 
     def _ready(self) -> subprocess.Popen[str]:
         if self._process is None or self._process.poll() is not None:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "rfea_vision.workbench.worker"],
+                [sys.executable, "-m", "rfea_vision.workbench.worker", *self._arguments],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8",
             )  # fmt: skip
             threading.Thread(target=self._listen, args=(self._process,), daemon=True).start()

@@ -6,10 +6,16 @@ It is Python that this machine's user has typed or opened, and runs with this us
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import platformdirs
+
+import rfea_vision.data
 from rfea_vision.effects.catalogue import load_effect_file
+from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import InputError
 
 
@@ -27,6 +33,7 @@ def check(file: Path) -> dict[str, Any]:
         raise InputError(f"line {error.lineno}: {error.msg}") from error
     from rfea_vision.effects.typeset import typeset
 
+    name_files([file])  # the user has typed it, or opened it by name
     try:
         effects = load_effect_file(file)
     except InputError as error:
@@ -51,3 +58,52 @@ def _parameters(effect: Any) -> list[dict[str, Any]]:
         }
         for name, spec in effect.parameters.items()
     ]
+
+
+@lru_cache(maxsize=64)
+def _ids(file: Path, changed: int) -> frozenset[str]:
+    return frozenset(effect.id for effect in load_effect_file(file))
+
+
+def ids_of(file: Path) -> frozenset[str]:
+    """Ids of the effects that a checked file declares; read once as long as it does not change."""
+    return _ids(file, file.stat().st_mtime_ns)
+
+
+def new_law() -> tuple[Path, str]:
+    """A file that is not there yet, in the user's own folder, and the template's text for it."""
+    folder = platformdirs.user_data_path("rfea") / "effects"
+    number = next(n for n in range(1, 10_000) if not (folder / f"my_effect_{n}.py").exists())
+    text = (Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt").read_text(encoding="utf-8")
+    return folder / f"my_effect_{number}.py", text.replace('"my_effect"', f'"my_effect_{number}"')
+
+
+def named_file(text: str, campaigns: Sequence[Path]) -> Path:
+    """The file that the user names.
+
+    Raises
+    ------
+    InputError
+        If it is no Python file, or lies in a campaign: what came with data is never run.
+    """
+    file = Path(text).expanduser()
+    if file.suffix != ".py" or not file.is_absolute():
+        raise InputError(f"{text}: give the whole path of a .py file")
+    file = file.resolve()
+    if any(file.is_relative_to(folder) for folder in campaigns):
+        raise InputError(f"{file}: lies in a campaign; a law is never run from there: read it, and copy it elsewhere")
+    return file
+
+
+def opened(file: Path) -> str:
+    """The text of a law.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    try:
+        return file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: cannot be read ({error})") from error

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rfea_vision.errors import InputError
+from rfea_vision.options.fit import SEGMENTS
 
 #: Methods of `stages.Workspace` and the options that the page may set.
 ORDERS: dict[str, tuple[str, ...]] = {
@@ -40,6 +41,8 @@ def order(campaign: str, out: Path | None, do: str, options: Mapping[str, Any]) 
     if do not in ORDERS or not set(options) <= set(ORDERS[do]):
         raise InputError(f"{do}: the workbench offers {', '.join(ORDERS)}; other options are the command line's")
     kept = {key: value for key, value in options.items() if value not in (None, [], {}, "")}
+    if kept.get("segments") == SEGMENTS:
+        kept.pop("segments")  # as ever
     words = ["rfea", do, campaign]
     if "model" in kept:
         words.append(str(kept["model"]))

@@ -88,7 +88,6 @@ class Player:
                 item = observe_recording(recording)
                 self.runs[name] = Run(item, quickened(item), experiment, recording)
         self._models: dict[Any, Future[Model]] = {}
-        self._compiler = ThreadPoolExecutor(1)
         self._threads = ThreadPoolExecutor(2)
         self._lock = threading.Lock()
 
@@ -103,13 +102,26 @@ class Player:
         model = chosen.model()
         with self._lock:
             if chosen.key not in self._models:
-                self._models[chosen.key] = self._compiler.submit(self._compiled, model, chosen)
+                self._models[chosen.key] = self._compile_behind(model, chosen)
         return sliders_of(chosen.fit, model, start_vector(model, Actuator(**chosen.fit.actuator), chosen.fit.segments))
 
     def ready(self, chosen: Chosen) -> bool:
         """Whether the law has been compiled; raises what kept it from being so."""
         future = self._models.get(chosen.key)
         return future is not None and future.done() and future.result() is not None
+
+    def _compile_behind(self, model: Model, chosen: Chosen) -> Future[Model]:
+        """Compile in a thread that does not keep the workbench from ending."""
+        future: Future[Model] = Future()
+
+        def work() -> None:
+            try:
+                future.set_result(self._compiled(model, chosen))
+            except BaseException as error:
+                future.set_exception(error)
+
+        threading.Thread(target=work, daemon=True).start()
+        return future
 
     def _compiled(self, model: Model, chosen: Chosen) -> Model:
         """Derive and compile by running a quarter of a second of the first run."""
@@ -147,7 +159,8 @@ class Player:
         begun = time.perf_counter()
         if shown not in self.runs:
             raise InputError(f"{shown}: is no training or held-out run that has been synchronised")
-        self.open(chosen)
+        if chosen.key not in self._models:
+            self.open(chosen)
         model = self._models[chosen.key].result()
         par = _vector(chosen, model, values)
         looks = {

@@ -5,61 +5,77 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
-from importlib import resources
+from functools import partial
+from importlib import import_module, resources
 from pathlib import Path
 from typing import Any
 
+import anyio.to_thread
 from starlette.applications import Starlette
-from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response, StreamingResponse
+from starlette.responses import JSONResponse, RedirectResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from rfea_vision.errors import RfeaError
-from rfea_vision.workbench.desk import Desk, shown
+from rfea_vision.workbench.desk import Desk
 
-BINARY = "application/octet-stream"
 LARGEST_BODY = 1_000_000
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
-Answer = Callable[[int, dict[str, Any]], Any]
 
 
 def application(desk: Desk) -> Starlette:
     """The server's routes over one desk."""
-    from rfea_vision.workbench import answers
 
-    def get(path: str, answer: Callable[..., Response]) -> Route:
+    def get(path: str, answer: str) -> Route:
         async def endpoint(request: Request) -> Response:
-            return await run_in_threadpool(_said, answer, desk, *_place(desk, request), dict(request.query_params))
+            return await _behind(answer, desk, *_place(desk, request), dict(request.query_params))
 
         return Route(path, endpoint)
 
-    def post(path: str, answer: Callable[..., Response]) -> Route:
+    def post(path: str, answer: str) -> Route:
         async def endpoint(request: Request) -> Response:
-            return await run_in_threadpool(_said, answer, desk, *_place(desk, request), await _body(request))
+            return await _behind(answer, desk, *_place(desk, request), await _body(request))
 
         return Route(path, endpoint, methods=["POST"])
 
     return Starlette(
         routes=[
-            Route("/", lambda request: RedirectResponse("c/0/" if desk.single else "folder/")),
-            Route("/folder/", lambda request: static("index.html")),
+            Route("/", lambda request: RedirectResponse("c/0/" if desk.single else "c/all/")),
+            Route("/c/all/", lambda request: static("index.html")),
             Route("/c/{index:int}/", lambda request: static("index.html")),
             Route("/static/{name}", lambda request: static(request.path_params["name"])),
             Route("/report/{name}", lambda request: of_report(request.path_params["name"])),
             Route("/events", events(desk)),
-            get("/campaigns", answers.campaigns),
-            post("/stop", answers.stop),
-            get("/c/{index:int}/state", answers.state),
-            get("/c/{index:int}/evidence", answers.evidence),
-            get("/c/{index:int}/clip/{number:int}", answers.clip),
-            get("/c/{index:int}/effects", answers.effects),
-            post("/c/{index:int}/model", answers.model),
-            post("/c/{index:int}/play", answers.play),
-            post("/c/{index:int}/job", answers.job),
+            get("/campaigns", "campaigns"),
+            post("/stop", "stop"),
+            post("/batch", "batch"),
+            get("/c/{index:int}/state", "state"),
+            get("/c/{index:int}/evidence", "evidence"),
+            get("/c/{index:int}/clip/{number:int}", "clip"),
+            get("/c/{index:int}/effects", "effects"),
+            post("/c/{index:int}/model", "model"),
+            post("/c/{index:int}/play", "play"),
+            post("/c/{index:int}/job", "job"),
+            get("/c/{index:int}/film/{number:int}", "film"),
+            get("/c/{index:int}/picture/{number:int}", "picture"),
+            get("/c/{index:int}/outline/{number:int}", "outline"),
+            get("/c/{index:int}/refused/{number:int}", "refused"),
+            get("/c/{index:int}/photo/{number:int}", "photo"),
+            post("/c/{index:int}/hint/{number:int}", "hint"),
+            post("/c/{index:int}/sync/{number:int}", "sync"),
+            post("/c/{index:int}/law/template", "law_template"),
+            post("/c/{index:int}/law/open", "law_open"),
+            post("/c/{index:int}/law/check", "law_check"),
+            post("/c/{index:int}/curve", "curve"),
+            post("/c/{index:int}/try/{number:int}", "trial"),
         ]
     )
+
+
+async def _behind(answer: str, *arguments: Any) -> Response:
+    """Answer in a thread; when the server ends, nobody waits for it."""
+    return await anyio.to_thread.run_sync(partial(_said, answer, *arguments), abandon_on_cancel=True)
 
 
 def _place(desk: Desk, request: Request) -> tuple[int, ...]:
@@ -88,10 +104,10 @@ async def _body(request: Request) -> dict[str, Any]:
     return content
 
 
-def _said(answer: Callable[..., Response], *arguments: Any) -> Response:
-    """The answer, or why there is none."""
+def _said(answer: str, *arguments: Any) -> Response:
+    """The answer of that name, or why there is none; the libraries behind them are loaded when the first is asked for."""
     try:
-        return answer(*arguments)
+        return getattr(import_module("rfea_vision.workbench.answers"), answer)(*arguments)
     except RfeaError as error:
         return JSONResponse({"error": str(error)}, 422)
     except (KeyError, TypeError, ValueError) as error:
@@ -108,7 +124,7 @@ def static(name: str) -> Response:
 
 
 #: The report's scripts that the workbench draws with, in their order, and the names that its own modules take from them.
-REPORT_SCRIPTS = ("data", "pen", "plot", "time", "where", "shape", "stage", "controls")
+REPORT_SCRIPTS = ("data", "pen", "plot", "time", "where", "shape", "trust", "stage", "controls")
 EXPORTED = (
     "manifest", "state", "on", "tell", "series", "show", "extent", "nearest", "takeBlock", "unpacked", "experiment", "rung",
     "prediction", "plots", "Figure", "scale", "padded", "axisX", "axisY", "area", "colours", "ticks", "timeBox", "timeScale",
@@ -150,6 +166,3 @@ def events(desk: Desk) -> Callable[[Request], Awaitable[Response]]:
         return StreamingResponse(stream(), media_type="text/event-stream")
 
     return endpoint
-
-
-__all__ = ["BINARY", "FileResponse", "application", "shown"]

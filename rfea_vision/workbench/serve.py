@@ -6,6 +6,7 @@ import secrets
 import socket
 import threading
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import uvicorn
@@ -39,12 +40,12 @@ def serve(folder: Path, *, out: Path | None = None, port: int = 0, ready: Callab
         token = secrets.token_urlsafe(TOKEN_BYTES)
         desk = Desk(folder, out)
         config = uvicorn.Config(
-            Guard(application(desk), token, port), log_level="error", lifespan="off", timeout_graceful_shutdown=1,
+            Guard(application(desk), token, port), log_level="critical", lifespan="off", timeout_graceful_shutdown=1,
             http="h11", ws="none", access_log=False, server_header=False,
         )  # fmt: skip
         server = uvicorn.Server(config)
         desk.ending = lambda: server.should_exit
-        announce = threading.Thread(target=_announce, args=(server, ready, f"http://127.0.0.1:{port}/{token}/"))
+        announce = threading.Thread(target=_announce, args=(server, desk, ready, f"http://127.0.0.1:{port}/{token}/"))
         announce.daemon = True
         announce.start()
         try:
@@ -53,9 +54,12 @@ def serve(folder: Path, *, out: Path | None = None, port: int = 0, ready: Callab
             desk.close()
 
 
-def _announce(server: uvicorn.Server, ready: Callable[[str], None], address: str) -> None:
-    """Say the address once the server answers."""
+def _announce(server: uvicorn.Server, desk: Desk, ready: Callable[[str], None], address: str) -> None:
+    """Say the address once the server answers; then load what the first click will need."""
     while not server.started and not server.should_exit:
         threading.Event().wait(0.01)
     if server.started:
         ready(address)
+        desk.worker.warm()
+        import_module("rfea_vision.workbench.answers")  # while the browser opens
+        import_module("rfea_vision.workbench.play")

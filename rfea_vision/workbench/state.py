@@ -1,9 +1,10 @@
-"""Where a campaign stands, read from its files, and the one thing to do next."""
+"""Where a campaign stands, read from its files, beside its figures."""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,14 @@ import h5netcdf
 import numpy as np
 
 from rfea_vision.campaign import Campaign, ExperimentSpec, read_campaign
+from rfea_vision.options.fit import SEGMENTS
+from rfea_vision.report.camera import read_camera
+from rfea_vision.report.formatting import reason_words
 from rfea_vision.stages.cache import StageCache, plain
+from rfea_vision.workbench.guide import mend, next_step
 
 #: Hints that one can point at: fields of `artefacts.Hints`, keys below `camera` in the files.
 POINTABLE = ("clamp", "tip", "region", "exclude")
-#: Share of refused frames from which the films come before the model.
-MANY_REFUSED = 0.2
 
 
 def state_of(folder: Path, out: Path | None) -> dict[str, Any]:
@@ -31,17 +34,16 @@ def state_of(folder: Path, out: Path | None) -> dict[str, Any]:
             "experiments": [],
             "models": [],
             "photos": [],
-            "next": _mend(problems),
+            "next": mend(problems),
         }
     cache = StageCache(campaign.out)
     experiments = [_experiment(campaign, item, cache) for item in campaign.experiments if item.role != "ignore"]
     models = _models(campaign.out)
-    photos = campaign.camera.photos if campaign.camera else ()
     state = {
         "name": campaign.name, "folder": str(campaign.root), "problems": problems, "experiments": experiments,
-        "models": models, "photos": [photo.name for photo in photos],
+        "models": models, "photos": _photos(campaign), "pointable": POINTABLE,
     }  # fmt: skip
-    return state | {"next": _mend(problems) if problems else next_step(experiments, models)}
+    return state | {"next": mend(problems) if problems else next_step(experiments, models)}
 
 
 def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> dict[str, Any]:
@@ -51,6 +53,7 @@ def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> 
         "name": item.name,
         "role": item.role,
         "pictures": item.video is not None,
+        "logged": item.pressure.file is not None or item.pressure.url is not None,
         "hints": {key: plain(getattr(camera.hints, key)) for key in POINTABLE} if camera is not None else {},
         "sync": {"method": sync.method, "value_s": sync.value_s, "box": sync.box, "channel": sync.channel},
         "bends": item.actuator.bends,
@@ -63,7 +66,10 @@ def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> 
 def _changed(item: ExperimentSpec, cache: StageCache) -> bool:
     """Whether the track was made with other hints than those that now stand in the files."""
     record = cache.record(f"track/{item.name}")
-    return record is not None and "camera" in record.options and record.options["camera"] != plain(item.camera)
+    if record is None or item.camera is None or "camera" not in record.options:
+        return False
+    now, then = plain(item.camera.hints), record.options["camera"].get("hints", {})
+    return any((then.get(key) or None) != (now[key] or None) for key in POINTABLE)
 
 
 def _track(file: Path) -> dict[str, Any] | None:
@@ -76,7 +82,14 @@ def _track(file: Path) -> dict[str, Any] | None:
             ]
     except (OSError, KeyError):
         return None
-    return {"frames": int(valid.size), "good": int(valid.sum()), "reasons": dict(Counter(reasons).most_common())}
+    return {"frames": int(valid.size), "good": int(valid.sum()), "reasons": _counted(reasons)}
+
+
+def _counted(reasons: list[str]) -> list[dict[str, Any]]:
+    """Refused frames by reason, most frequent first."""
+    return [
+        {"reason": one, "words": reason_words(one), "frames": count} for one, count in Counter(reasons).most_common()
+    ]
 
 
 def _clock(file: Path) -> dict[str, Any] | None:
@@ -96,15 +109,30 @@ def _clock(file: Path) -> dict[str, Any] | None:
     }
 
 
+def _photos(campaign: Campaign) -> list[dict[str, str]]:
+    """Photos of the board with what the calibration says of each."""
+    said: dict[str, dict[str, Any]] = {}
+    with suppress(OSError, ValueError):
+        record = read_camera(campaign.out / "calibration" / "camera.yaml")
+        said = {str(item.get("file")): item for item in record.get("photos") or []}
+    found = []
+    for photo in campaign.camera.photos if campaign.camera else ():
+        one = said.get(photo.name, {})
+        error = f"{one['rms_px']:.3f} px" if isinstance(one.get("rms_px"), float) else ""
+        found.append({"name": photo.name, "note": str(one.get("reason") or "") or error})
+    return found
+
+
 def _models(out: Path) -> list[dict[str, Any]]:
     """Models in the order of their effects, with the verdict where one has been asked for."""
     found = []
     for file in sorted(
         out.glob("models/*/model.json"), key=lambda path: (path.parent.name.count("+"), path.parent.name)
     ):
-        diagnosis = _json(file.with_name("diagnosis.json"))
+        fit, diagnosis = _json(file), _json(file.with_name("diagnosis.json"))
         found.append({
-            "name": file.parent.name, "effects": _json(file).get("effects", []), "verdict": diagnosis.get("verdict"),
+            "name": file.parent.name, "effects": fit.get("effects", []),
+                "segments": fit.get("segments", SEGMENTS), "verdict": diagnosis.get("verdict"),
             "named": diagnosis.get("named", []), "candidates": diagnosis.get("candidates", []),
         })  # fmt: skip
     return found
@@ -116,66 +144,3 @@ def _json(file: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def _mend(problems: list[str]) -> dict[str, Any]:
-    more = f" and {len(problems) - 1} more" if len(problems) > 1 else ""
-    return {
-        "panel": "setup",
-        "say": f"The campaign cannot be read yet: {problems[0]}{more}",
-        "label": "Look again",
-        "do": None,
-    }
-
-
-def next_step(experiments: list[dict[str, Any]], models: list[dict[str, Any]]) -> dict[str, Any]:
-    """The one action that brings the campaign on: its panel, a sentence, a label and the job."""
-    unmeasured = [item["name"] for item in experiments if item["recorded"] is None or item["changed"]]
-    if unmeasured:
-        never = [item for item in experiments if item["tracked"] is None and item["pictures"]]
-        say = "The films have not been measured yet." if never else "Hints have changed since the films were measured."
-        return {"panel": "setup", "say": say, "label": "Measure the films", "do": "sync", "options": {}}
-    lost = [
-        item["name"] for item in experiments if item["tracked"]["good"] < (1 - MANY_REFUSED) * item["tracked"]["frames"]
-    ]
-    if lost and not models:
-        say = f"Many frames of {lost[0]} were refused: look why."
-        return {"panel": "setup", "say": say, "label": "See the refused frames", "do": None, "experiment": lost[0]}
-    if not models:
-        return {
-            "panel": "play",
-            "say": "Everything is measured.",
-            "label": "Fit the paper's model",
-            "do": "fit",
-            "options": {"add": []},
-        }
-    last = max(models, key=lambda model: (len(model["effects"]), model["verdict"] is not None))
-    if last["verdict"] is None:
-        say = f"{last['name']} is fitted; what it lacks has not been asked yet."
-        return {
-            "panel": "add",
-            "say": say,
-            "label": "Ask what is missing",
-            "do": "diagnose",
-            "options": {"model": last["name"]},
-        }
-    if last["verdict"] == "missing" and last["named"]:
-        effects = [*last["effects"], *[name for name in last["named"] if name not in last["effects"]]]
-        say = f"{last['name']} lacks {' and '.join(last['named'])}."
-        return {
-            "panel": "add",
-            "say": say,
-            "label": f"Add {last['named'][0]} and watch",
-            "do": "fit",
-            "options": {"add": effects},
-        }
-    if last["verdict"] == "unexplained":
-        say = "Something is left that no effect in the catalogue explains."
-        return {"panel": "law", "say": say, "label": "Write a law of your own", "do": None}
-    return {
-        "panel": "add",
-        "say": "Nothing that matters is missing.",
-        "label": "Write the report",
-        "do": "report",
-        "options": {},
-    }

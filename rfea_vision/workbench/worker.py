@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -48,7 +50,7 @@ class Speaking(Listener):
 
 
 def run_job(job: dict[str, Any], say: Say) -> Any:
-    """Do one job: a stage of a campaign by the name of its command, ``try`` or ``check law``."""
+    """Do one job: a stage of a campaign by the name of its command, ``batch``, ``try`` or ``check law``."""
     if job["do"] == "check law":
         from rfea_vision.workbench.laws import check
 
@@ -57,8 +59,14 @@ def run_job(job: dict[str, Any], say: Say) -> Any:
         from rfea_vision.workbench.trying import try_hints
 
         return try_hints(Path(job["campaign"]), job.get("out"), say, **job["options"])
+    if job["do"] == "batch":
+        from rfea_vision.workbench.batches import run_all
+
+        return run_all([Path(folder) for folder in job["campaigns"]], say)
+    from rfea_vision.effects.permission import name_files
     from rfea_vision.stages import open_campaign
 
+    name_files(job["options"].get("effect_files", ()))  # the desk has seen that the user typed or opened them
     work = open_campaign(job["campaign"], job.get("out"), listener=Speaking(say))
     try:
         getattr(work, job["do"])(**job["options"])
@@ -75,6 +83,7 @@ def jobs(source: TextIO) -> Iterator[dict[str, Any]]:
 
 def main() -> None:
     """Do jobs until the standard input ends."""
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))  # what is open is closed on the way out
     lines = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # what libraries print must not come between the lines
 
@@ -82,6 +91,9 @@ def main() -> None:
         lines.write(json.dumps(event, default=str) + "\n")
         lines.flush()
 
+    if "prepared" in sys.argv:
+        for name in ("rfea_vision.fitting", "rfea_vision.vision", "rfea_vision.critique"):
+            import_module(name)
     for job in jobs(sys.stdin):
         try:
             say({"event": "finished", "result": run_job(job, say)})

@@ -96,7 +96,13 @@ def visit(chromium: Any) -> Iterator[Callable[..., Any]]:
         page.set_default_timeout(30_000)
         complaints: list[str] = []
         requests: list[str] = []
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+        # a refusal that the page says in a sentence (422) stands in the console, too
+        page.on(
+            "console",
+            lambda message: (
+                complaints.append(message.text) if message.type == "error" and "422" not in message.text else None
+            ),
+        )
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: requests.append(request.url))
         pages.append((page, complaints, requests))

@@ -86,7 +86,7 @@ def test_the_server_listens_on_this_machine_alone_and_asks_for_json(serve, fitte
     assert place.hostname == "127.0.0.1" and len(place.path.strip("/")) >= 32
 
     def status(path: str, body: str | None = None, **headers: str) -> int:
-        line = http.client.HTTPConnection(place.hostname, place.port, timeout=20)
+        line = http.client.HTTPConnection(place.hostname, place.port, timeout=120)
         line.request("GET" if body is None else "POST", path, body, headers)
         return line.getresponse().status
 

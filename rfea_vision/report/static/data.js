@@ -67,7 +67,7 @@ function extent(...arrays) {
 }
 
 // What is shown, and who wants to know when it changes.
-const state = {rung: 0, earlier: false, experiment: 0, time: 0, window: [0, 1], same: true, segment: 0, against: "angle"};
+const state = {rung: 0, earlier: false, experiment: 0, time: 0, window: [0, 1], same: true, segment: 0, against: "angle", shift: 0};
 const listeners = {};
 function on(events, action) { for (const name of events.split(" ")) (listeners[name] ??= []).push(action); }
 function tell(name) { for (const action of listeners[name] ?? []) action(); }

@@ -29,11 +29,12 @@ plots.sync = {
     const box = timeBox(pen), x = timeScale(box), c = pen.colours, e = experiment();
     const motion = e.angle ? series(e.angle) : column(series(e.tip), 1), pressure = series(e.lp), lamp = series(e.lamp);
     const stretch = (values, from = box.bottom, to = box.top) => scale(...padded(extent(values)), from, to).all(values), base = lamp ? box.bottom - 26 : box.bottom;
+    const seen = frameTimes().map(t => x(t + state.shift));
     axisX(pen, box, x, "time in s", {grid: true});
     pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => {
       pen.line(x.all(series(e.lt)), stretch(pressure, base), c.muted, 1.4);
-      pen.line(x.all(frameTimes()), stretch(motion, base), c.measured, 2);
-      if (lamp) pen.line(x.all(frameTimes()), stretch(lamp, box.bottom - 2, base + 4), c.c5, 1.4);
+      pen.line(seen, stretch(motion, base), c.measured, 2);
+      if (lamp) pen.line(seen, stretch(lamp, box.bottom - 2, base + 4), c.c5, 1.4);
     });
   },
   readout: () => `<b>pressure</b> · <b class="m">${experiment().angle ? "bend angle" : "tip y"}</b>${experiment().lamp ? " · <b class=\"l\">lamp</b>" : ""}`,

@@ -2,10 +2,15 @@
 import {Figure, chooseExperiment, chooseRung, experiment, manifest, on, paintStage, play as playFilm, seek, setTheme, setTime, show, showTime, state, step, takeBlock, tell, toggleTheme, zoom, pose, poseTime, showMarks, forgetView, stage, toggleScale} from "../report/report.js";
 import {every, h, one} from "./dom.js";
 import {ask, get, here, listenTo, packetOf} from "./server.js";
+import * as add from "./add.js";
+import * as batch from "./batch.js";
+import * as clock from "./clock.js";
+import * as law from "./law.js";
 import * as play from "./play.js";
+import * as setup from "./setup.js";
 
-const steps = {play};
-export const campaign = {state: null, panel: "", job: null};
+const steps = {setup, clock, play, add, law, batch};
+export const campaign = {state: null, panel: "", job: null, add, play}; // modules that others call are here, so that none imports in a circle
 const listen = (selector, event, action) => every(selector).forEach(element => element.addEventListener(event, () => action(element)));
 
 // What stands in the files: state first, then the series that the figures draw.
@@ -19,7 +24,8 @@ export async function reload() {
   Object.assign(manifest, header);
   forgetView(); stage.films.clear();
   play.keepLive();
-  state.rung = Math.max(0, manifest.rungs.findIndex(r => r.model === chosen));
+  const now = manifest.rungs.findIndex(r => r.model === chosen);
+  state.rung = now >= 0 ? now : Math.max(0, manifest.rungs.findLastIndex(r => !r.live));
   showRungs(); showNext(); showLog();
   for (const part of Object.values(steps)) part.reload?.(campaign.state);
   chooseExperiment(Math.max(0, manifest.experiments.findIndex(e => e.name === run)));
@@ -30,27 +36,29 @@ export async function reload() {
 function showRungs() {
   const rungs = manifest.rungs, values = rungs.flatMap(r => [r.train, r.validate, r.floor]).filter(v => v > 0).map(Math.log10);
   const low = Math.min(...values) - 0.15, high = Math.max(...values) + 0.15, at = v => `${100 * (Math.log10(v) - low) / (high - low || 1)}%`;
-  one("#rungs").replaceChildren(...rungs.map((r, i) => h("button", {type: "button", role: "radio", class: "rung", data: {rung: r.model}, aria: {checked: String(i === state.rung)}, tabIndex: i === state.rung ? 0 : -1, onclick: () => pick(i)},
+  one("#rungs").replaceChildren(...rungs.map((r, i) => h("button", {type: "button", role: "radio", class: "rung", data: {rung: r.model}, aria: {checked: String(i === state.rung)}, tabIndex: i === state.rung ? 0 : -1, onclick: () => { pickRung(i); one("[role=radio][aria-checked=true]")?.focus(); }},
     h("span", {class: "key"}, r.live ? "◆" : String(i + 1)), h("span", {class: "name"}, r.name),
     h("span", {class: "dots", aria: {hidden: "true"}}, ...["floor", "train", "validate"].filter(kind => r[kind] > 0).map(kind => h("i", {class: kind, style: {left: at(r[kind])}}))),
     h("span", {class: "error"}, h("span", {class: "sr"}, "Error: "), `${show(r.validate ?? r.train, 3)} ${r.unit}`))));
   one("#rungs-legend").hidden = !rungs.length;
 }
 export function refreshRungs() { showRungs(); }
-function pick(index) { chooseRung(index); showRungs(); play.startFrom(manifest.rungs[index]); one("[role=radio][aria-checked=true]")?.focus(); }
+export function pickRung(index) { chooseRung(index); showRungs(); play.startFrom(manifest.rungs[index]); }
 
 // One thing to do next, highlighted; it is the same sentence that the command line would end with.
 function showNext() {
   const next = campaign.state.next, button = one("#next-do");
   one("#next-say").textContent = next.say;
   button.hidden = !next.label; button.textContent = next.label ?? "";
-  one("#next-command").textContent = "";
+  one("#next-command").textContent = next.command ?? "";
+  for (const link of every(".places a")) link.classList.toggle("wanted", link.hash === `#/${next.panel}`);
 }
 export async function doNext() {
   const next = campaign.state?.next;
   if (!next?.label) return;
   go(next.panel);
   if (next.experiment) chooseExperiment(manifest.experiments.findIndex(e => e.name === next.experiment));
+  if (next.do === "fit") add.want(next.options.add);
   if (next.do) await begin(next.do, next.options, next.label); else await guarded(reload);
 }
 
@@ -112,7 +120,7 @@ function listenKeys() {
     if (going && /^[1-6]$/.test(event.key)) { location.hash = every(".places a")[Number(event.key) - 1].hash; going = false; return; }
     going = event.key === "g";
     const ladder = at.closest(".ladder");
-    if (ladder && (event.key === "ArrowUp" || event.key === "ArrowDown")) { event.preventDefault(); return pick(Math.min(manifest.rungs.length - 1, Math.max(0, state.rung + (event.key === "ArrowDown" ? 1 : -1)))); }
+    if (ladder && (event.key === "ArrowUp" || event.key === "ArrowDown")) { event.preventDefault(); return pickRung(Math.min(manifest.rungs.length - 1, Math.max(0, state.rung + (event.key === "ArrowDown" ? 1 : -1)))); }
     const action = keys[event.key] ?? keys[event.key.toLowerCase()];
     if (action) { event.preventDefault(); action(event); }
   });
@@ -146,7 +154,7 @@ async function start() {
   for (const part of Object.values(steps)) part.build?.();
   Figure.all = every("[data-figure]").map(element => new Figure(element));
   wire();
-  if (here >= 0) await guarded(reload);
+  if (here >= 0) await guarded(reload); else document.body.classList.add("folder");
   route();
   document.documentElement.dataset.ready = "yes";
 }

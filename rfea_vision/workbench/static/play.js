@@ -2,7 +2,7 @@
 import {chooseExperiment, chooseRung, experiment, Figure, manifest, on, paintStage, show, state} from "../report/report.js";
 import {every, h, one} from "./dom.js";
 import {ask, get, packetOf, post, unpack} from "./server.js";
-import {begin, complain, go, guarded, refreshRungs} from "./main.js";
+import {begin, campaign, complain, go, guarded, refreshRungs} from "./main.js";
 
 // model: name of the fit it starts from; effects: ids; values: what the sliders say, in SI; sliders: as the server describes them
 const chosen = {model: null, effects: [], values: {}, sliders: [], ready: false};
@@ -81,13 +81,20 @@ export function startFrom(rung) {
   past.length = 0;
   open(rung.model, [...rung.effects]).then(() => undefined);
 }
+export const effects = () => chosen.effects;
+export function forgetEffects() { one("#effects").replaceChildren(); if (one("#more-effects").open) showEffects(); }
 export async function addEffects(effects) { remember(); await open(chosen.model, effects, chosen.values); go("play"); }
 
 // -- looking: coalesced ------------------------------------------------------------------------------------------------
 // While sliders move, looks take long steps; when they have come to rest, one more is taken in the steps of a fit.
 let busy = false, again = false, rest = 0;
 const RESTING_MS = 350;
-export function look() { again = true; clearTimeout(rest); if (!busy) next(); }
+export function look() {
+  if (campaign.panel !== "play") return;
+  again = true; clearTimeout(rest);
+  if (!busy) next();
+}
+export function shown() { look(); }
 async function next(exact = false) {
   busy = true;
   while (again) {
@@ -151,10 +158,10 @@ function toggle(id, wanted) {
   open(chosen.model, wanted ? [...chosen.effects, id] : chosen.effects.filter(effect => effect !== id), chosen.values);
 }
 
-// Starting values of a fit are those of the sliders that were moved.
+// The fit begins where the sliders stand, and nowhere else.
 function fitHere() {
-  const start = Object.fromEntries(chosen.sliders.filter(s => s.name in chosen.values).map(s => [s.name, `${chosen.values[s.name].toPrecision(8)} ${s.unit === "1" ? "" : s.unit}`.trim()]));
-  begin("fit", {add: chosen.effects, start}, "Fit from here");
+  const start = Object.fromEntries(chosen.sliders.map(s => [s.name, `${(chosen.values[s.name] ?? s.value).toPrecision(8)} ${s.unit === "1" ? "" : s.unit}`.trim()]));
+  begin("fit", {add: chosen.effects, segments: fitted().segments, start}, "Fit from here");
 }
 
 export function build() {

@@ -7,16 +7,15 @@ import {begin, campaign, complain, guarded, onJob, reload as reloadAll} from "./
 const seen = {run: 0, frame: 0, film: null, picture: null, line: null, reason: "", tool: "look", points: [], cursor: null, tried: new Map(), photo: -1};
 const tools = {
   look: {label: "Look", say: "Move through the film; choose what to point at."},
-  clamp: {label: "Clamp", count: 2, say: "Click the two edges of the first cross-section that is seen: left, then right."},
-  tip: {label: "Tip", count: 1, say: "Click the middle of the tube's free end."},
-  region: {label: "Region", box: true, say: "Drag a box around everywhere that the tube goes."},
+  clamp: {label: "Clamp", count: 2, say: "First frame: click both edges of the first cross-section that is seen."},
+  tip: {label: "Tip", count: 1, say: "First frame: click the middle of the tube's free end."},
+  region: {label: "Region", box: true, say: "Drag a box around wherever the tube goes."},
   exclude: {label: "Leave out", box: true, many: true, say: "Drag a box over a hose, a hand or a label that is not the tube."},
 };
-// Why a frame is refused, in words, and the tool that may mend it.
-const reasons = {
-  no_tube: ["no tube was found", "clamp", "Point at the clamp"], occluded: ["part of the tube was hidden", "exclude", "Leave out what hides it"], width_off: ["the width is not that of the tube", "clamp", "Point at both edges"],
-  length_off: ["the length is not that of the tube", "tip", "Point at the tip"], tip_hidden: ["the tip was hidden", "tip", "Point at the tip"], no_fit: ["the curve did not settle", "region", "Say where the tube is"],
-  blurred: ["the picture is blurred: film with a shorter exposure", null], touches_border: ["the tube leaves the picture: film with more room", null], duplicate: ["the recorder wrote the picture before once more", null],
+// What may mend a frame that was refused: a tool, and what it is called then.
+const mends = {
+  no_tube: ["clamp", "Point at the clamp"], off_hints: ["clamp", "Point again"], width_off: ["clamp", "Point at both edges"], occluded: ["exclude", "Leave out what hides it"], edge_lost: ["exclude", "Leave out what hides it"],
+  length_off: ["tip", "Point at the tip"], tip_hidden: ["tip", "Point at the tip"], no_fit: ["region", "Say where the tube is"],
 };
 const filmed = () => campaign.state.experiments.filter(e => e.pictures);
 const run = () => filmed()[seen.run];
@@ -28,7 +27,7 @@ export function build() {
     h("div", {class: "tabs", role: "tablist", id: "films", aria: {label: "Film"}}),
     h("div", {class: "pointing", id: "pointing"},
       h("div", {},
-        h("div", {class: "tools", role: "radiogroup", id: "tools", aria: {label: "What to point at"}}),
+        h("div", {class: "pointers", role: "radiogroup", id: "tools", aria: {label: "What to point at"}}),
         h("p", {class: "muted", id: "tool-say", role: "status"}),
         h("canvas", {id: "frame", tabIndex: 0, role: "application", aria: {label: "Picture of the film. With the arrow keys the cross moves, with Enter it points."}}),
         h("div", {class: "transport"}, h("input", {type: "range", id: "frame-slider", min: "0", max: "0", value: "0", aria: {label: "Frame"}}), h("output", {id: "frame-clock"})),
@@ -36,7 +35,7 @@ export function build() {
       h("aside", {class: "beside"},
         h("h3", {}, "Pointed at"), h("ul", {class: "plainlist", id: "hints"}),
         h("label", {class: "muted"}, h("input", {type: "checkbox", id: "for-all"}), "for all films (campaign.yaml)"),
-        h("div", {class: "buttons"}, h("button", {type: "button", id: "try", onclick: tryOut}, "Try the first 2 s"), h("button", {type: "button", id: "measure", onclick: () => begin("sync", {names: [run().name]}, `Measure ${run().name}`)}, "Measure this film")),
+        h("div", {class: "buttons"}, h("button", {type: "button", id: "try", onclick: tryOut}, "Try the first 2 s"), h("button", {type: "button", id: "measure", onclick: () => begin(run().logged ? "sync" : "track", {names: [run().name]}, `Measure ${run().name}`)}, "Measure this film")),
         h("h3", {}, "Refused frames"), h("ul", {class: "plainlist", id: "refused"}),
         h("h3", {}, "Photos of the board"), h("ul", {class: "plainlist", id: "photos"}))),
     h("p", {class: "absent", id: "no-films", hidden: true}, "No run of this campaign has pictures: the tracks came from another tool."));
@@ -84,12 +83,12 @@ async function showFrame(frame) {
     picture.src = `picture/${number}?frame=${shownFrame}`;
     try {
       const [outline] = await Promise.all([get(`outline/${number}?frame=${shownFrame}`), picture.decode()]);
-      Object.assign(seen, {picture, line: outline.line, reason: outline.reason});
+      Object.assign(seen, {picture, line: outline.line, reason: outline.words});
     } catch (error) { complain(error.message); break; }
     paint();
   }
   busy = false;
-  one("#frame-reason").textContent = seen.reason ? `Refused: ${reasons[seen.reason.split(":")[0]]?.[0] ?? seen.reason}.` : "";
+  one("#frame-reason").textContent = seen.reason ? `Refused: ${seen.reason}.` : "";
 }
 async function showPhoto(index) {
   const picture = new Image();
@@ -158,9 +157,9 @@ function pointing(canvas) {
 function take(key) {
   seen.tool = key; seen.points = []; seen.cursor = null;
   for (const button of every("#tools button")) button.setAttribute("aria-checked", String(button.dataset.tool === key));
-  one("#tool-say").textContent = tools[key].say + (key === "look" ? "" : " Hints are for the first frame, which is shown.");
+  one("#tool-say").textContent = tools[key].say;
   if (key !== "look" && seen.frame) showFrame(0); // hints are pixels of the first frame
-  if (key !== "look") one("#frame").focus();
+  if (key !== "look") one("#frame").focus({preventScroll: true});
 }
 function point(at) {
   seen.points.push(at);
@@ -192,11 +191,11 @@ function showHints() {
 }
 
 function showRefused() {
-  const found = run().tracked?.reasons ?? {}, count = run().tracked;
+  const found = run().tracked?.reasons ?? [], count = run().tracked;
   one("#refused").replaceChildren(...(count ? [h("li", {class: "muted"}, `${count.frames - count.good} of ${count.frames} frames${run().changed ? "; the hints have changed since" : ""}.`)] : [h("li", {class: "muted"}, "Not measured yet.")]),
-    ...Object.entries(found).map(([reason, number]) => {
-      const [words, tool, remedy] = reasons[reason.split(":")[0]] ?? [reason, null];
-      return h("li", {}, h("b", {}, String(number)), ` ${words} `, h("button", {type: "button", class: "plain", onclick: () => nextRefused(reason)}, "show"), tool && campaign.state.pointable.includes(tool) ? h("button", {type: "button", class: "plain remedy", onclick: () => take(tool)}, remedy) : null);
+    ...found.map(({reason, words, frames}) => {
+      const [tool, remedy] = mends[reason.split(":")[0]] ?? [];
+      return h("li", {}, h("b", {}, String(frames)), ` ${words} `, h("button", {type: "button", class: "plain", onclick: () => nextRefused(reason)}, "show"), campaign.state.pointable.includes(tool) ? h("button", {type: "button", class: "plain remedy", onclick: () => take(tool)}, remedy) : null);
     }));
 }
 async function nextRefused(reason) {
@@ -221,7 +220,7 @@ export function hear(event, mine) {
   const had = seen.tried.get(event.name)?.length ?? 0;
   seen.tried.set(event.name, event.frames);
   const refused = event.frames.filter(frame => frame.reason).length;
-  one("#tool-say").textContent = `${event.frames.length - refused} of the first ${event.frames.length} frames tracked${refused ? `; refused: ${reasons[event.frames.find(f => f.reason).reason.split(":")[0]]?.[0] ?? event.frames.find(f => f.reason).reason}` : ""}.`;
+  one("#tool-say").textContent = `${event.frames.length - refused} of the first ${event.frames.length} frames tracked${refused ? `; the others: ${event.frames.find(frame => frame.reason).reason}` : ""}.`;
   if (event.name === run()?.name) follow(had, event.frames.length);
 }
 async function follow(from, to) { // run through what is new, a frame in so many that it takes about a second

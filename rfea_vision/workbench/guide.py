@@ -1,0 +1,78 @@
+"""The one thing to do next, so that a person who knows nothing finds the way: from films to a model that lacks nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+#: Share of refused frames from which the films come before the model.
+MANY_REFUSED = 0.2
+
+Step = dict[str, Any]
+
+
+def _step(
+    panel: str, say: str, label: str, do: str | None = None, experiment: str | None = None, **options: Any
+) -> Step:
+    return {"panel": panel, "say": say, "label": label, "do": do, "options": options, "experiment": experiment}
+
+
+def mend(problems: list[str]) -> Step:
+    """What to do with a campaign that cannot be read."""
+    more = f" and {len(problems) - 1} more: 'rfea check' lists them" if len(problems) > 1 else ""
+    return _step("setup", f"The campaign cannot be read yet: {problems[0]}{more}", "Look again")
+
+
+def next_step(experiments: list[dict[str, Any]], models: list[dict[str, Any]]) -> Step:
+    """The action that brings the campaign on: its panel, a sentence, a label, and the command with its options."""
+    return _measure(experiments) or (_judge(models) if models else _begin(experiments))
+
+
+def _measure(experiments: list[dict[str, Any]]) -> Step | None:
+    """What the films need before anything else."""
+    if not experiments:
+        return _step("setup", "There is no experiment yet: add a folder with an experiment.yaml.", "Look again")
+    do = "sync" if all(item["logged"] for item in experiments) else "track"
+    if any(item["tracked"] is None for item in experiments):
+        return _step("setup", "The runs have not been measured yet.", "Measure the runs", do)
+    if any(item["changed"] for item in experiments):
+        return _step("setup", "Hints have changed since the films were measured.", "Measure again", do)
+    if any(item["logged"] and item["recorded"] is None for item in experiments):
+        return _step("clock", "Film and log are not on one clock yet.", "Bring them on one clock", "sync")
+    return None
+
+
+def _begin(experiments: list[dict[str, Any]]) -> Step:
+    """With everything measured and no model: look at what was refused, then fit."""
+    for item in experiments:
+        if item["tracked"]["good"] < (1 - MANY_REFUSED) * item["tracked"]["frames"]:
+            say = f"Many frames of {item['name']} were refused: look why, or fit without them."
+            return _step("setup", say, "See the refused frames", experiment=item["name"])
+    if not all(item["logged"] for item in experiments):
+        return _step(
+            "setup", "The tube is tracked; a model needs a pressure log: name it in experiment.yaml.", "Look again"
+        )
+    if not any(item["role"] == "train" for item in experiments):
+        return _step("setup", "No run has 'role: train': a model needs one to be fitted to.", "Look again")
+    return _step("play", "Everything is measured.", "Fit the paper's model", "fit", add=[])
+
+
+def _judge(models: list[dict[str, Any]]) -> Step:
+    """With a model: ask what it lacks, add that, again; then write it down."""
+    last = max(models, key=lambda model: (len(model["effects"]), model["verdict"] is not None))
+    name, lacking = last["name"], [effect for effect in last["named"] if effect not in last["effects"]]
+    if last["verdict"] is None:
+        say = f"{name} is fitted; nobody has asked yet what it lacks."
+        return _step("add", say, "Ask what is missing", "diagnose", model=name)
+    if last["verdict"] == "missing" and lacking:
+        say = f"{name} lacks {' and '.join(lacking)}."
+        return _step(
+            "add",
+            say,
+            f"Add {' and '.join(lacking)} and watch",
+            "fit",
+            add=[*last["effects"], *lacking],
+            segments=last["segments"],
+        )
+    if last["verdict"] == "complete":
+        return _step("add", "Nothing that matters is missing.", "Write the report", "report")
+    return _step("law", "Something is left that no effect in the catalogue explains.", "Write a law of your own")

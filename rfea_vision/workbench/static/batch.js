@@ -1,0 +1,32 @@
+// Campaigns: where each of a folder stands, and what runs on which worker.
+import {show} from "../report/report.js";
+import {h, one} from "./dom.js";
+import {ask, get, here} from "./server.js";
+import {guarded} from "./main.js";
+
+const verdicts = {complete: "complete", missing: "something is missing", unexplained: "unexplained"};
+const running = new Map(); // folder -> what is said of it while a batch runs
+
+export function build() {
+  one('[data-panel="batch"]').append(
+    h("h2", {}, "Campaigns"), h("p", {class: "muted", id: "batch-folder"}),
+    h("div", {class: "scroll"}, h("table", {class: "matrix", id: "batch"}, h("thead", {}, h("tr", {}, ...["Campaign", "Measured", "Models", "Verdict", "Next", "Now"].map(text => h("th", {scope: "col"}, text)))), h("tbody", {}))),
+    h("div", {class: "buttons"}, h("button", {type: "button", id: "run-all", onclick: () => guarded(() => ask("../../batch", {}))}, "Run all of them")),
+    h("p", {class: "muted", id: "tasks", role: "status"}));
+}
+export async function shown() { await guarded(showCampaigns); }
+async function showCampaigns() {
+  const said = await get("../../campaigns");
+  one("#batch-folder").textContent = said.folder;
+  if (here < 0) one("#title").textContent = said.folder.split("/").pop();
+  one("#batch tbody").replaceChildren(...said.campaigns.map(c => {
+    const last = c.models.at(-1), done = c.measured.filter(Boolean).length;
+    return h("tr", {class: c.index === here ? "on" : "", data: {campaign: c.index}}, h("th", {scope: "row"}, h("a", {href: `../${c.index}/`}, c.name), h("br"), h("small", {class: "muted"}, c.folder)),
+      h("td", {}, c.problems.length ? h("span", {class: "worse"}, c.problems[0]) : `${done} of ${c.measured.length} runs`), h("td", {}, String(c.models.length || "–")), h("td", {}, last ? verdicts[last.verdict] ?? "not asked" : "–"), h("td", {class: "muted"}, c.next.label ?? ""), h("td", {class: "muted"}, running.get(c.folder) ?? ""));
+  }));
+}
+export function hear(event) {
+  if (event.event === "campaign") { running.set(event.folder, event.status); guarded(showCampaigns); }
+  if (event.event === "tasks") one("#tasks").textContent = event.sentence;
+  if (event.do === "batch" && ["finished", "failed", "stopped"].includes(event.event)) { one("#tasks").textContent = ""; guarded(showCampaigns); }
+}

@@ -1,0 +1,95 @@
+// One clock: pressure and motion over one another. Drag the motion along; let the offset be found; or show where the lamp is.
+import {chooseExperiment, experiment, Figure, manifest, on, plots, show, state, timeBox, timeScale} from "../report/report.js";
+import {figure, h, one} from "./dom.js";
+import {ask, get} from "./server.js";
+import {begin, campaign, guarded, reload as reloadAll} from "./main.js";
+import {pixelOf} from "./setup.js";
+
+const lamp = {film: null, picture: null, drag: null};
+const spec = () => campaign.state.experiments.find(e => e.name === experiment()?.name);
+const numberOf = e => campaign.state.experiments.indexOf(e);
+const methods = {motion: "found from the motion", led: "seen by the lamp", trigger: "told by the trigger", offset: "given by hand", common_clock: "one clock for both"};
+delete plots.sync.drag; // here one drags the motion, not the time
+
+export function build() {
+  one('[data-panel="clock"]').append(
+    h("h2", {}, "One clock"),
+    h("div", {class: "tabs", role: "tablist", id: "clock-runs", aria: {label: "Experiment"}}),
+    h("p", {class: "lead", id: "clock-say", role: "status"}),
+    figure("sync", "Pressure and motion", "Pressure and bend angle over time on one clock; drag the motion sideways", 280),
+    h("p", {class: "muted"}, "Grey: the pressure log. Blue: what the camera saw. Drag the blue curve sideways, or use the field; zoom in where the pressure steps."),
+    h("div", {class: "switches"},
+      h("label", {}, "Log clock minus camera clock ", h("input", {type: "number", id: "offset", step: "0.1", aria: {label: "Log clock minus camera clock in ms"}}), " ms"),
+      h("button", {type: "button", id: "keep-offset", onclick: keepOffset}, "Keep this offset"),
+      h("button", {type: "button", id: "find-offset", onclick: () => method("motion")}, "Let it be found"),
+      h("button", {type: "button", data: {zoom: "in"}}, "Zoom in"), h("button", {type: "button", data: {zoom: "out"}}, "Zoom out"), h("button", {type: "button", data: {zoom: "all"}}, "Whole run")),
+    figure("offsets", "How well each offset fits", "Share of the motion that each offset explains; the peak is the offset that was found", 170),
+    h("details", {id: "lamp-box"}, h("summary", {}, "There is a lamp in the picture that follows the log"),
+      h("p", {class: "muted"}, "Drag a box around the lamp. The log needs a column with the lamp's signal."),
+      h("label", {}, "Column of the log ", h("input", {type: "text", id: "channel", size: 12})),
+      h("canvas", {id: "lamp-frame", aria: {label: "First frame of the film; drag a box around the lamp"}})));
+  const holder = one('[data-figure="sync"] .canvas');
+  let from = null;
+  const at = event => timeScale(timeBox({width: holder.clientWidth, height: holder.clientHeight})).back(event.clientX - holder.getBoundingClientRect().left);
+  holder.classList.add("pick");
+  holder.addEventListener("pointerdown", event => { from = at(event) - state.shift; holder.setPointerCapture(event.pointerId); });
+  holder.addEventListener("pointermove", event => { if (from !== null) shift(at(event) - from); });
+  for (const end of ["pointerup", "pointercancel"]) holder.addEventListener(end, () => { from = null; });
+  one("#offset").addEventListener("input", event => { const clock = spec()?.recorded; if (clock && event.target.value !== "") shift((Number(event.target.value) - clock.offset_ms) / 1000, true); });
+  one("#lamp-box").addEventListener("toggle", event => { if (event.target.open) guarded(openLamp); });
+  dragLamp(one("#lamp-frame"));
+  on("experiment", () => { shift(0); showClock(); });
+}
+
+function shift(seconds, typed = false) {
+  state.shift = seconds;
+  const clock = spec()?.recorded;
+  if (clock && !typed) one("#offset").value = (clock.offset_ms + 1000 * seconds).toFixed(2);
+  one("#keep-offset").classList.toggle("primary", Math.abs(seconds) > 1e-6);
+  Figure.redraw();
+}
+
+export function reload() { showClock(); }
+function showClock() {
+  const e = spec(), clock = e?.recorded;
+  one("#clock-runs").replaceChildren(...manifest.experiments.map((run, i) => h("button", {type: "button", role: "tab", aria: {selected: String(i === state.experiment)}, onclick: () => chooseExperiment(i)}, run.name)));
+  one("#clock-say").textContent = !e ? "No run has been measured yet." : !clock ? `${e.name} has not been synchronised yet.` : `The log's clock is ${show(Math.abs(clock.offset_ms), 4)} ms ${clock.offset_ms < 0 ? "behind" : "ahead of"} the camera's${clock.stderr_ms ? `, with a standard error of ${show(clock.stderr_ms, 2)} ms` : ""}: ${methods[clock.method] ?? clock.method}.`;
+  for (const id of ["#offset", "#keep-offset", "#find-offset"]) one(id).disabled = !clock;
+  if (clock) one("#offset").value = (clock.offset_ms + 1000 * state.shift).toFixed(2);
+  one("#lamp-box").hidden = !e?.pictures;
+  one("#channel").value = e?.sync.channel ?? "";
+}
+
+async function method(name, more = {}) {
+  const e = spec();
+  if (!await guarded(() => ask(`sync/${numberOf(e)}`, {method: name, ...more}))) return;
+  state.shift = 0;
+  await guarded(reloadAll);
+  await begin("sync", {names: [e.name]}, `Bring ${e.name} on one clock`);
+}
+function keepOffset() { method("offset", {value_ms: Number(one("#offset").value)}); }
+
+// -- the lamp ----------------------------------------------------------------------------------------------------------------
+async function openLamp() {
+  const e = spec(), number = numberOf(e), picture = new Image();
+  lamp.film = await get(`film/${number}`);
+  picture.src = `picture/${number}?frame=0`;
+  await picture.decode();
+  lamp.picture = picture;
+  paintLamp();
+}
+function paintLamp(box = spec()?.sync.box) {
+  const canvas = one("#lamp-frame"), p = lamp.picture;
+  if (!p) return;
+  const k = Math.min(1, canvas.parentElement.clientWidth / p.naturalWidth, 560 / p.naturalHeight);
+  canvas.width = p.naturalWidth * k; canvas.height = p.naturalHeight * k;
+  const c = canvas.getContext("2d"), s = canvas.width / lamp.film.width;
+  c.drawImage(p, 0, 0, canvas.width, canvas.height);
+  if (box) { c.strokeStyle = "#f0e442"; c.lineWidth = 2; c.strokeRect((box[0] + 0.5) * s, (box[1] + 0.5) * s, box[2] * s, box[3] * s); }
+}
+const boxOf = ([[x0, y0], [x1, y1]]) => [Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0)].map(Math.round);
+function dragLamp(canvas) {
+  canvas.addEventListener("pointerdown", event => { const at = pixelOf(canvas, event, lamp.film); lamp.drag = [at, at]; canvas.setPointerCapture(event.pointerId); });
+  canvas.addEventListener("pointermove", event => { if (lamp.drag) { lamp.drag[1] = pixelOf(canvas, event, lamp.film); paintLamp(boxOf(lamp.drag)); } });
+  canvas.addEventListener("pointerup", () => { const box = lamp.drag && boxOf(lamp.drag); lamp.drag = null; if (box && box[2] > 2 && box[3] > 2) method("led", {box, channel: one("#channel").value}); });
+}

@@ -1,0 +1,66 @@
+// Write one's own law: a file that this user types or opens, checked while it is typed, played and fitted at once.
+import {h, one} from "./dom.js";
+import {ask} from "./server.js";
+import {begin, campaign, go, guarded} from "./main.js";
+
+const law = {file: "", text: "", effects: [], version: 0};
+
+export function build() {
+  one('[data-panel="law"]').append(
+    h("h2", {}, "Write a law of your own"),
+    h("p", {class: "muted"}, "An effect is one class: parameters with units, the value at which each is absent, and the hooks that it changes. It is Python that runs with your rights, so nothing is ever opened from a campaign: only what you type here, or a file that you name."),
+    h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 44, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template")),
+    h("div", {class: "lawing"},
+      h("textarea", {id: "law-text", rows: 30, spellcheck: false, autocapitalize: "off", aria: {label: "The law, in Python"}}),
+      h("aside", {class: "beside"}, h("h3", {}, "What it says"), h("p", {id: "law-said", role: "status", class: "muted"}, "Nothing yet."), h("div", {id: "law-effects"}),
+        h("div", {class: "buttons"}, h("button", {type: "button", id: "law-fit", disabled: true, onclick: fit}, "Fit with this law"), h("button", {type: "button", id: "law-play", disabled: true, onclick: playIt}, "Play with it")))));
+  const text = one("#law-text");
+  let waiting = 0;
+  text.addEventListener("input", () => { clearTimeout(waiting); allow(false); waiting = setTimeout(() => check(true), 400); });
+  text.addEventListener("keydown", event => { // Tab indents; Escape lets Tab leave the field again
+    if (event.key === "Escape") text.dataset.leave = "yes";
+    if (event.key !== "Tab" || text.dataset.leave || event.shiftKey) return;
+    event.preventDefault();
+    text.setRangeText("    ", text.selectionStart, text.selectionEnd, "end"); text.dispatchEvent(new Event("input"));
+  });
+  text.addEventListener("focus", () => { delete text.dataset.leave; });
+}
+export async function shown() { if (!law.file) await template(); }
+
+function take(said) {
+  Object.assign(law, said);
+  one("#law-file").value = said.file; one("#law-text").value = said.text;
+  return check(false); // nothing is written before the user does something
+}
+const template = () => guarded(() => ask("law/template", {}).then(take));
+const openFile = () => guarded(() => ask("law/open", {file: one("#law-file").value}).then(take));
+
+async function check(keep) {
+  const version = ++law.version, said = one("#law-said");
+  said.textContent = "Checking…";
+  try {
+    const {effects} = await ask("law/check", {file: one("#law-file").value, text: one("#law-text").value, keep});
+    if (version !== law.version) return false;
+    law.effects = effects;
+    said.textContent = "Units fit, derivatives exist, and each amplitude can be absent."; said.className = "better";
+    one("#law-effects").replaceChildren(...effects.map(effect => h("div", {}, h("h4", {}, effect.title), effect.law.text ? h("p", {}, effect.law.text) : null, h("p", {class: "muted"}, h("code", {}, effect.law.latex ?? "")),
+      h("ul", {class: "plainlist"}, ...effect.parameters.map(p => h("li", {}, h("code", {}, `${effect.id}.${p.name}`), ` ${p.text}, ${p.lower} to ${p.upper}${p.unit === "1" ? "" : ` ${p.unit}`}${p.absent === null ? "" : `, absent at ${p.absent}`}`))))));
+    allow(true);
+    return true;
+  } catch (error) {
+    if (version !== law.version) return false;
+    law.effects = []; said.textContent = error.message; said.className = "worse";
+    one("#law-effects").replaceChildren(); allow(false);
+    return false;
+  }
+}
+function allow(on) { one("#law-fit").disabled = one("#law-play").disabled = !on; one("#law-fit").classList.toggle("primary", on); }
+const withLaw = () => [...new Set([...(campaign.play.effects() ?? []), ...law.effects.map(effect => effect.id)])];
+async function fit() {
+  if (!await check(true)) return;
+  begin("fit", {add: withLaw(), segments: campaign.add.segments(), effect_files: [one("#law-file").value]}, `Fit with ${law.effects[0].id}`); go("add"); campaign.add.want(withLaw());
+}
+async function playIt() {
+  if (!await check(true)) return;
+  campaign.play.forgetEffects(); campaign.play.addEffects(withLaw());
+}

@@ -1,0 +1,138 @@
+"""Adding an effect and watching the error fall; a law of one's own; one clock: as a person does them, in a real Chromium."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import pytest
+
+from rfea_vision.campaign import load_campaign
+
+pytestmark = pytest.mark.chromium
+
+
+@pytest.fixture(scope="module")
+def work(fitted, tmp_path_factory):
+    """A copy of the campaign with what a diagnosis says of it: asking takes longer than a test may."""
+    import shutil
+
+    folder = shutil.copytree(fitted, tmp_path_factory.mktemp("adding") / "tube-A")
+    candidates = [
+        {"effect": "maxwell", "title": "Relaxation", "probability": 0.93, "share": 0.98, "validate_rmse_mm": 0.1, "refitted": True},
+        {"effect": "hysteresis", "title": "Hysteresis", "probability": 0.05, "share": 0.3, "predicted_rmse_mm": 0.9, "refitted": True},
+        {"effect": "drag", "title": "Drag", "predicted_rmse_mm": 1.2},
+    ]  # fmt: skip
+    tied = [{"effects": ["maxwell", "hysteresis"], "split_by": "a step held for long"}]
+    following = {"for": ["maxwell", "hysteresis"], "pressure": "next_pressure.csv", "sentence": "Hold 150 kPa for 4 s."}
+    diagnosis = {
+        "model": "base",
+        "verdict": "missing",
+        "named": ["maxwell"],
+        "candidates": candidates,
+        "tied": tied,
+        "next_experiment": following,
+    }
+    model = folder / "rfea" / "models" / "base"
+    (model / "diagnosis.json").write_text(json.dumps({"format": "rfea-diagnosis/1", **diagnosis}))
+    (model / "next_pressure.csv").write_text("time_s,pressure_kPa\n0,0\n1,0\n1.2,150\n5,150\n5.2,0\n6,0\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def served(serve, work):
+    return serve(work)
+
+
+def idle(page) -> None:
+    time.sleep(0.3)
+    page.wait_for_selector("#job", state="hidden", timeout=120_000)
+    assert page.locator("#fault").is_hidden(), page.text_content("#fault")
+
+
+def test_an_effect_is_ticked_its_rung_appears_and_unticked_it_is_back(work, served, visit):
+    page = visit(served.address)
+    assert (
+        "lacks maxwell" in page.text_content("#next-say") and page.text_content("#next-do") == "Add maxwell and watch"
+    )
+    assert "rfea fit" in page.text_content("#next-command") and "--add maxwell" in page.text_content("#next-command")
+    page.click('.places a[href="#/add"]')
+    row = page.locator('#candidates tr:has(input[value="maxwell"])')
+    assert "93 %" in row.text_content() and "98 %" in row.text_content()
+    assert "cannot be told apart" in page.text_content("#ties")
+    page.check('#candidates input[value="maxwell"]')
+    assert page.text_content("#fit-ticked") == "Fit with maxwell"
+    page.click("#fit-ticked")
+    page.wait_for_selector('[data-rung="base+maxwell"][aria-checked="true"]', timeout=120_000)
+    idle(page)
+    first, last = (
+        float(page.text_content(f'[data-rung="{name}"] .error').split()[-2]) for name in ("base", "base+maxwell")
+    )
+    assert last < first / 3
+    page.uncheck('#candidates input[value="maxwell"]')
+    page.wait_for_selector('[data-rung="base"][aria-checked="true"]')
+    assert "rfea fit" in page.text_content("#log")
+    model = json.loads((work / "rfea" / "models" / "base+maxwell" / "model.json").read_text())
+    assert model["effects"] == ["maxwell"]
+
+
+def test_the_next_experiment_is_edited_within_the_rigs_limits_and_saved(work, served, visit):
+    page = visit(served.address + "#/add")
+    page.click('[data-rung="base"]')
+    holder = page.locator('[data-figure="curve"] .canvas')
+    holder.focus()
+    for key in ("ArrowRight", "ArrowRight", "Shift+ArrowUp", *["Shift+ArrowUp"] * 60):
+        holder.press(key)
+    page.click("#save-curve")
+    page.wait_for_selector("#saved:has-text('written')")
+    rows = (work / "rfea" / "models" / "base" / "next-experiment-edited.csv").read_text().splitlines()
+    pressures = [float(row.split(",")[1]) for row in rows[1:]]
+    highest = float(page.text_content("#limits").split(" to ")[1].split()[0])
+    assert rows[0] == "time_s,pressure_kPa" and 150 < max(pressures) <= highest + 0.5
+
+
+def test_a_law_is_checked_while_it_is_typed_and_fitted(work, served, visit, tmp_path):
+    page = visit(served.address + "#/law")
+    page.wait_for_selector("#law-said:has-text('Units fit')", timeout=90_000)
+    good = page.input_value("#law-text")
+    file = tmp_path / "mine.py"
+    page.fill("#law-file", str(file))
+    page.fill("#law-text", good.replace("joint.tube_angle**2", "joint.rate"))
+    page.wait_for_selector("#law-said.worse", timeout=90_000)
+    assert "unit" in page.text_content("#law-said") and page.locator("#law-fit").is_disabled()
+    page.fill("#law-text", good.replace("def stiffness(", "def stiffness["))
+    page.wait_for_selector("#law-said:has-text('line ')", timeout=90_000)
+    page.fill("#law-text", good.replace("my_effect", "my_stiffening"))
+    page.wait_for_selector("#law-said.better", timeout=90_000)
+    assert file.is_file()
+    page.click("#law-fit")
+    page.wait_for_selector('[data-rung*="my_stiffening"]', timeout=120_000)
+    idle(page)
+    assert f"--effect-file {file}" in page.text_content("#log")
+
+
+def test_a_law_that_never_ends_or_lies_in_a_campaign_is_refused(work, served, visit):
+    page = visit(served.address + "#/law")
+    page.wait_for_selector("#law-said:has-text('Units fit')", timeout=90_000)
+    (work / "law.py").write_text("raise SystemExit")
+    page.fill("#law-file", str(work / "law.py"))
+    page.click("#law-open")
+    page.wait_for_selector("#fault:has-text('lies in a campaign')")
+
+
+def test_an_offset_is_dragged_and_kept(work, served, visit):
+    page = visit(served.address + "#/clock")
+    page.wait_for_selector("#clock-say:has-text('ms')")
+    run = page.text_content("#clock-runs [aria-selected=true]")
+    box = page.locator('[data-figure="sync"] .canvas').bounding_box()
+    before = float(page.input_value("#offset"))
+    page.mouse.move(box["x"] + 200, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 240, box["y"] + 60, steps=3)
+    page.mouse.up()
+    after = float(page.input_value("#offset"))
+    assert after > before + 5
+    page.click("#keep-offset")
+    idle(page)
+    sync = load_campaign(work).experiment(run).sync
+    assert sync.method == "offset" and 1e3 * sync.value_s == pytest.approx(after, abs=0.01)

@@ -1,0 +1,126 @@
+"""Pointing at the tube, in a real Chromium: on a film whose tube is only found with hints."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from rfea_vision.artefacts import Track
+from rfea_vision.campaign import load_campaign
+
+from .filmed import HIDDEN, RATE_HZ, write_film
+
+pytestmark = pytest.mark.chromium
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("film") / "two-tubes"
+    return folder, write_film(folder)
+
+
+@pytest.fixture(scope="module")
+def served(serve, film):
+    return serve(film[0])
+
+
+def point(page, at, until=None) -> None:
+    """Click a pixel of the film, or drag from it to another."""
+    box = page.locator("#frame").bounding_box()
+    width = int(page.evaluate("fetch('film/0').then(answer => answer.json()).then(film => film.width)"))
+    scale = box["width"] / width
+    x, y = ((at[0] + 0.5) * scale + box["x"], (at[1] + 0.5) * scale + box["y"])
+    page.mouse.move(x, y)
+    page.mouse.down()
+    if until is not None:
+        page.mouse.move((until[0] + 0.5) * scale + box["x"], (until[1] + 0.5) * scale + box["y"], steps=4)
+    page.mouse.up()
+
+
+def idle(page) -> None:
+    """Wait until no command is under way."""
+    time.sleep(0.3)
+    page.wait_for_selector("#job", state="hidden", timeout=90_000)
+    assert page.locator("#fault").is_hidden(), page.text_content("#fault")
+
+
+def test_a_tube_is_found_where_one_points(film, served, visit):
+    folder, places = film
+    page = visit(served.address)
+    assert "have not been measured" in page.text_content("#next-say")
+    page.click("#next-do")
+    page.wait_for_selector("#job", state="visible")
+    idle(page)
+    tip = Track.load(folder / "rfea" / "swing" / "track.nc").dataset["tip"].values
+    assert abs(tip[30, 0] - tip[0, 0]) < 1.0, "without a hint it is the other tube, which hangs still"
+
+    before = (folder / "swing" / "experiment.yaml").read_text()
+    page.click('[data-tool="clamp"]')
+    point(page, places["left"])
+    point(page, places["right"])
+    page.wait_for_selector("#hints b:text('Clamp')")
+    page.click('[data-tool="tip"]')
+    point(page, places["tip"])
+    page.wait_for_selector("#hints b:text('Tip')")
+    text = (folder / "swing" / "experiment.yaml").read_text()
+    assert text.startswith(before) and "role: train  # the only one" in text
+    hints = load_campaign(folder).experiments[0].camera.hints
+    assert hints.clamp[0] == pytest.approx(places["left"], abs=2) and hints.tip == pytest.approx(places["tip"], abs=2)
+    assert "Hints have changed" in page.text_content("#next-say")
+
+    page.click("#try")
+    page.wait_for_selector("#tool-say:has-text('first 60 frames')", timeout=90_000)
+    idle(page)
+    page.click("#measure")
+    idle(page)
+    track = Track.load(folder / "rfea" / "swing" / "track.nc")
+    tip = track.dataset["tip"].values
+    assert abs(tip[30, 0] - tip[0, 0]) > 8.0
+    page.wait_for_selector(f"#refused :text('{len(HIDDEN)} of 60 frames')")
+    page.click("#refused button:text('show')")
+    page.wait_for_selector("#frame-reason:has-text('Refused')")
+    assert round(float(page.text_content("#frame-clock").split()[0]) * RATE_HZ) in HIDDEN
+    page.click("#refused .remedy")
+    assert page.locator('#tools [aria-checked="true"]').get_attribute("data-tool") in (
+        "clamp",
+        "tip",
+        "exclude",
+        "region",
+    )
+
+
+def test_boxes_are_dragged_and_taken_away(film, served, visit):
+    folder, _ = film
+    page = visit(served.address + "#/setup")
+    page.click('[data-tool="exclude"]')
+    point(page, (20, 150), (150, 500))
+    page.wait_for_selector("#hints :text('one box')")
+    page.check("#for-all")
+    page.click('[data-tool="region"]')
+    point(page, (160, 60), (340, 560))
+    page.wait_for_selector("#hints b:text('Region')")
+    hints = load_campaign(folder).experiments[0].camera.hints
+    assert hints.exclude[0] == pytest.approx((20, 150, 130, 350), abs=3) and hints.region == pytest.approx(
+        (160, 60, 180, 500), abs=3
+    )
+    assert (
+        "region:" in (folder / "campaign.yaml").read_text()
+        and "# no board at hand" in (folder / "campaign.yaml").read_text()
+    )
+    page.click('[aria-label="Take Region away"]')
+    page.wait_for_selector("#hints b:text('Region')", state="detached")
+    assert load_campaign(folder).experiments[0].camera.hints.region is None
+
+
+def test_one_points_with_keys_too(film, served, visit):
+    folder, _ = film
+    page = visit(served.address + "#/setup")
+    page.focus('[data-tool="tip"]')
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#frame:focus")
+    for key in ("ArrowDown", "ArrowRight", "Enter"):
+        page.keyboard.press(key)
+    page.wait_for_selector("#tool-say:has-text('written')")
+    tip = load_campaign(folder).experiments[0].camera.hints.tip
+    assert tip == pytest.approx((180 + 5, 320 + 5), abs=1)
