@@ -17,6 +17,10 @@ from rfea_vision.errors import InputError
 @campaign_options
 @click.argument("places", nargs=-1, required=True, metavar="[MODEL] OUT")
 @click.option("--fmu", is_flag=True, help="Write an FMU (FMI 2.0, co-simulation) instead of C.")
+@click.option("--crate", is_flag=True, help="Write the fit with its files and hashes as an RO-Crate, the folder OUT.")
+@click.option(
+    "--poses", is_flag=True, help="Write the measured centre lines as movement's netCDF, one file per run in OUT."
+)
 @click.option("--step", "step_s", type=Quantity("s", "1ms"), default="1ms", show_default=True, help="Length of a step.")
 @click.option(
     "--iterations",
@@ -33,10 +37,12 @@ def export_command(
     as_json: bool,
     debug: bool,
     fmu: bool,
+    crate: bool,
+    poses: bool,
     step_s: float,
     iterations: int,
 ) -> None:
-    """A fitted model as C, for real time.
+    """A fitted model as C, for real time; or fit and tracks for other tools.
 
     Writes OUT.c and OUT.h (C99, self-contained), or with --fmu OUT.fmu; of the model named, or of the one fitted last.
     """
@@ -48,6 +54,15 @@ def export_command(
     if len(models) > 1:
         raise InputError("export: give CAMPAIGN, at most one MODEL, and OUT")
     target = Path(last)
+    if crate or poses:
+        if fmu or (crate and poses):
+            raise InputError("export: give one of --fmu, --crate and --poses")
+        files = _write_crate(campaign, out, models, target) if crate else _write_poses(campaign, out, target)
+        if as_json:
+            print_json({"files": [str(path) for path in files]})
+        else:
+            say(f"{target}: {', '.join(path.name for path in files)}")
+        return
     target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
     with opened(campaign, out) as work:
         fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
@@ -72,3 +87,34 @@ def export_command(
         say(f"{fit.name}: {', '.join(str(path) for path in written)}; a step is {step_s * 1e3:g} ms")
         if not fmu:
             say_next(f"cc -O2 -c {written[0]} -lm", "C99, needs nothing else")
+
+
+def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Path) -> list[Path]:
+    """The fit, what it predicts, the recordings that it was made from, and the campaign's own files."""
+    from rfea_vision.export.crate import write_crate
+    from rfea_vision.report.methods import versions
+    from rfea_vision.stages import mechanics
+
+    with opened(campaign, out) as work:
+        fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
+        rooms = [work.out / "models" / fit.name, *(work.out / run.name for run in work.campaign.experiments)]
+        kept = [path for room in rooms for path in sorted(room.glob("*")) if path.suffix in (".json", ".nc", ".csv")]
+        files = {path.relative_to(work.out).as_posix(): path for path in kept if not path.name.startswith(".")}
+        root = work.campaign.root
+        words = [*root.glob("campaign.yaml"), *(run.folder / "experiment.yaml" for run in work.campaign.experiments)]
+        files |= {f"campaign/{path.relative_to(root).as_posix()}": path for path in words if path.is_file()}
+        name = work.campaign.name
+    return [write_crate(folder, fit, files, name=name, versions=versions().items())]
+
+
+def _write_poses(campaign: Path, out: Path | None, folder: Path) -> list[Path]:
+    from rfea_vision.export.poses import write_movement
+
+    written = []
+    with opened(campaign, out) as work:
+        for experiment in work.campaign.with_role("train", "validate", "test"):
+            path = folder / f"{experiment.name}.nc"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_movement(path, work.recordings(experiment.role)[experiment.name].value.dataset, name=experiment.name)
+            written.append(path)
+    return written

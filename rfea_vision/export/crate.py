@@ -1,0 +1,99 @@
+"""A fit as an RO-Crate: its files with hashes, what it was made from, with what, and what came out.
+
+RO-Crate 1.1 (https://w3id.org/ro/crate/1.1): a folder with a JSON-LD file that describes all others. Raw inputs are described by their
+hashes and not copied: films are large, and the campaign keeps them.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from rfea_vision.artefacts import ModelFit
+from rfea_vision.files import sha256_of, write_text
+
+_CONTEXT = "https://w3id.org/ro/crate/1.1/context"
+_PROFILE = "https://w3id.org/ro/crate/1.1"
+_PAPER = "Kinematics and Dynamic Modeling of a Planar Hydraulic Elastomer Actuator"
+_KINDS = {".json": "application/json", ".nc": "application/x-netcdf", ".yaml": "application/yaml", ".csv": "text/csv"}
+
+
+def write_crate(
+    folder: Path, fit: ModelFit, files: Mapping[str, Path], *, name: str, versions: Iterable[tuple[str, str]]
+) -> Path:
+    """Write the crate.
+
+    Parameters
+    ----------
+    folder : the crate; files in it of the same names are replaced
+    fit : the model
+    files : what is copied into the crate, by path inside it
+    name : of the campaign
+    versions : names and versions of the software that made it
+
+    Returns
+    -------
+    Path
+        ``ro-crate-metadata.json``.
+    """
+    graph: list[dict[str, Any]] = []
+    for inside, path in files.items():
+        target = folder / inside
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
+        kind = _KINDS.get(path.suffix, "application/octet-stream")
+        graph.append(
+            {"@id": inside, "@type": "File", "name": Path(inside).name, "encodingFormat": kind,
+             "contentSize": str(target.stat().st_size), "sha256": sha256_of(target)}
+        )  # fmt: skip
+    raw = [
+        {"@id": f"#raw/{path}", "@type": "CreativeWork", "name": path, "sha256": digest,
+         "description": "raw input, kept in the campaign's folder"}
+        for path, digest in sorted(fit.inputs.items())
+    ]  # fmt: skip
+    values = [_value(key, item.model_dump(mode="json")) for key, item in fit.parameters.items()]
+    tools = [
+        {"@id": f"#software/{tool}", "@type": "SoftwareApplication", "name": tool, "version": version}
+        for tool, version in versions
+    ]
+    made = {
+        "@id": "#fit", "@type": "CreateAction", "name": f"fit of {fit.name}", "description": fit.message,
+        "object": [{"@id": item["@id"]} for item in raw], "result": [{"@id": item["@id"]} for item in graph],
+        "instrument": [{"@id": item["@id"]} for item in tools],
+    }  # fmt: skip
+    root = {
+        "@id": "./", "@type": "Dataset", "name": f"{name}: {fit.name}",
+        "description": f"The RSDA model fitted to {name}, {fit.segments} segments"
+        + (f", with {', '.join(fit.effects)}" if fit.effects else "") + ".",
+        "hasPart": [{"@id": item["@id"]} for item in graph], "mentions": [{"@id": "#fit"}],
+        "variableMeasured": [{"@id": item["@id"]} for item in values], "citation": {"@id": "#paper"},
+        "license": "the owner of the data decides",
+    }  # fmt: skip
+    paper = {"@id": "#paper", "@type": "ScholarlyArticle", "name": _PAPER, "author": "M. Momeni Kelageri et al."}
+    about = {
+        "@id": "ro-crate-metadata.json", "@type": "CreativeWork", "about": {"@id": "./"}, "conformsTo": {"@id": _PROFILE},
+    }  # fmt: skip
+    page = {"@context": _CONTEXT, "@graph": [about, root, *graph, *raw, *values, *tools, made, paper]}
+    path = folder / "ro-crate-metadata.json"
+    write_text(path, json.dumps(page, indent=1, ensure_ascii=False) + "\n")
+    return path
+
+
+def _value(name: str, item: Mapping[str, Any]) -> dict[str, Any]:
+    found = {
+        "@id": f"#parameter/{name}",
+        "@type": "PropertyValue",
+        "name": name,
+        "value": item["value"],
+        "unitText": item["unit"],
+    }
+    if item.get("interval_95"):
+        found |= {
+            "minValue": item["interval_95"][0],
+            "maxValue": item["interval_95"][1],
+            "description": "95 % interval",
+        }
+    return found

@@ -1,0 +1,86 @@
+"""What is taken out for other tools is read again: by our own readers, and by those tools where they are installed."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from rfea_vision.artefacts import ModelFit
+from rfea_vision.artefacts.judgement import Parameter
+from rfea_vision.campaign.specs import TrackSpec
+from rfea_vision.errors import DataError
+from rfea_vision.export.crate import write_crate
+from rfea_vision.export.poses import write_movement
+from rfea_vision.readers.tracks import read_track
+
+
+def recording():
+    time = np.arange(50) / 25.0
+    line = np.stack([np.zeros((50, 5)), -np.linspace(0, 100, 5)[None] * np.ones((50, 1))], axis=2)
+    line[:, :, 0] = -np.linspace(0, 20, 5) * np.sin(time)[:, None]
+    valid = np.ones(50, dtype=np.int8)
+    valid[7] = 0
+    return xr.Dataset(
+        {"midline": (("time", "node", "xy"), line), "valid": ("time", valid)}, {"time": time, "xy": ["x", "y"]}
+    )
+
+
+def test_poses_come_back(tmp_path):
+    data = recording()
+    write_movement(tmp_path / "run.nc", data, name="steps")
+    track = read_track(tmp_path / "run.nc", spec=TrackSpec(tmp_path / "run.nc", points=(("all",),)))
+    assert not track.valid[7] and track.valid.sum() == 49
+    np.testing.assert_allclose(
+        track.dataset["tip"].values[track.valid], data["midline"].values[track.valid, -1], atol=1e-6
+    )
+    with xr.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as poses:
+        assert poses["position"].dims == ("time", "space", "keypoints", "individuals") and poses.attrs["fps"] == 25.0
+        assert [str(name) for name in poses["keypoints"].values] == ["clamp", "node01", "node02", "node03", "tip"]
+
+
+def test_an_angle_alone_has_no_poses(tmp_path):
+    with pytest.raises(DataError, match="only its bend angle was measured"):
+        write_movement(tmp_path / "run.nc", xr.Dataset({"valid": ("time", [1])}, {"time": [0.0]}), name="steps")
+
+
+def test_a_crate_describes_every_file_and_value(tmp_path):
+    fit = ModelFit(name="base", segments=8, effects=[], status="converged", message="in 5 steps",
+                   parameters={"r_hyd": Parameter(value=0.0036, unit="m", interval_95=(0.0035, 0.0037))},
+                   metrics={}, experiments={}, inputs={"steps/video.mp4": "ab" * 32})  # fmt: skip
+    (tmp_path / "model.json").write_text("{}")
+    path = write_crate(
+        tmp_path / "crate",
+        fit,
+        {"models/base/model.json": tmp_path / "model.json"},
+        name="tube",
+        versions=[("numpy", "2")],
+    )
+    graph = {item["@id"]: item for item in json.loads(path.read_text())["@graph"]}
+    for item in graph.values():
+        if item["@type"] == "File":
+            assert hashlib.sha256((tmp_path / "crate" / item["@id"]).read_bytes()).hexdigest() == item["sha256"]
+    assert graph["#parameter/r_hyd"]["minValue"] == 0.0035 and graph["#raw/steps/video.mp4"]["sha256"] == "ab" * 32
+
+    def references(value):
+        if isinstance(value, dict):
+            return {value["@id"]} if set(value) == {"@id"} else set().union(*map(references, value.values()), set())
+        return set().union(*map(references, value), set()) if isinstance(value, list) else set()
+
+    used = set().union(*(references(item) for item in graph.values()))
+    assert used - {"https://w3id.org/ro/crate/1.1"} <= set(graph)
+    again = path.read_bytes()
+    write_crate(
+        tmp_path / "crate",
+        fit,
+        {"models/base/model.json": tmp_path / "model.json"},
+        name="tube",
+        versions=[("numpy", "2")],
+    )
+    assert path.read_bytes() == again
+    crate = pytest.importorskip(
+        "rocrate.rocrate", reason="the package rocrate is not installed: only the graph was checked"
+    )
+    read = crate.ROCrate(tmp_path / "crate")
+    assert [entity.id for entity in read.data_entities] == ["models/base/model.json"]
