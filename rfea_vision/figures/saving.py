@@ -128,7 +128,7 @@ def _lines(axes: Any, plate: Lines) -> None:
     for item in plate.series:
         _curve(axes, item)
     if plate.equal:
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_aspect("equal", adjustable="box")
     if plate.log_y:
         axes.set_yscale("log")
     if plate.whole_x:
@@ -147,6 +147,8 @@ def _legend(axes: Any, plate: Lines) -> None:
     if len(roles) > 2 and set(roles) <= {"measured", "modelled", "dots"}:
         chosen = {role: handles[roles.index(role)] for role in dict.fromkeys(roles)}
         handles, names = list(chosen.values()), ["measured" if role == "dots" else role for role in chosen]
+    kept = [names.index(name) for name in dict.fromkeys(names)]
+    handles, names = [handles[index] for index in kept], [names[index] for index in kept]
     count = len(names)
     columns = min(count, 4 if plate.wide else 3)
     axes.legend(handles, names, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1,

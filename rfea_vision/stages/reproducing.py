@@ -140,15 +140,15 @@ def _postures(data: xr.Dataset, modelled: Mapping[str, xr.Dataset]) -> list[Plat
     angle = np.asarray(data["bend_angle"].values, dtype=float)
     moments = {"rest": int(np.nanargmin(np.abs(angle))), "largest bend": int(np.nanargmax(np.abs(angle)))}
     series: list[Series | None] = []
-    for label, row in moments.items():
+    for row in moments.values():
         if "midline" in data:
             line = data["midline"].values[row]
-            series.append(Series(f"measured, {label}", "measured", line[:, 0], line[:, 1]))
+            series.append(Series("measured", "measured", line[:, 0], line[:, 1]))
         for (column, prediction), role in zip(modelled.items(), ("coarse", "modelled"), strict=True):
             at = int(np.argmin(np.abs(prediction["time"].values - data["time"].values[row])))
             if "midline" in prediction:
                 line = prediction["midline"].values[at]
-                series.append(Series(f"{column}, {label}", role, line[:, 0], line[:, 1]))  # type: ignore[arg-type]
+                series.append(Series(column, role, line[:, 0], line[:, 1]))  # type: ignore[arg-type]
     return lines(
         "fig04-modelled-tube",
         "Fig. 4: the tube that is modelled, at rest and at its largest bend",
@@ -165,7 +165,7 @@ def _joint(fits: Mapping[str, ModelFit], modelled: Mapping[str, xr.Dataset]) -> 
     damper: list[Series | None] = []
     for (column, fit), role in zip(fits.items(), ("coarse", "modelled"), strict=True):
         values = {key: item.value for key, item in fit.parameters.items()}
-        theta = np.linspace(0.0, float(np.nanmax(modelled[column]["theta"].values)), 60)
+        theta = np.linspace(0.0, np.deg2rad(float(np.nanmax(modelled[column]["theta"].values))), 60)
         grown = _radius_mm(fit, theta) * 1e-3 - fit.actuator["inner_radius"]
         whole_deg = np.rad2deg(theta) * fit.segments
 
@@ -203,16 +203,16 @@ def _segment(fit: ModelFit, prediction: xr.Dataset) -> list[Plate]:
     """Fig. 6: one of eight segments to scale, at rest and bent: the hinge side keeps its length, the bore widens."""
     outer = 1e3 * fit.actuator["outer_radius"]
     length = 1e3 * fit.actuator["length"] / fit.segments
-    theta = float(np.nanmax(prediction["theta"].values))
+    theta = np.deg2rad(float(np.nanmax(prediction["theta"].values)))
     series: list[Series | None] = []
     for label, angle, role in (
         ("at rest", 0.0, "measured"),
         (f"bent by {np.rad2deg(theta):.1f} deg", theta, "modelled"),
     ):
         bore = float(_radius_mm(fit, np.array([angle]))[0])
-        for part, across in (("outer", (0.0, 2 * outer)), ("bore", (outer - bore, outer + bore))):
+        for across in ((0.0, 2 * outer), (outer - bore, outer + bore)):  # the tube, then its bore
             x, y = _outline(angle, length, across)
-            series.append(Series(f"{label}, {part}", role, x, y))  # type: ignore[arg-type]
+            series.append(Series(label, role, x, y))  # type: ignore[arg-type]
     title = "Fig. 6: a segment of the tube, from its hinge side at x = 0"
     return [Lines("fig06-segment", title, X, Y, tuple(item for item in series if item is not None), equal=True)]
 
