@@ -206,7 +206,7 @@ def _segment(fit: ModelFit, prediction: xr.Dataset) -> list[Plate]:
     theta = np.deg2rad(float(np.nanmax(prediction["theta"].values)))
     series: list[Series | None] = []
     for label, angle, role in (
-        ("at rest", 0.0, "measured"),
+        ("at rest", 0.0, "coarse"),
         (f"bent by {np.rad2deg(theta):.1f} deg", theta, "modelled"),
     ):
         bore = float(_radius_mm(fit, np.array([angle]))[0])
