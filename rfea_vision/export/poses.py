@@ -47,7 +47,8 @@ def movement_dataset(data: xr.Dataset, *, name: str) -> xr.Dataset:
         {"time": ("time", time_s, {"units": "s"}), "space": ["x", "y"], "keypoints": keypoints, "individuals": [name]},
         {
             "source_software": "rfea-vision", "ds_type": "poses", "time_unit": "seconds",
-            "fps": float(1.0 / np.median(np.diff(time_s))), "frame": "rig: origin at the clamp, x to the camera's right, y up",
+            "fps": round(float(1.0 / np.median(np.diff(time_s))), 9),
+            "frame": "rig: origin at the clamp, x to the camera's right, y up",
         },
     )  # fmt: skip
 
