@@ -81,6 +81,8 @@ def bending_angle(
     highest = float(holding_pressure(parameters, segments, top, actuator))
     # Below zero pressure the hinge line is on the outside; the stretched length must stay positive.
     bottom = -0.9 * (actuator.inner_radius / actuator.outer_radius) ** 2 * actuator.length / actuator.outer_radius
+    if actuator.offset == 0:  # a beam keeps its section
+        bottom = -largest_angle_rad
     lowest = float(holding_pressure(parameters, segments, bottom, actuator))
     out = np.full(pressures.shape, np.nan)
     for place, pressure in np.ndenumerate(pressures):

@@ -156,7 +156,9 @@ def _experiment_problems(experiment: ExperimentSpec, *, pressure_said: bool) -> 
     except RfeaError as error:
         key = "track" if experiment.track is not None else "video"
         problems.append(Problem(file, str(error), key, experiment=experiment.name))
-    if (experiment.pressure.file, experiment.pressure.url) == (None, None):
+    if experiment.pressure.constant:
+        return problems
+    if experiment.pressure.missing:
         text = "is missing: the pictures can be tracked, but nothing can be synchronised or fitted"
         return problems if pressure_said else [*problems, _warning(file, experiment, "pressure", text)]
     try:

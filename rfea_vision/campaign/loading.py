@@ -222,6 +222,12 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
         if item.repeat_of is not None and complete and (item.repeat_of not in names or item.repeat_of == item.name):
             message = f"no other experiment is called '{item.repeat_of}'; there are {', '.join(names)}"
             problems.append(Problem(own_file, message, "repeat_of", experiment=item.name))
+    chambers = {item.name: sorted(part.chamber for part in item.pressure.chambers) for item in experiments}
+    for item in experiments:
+        if not item.pressure.missing and chambers[item.name] != (first := chambers[experiments[0].name]):
+            own, other = (" and ".join(filter(None, names)) or "without a name" for names in (chambers[item.name], first))
+            message = f"has the chambers {own}, '{experiments[0].name}' has {other}; name the same ones in all experiments"
+            problems.append(Problem(item.folder / "experiment.yaml", message, "pressure", experiment=item.name))
     roles = {item.role for item in experiments}
     if complete and "train" not in roles:
         problems.append(

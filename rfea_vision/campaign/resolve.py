@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from glob import has_magic
 from math import pi
 from pathlib import Path
@@ -249,7 +250,7 @@ def resolve_experiment(
         finder.complain(
             "camera", f"is missing; pictures need it: board and photos, an earlier calibration, or {SCALE_EXAMPLE}"
         )
-    pressure = PressureSpec(folder=folders[0]) if parsed.pressure is None else _pressure(parsed.pressure, finder)
+    pressure = _pressures(parsed.pressure, finder)
     rig = _rig(parsed, actuator, finder)
     experiment = ExperimentSpec(
         rig=rig,
@@ -370,11 +371,26 @@ def _rig(parsed: ExperimentFile, actuator: Actuator, finder: _Finder) -> RigSpec
     return RigSpec(gravity, start is not None, until, known)
 
 
+def _pressures(given: PressurePart | list[PressurePart] | None, finder: _Finder) -> PressureSpec:
+    """Return the one pressure, or those of all chambers."""
+    if given is None:
+        return PressureSpec(folder=finder.folders[0])
+    if isinstance(given, PressurePart):
+        return _pressure(given, finder)
+    names = [part.chamber for part in given]
+    if None in names or len(set(names)) < len(names):
+        finder.complain("pressure", "each of several needs the name of its chamber, such as 'chamber: left'")
+    first, *further = (_pressure(part, finder) for part in given)
+    return replace(first, further=tuple(further))
+
+
 def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
     if part.value is not None:
         if part.file is not None or part.url is not None:
             finder.complain("pressure.value", "stands beside a log; keep the log, or the constant value")
-        return PressureSpec(folder=finder.folders[0], value_kPa=part.value)
+        return PressureSpec(
+            folder=finder.folders[0], value_kPa=part.value, chamber=part.chamber or "", sign=part.sign
+        )
     if (part.file is None) == (part.url is None):
         finder.complain(
             "pressure", "exactly one of 'file' and 'url' is needed; for example 'pressure: {file: pressure.csv}'"
@@ -395,6 +411,8 @@ def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
         ambient_kPa=part.ambient if isinstance(part.ambient, float) else 0.0,
         ambient=part.ambient if isinstance(part.ambient, str) else None,
         folder=finder.folders[0],
+        chamber=part.chamber or "",
+        sign=part.sign,
     )
 
 

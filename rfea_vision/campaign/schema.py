@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema
 
 from rfea_vision.units import conversion_factor, parse_quantity, pressure_unit, split_quantity
 
@@ -282,9 +282,12 @@ class PressurePart(_Part):
     """The pressure log: a table in a file or from a database, the columns to take, and their units.
 
     `ambient` is a pressure or the name of a column; without `reference`, a unit such as ``psia`` or ``bar(g)`` says it.
-    `value` alone is a run at constant pressure, without a log.
+    `value` alone is a run at constant pressure, without a log. Each of several has the name of its `chamber`, and a `sign`,
+    -1 where it bends against the direction of `actuator.bends`.
     """
 
+    chamber: Text | None = None
+    sign: Literal[1, -1] = 1
     value: Pressure | None = None
     file: str | None = None
     url: str | None = None
@@ -295,6 +298,12 @@ class PressurePart(_Part):
     time_unit: Annotated[str | None, BeforeValidator(_time_unit)] = None
     reference: Literal["gauge", "absolute"] | None = None
     ambient: Ambient = 101.325
+
+
+Pressures = Annotated[
+    Annotated[PressurePart, Tag("one")] | Annotated[list[PressurePart], Field(min_length=1), Tag("several")],
+    Discriminator(lambda value: "several" if isinstance(value, list) else "one"),
+]
 
 
 class SyncPart(_Part):
@@ -321,7 +330,7 @@ class _Shared(_Part):
     video: VideoPart | None = None
     frames: FramesPart | None = None
     track: TrackPart | None = None
-    pressure: PressurePart | None = None
+    pressure: Pressures | None = None
     start: StartPart | None = None
     conditions: dict[str, str | float] | None = None
     sync: Annotated[SyncPart | None, BeforeValidator(_sync)] = None

@@ -89,7 +89,8 @@ class TrackSpec:
 class PressureSpec:
     """A pressure log in a file or behind a database URL, and how to read it; `ambient` names a column.
 
-    With `value_kPa` there is no log: the pressure was constant.
+    With `value_kPa` there is no log: the pressure was constant. Of several chambers this is the first one, named `chamber`,
+    and `further` are the others: what bends is the sum of all pressures, each times its `sign`.
     """
 
     file: Path | None = None
@@ -104,6 +105,29 @@ class PressureSpec:
     ambient: str | None = None
     folder: Path = Path()
     value_kPa: float | None = None
+    chamber: str = ""
+    sign: int = 1
+    further: tuple[PressureSpec, ...] = ()
+
+    @property
+    def chambers(self) -> tuple[PressureSpec, ...]:
+        """Every chamber's, this one first."""
+        return (self, *self.further)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files of all chambers, each once."""
+        return tuple(dict.fromkeys(part.file for part in self.chambers if part.file is not None))
+
+    @property
+    def missing(self) -> bool:
+        """Whether some chamber has neither a log nor a constant pressure."""
+        return any((part.file, part.url, part.value_kPa) == (None, None, None) for part in self.chambers)
+
+    @property
+    def constant(self) -> bool:
+        """Whether there is no log at all: the pressure of every chamber was constant."""
+        return all(part.value_kPa is not None for part in self.chambers)
 
 
 @dataclass(frozen=True)

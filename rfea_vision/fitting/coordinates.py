@@ -71,9 +71,9 @@ def bend_of(item: Observed) -> FloatArray:
 
 
 def largest_bend(items: Sequence[Observed]) -> float:
-    """Largest bending angle (rad) that the recordings reach."""
+    """Largest bending angle (rad) that the recordings reach, to either side."""
     bends = [bend_of(item) for item in items]
-    return max([0.1, *(float(np.nanpercentile(b, 99.5)) for b in bends if np.any(np.isfinite(b)))])
+    return max([0.1, *(float(np.nanpercentile(np.abs(b), 99.5)) for b in bends if np.any(np.isfinite(b)))])
 
 
 def base_reference(actuator: Actuator, segments: int) -> FloatArray:

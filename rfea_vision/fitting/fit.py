@@ -67,8 +67,8 @@ def _steady_start(
     model: Model, problem: Problem, options: FitOptions, par: FloatArray, plateaus: Sequence[Plateau]
 ) -> tuple[FloatArray, dict[str, Any]]:
     """Stiffness from the plateaus, at the present r_hyd; a sentence where they do not allow it."""
-    highest = max(float(np.max(item.excitation.pressure)) for item in problem.train)
-    loaded = [p for p in plateaus if p.pressure > 0.15 * highest]
+    highest = max(float(np.max(np.abs(item.excitation.pressure))) for item in problem.train)
+    loaded = [p for p in plateaus if abs(p.pressure) > 0.15 * highest]
     if all(name in options.fixed for name in ("k_ref", "k_slope")):
         return par, {"note": "the stiffness is given: nothing to fit at rest"}
     if len(loaded) < 2:

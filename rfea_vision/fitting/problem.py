@@ -96,8 +96,9 @@ def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
         pressure = item.excitation.at(item.time)
         if np.ptp(pressure) <= CONSTANT_PA or item.mounting != 0:
             continue
-        loaded = pressure > 0.7 * float(pressure.max())
-        bend = float(np.median(2 * np.arctan2(-tip[loaded, 0], -tip[loaded, 1])))
+        loaded = np.abs(pressure) > 0.7 * float(np.abs(pressure).max())
+        bends = 2 * np.arctan2(-tip[loaded, 0], -tip[loaded, 1]) * np.sign(pressure[loaded])
+        bend = float(np.median(bends))
         if bend < -WRONG_SIDE_RAD:
             raise DataError(
                 f"experiment {item.name}: under pressure the tip goes to the side that `actuator.bends` does not name; "

@@ -35,10 +35,11 @@ def seen_scale(items: Sequence[Observed], actuator: Actuator) -> FloatArray:
     for item in items:
         angle = bend_of(item)
         pressure = item.excitation.at(item.time)
-        loaded = (pressure > 0.5 * pressure.max()) & (angle > 0.05)
-        if pressure.max() <= 0 or not loaded.any():
+        loaded = (np.abs(pressure) > 0.5 * np.abs(pressure).max()) & (angle * np.sign(pressure) > 0.05)
+        if not loaded.any():
             continue
-        radius = inner_radius(actuator, angle[loaded], actuator.length)
+        # A rough value: past straight, where a narrow bore would close, that at rest.
+        radius = inner_radius(actuator, np.maximum(angle[loaded], 0.0), actuator.length)
         torque = pressure[loaded] * np.pi * radius**2 * base[6]
         stiffness = base[0] + base[1] * (radius - actuator.inner_radius)
         ratios.append(np.median(torque / angle[loaded] / np.maximum(stiffness, 0.1 * base[0])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,7 @@ class PressureLog:
     pressure_kPa : (n,) gauge pressure
     name, source : what to call the log, and where it came from
     channels : other columns of the same length, by name (a lamp, a trigger)
+    chambers : of several chambers the pressure in each, by name; `pressure_kPa` is their sum, each times its sign
     """
 
     time_s: FloatArray
@@ -39,6 +40,7 @@ class PressureLog:
     name: str = ""
     source: str = ""
     channels: Mapping[str, FloatArray] = field(default_factory=dict)
+    chambers: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = self.source or self.name or "pressure log"
@@ -64,15 +66,48 @@ def _refuse_rows(where: str, column: str, wrong: np.ndarray, fault: str, remedy:
 
 
 def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
-    """Read a log as its specification says.
+    """Read a log as its specification says; those of several chambers at the times of the first, where all have them.
 
     Raises
     ------
     InputError
         If the source cannot be read, a column is not there, a unit is unknown, or the clock is not strictly increasing.
     """
-    if spec.value_kPa is not None:
+    if spec.constant:
         raise InputError(f"{spec.folder}: pressure.value: a constant pressure has no log; use `constant_pressure`")
+    if not spec.chamber and spec.sign > 0:
+        return _read_one(spec, name)
+    logs = [None if part.value_kPa is not None else _read_one(part, name) for part in spec.chambers]
+    read = [log for log in logs if log is not None]
+    first = read[0]
+    begin, end = max(log.time_s[0] for log in read), min(log.time_s[-1] for log in read)
+    common = (first.time_s >= begin) & (first.time_s <= end)
+    if common.sum() < 2:
+        raise InputError(f"{spec.folder}: pressure: the logs of its chambers have no time in common; are their clocks the same?")
+    time_s = first.time_s[common]
+    kept = {key: values[common] for key, values in first.channels.items()}
+    return _summed(spec, time_s, logs, name, first.source, kept)
+
+
+def _summed(
+    spec: PressureSpec,
+    time_s: FloatArray,
+    logs: Sequence[PressureLog | None],
+    name: str,
+    source: str,
+    channels: Mapping[str, FloatArray],
+) -> PressureLog:
+    """Bring the chambers' pressures to common times and add them up; None where a chamber has a constant pressure."""
+    each = {
+        part.chamber: np.full(time_s.size, part.value_kPa) if log is None else np.interp(time_s, log.time_s, log.pressure_kPa)
+        for part, log in zip(spec.chambers, logs, strict=True)
+    }
+    total = np.sum([part.sign * each[part.chamber] for part in spec.chambers], axis=0)
+    return PressureLog(time_s, total, name, source, channels, each if spec.chamber else {})
+
+
+def _read_one(spec: PressureSpec, name: str) -> PressureLog:
+    """Read the log of one chamber."""
     if spec.url is not None:
         table = read_query(spec.url, spec.query or "", spec.folder)
     elif spec.file is not None:
@@ -97,10 +132,10 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
     return PressureLog(time_s, pressure_kPa, name, table.source, others)
 
 
-def constant_pressure(value_kPa: float, from_s: float, to_s: float, name: str = "") -> PressureLog:
+def constant_pressure(spec: PressureSpec, from_s: float, to_s: float, name: str = "") -> PressureLog:
     """Return the log of a run at constant pressure, 100 rows a second over and beyond the frames of its track."""
     time_s = np.arange(from_s - 0.5, to_s + 0.5, 0.01)
-    return PressureLog(time_s, np.full(time_s.size, value_kPa), name, "constant pressure")
+    return _summed(spec, time_s, [None] * len(spec.chambers), name, "constant pressure", {})
 
 
 def _in_kPa(table: Table, name: str, given: str | None) -> tuple[FloatArray, str | None]:

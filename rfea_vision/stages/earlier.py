@@ -51,7 +51,7 @@ def with_earlier_pressure(recording: Recording, campaign: Campaign, experiment: 
         return recording
     time, pressure = np.empty(0), np.empty(0)
     for run, following in zip(before, [*before[1:], experiment], strict=True):
-        if run.pressure.value_kPa is not None:
+        if run.pressure.constant:
             raise InputError(
                 f"{run.folder / 'experiment.yaml'}: pressure.value: '{experiment.name}' carries its memory; give its log"
             )

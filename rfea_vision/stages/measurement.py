@@ -291,8 +291,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     """Bring the track and the pressure log of one experiment on one clock."""
     tracked = track(work, experiment)
     spec, sync = experiment.pressure, experiment.sync
-    constant_kPa = spec.value_kPa
-    if spec.file is None and spec.url is None and constant_kPa is None:
+    if spec.missing:
         raise InputError(
             f"{experiment.folder / 'experiment.yaml'}: pressure: is missing; 'rfea track' needs none, what comes after it "
             "does: 'pressure: {file: pressure.csv}'"
@@ -301,16 +300,16 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     log: PressureLog | None = None
     before = runs_before(work.campaign, experiment)
     also = [work.cache.sha256(work.out / experiment.name / "track.nc")]
-    if spec.url is not None:  # a database has no file to hash: its answer counts
+    if any(part.url is not None for part in spec.chambers):  # a database has no file to hash: its answer counts
         log = read_pressure(spec, experiment.name)
         also.append(hashlib.sha256(log.time_s.tobytes() + log.pressure_kPa.tobytes()).hexdigest())
 
     def make(progress: Progress) -> tuple[Recording, list[Path], str]:
         from rfea_vision.sync import synchronise as synchronise_clocks
 
-        if constant_kPa is not None:
+        if spec.constant:
             seen_s = tracked.value.time_s
-            used = constant_pressure(constant_kPa, float(seen_s[0]), float(seen_s[-1]), experiment.name)
+            used = constant_pressure(spec, float(seen_s[0]), float(seen_s[-1]), experiment.name)
         else:
             used = log or read_pressure(spec, experiment.name)
         try:
@@ -320,7 +319,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
                 experiment=experiment.name,
                 role=experiment.role,
                 bends=experiment.actuator.bends,
-                method=sync.method if constant_kPa is None else "common_clock",
+                method="common_clock" if spec.constant else sync.method,
                 value_s=sync.value_s,
                 channel=sync.channel,
                 repeat_of=experiment.repeat_of,
@@ -339,7 +338,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
         Stage(
             "sync",
             experiment.name,
-            inputs=[log.file for log in (spec, *(run.pressure for run in before)) if log.file is not None],
+            inputs=[file for given in (spec, *(run.pressure for run in before)) for file in given.files],
             earlier=also,
             options={
                 "before": [[run.name, run.recorded_at, run.pressure] for run in before],

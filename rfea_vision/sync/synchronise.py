@@ -69,6 +69,11 @@ def synchronise(
     )
     dataset = dataset.assign_coords(log_time=("log_time", log_time, {"units": "s"}))
     dataset["pressure"] = (("log_time",), pressure, {"units": "kPa", "long_name": "gauge pressure"})
+    if log.chambers:
+        each = (("chamber", "log_time"), np.stack(list(log.chambers.values())), {"units": "kPa", "long_name": "gauge pressure"})
+        dataset = dataset.assign_coords(chamber=("chamber", list(log.chambers)))
+        dataset["chamber_pressure"] = each
+        dataset["pressure"].attrs["long_name"] = "sum of the chambers' gauge pressures, each times its sign"
     if len(alignment.curve[0]):
         dataset = dataset.assign_coords(sync_offset=("sync_offset", alignment.curve[0], {"units": "s"}))
         dataset["sync_explained"] = xr.Variable(("sync_offset",), alignment.curve[1], {"units": "1"})

@@ -242,3 +242,37 @@ def test_two_experiments_of_one_name_are_both_named(campaign):
     problems = [problem for problem in read_campaign(campaign).problems if problem.key == "name"]
     assert [problem.file.parent.name for problem in problems] == ["sine", "steps"]
     assert all("names 2 experiments" in problem.message for problem in problems)
+
+
+TWO_CHAMBERS = "pressure: [{chamber: left, file: pressure.csv}, {chamber: right, file: pressure.csv, sign: -1}]"
+
+
+def _with_chambers(folder, given):
+    write_campaign(folder)
+    for name, text in given.items():
+        file = folder / name / "experiment.yaml"
+        file.write_text(file.read_text().replace("pressure: {file: pressure.csv}", text))
+    return folder
+
+
+def test_chambers_are_read_with_their_signs(tmp_path):
+    folder = _with_chambers(tmp_path / "c", {"steps": TWO_CHAMBERS, "sine": TWO_CHAMBERS})
+    pressure = load_campaign(folder).experiment("steps").pressure
+    assert [(part.chamber, part.sign) for part in pressure.chambers] == [("left", 1), ("right", -1)]
+    assert len(pressure.files) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (TWO_CHAMBERS, "'sine' has without a name; name the same ones in all experiments"),
+        (TWO_CHAMBERS.replace("right", "left"), "each of several needs the name of its chamber"),
+        (TWO_CHAMBERS.replace("chamber: right, ", ""), "each of several needs the name of its chamber"),
+        (TWO_CHAMBERS.replace("sign: -1", "sing: -1"), "did you mean 'sign'"),
+        (TWO_CHAMBERS.replace("-1", "2"), "must be 1 or -1"),
+        ("pressure: []", "at least 1 item"),
+    ],
+)
+def test_chambers_that_are_wrong_are_named(tmp_path, text, says):
+    with pytest.raises(InputError, match=says):
+        load_campaign(_with_chambers(tmp_path / "c", {"steps": text}))

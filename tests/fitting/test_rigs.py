@@ -10,8 +10,10 @@ from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.fitting import FitOptions, fit_model
+from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.residuals import predict_observed
+from rfea_vision.steady import bending_angle
 
 BEAM = Actuator(outer_radius=0.015, inner_radius=0.0075, length=0.1, density=1070.0, kind="rectangle", width=0.03)
 SEGMENTS = 4
@@ -80,3 +82,21 @@ def test_a_known_condition_is_not_fitted(runs):
     model = Model(Chain.tube(BEAM, SEGMENTS), (catalogue()["payload"](),))
     seen = predict_observed(model, np.append(TRUTH, 0.0), item, range(8))
     assert seen is not None and not seen.dpoints[..., 7].any() and seen.dpoints[..., 0].any()
+
+
+def test_a_beam_with_two_chambers_bends_alike_to_both_sides():
+    rod = Actuator(kind="rod", outer_radius=0.0125, inner_radius=0.0044, length=0.07, mass_per_length=0.47)
+    model = Model(Chain.tube(rod, 4))
+    par = np.zeros(len(model.names))
+    par[:7] = base_reference(rod, 4)
+    pressure = 4e4 * np.sin(np.linspace(0.0, 12.0, 1500))
+    times = np.arange(0.1, 2.9, 0.04)
+    there, back = (model.simulate(par, Excitation(0.0, 2e-3, way * pressure), times) for way in (1.0, -1.0))
+    assert there.ok
+    assert back.ok
+    assert np.ptp(there.phi[:, -1]) > 0.2
+    np.testing.assert_allclose(there.phi, -back.phi, atol=1e-6)
+    np.testing.assert_allclose(model.steady(par, -4e4).phi, -model.steady(par, 4e4).phi, atol=1e-9)
+    to_left, to_right = bending_angle(par[:7], 4, [4e5, -4e5], rod)
+    assert to_left == pytest.approx(-to_right)
+    assert to_left > 1.0  # beyond where the bore of a tube of these radii would close

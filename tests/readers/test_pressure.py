@@ -164,3 +164,27 @@ def test_a_real_file_of_another_rig(shared_data):
     )
     with pytest.raises(InputError, match="time, row"):  # tip positions are no clock, and that is noticed
         read_pressure(spec)
+
+
+def _chambers(folder, right_s, **keys):
+    pd.DataFrame({"time_s": TIME_S, "p1": PRESSURE_kPa}).to_csv(folder / "left.csv", index=False)
+    pd.DataFrame({"time_s": right_s, "p2": 3.0 + 2.0 * right_s}).to_csv(folder / "right.csv", index=False)
+    right = PressureSpec(file=folder / "right.csv", pressure="p2", chamber="right", sign=-1)
+    bias = PressureSpec(value_kPa=5.0, chamber="bias")
+    return PressureSpec(file=folder / "left.csv", pressure="p1", chamber="left", further=(right, bias), **keys)
+
+
+def test_chambers_are_added_with_their_signs_where_all_have_a_log(tmp_path):
+    right_s = np.linspace(TIME_S[0] - 1.0, TIME_S[len(TIME_S) // 2], 50)
+    log = read_pressure(_chambers(tmp_path, right_s))
+    common = right_s[-1] >= TIME_S
+    np.testing.assert_allclose(log.time_s, TIME_S[common])
+    np.testing.assert_allclose(log.pressure_kPa, PRESSURE_kPa[common] - 3.0 - 2.0 * TIME_S[common] + 5.0, atol=1e-9)
+    np.testing.assert_allclose(log.chambers["right"], 3.0 + 2.0 * TIME_S[common], atol=1e-9)
+    assert list(log.chambers) == ["left", "right", "bias"]
+
+
+def test_chambers_whose_logs_do_not_meet_are_refused(tmp_path):
+    spec = _chambers(tmp_path, np.linspace(TIME_S[-1] + 1.0, TIME_S[-1] + 2.0, 50))
+    with pytest.raises(InputError, match="no time in common"):
+        read_pressure(spec)
