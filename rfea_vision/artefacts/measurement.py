@@ -111,8 +111,6 @@ class Hints:
     region : where in the picture the tube moves
     exclude : where it never is: a hose, a hand, another tube
     colour : of the tube, red, green and blue of 255
-    mark_colour : of the marks on the tube
-    mark_points : the marks themselves, in the order in which they lie along the tube
     masks : folder with one mask per frame, made by another program
     keypoints : table of points along the tube in every frame, made by another program
     """
@@ -123,8 +121,6 @@ class Hints:
     region: Box | None = None
     exclude: tuple[Box, ...] = ()
     colour: Colour | None = None
-    mark_colour: Colour | None = None
-    mark_points: tuple[Pixel, ...] = ()
     masks: Path | None = None
     keypoints: Path | None = None
 

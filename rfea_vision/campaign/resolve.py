@@ -217,7 +217,6 @@ def _scale(part: CameraPart, finder: _Finder) -> ScaleSpec | None:
 def _hints(part: CameraPart, finder: _Finder) -> Hints:
     if part.clamp is not None and part.clamp[0] == part.clamp[1]:
         finder.complain("camera.clamp", "its two points are one; give the two edges of the first visible cross-section")
-    marks = part.marks
     return Hints(
         clamp=part.clamp,
         tip=part.tip,
@@ -225,8 +224,6 @@ def _hints(part: CameraPart, finder: _Finder) -> Hints:
         region=part.region,
         exclude=tuple(part.exclude or ()),
         colour=part.colour,
-        mark_colour=marks if isinstance(marks, tuple) else None,
-        mark_points=tuple(marks) if isinstance(marks, list) else (),
         masks=finder.file("camera.masks", part.masks, folder=True),
         keypoints=finder.file("camera.keypoints", part.keypoints),
     )

@@ -113,13 +113,14 @@ def off_hints(state: State, scene: Scene, *, first: bool = False) -> str:
     return ""
 
 
-def allowed_pixels(shape: tuple[int, ...], hints: Hints) -> NDArray[np.bool_] | None:
-    """Where the tube may be, by `region` and `exclude`; None for everywhere."""
+def allowed_pixels(shape: tuple[int, ...], hints: Hints, scale: float = 1.0) -> NDArray[np.bool_] | None:
+    """Where the tube may be, by `region` and `exclude`, in a picture smaller by `scale`; None for everywhere."""
     if hints.region is None and not hints.exclude:
         return None
     allowed = np.full(shape[:2], hints.region is None)
     boxes = [(box, False) for box in hints.exclude]
-    for (x, y, width, height), inside in ([] if hints.region is None else [(hints.region, True)]) + boxes:
+    for box, inside in ([] if hints.region is None else [(hints.region, True)]) + boxes:
+        x, y, width, height = (scale * side for side in box)
         allowed[max(round(y), 0) : max(round(y + height), 0), max(round(x), 0) : max(round(x + width), 0)] = inside
     return allowed
 

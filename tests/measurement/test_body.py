@@ -9,6 +9,9 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
+from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.rules import First, elsewhere
+from rfea_vision.vision.track import make_scene
 
 from .phone import Arm, Room, film
 
@@ -69,6 +72,52 @@ def test_key_points_and_masks_of_another_program_are_where_the_fit_begins(tmp_pa
         assert track.valid.all(), track.dataset["reason_detail"].values
         off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
         assert off.max() < 0.05 * swing
+
+
+def test_the_line_does_not_slide_along_smooth_rubber(tmp_path):
+    """The end leaves the picture and comes back: the line stays in its clamp, and ends where the arm does."""
+    arm = Arm(length=80.0, rgb=(60.0, 60.0, 65.0), texture=1.0, tape_end=6.0, ragged=1.2, swell=0.07)
+    there_and_back = np.concatenate([np.linspace(0.05, 1.6, 16), np.linspace(1.6, 0.05, 16)])
+    truth = film(tmp_path / "film.mp4", arm, Room(size=(230, 260), px_per_mm=2.2, clamp=(110.0, 40.0)), there_and_back)
+    track = tracked(tmp_path / "film.mp4", truth)
+    off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
+    assert track.valid[-10:].all() and not track.valid[15:17].any()
+    assert np.nanmax(off) < 3.0
+
+
+@pytest.mark.parametrize(
+    ("more", "taken"),
+    [
+        ({"colour": (60, 160, 90)}, "bowed"),
+        ({"colour": (200, 120, 60)}, "straight"),
+        ({"exclude": ((105.0, 90.0, 30.0, 60.0),)}, "bowed"),
+        ({"region": (90.0, 20.0, 60.0, 200.0)}, "straight"),
+    ],
+)
+def test_hints_decide_between_two_lines_from_clamp_to_tip(more, taken):
+    """A bowed green arm and a straight orange strip join the clamp and the tip; each is as clear as the other."""
+    t = np.linspace(0, 1, 80)[:, None]
+    straight = np.array([120.0, 40.0]) + t * np.array([0.0, 160.0])
+    lines = {"straight": straight, "bowed": straight + np.hstack([60.0 * np.sin(np.pi * t), 0.0 * t])}
+    picture = np.full((260, 260, 3), 220, dtype=np.uint8)
+    for name, rgb in (("straight", (200, 120, 60)), ("bowed", (60, 160, 90))):
+        cv2.polylines(picture, [np.round(lines[name]).astype(np.int32)], False, rgb[::-1], 19)
+    calibration = scaled_by_distance((260, 260), [[0, 0], [100, 0]], 50.0)
+    actuator = Actuator(outer_radius=0.005, inner_radius=0.002, length=0.09)
+    hints = Hints(clamp=((110.0, 40.0), (130.0, 40.0)), tip=(120.0, 200.0), **more)
+    follower = BodyFollower(make_scene(calibration, actuator, "image", hints, (260, 260)), 1.0)
+    follower.next(picture, 0.0)
+    assert np.linalg.norm(follower.body.points[32] - lines[taken][40]) < 6.0
+
+
+def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
+    first = First(100.0, np.ones(65), 1.0, 1.0, (120, 120), 50.0, 2.0, np.zeros(2), np.ones((120, 120), dtype=bool))
+    assert first.allowed is not None
+    line = np.column_stack([np.full(50, 60.0), np.linspace(10.0, 110.0, 50)])
+    first.allowed[:, 40:80] = False
+    assert elsewhere(first, line) == 1.0
+    first.allowed[60:] = True
+    assert 0.4 < elsewhere(first, line) < 0.6
 
 
 def test_hints_beside_the_arm_give_no_track(tmp_path):

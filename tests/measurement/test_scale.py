@@ -78,7 +78,6 @@ camera:
   region: [100, 50, 300, 640]
   exclude: [[0, 0, 60, 60]]
   colour: '#7088a0'
-  marks: red
 video: {file: video.mp4}
 """
 
@@ -90,10 +89,10 @@ def test_hints_stand_in_the_file(tmp_path):
     assert experiment.camera is not None and experiment.camera.scale is not None
     assert experiment.camera.scale.distance_mm == pytest.approx(155.0)
     hints = experiment.camera.hints
-    assert hints.colour == (0x70, 0x88, 0xA0) and hints.mark_colour == (200, 40, 40)
+    assert hints.colour == (0x70, 0x88, 0xA0)
     assert hints.region == (100, 50, 300, 640) and hints.exclude == ((0, 0, 60, 60),)
-    (tmp_path / "experiment.yaml").write_text(CAMPAIGN.replace("red", "reddish"))
-    with pytest.raises(InputError, match=r"camera\.marks.*'#rrggbb'"):
+    (tmp_path / "experiment.yaml").write_text(CAMPAIGN.replace("'#7088a0'", "reddish"))
+    with pytest.raises(InputError, match=r"camera\.colour.*'#rrggbb'"):
         load_campaign(tmp_path)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -16,11 +17,20 @@ FloatArray = NDArray[np.float64]
 
 FIRST_COEFFICIENTS = 7
 CLEAR = 3.0  # standard deviations between two colours that are never confused
+ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
+HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue
 ROUTE_FLOOR = 0.02  # cost of a pixel that is surely the body, over that of one that surely is not
 
 
 def hinted_lines(
-    picture: Picture, clamp_px: FloatArray, line_px: FloatArray, half_px: float, length_px: float
+    picture: Picture,
+    clamp_px: FloatArray,
+    line_px: FloatArray,
+    half_px: float,
+    length_px: float,
+    *,
+    colour: FloatArray | None = None,
+    allowed: NDArray[np.bool_] | None = None,
 ) -> list[FloatArray]:
     """Lines of stations (S, 2) px that the hints allow: a curve of the body's length, the straight one, and a route.
 
@@ -30,13 +40,18 @@ def hinted_lines(
     clamp_px : (2, 2) across the first visible cross-section
     line_px : what is known of the centre line (n, 2), from clamp to tip
     half_px, length_px : half the body's width, and its length
+    colour : (3,) of the body in CIELAB, where it is known; without it, that of its ends is taken
+    allowed : (h, w) where the body may be
     """
     if len(line_px) >= 4:  # clamp, tip and two between: the person has drawn it
         return [smooth_line(line_px)]
     across = clamp_px[1] - clamp_px[0]
     inwards = np.array([-across[1], across[0]]) / max(float(np.linalg.norm(across)), 1e-9)
     inwards *= 1.0 if inwards @ (line_px[-1] - line_px[0]) >= 0 else -1.0
-    lines = [_route(picture, line_px, inwards, half_px)]
+    likeness = _likeness(picture, line_px, inwards, half_px) if colour is None else like_colour(picture, colour)
+    if allowed is not None:
+        likeness = np.where(allowed, likeness, 0.0)
+    lines = [_route(likeness, line_px, half_px)]
     if len(line_px) == 2:
         lines += [smooth_line(line_px), smooth_line(_bow(line_px, inwards, length_px))]
     return lines
@@ -54,25 +69,35 @@ def _bow(line_px: FloatArray, inwards: FloatArray, length_px: float) -> FloatArr
     return curves[int(np.argmin(np.abs(np.array(lengths) - length_px)))]
 
 
-def _route(picture: Picture, line_px: FloatArray, inwards: FloatArray, half_px: float) -> FloatArray:
-    """From hint to hint by way of pixels that look like the body's ends."""
+def like_colour(colours: NDArray[Any], hinted: FloatArray) -> FloatArray:
+    """How much colours (..., 3) are like the one that a person named, 0 to 1; all in CIELAB."""
+    return np.exp(-0.5 * np.sum(((colours - hinted) / np.array(HINTED_ALIKE)) ** 2, axis=-1))
+
+
+def _likeness(picture: Picture, line_px: FloatArray, inwards: FloatArray, half_px: float) -> FloatArray:
+    """How much every pixel (h, w) looks like the body's ends."""
     back = line_px[-2] - line_px[-1]
     back = back / np.linalg.norm(back)
     seeds = [line_px[0] + k * half_px * inwards for k in (0.7, 1.2)]
     seeds += [line_px[-1] + k * half_px * back for k in (0.6, 1.0)]
-    likeness = np.zeros(picture.shape[:2], dtype=np.float32)
+    likeness = np.zeros(picture.shape[:2])
     for seed in [*seeds, *line_px[1:-1]]:
         disc = np.zeros(picture.shape[:2], dtype=np.uint8)
         cv2.circle(disc, (round(seed[0]), round(seed[1])), max(round(0.5 * half_px), 1), 1, -1)
         colours = picture[disc > 0].astype(np.float32)
         if len(colours) == 0:
             continue
-        off = (picture.astype(np.float32) - np.median(colours, axis=0)) / np.array([10.0, 5.0, 5.0], dtype=np.float32)
+        off = (picture.astype(np.float32) - np.median(colours, axis=0)) / np.array(ALIKE, dtype=np.float32)
         likeness = np.maximum(likeness, np.exp(-0.5 * np.sum(off**2, axis=-1)))
+    return likeness
+
+
+def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatArray:
+    """From hint to hint by way of pixels that look like the body."""
     likeness = cv2.GaussianBlur(likeness, (0, 0), max(0.5 * half_px, 0.5))
     cost = 1.0 / (likeness / max(float(likeness.max()), 1e-6) + ROUTE_FLOOR)
     route: list[FloatArray] = []
-    size = np.array(picture.shape[1::-1]) - 1
+    size = np.array(likeness.shape[::-1]) - 1
     for start, end in pairwise(line_px):
         a, b = (np.clip(np.round(p), 0, size).astype(int) for p in (start, end))
         steps, _ = route_through_array(cost, (a[1], a[0]), (b[1], b[0]), fully_connected=True, geometric=True)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.vision import fitted
-from rfea_vision.vision.begin import Begin, Scene
-from rfea_vision.vision.body.begin import first_body, hinted_lines, separation, smooth_line
+from rfea_vision.vision.begin import Begin, Scene, allowed_pixels
+from rfea_vision.vision.body.begin import first_body, hinted_lines, like_colour, separation, smooth_line
 from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, Wall, fit_body
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.model import (
@@ -26,7 +26,7 @@ from rfea_vision.vision.body.model import (
     frame_of,
     learn_colours,
 )
-from rfea_vision.vision.body.rules import First, refused
+from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.sampling import RAYS, learn_wall, measure_end, read_strip
 from rfea_vision.vision.curve import (
     COEFFICIENTS,
@@ -87,7 +87,10 @@ class BodyFollower:
         self.frame = -1
         self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
-        self.first = First(1.0, np.ones(STATIONS), None, 0.0, (0, 0), scene.length_mm, self.px_per_mm)
+        self.colour = None if scene.hints.colour is None else lab_of(scene.hints.colour)
+        self.first = First(
+            1.0, np.ones(STATIONS), None, 0.0, (0, 0), scene.length_mm, self.px_per_mm, self.clamp.mean(axis=0), None
+        )
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
@@ -137,13 +140,13 @@ class BodyFollower:
     def _begin(self, lab: Picture, guided: FloatArray | None) -> None:
         """Outline, colours, texture and end in the first frame."""
         self.first.shape = lab.shape[:2]
+        self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)
         self.wall = Wall(np.zeros(lab.shape, dtype=np.float32), np.zeros(lab.shape[:2], dtype=np.int32))
         half = 0.5 * float(np.linalg.norm(self.clamp[1] - self.clamp[0]))
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
-        tried = [
-            self._drawn(lab, line, half, length) for line in hinted_lines(lab, self.clamp, self.line, half, length)
-        ]
+        lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
+        tried = [self._drawn(lab, line, half, length) for line in lines]
         self.body, _ = max(tried, key=lambda pair: pair[1])
         offsets = self._end_seen(lab, half)
         if np.isfinite(offsets).sum() > RAYS // 2:  # people point beside the end; where it is seen, it is there
@@ -164,7 +167,7 @@ class BodyFollower:
         self.start = Begin(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
 
     def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float) -> tuple[Body, float]:
-        """The outline around a line that was pointed at, and how well it is seen: edges, colours, length."""
+        """The outline around a line that was pointed at, and how well it is seen and hinted at."""
         body = first_body(lab, line, half)
         fit = None
         for turn in range(FIRST_TURNS):
@@ -177,7 +180,9 @@ class BodyFollower:
             learn_colours(lab, body, 1.0)
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
-        return body, float(np.mean(fit.seen) * (0.2 + separation(body)) * (0.2 + known))
+        alike = 1.0 if self.colour is None else float(np.mean(like_colour(body.inside[:, 0], self.colour)))
+        hinted = alike * (1.0 - elsewhere(self.first, body.points))
+        return body, float(np.mean(fit.seen) * (0.2 + separation(body)) * (0.2 + known) * hinted)
 
     def _end_seen(self, lab: Picture, half: float) -> FloatArray:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
@@ -232,7 +237,9 @@ class BodyFollower:
         n = _robust_spline(NORMAL_BASIS[station], across, kept)
         t = _robust_spline(ALONG_BASIS[station], along, kept)
         moved_line = body.points + (NORMAL_BASIS @ n)[:, None] * normals + (ALONG_BASIS @ t)[:, None] * tangents
-        body.points = _spaced(moved_line, self.body.points)
+        clamp = self.clamp.mean(axis=0)  # it stays: what the flow moves along there is the body slipping out of it
+        begin = 1 + int(np.argmax((moved_line[1:] - clamp) @ tangents[0] > 0.0))
+        body.points = _spaced(np.vstack([clamp, moved_line[begin:]]), self.body.points)
         return body
 
     def _swung(self, lab: Picture) -> Body:
@@ -305,6 +312,12 @@ class BodyFollower:
         work.covariance[np.diag_indices(len(work.covariance))] += floor
         along = float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1])
         numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
+
+
+def lab_of(colour: tuple[int, int, int]) -> FloatArray:
+    """Red, green and blue of 255 as the pictures have them: (3,) of CIELAB in 8 bits."""
+    pixel = np.array([[colour]], dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(pixel, cv2.COLOR_RGB2LAB)[0, 0], dtype=float)
 
 
 def _likeness(fit: Fit) -> float:

@@ -23,6 +23,9 @@ LONGEST_LOST = 0.35  # of the length in one piece
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 WIDEST_ERROR = 0.6  # of the half width: standard error of the end that is still a measurement
 SHARPEST = 0.9  # curvature times half width
+OFF_CLAMP = 0.5  # half widths that the line may begin beside where it was pointed at
+END_UNLIKE = 0.5  # of the last body width must look like the body: else the line runs on beyond its end
+ELSEWHERE = 0.1  # of the line may lie where region and exclude say that the body never is
 
 
 @dataclass
@@ -30,7 +33,8 @@ class First:
     """The first frame, to which all others are compared: length and half width (S,) px, share of the edges seen.
 
     `seen` is None while the first frame itself is judged; `separation` tells how clearly its colours differ from those
-    around it (0 to 1); `shape` is that of the picture, `length_mm` the tube's.
+    around it (0 to 1); `shape` is that of the picture, `length_mm` the tube's; `clamp` (2,) px is where it was pointed at,
+    and `allowed` (h, w) where the hints let it be (None: everywhere).
     """
 
     length: float
@@ -40,6 +44,8 @@ class First:
     shape: tuple[int, int]
     length_mm: float
     px_per_mm: float
+    clamp: FloatArray
+    allowed: NDArray[np.bool_] | None
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,36 @@ class Rule:
 
     reason: str
     test: Callable[[First, Fit], str]
+
+
+def _slipped(first: First, fit: Fit) -> str:
+    """Smooth rubber looks alike all along: a line that has slid along it fits everywhere but at its two ends."""
+    off = float(np.linalg.norm(fit.body.points[0] - first.clamp))
+    limit = OFF_CLAMP * float(np.median(fit.body.half))
+    return "" if off <= limit else f"what fits begins {off / first.px_per_mm:.1f} mm from camera.clamp"
+
+
+def elsewhere(first: First, points: FloatArray) -> float:
+    """Share of the points (n, 2) that lie where the hints say that the body never is."""
+    if first.allowed is None:
+        return 0.0
+    high = np.array(first.allowed.shape[::-1]) - 1
+    x, y = np.clip(np.round(points), 0, high).astype(int).T
+    return float(np.mean(~first.allowed[y, x]))
+
+
+def _elsewhere(first: First, fit: Fit) -> str:
+    share = elsewhere(first, fit.body.points)
+    return (
+        "" if share <= ELSEWHERE else f"{100 * share:.0f} % of it lies where camera.region or camera.exclude forbid it"
+    )
+
+
+def _beyond(first: First, fit: Fit) -> str:
+    """The end is measured only where the body reaches to it."""
+    count = max(round(2.0 * float(np.median(fit.body.half)) / fit.body.length * STATIONS), 3)
+    share = float(np.mean(fit.backing[-count:]))
+    return "" if share >= END_UNLIKE else f"{100 * share:.0f} % of the last body width looks like the tube"
 
 
 def _wall(first: First, fit: Fit) -> str:
@@ -128,6 +164,9 @@ RULES = (
     Rule("edge_lost", _edges),
     Rule("width_off", _width),
     Rule("length_off", _length),
+    Rule("off_hints", _slipped),
+    Rule("off_hints", _elsewhere),
+    Rule("tip_hidden", _beyond),
     Rule("tip_hidden", _vague),
 )
 
