@@ -1,4 +1,4 @@
-"""Are the critique's probabilities right as often as they say? ``python -m benchmarks.probabilities --plant other --resume``.
+"""Are the critique's probabilities right as often as they say? ``python -m benchmarks.probabilities --plant other``.
 
 Every finished campaign is one line of ``probabilities/results.jsonl``, with the commit that it was run with; an interrupted run
 goes on where it stopped. ``--tables`` writes docs/probabilities.md from these lines, and from nothing else.
@@ -15,9 +15,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.probability_tables import DOCUMENT, document
 from benchmarks.probable_campaigns import Case, draw, recordings_of
 from rfea_vision.critique.diagnosis import Judgement, judge
 from rfea_vision.errors import RfeaError
+from rfea_vision.files import write_text
 from rfea_vision.fitting import FitOptions
 from rfea_vision.fitting.fit import fit, make_problem
 
@@ -120,7 +122,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--calibrate", action="store_true", help="the seeds that the rule is calibrated on")
     parser.add_argument("--count", type=int, default=40, help="campaigns to get to")
     parser.add_argument("--to", type=Path, default=RESULTS, help="file of the lines")
+    parser.add_argument(
+        "--tables", action="store_true", help="write docs/probabilities.md from the lines, and run nothing"
+    )
     given = parser.parse_args(arguments)
+    if given.tables:
+        write_text(DOCUMENT, document(read_results(given.to)))
+        return 0
     run_all(given.plant, (CALIBRATED if given.calibrate else UNSEEN)[: given.count], given.to)
     return 0
 

@@ -61,13 +61,16 @@ def profiles(low: float, high: float, rate: float, seed: int) -> dict[str, Float
     return {name: _limited(np.asarray(target, dtype=float), rate) for name, target in targets.items()}
 
 
-def _tip(fitted: Fitted, pressure: FloatArray) -> FloatArray | None:
+def _seen(fitted: Fitted, pressure: FloatArray, unit: str) -> FloatArray | None:
+    """What a camera would see of a pressure: middle and tip (frames, 4) in mm, or the bend angle (frames, 1) in deg."""
     model = fitted.model
     excitation = Excitation(0.0, STEP_S, pressure)
     times = np.arange(0, DURATION_S - 0.02, 0.01)
     motion = model.simulate(fitted.par, excitation, times)
     if not motion.ok:
         return None
+    if unit == "deg":
+        return np.rad2deg(motion.phi[:, -1:])
     return model.centre_line(motion, np.array([0.5, 1.0]))[0].reshape(times.size, -1) * 1e3
 
 
@@ -104,7 +107,7 @@ def shaped(target: FloatArray, amplitude: float, pace: float, rate: float) -> Fl
 def design_next(
     problem: Problem, rivals: Sequence[Fitted], names: Sequence[str], seed: int
 ) -> tuple[NextExperiment | None, xr.Dataset | None]:
-    """Pressure that separates two fitted rivals best, by the RMS difference of their predictions (mm).
+    """Pressure that separates two fitted rivals best, by the RMS difference of their predictions (mm, deg where only an angle is seen).
 
     The best shape first; then its pace and its amplitude in turn, as long as either tells more, within what the rig has shown.
     """
@@ -112,13 +115,15 @@ def design_next(
         return None, None
     low, high, rate = limits(problem)
     shapes = profiles(low, high, rate, seed)
+    unit = "mm" if problem.train[0].has_tip else "deg"
 
     def apart(design: _Design) -> float:
         pressure = shaped(shapes[design.shape], design.amplitude, design.pace, rate)
-        tips = [_tip(rival, pressure) for rival in rivals[:2]]
-        if tips[0] is None or tips[1] is None:
+        one, other = (_seen(rival, pressure, unit) for rival in rivals[:2])
+        if one is None or other is None:
             return -1.0
-        return float(np.sqrt(2 * np.mean((tips[0] - tips[1]) ** 2)))
+        coordinates = 2 if unit == "mm" else 1
+        return float(np.sqrt(coordinates * np.mean((one - other) ** 2)))
 
     told = {design: apart(design) for design in map(_Design, shapes)}
     for _ in range(ROUNDS):
@@ -133,7 +138,11 @@ def design_next(
     if told[best] < 0:
         return None, None
     pressure = shaped(shapes[best.shape], best.amplitude, best.pace, rate)
-    sentence = f"Run {best.words(high)}: there {names[0]} and {names[1]}, as fitted now, predict tips {told[best]:.3f} mm RMS apart."
+    what = "tips" if unit == "mm" else "angles"
+    sentence = (
+        f"Run {best.words(high)}: there {names[0]} and {names[1]}, as fitted now, predict {what} "
+        f"{told[best]:.3f} {unit} RMS apart."
+    )
     file = f"next-experiment-{names[0]}-{names[1]}.csv"
     dataset = xr.Dataset(
         {"pressure": ("log_time", pressure / 1e3, {"units": "kPa"})},

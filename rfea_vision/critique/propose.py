@@ -161,14 +161,6 @@ def _residuals(problem: Problem, fitted: Fitted) -> list[tuple[ResidualTorque, O
 SPOTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
-def _to_clamp(place: FloatArray) -> FloatArray:
-    return 1 - place
-
-
-def _to_tip(place: FloatArray) -> FloatArray:
-    return place
-
-
 def _near(place: FloatArray, at: float) -> FloatArray:
     return np.exp(-(((place - at) / 0.1) ** 2))
 
@@ -179,7 +171,11 @@ def _near(place: FloatArray, at: float) -> FloatArray:
 def library(runs: Sequence[tuple[ResidualTorque, Observed, float]]) -> list[Term]:
     """All terms: a quantity, alone and with the place along the tube."""
     each = [_quantities(*run) for run in runs]
-    places = {"": ("", np.ones_like), " * (1 - s)": (" near the clamp", _to_clamp), " * s": (" near the tip", _to_tip)}
+    places = {
+        "": ("", np.ones_like),
+        " * (1 - s)": (" near the clamp", lambda place: 1 - place),
+        " * s": (" near the tip", lambda place: place),
+    }
     for at in SPOTS:
         places[f" * exp(-((s - {at}) / 0.1)**2)"] = (f" at {100 * at:.0f} % of the length", partial(_near, at=at))
     terms = []
@@ -274,14 +270,14 @@ def regress(
 
     before = error([])
     alone = {law: error([law]) for law in columns}
-    found: list[Law] = []
-    begun: set[str] = set()
+    found, begun = list[Law](), set[str]()
     for first in sorted(alone, key=lambda law: alone[law]):
         if len(found) == MOST_LAWS or alone[first] > (1 - LEAST_GAIN) * before:
             break
-        if first.partition(" * exp(")[0].partition(" * (1 - s)")[0] in begun:
+        quantity = re.split(r" \* exp\(| \* \(1 - s\)", first)[0]
+        if quantity in begun:
             continue
-        begun.add(first.partition(" * exp(")[0].partition(" * (1 - s)")[0])
+        begun.add(quantity)
         chosen, now = [first], alone[first]
         while len(chosen) < MOST_TERMS:
             tried = {law: error([*chosen, law]) for law in columns if law not in chosen}

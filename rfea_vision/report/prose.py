@@ -210,7 +210,7 @@ def _missing(added: Sequence[str], verdict: str, where: str) -> Tile:
     note = "added to the model of the paper" if added else "nothing had to be added"
     if verdict == "unexplained":
         value = "; ".join([*added, "something that is not in the catalogue"] if added else ["Not in the catalogue"])
-        note = f"see the error along the tube{where}; rfea effects new FILE writes a law of your own"
+        note = f"see the error along the tube{where}; rfea propose reads a law for it from the residual torque"
         return Tile("Missing physics", value, note=note, section="where")
     if verdict == "missing" and not added:
         return Tile("Missing physics", "Named, not yet added", note="see the candidates", section="why")

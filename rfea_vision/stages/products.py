@@ -65,20 +65,27 @@ def without_pressure(diagnosis: Diagnosis) -> tuple[Diagnosis, tuple[Any, Any] |
 
 def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, Diagnosis]]) -> Rung:
     """Return the rung that a model stands on, above those `below`, for the ladder as far as it is."""
-    known = {rung.added for rung, _ in below}
-    new = [effect for effect in model.effects if effect not in known] or ["segments"]  # the rung that has no new law
-    added = new[-1] if below and new else None
+    from rfea_vision.critique.trials import plain  # compiles: only where a ladder is climbed
+
+    known, own = {rung.added for rung, _ in below}, [plain(effect) for effect in model.effects]
+    new = [effect for effect in own if effect not in known] or ["segments"]  # the rung that has no new law
+    added = new[-1] if below else None
+    before = below[-1][1] if below else diagnosis
+    candidate = next((row for row in before.candidates if row.effect == added), None)
     train, validate = model.metrics.get("train"), model.metrics.get("validate")
     return Rung(
         model=model.name,
         added=added,
-        tied=below[-1][1].rivals_of(added) if added else [],
+        tied=before.rivals_of(added) if added else [],
         train_tip_rmse_mm=train.tip_rmse_mm if train else None,
         validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
         train_angle_rmse_deg=train.angle_rmse_deg if train else None,
         validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
         delta_bic=None,
         verdict=diagnosis.verdict,
+        grade=None if added is None else "named" if added in before.named else "stand-in",
+        probability=candidate.probability if candidate else None,
+        share=candidate.share if candidate else None,
     )
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from rfea_vision.artefacts import Recording
+from benchmarks.probability_tables import brier, calibration_error, claims
+from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
 from rfea_vision.critique import screening
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
@@ -25,6 +26,7 @@ from rfea_vision.fitting.observation import noise_floor_mm
 from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions
+from rfea_vision.stages.products import rung_of
 
 
 def test_phases_of_a_trapezium():
@@ -220,3 +222,39 @@ def test_the_floor_leaves_out_what_all_frames_share():
     assert floor == pytest.approx(0.006) and "standard errors" in source
     item.origin_sigma = 0.0  # a track that is in the rig frame by somebody's word is taken at that word
     assert noise_floor_mm([item], {"run": SimpleNamespace(dataset=data)})[0] == pytest.approx(0.0232, abs=1e-4)
+
+
+def test_a_rung_of_an_unfinished_ladder_tells_how_sure_its_effect_was():
+    def model(*effects: str) -> ModelFit:
+        name = "+".join(("base", *effects))
+        return ModelFit(name=name, segments=6, effects=list(effects), parameters={}, metrics={}, experiments={})
+
+    rows = [
+        Candidate(effect="mullins", form="linear", probability=0.9, share=0.7),
+        Candidate(effect="drag", probability=0.2, share=0.4),
+    ]
+    said = Diagnosis(model="base", verdict="missing", named=["mullins"], candidates=rows)
+    rungs = [(rung_of(model(), said, []), said)]
+    assert (rungs[0][0].added, rungs[0][0].grade, rungs[0][0].probability) == (None, None, None)
+    expected = {
+        ("mullins:linear",): ("mullins", "named", 0.9, 0.7),
+        ("mullins:linear", "drag"): ("drag", "stand-in", 0.2, 0.4),
+    }
+    for effects, added in expected.items():
+        rungs.append((rung_of(model(*effects), said, rungs), said))
+        rung = rungs[-1][0]
+        assert (rung.added, rung.grade, rung.probability, rung.share) == added
+
+
+def test_a_claim_is_counted_once_for_a_tie_and_a_hidden_law_that_was_never_tried_as_missed():
+    line = {
+        "plant": "other",
+        "hidden": {"tilt": 0.1, "spectrum": 0.02, "spot": 0.3, "spot_at": 0.5},
+        "right": ["gravity_tilt", "maxwell", "maxwell_2", "stiffness_profile"],
+        "tied": [["gravity_tilt", "com_offset"]],
+        "probability": {"gravity_tilt": 0.8, "com_offset": 0.8, "maxwell": 0.1, "maxwell_2": 0.6, "drag": 0.95},
+    }
+    found = claims(line)
+    assert [(p, right) for _, p, right in found] == [(0.8, True), (0.6, True), (0.0, True), (0.95, False)]
+    assert brier(found) == pytest.approx((0.04 + 0.16 + 1 + 0.9025) / 4)
+    assert calibration_error(found) == pytest.approx((2 * 0.3 + 1 + 0.95) / 4)
