@@ -228,6 +228,13 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
             own, other = (" and ".join(filter(None, names)) or "without a name" for names in (chambers[item.name], first))
             message = f"has the chambers {own}, '{experiments[0].name}' has {other}; name the same ones in all experiments"
             problems.append(Problem(item.folder / "experiment.yaml", message, "pressure", experiment=item.name))
+    both_ways = [item for item in experiments if {part.sign for part in item.pressure.chambers} == {1, -1}]
+    if any(item.actuator.kind == "tube" for item in both_ways):
+        message = (
+            "a tube has its inextensible side on one side, and the chambers bend it to both; a section that bends about its "
+            "middle is for example 'section: {kind: rod, chamber_area: 60 mm^2}'"
+        )
+        problems.append(Problem(file, message, "actuator.section", severity="warning"))
     roles = {item.role for item in experiments}
     if complete and "train" not in roles:
         problems.append(

@@ -260,6 +260,10 @@ def test_chambers_are_read_with_their_signs(tmp_path):
     pressure = load_campaign(folder).experiment("steps").pressure
     assert [(part.chamber, part.sign) for part in pressure.chambers] == [("left", 1), ("right", -1)]
     assert len(pressure.files) == 1
+    assert [problem.key for problem in read_campaign(folder).problems] == ["actuator.section"]
+    campaign = folder / "campaign.yaml"
+    campaign.write_text(campaign.read_text().replace("bends", "section: {kind: rod}, bends"))
+    assert not read_campaign(folder).problems
 
 
 @pytest.mark.parametrize(
