@@ -38,7 +38,8 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     probability = search.probabilities(weighed, ties)
     top = weighed[0]
     likely = [one for one in top.added if probability[one] >= search.rule.likely and search.matters(weighed, one)]
-    likely.sort(key=lambda one: -_worth(search, top, one))
+    follows = {e.id for e in search.effects if set(e.goes_with) & set(likely)}  # what needs another is added after it
+    likely.sort(key=lambda one: (one in follows, -_worth(search, top, one)))
     own = next((item for item in weighed if set(item.added) == set(likely)), weighed[0])
     best = own.trial
     left = search.structure(best)
