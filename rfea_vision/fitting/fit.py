@@ -54,6 +54,11 @@ GOOD_STEADY = 50.0
 Progress = Callable[[int, int], None] | None
 
 
+def _first_cost(look: Solution | None) -> float:
+    """Cost of a start after one look; infinite where it cannot be simulated."""
+    return np.inf if look is None else look.cost
+
+
 def _stiffer(par: FloatArray) -> Iterator[FloatArray]:
     """A start, and stiffer ones without slope: a tube that is too soft has no steady state under pressure."""
     yield par
@@ -130,6 +135,8 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
         for name, value in coarse.fixed.items():
             if name in model.names:
                 guess[model.names.index(name)] = value
+        if not plateaus:  # no steady state tells the stiffness: the start that comes nearest at once is taken
+            guess = min(_stiffer(guess), key=lambda trial: _first_cost(solve(model, thin, coordinates, trial, most_evaluations=1)))
         from_rest, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
         solution = None

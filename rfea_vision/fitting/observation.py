@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.dynamics.excitation import LONGEST_STEP_S
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.letting_go import Held, letting_go, when_let_go
@@ -26,6 +27,9 @@ ORIGIN_SIGMA_MM = 0.1
 #: Nobody reads a tube better than this; keeps a file that claims zero error from ruling the fit.
 SMALLEST_SIGMA_MM = 0.005
 SMALLEST_SIGMA_DEG = 0.005
+#: Steps of the integrator to a period of the faster of log and camera, and the longest step that is taken.
+STEPS_PER_PERIOD = 5
+SLOWEST_STEP_S = 8e-3
 #: Log before the first frame that is simulated too, at most; what came before has died away by the first frame after half.
 LONGEST_BEFORE_S, SETTLED_S = 3.0, 1.5
 #: A log whose pressure stands still for this long at first is taken to begin with the tube at rest.
@@ -244,7 +248,9 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         from_s, unknown_before_s = _beginning(
             log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
         )
-    excitation = Excitation.from_log(log_time, pressure, from_s, float(time[valid][-1]) + 0.25)
+    excitation = Excitation.from_log(
+        log_time, pressure, from_s, float(time[valid][-1]) + 0.25, _longest_step_s(log_time, time[valid])
+    )
     # A hand lets go when it does: where nothing but that is timed by the log's clock, the moment is found with the fit.
     let_go = held is not None and bool(np.ptp(pressure) < 1e3)
     tip_mm = points[keep, -1] / MM if fractions.size else np.zeros((0, 2))
@@ -273,6 +279,16 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         held=held,
         conditions=json.loads(str(data.attrs.get("conditions", "{}"))),
     )
+
+
+def _longest_step_s(log_time: FloatArray, time: FloatArray) -> float:
+    """Longest step (s) that resolves what this run's log and frames can show.
+
+    Frames show no motion faster than one of two of their periods, a log no change faster than from one sample to the next:
+    a fifth of the shorter period is ten steps to the fastest motion that is compared.
+    """
+    period = min(float(np.median(np.diff(log_time))), float(np.median(np.diff(time))))
+    return float(np.clip(period / STEPS_PER_PERIOD, LONGEST_STEP_S, SLOWEST_STEP_S))
 
 
 def _held(

@@ -19,8 +19,8 @@ from rfea_vision.options.fit import FitOptions, Observe
 
 FloatArray = NDArray[np.float64]
 WRONG_SIDE_RAD = 0.3
-#: A run that goes no further than this many standard errors of its track shows no motion.
-LEAST_WAY_SIGMAS = 10.0
+#: Twice the modulus of a stiff rubber (10 MPa): a thin wall of it has burst long before.
+BURSTS_PA = 2e7
 
 
 @dataclass(frozen=True)
@@ -73,15 +73,17 @@ def make_problem(
 
 def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
     """Refuse what no tube of this length does: a wrong unit, a wrong side, a pressure that never changes."""
-    ways = [float(np.ptp(item.points[:, -1] if item.has_tip else item.angle, axis=0).max()) for item in train]
-    least = [
-        LEAST_WAY_SIGMAS * float(np.median(item.sigma[:, -1] if item.has_tip else item.angle_sigma)) for item in train
-    ]
-    if not pushed(train) and all(way < floor for way, floor in zip(ways, least, strict=True)):
+    highest = max(float(np.max(np.abs(item.excitation.pressure))) for item in train)
+    if highest > BURSTS_PA:
+        raise DataError(
+            f"the pressure of the training runs reaches {highest / 1e6:.3g} MPa, at which no soft tube holds; "
+            "check the unit of the pressure log"
+        )
+    if not pushed(train) and all(item.held is None for item in train):
         spread = max(float(np.ptp(item.excitation.pressure)) for item in train)
         raise DataError(
-            f"the pressure of the training runs stays within {spread / 1e3:.2g} kPa, and nothing moves in them; check its unit, or "
-            "record a run in which it changes, or one in which the tube is let go by hand"
+            f"the pressure of the training runs stays within {spread / 1e3:.2g} kPa: it moves no tube; check its unit, record a run in "
+            "which it changes, or say `start: {shape: measured}` where the tube was held by hand and let go"
         )
     for item in train:
         if not item.has_tip:

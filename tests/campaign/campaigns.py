@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,8 @@ def write_experiment(folder: Path, name: str, role: str = "train") -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "experiment.yaml").write_text(EXPERIMENT.format(name=name, role=role))
     log_s = np.arange(0.0, 0.5, 0.001)
-    pressure_kPa = 100.0 * (1.0 - np.exp(-log_s / 0.1))
+    top_kPa = 100.0 + 0.1 * (zlib.crc32(name.encode()) % 100)  # no two runs have the same log, row by row
+    pressure_kPa = top_kPa * (1.0 - np.exp(-log_s / 0.1))
     pd.DataFrame({"time_s": log_s, "pressure_kPa": pressure_kPa}).to_csv(folder / "pressure.csv", index=False)
     time_s = np.arange(0.0, 0.5, 1 / 240)
     bend = 0.8 * (1.0 - np.exp(-time_s / 0.1))
