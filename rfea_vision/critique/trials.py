@@ -84,7 +84,7 @@ class Trials:
         return refit_segments(self.problem, base.fitted, f"{base.fitted.options.name}+{SEGMENTS}")
 
     def _solved(self, base: Trial, key: frozenset[str], start: Mapping[str, float]) -> Fitted | None:
-        options, values, absent = self._options(base.fitted, key)
+        options, values, absent = self._options(base, key)
         held = _values(base)
         grids = [values, *({**values, name: v} for name, points in self._grids(key, start).items() for v in points[1:])]
         tries = [self._from(options, {**grid, **held, **start}, base.fitted) for grid in grids]
@@ -110,8 +110,9 @@ class Trials:
         }
         return {name: points for name, points in found.items() if name not in start}
 
-    def _options(self, like: Fitted, key: frozenset[str]) -> tuple[FitOptions, dict[str, float], dict[str, float]]:
+    def _options(self, base: Trial, key: frozenset[str]) -> tuple[FitOptions, dict[str, float], dict[str, float]]:
         """Options of one law of all effects; where its parameters start; and the absent values of the effects of the set."""
+        like = base.fitted
         files = self.effect_files or like.options.effect_files
         users = [e.id for path in files for e in load_effect_file(path)]
         chosen = {plain(one): one for one in key}
@@ -121,7 +122,11 @@ class Trials:
             every = find_effects([one.partition("@")[0] for one in sorted(key)], files)
         elif not any(effect.states for effect in every if effect.id in chosen):
             every = tuple(effect for effect in every if not effect.states)
-        fixed, values, absent = dict(like.options.fixed), {}, {}
+        new = {
+            plain(one) for one in key - base.effects
+        }  # a base that is itself a trial holds them at their absent values
+        fixed = {name: value for name, value in like.options.fixed.items() if name.partition(".")[0] not in new}
+        values, absent = {}, {}
         for effect in every:
             for name, spec in effect.parameters.items():
                 called = f"{effect.id}.{name}"
