@@ -110,9 +110,9 @@ def test_a_runaway_is_refused(exact):
 
 def test_values_that_no_tube_has_raise_an_alarm(fitted, exact):
     problem, free = fitted
-    heavy = replace(problem, actuator=replace(problem.actuator, density=6000.0))
+    heavy = replace(problem, actuator=replace(problem.actuator, material="PDMS", density=6000.0))
     assert any("6000 kg/m^3" in warning for warning in as_artefact(heavy, free).warnings)
-    thin = replace(problem, actuator=replace(problem.actuator, inner_radius=0.00395))
+    thin = replace(problem, actuator=replace(problem.actuator, material="PDMS", inner_radius=0.00395))
     assert any("Young's modulus" in warning for warning in as_artefact(thin, free).warnings)
     assert not any("modulus" in warning or "density" in warning for warning in as_artefact(problem, free).warnings)
 
