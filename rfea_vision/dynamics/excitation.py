@@ -45,7 +45,7 @@ class Excitation:
     @property
     def grid_s(self) -> FloatArray:
         """Times (s) of the grid."""
-        return self.start_s + self.step_s * np.arange(self.pressure.size)
+        return self.start_s + self.step_s * np.arange(self.pressure.size)  # pyright: ignore
 
     def at(self, time_s: FloatArray) -> FloatArray:
         """Pressure (Pa) at times (s)."""

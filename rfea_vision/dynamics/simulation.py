@@ -309,7 +309,7 @@ class Model:
             module.body_force,
             self.system(par),
             self._course(par, excitation, frames_s, index),
-            Trace(*begin, out_phi, out_om, out_z, out_S),
+            Trace(*begin, out_phi, out_om, out_z, out_S),  # pyright: ignore[reportCallIssue]
         )
         message = "" if status == OK else _why(status, done, taken, excitation)
         return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot, taken)

@@ -48,11 +48,6 @@ def test_every_slider_holds_its_fitted_value_and_interval(player, base):
         assert slider.interval is None or slider.interval == known.interval_95
 
 
-def test_values_that_no_tube_survives_are_said_not_drawn(player, base):
-    header, _ = player.play(Chosen(base, ()), {"k_ref": 1e-6, "k_slope": 0.0}, "mixed-3")
-    assert header["validate"] is None and "cannot be simulated" in header["run"]["why"]["prediction"]
-
-
 def test_a_test_run_or_an_unknown_one_is_not_shown(player, base):
     with pytest.raises(InputError, match="no training or held-out run"):
         player.play(Chosen(base, ()), {}, "elsewhere")

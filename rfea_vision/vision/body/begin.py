@@ -94,7 +94,7 @@ def _likeness(picture: Picture, line_px: FloatArray, inwards: FloatArray, half_p
 
 def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatArray:
     """From hint to hint by way of pixels that look like the body."""
-    likeness = cv2.GaussianBlur(likeness, (0, 0), max(0.5 * half_px, 0.5))
+    likeness = cv2.GaussianBlur(likeness, (0, 0), max(0.5 * half_px, 0.5))  # pyright: ignore
     cost = 1.0 / (likeness / max(float(likeness.max()), 1e-6) + ROUTE_FLOOR)
     route: list[FloatArray] = []
     size = np.array(likeness.shape[::-1]) - 1
