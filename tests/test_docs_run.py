@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import shlex
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -56,5 +59,21 @@ def test_every_command_line_of_the_documents_runs(desk, page, line, capsys):
     if words[0] == "simulate":
         words = [w for w in words if w] + ["--duration", "1s", "--experiments", "1"]
         words[1] = f"{words[1]}-{len(list(desk.iterdir()))}"
+    if words[0] == "open":
+        serves_until_interrupted(words)
+        return
     code = run(words)
     assert code == 0, f"{page}: {line}\n{capsys.readouterr().err}"
+
+
+def serves_until_interrupted(words: list[str]) -> None:
+    """Run a command that serves a page until Ctrl-C: it prints its address, and ends cleanly."""
+    command = [sys.executable, "-m", "rfea_vision", *words, "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            address = server.stdout.readline()
+            server.send_signal(signal.SIGINT)
+            assert server.wait(timeout=60) == 0
+        finally:
+            server.kill()
+    assert address.startswith("http://127.0.0.1:")
