@@ -242,7 +242,8 @@ class Recording:
     paper's ``gravity_deg`` from down, positive in the direction of the bend, or ``gravity: none``; ``held_until_s`` on the
     camera's clock where the tube was let go by hand (NaN: when it is seen to move); ``conditions``, a JSON mapping of SI
     values. A run that carries the memory of others has ``earlier_pressure`` (earlier_time) too, in kPa before the log begins.
-    Of several chambers ``pressure`` is the sum, each times its sign, and ``chamber_pressure`` (chamber, log_time) what each had.
+    Of several chambers ``pressure`` is the sum, each times its ``chamber_sign``, and ``chamber_pressure`` (chamber, log_time)
+    what each had.
     """
 
     dataset: xr.Dataset

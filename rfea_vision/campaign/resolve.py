@@ -36,6 +36,8 @@ from rfea_vision.campaign.yaml_file import YamlFile
 from rfea_vision.data import read_camera_profile
 from rfea_vision.errors import InputError
 
+#: Names of chambers stand after the @ of an effect, before the point of a parameter.
+CHAMBER = r"[^\W\d_][^.@=,]*"
 SCALE_EXAMPLE = "scale: {points: [[212, 80], [230, 640]], distance: 155 mm}"
 Folders = tuple[Path, ...]
 Files = tuple[YamlFile, ...]
@@ -377,6 +379,9 @@ def _pressures(given: PressurePart | list[PressurePart] | None, finder: _Finder)
     names = [part.chamber for part in given]
     if None in names or len(set(names)) < len(names):
         finder.complain("pressure", "each of several needs the name of its chamber, such as 'chamber: left'")
+    odd = next((name for name in names if name is not None and not re.fullmatch(CHAMBER, name)), None)
+    if odd is not None:
+        finder.complain("pressure.chamber", f"'{odd}' must begin with a letter and have no . @ or = in it, such as 'left'")
     first, *further = (_pressure(part, finder) for part in given)
     return replace(first, further=tuple(further))
 

@@ -127,11 +127,10 @@ def _held_gaps(problem: Problem, fitted: Fitted) -> list[tuple[Observed, FloatAr
 def _shift(item: Observed, other: Observed) -> float:
     """What to add to the time of one run to get that of the other, by their pressures; both begin alike unless these say else."""
     first = other.excitation.start_s - item.excitation.start_s
-    grid = item.excitation.start_s + item.excitation.step_s * np.arange(0, item.excitation.pressure.size, 10)
-    pressure = item.excitation.at(np.asarray(grid, dtype=np.float64))
+    grid, pressure = item.excitation.grid_s[::10], item.excitation.pressure[::10]
     shifts: FloatArray = first + np.arange(-SEARCHED_S, SEARCHED_S + 1e-9, 0.01)
     costs = [
-        float(np.mean((other.excitation.at(np.asarray(grid + shift, dtype=np.float64)) - pressure) ** 2))
+        float(np.mean((other.excitation.at(grid + shift) - pressure) ** 2))
         for shift in shifts
     ]
     return float(shifts[int(np.argmin(costs))])

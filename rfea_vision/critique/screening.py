@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import Effect
-from rfea_vision.effects.catalogue import catalogue, find_effects, load_effect_file
+from rfea_vision.effects.catalogue import catalogue, find_effects, line_effects, load_effect_file
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observation import Observed
 from rfea_vision.fitting.residuals import evaluate
@@ -52,7 +52,7 @@ def offered(
     ids = (
         list(candidates)
         if candidates is not None
-        else [*sorted(catalogue()), *(u for u in users if u not in catalogue())]
+        else [*sorted(catalogue()), *(u for u in users if u not in catalogue()), *_by_chamber(problem)]
     )
     clocks_free = all(item.clock_free for item in problem.train)
     chosen = []
@@ -62,6 +62,13 @@ def offered(
             continue
         chosen.append(effect)
     return tuple(chosen)
+
+
+def _by_chamber(problem: Problem) -> list[str]:
+    """Effects of the line at each of several chambers; the lever of the first one is that of the model (r_hyd)."""
+    chambers = list(problem.train[0].excitation.chambers)
+    placed = [(effect, chamber) for effect in line_effects() for chamber in chambers]
+    return [f"{effect}@{chamber}" for effect, chamber in placed if effect != "pressure_gain" or chamber != chambers[0]]
 
 
 def available(effects: Sequence[Effect], present: Collection[str]) -> tuple[Effect, ...]:

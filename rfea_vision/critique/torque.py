@@ -87,7 +87,7 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     ]
     motion = predicted.motion
     acceleration = np.gradient(motion.rate, item.time, axis=0)
-    pressure = item.excitation.at(item.time + clock_s)
+    pressure = item.excitation.at(item.time + clock_s, model.combined(par, item.excitation)[0])
     seen = (motion.phi + smooth[0], motion.rate + smooth[1], acceleration + smooth[2])
     measured = joint_torques(model, par, *seen, motion.states, pressure)
     modelled = joint_torques(model, par, motion.phi, motion.rate, acceleration, motion.states, pressure)

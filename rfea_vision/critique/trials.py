@@ -13,7 +13,7 @@ from pathlib import Path
 from rfea_vision.critique.measures import Errors, errors_of
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.effects.base import Effect
-from rfea_vision.effects.catalogue import catalogue, find_effects, load_effect_file
+from rfea_vision.effects.catalogue import catalogue, find_effects, load_effect_file, plain, split_joint
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, refit
 from rfea_vision.fitting.solver import ROUGH_FRAMES
@@ -45,11 +45,6 @@ class Trial:
     def free(self) -> int:
         """Parameters that were fitted."""
         return len(self.fitted.coordinates.free)
-
-
-def plain(effect: str) -> str:
-    """The id of an effect without form and place: ``coulomb`` of ``coulomb@2``."""
-    return effect.partition("@")[0].partition(":")[0]
 
 
 @dataclass
@@ -117,9 +112,10 @@ class Trials:
         users = [e.id for path in files for e in load_effect_file(path)]
         chosen = {plain(one): one for one in key}
         # Two laws, compiled once and for all: with the effects that remember, which cost twice as much, and without.
-        every = find_effects(sorted({*catalogue(), *users}), files)
+        at_chambers = {one for one in chosen if "@" in one}
+        every = find_effects(sorted({*catalogue(), *users, *at_chambers}), files)
         if any(":" in one for one in key):  # another form is compiled with its set alone
-            every = find_effects([one.partition("@")[0] for one in sorted(key)], files)
+            every = find_effects([split_joint(one)[0] for one in sorted(key)], files)
         elif not any(effect.states for effect in every if effect.id in chosen):
             every = tuple(effect for effect in every if not effect.states)
         new = {

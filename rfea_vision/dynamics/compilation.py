@@ -34,7 +34,7 @@ class CompiledLaw:
 
     Each hook that is evaluated once a run is an attribute by its name: a function of (par, con, *its own symbols) that
     returns the value(s) with the derivatives with respect to every parameter behind them. `active` are those of these
-    hooks that an effect changes.
+    hooks that an effect changes. `chambers` are those with effects of their own: `line` has what these make of the hooks.
     """
 
     effects: tuple[str, ...]
@@ -45,11 +45,16 @@ class CompiledLaw:
     has_body_force: bool
     has_added_mass: bool
     active: frozenset[str]
+    chambers: tuple[str, ...]
 
     def __getattr__(self, hook: str) -> Callable[..., Any]:
         if hook.startswith("_") or hook not in base.HOOKS:
             raise AttributeError(hook)
         return getattr(self.once, hook)
+
+    def line(self, hook: str, chamber: str) -> Callable[..., Any]:
+        """What a hook is in the line of one chamber, by that chamber's own effects."""
+        return getattr(self.once, f"{hook}_{self.chambers.index(chamber)}")
 
     def changes(self, *hooks: str) -> bool:
         """Whether an effect changes one of these hooks."""
@@ -82,6 +87,7 @@ def _key(effects: Sequence[Effect]) -> str:
     ):
         digest.update(file.read_bytes())
     for effect in effects:
+        digest.update(effect.id.encode())
         digest.update((type(effect).source_text or inspect.getsource(type(effect))).encode())
     return digest.hexdigest()[:24]
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit
@@ -14,12 +15,16 @@ LONGEST_STEP_S = 1e-3
 
 @dataclass(frozen=True)
 class Excitation:
-    """Pressure (Pa, gauge) over time (s), on the uniform grid that the integrator steps along; linear between grid points."""
+    """Pressure (Pa, gauge) over time (s), on the uniform grid that the integrator steps along; linear between grid points.
+
+    Of several chambers `pressure` is the sum, each times its sign, and `chambers` has the sign and the pressure (grid,) of each.
+    """
 
     start_s: float
     step_s: float
     pressure: FloatArray
     drive: FloatArray | None = None  # (grid, n) torques (N m) on the joints, for general chains
+    chambers: Mapping[str, tuple[float, FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def from_log(
@@ -29,6 +34,7 @@ class Excitation:
         from_s: float,
         to_s: float,
         longest_step_s: float = LONGEST_STEP_S,
+        chambers_Pa: Mapping[str, tuple[float, FloatArray]] | None = None,
     ) -> Excitation:
         """Put a log on a grid aligned with its own samples: every sample of a regular log up to 1 kHz is a grid point."""
         period = float(np.median(np.diff(time_s)))
@@ -36,7 +42,21 @@ class Excitation:
         first = time_s[0] + np.floor((from_s - time_s[0]) / step + 1e-9) * step
         count = int(np.ceil((to_s - first) / step - 1e-9)) + 1
         grid = first + step * np.arange(max(count, 2))
-        return cls(first, step, np.interp(grid, time_s, pressure_Pa))
+        chambers = {name: (sign, np.interp(grid, time_s, own)) for name, (sign, own) in (chambers_Pa or {}).items()}
+        return cls(first, step, np.interp(grid, time_s, pressure_Pa), chambers=chambers)
+
+    def first(self, count: int) -> Excitation:
+        """The first so many points of the grid."""
+        return self._picked(slice(count), self.step_s)
+
+    def coarser(self) -> Excitation:
+        """Every other point of the grid: steps twice as long."""
+        return self._picked(slice(None, None, 2), 2 * self.step_s)
+
+    def _picked(self, pick: slice, step_s: float) -> Excitation:
+        chambers = {name: (sign, own[pick]) for name, (sign, own) in self.chambers.items()}
+        drive = None if self.drive is None else self.drive[pick]
+        return replace(self, step_s=step_s, pressure=self.pressure[pick], drive=drive, chambers=chambers)
 
     @property
     def end_s(self) -> float:
@@ -47,9 +67,9 @@ class Excitation:
         """Times (s) of the grid."""
         return self.start_s + self.step_s * np.arange(self.pressure.size)  # pyright: ignore
 
-    def at(self, time_s: FloatArray) -> FloatArray:
-        """Pressure (Pa) at times (s)."""
-        return np.interp(time_s, self.grid_s, self.pressure)
+    def at(self, time_s: FloatArray, values: FloatArray | None = None) -> FloatArray:
+        """Pressure (Pa), or other `values` on the grid, at times (s)."""
+        return np.interp(time_s, self.grid_s, self.pressure if values is None else values)
 
 
 @njit(cache=True, nogil=True)

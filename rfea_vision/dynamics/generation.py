@@ -183,7 +183,11 @@ def generate_numpy(law: Law) -> str:
         "has_body_force": law.body_force != (0, 0),
         "has_added_mass": law.added_mass != 0,
         "active": law.active,
+        "chambers": tuple(law.lines),
     }
     text = '"""Generated: do not edit."""\nfrom numpy import *\n\nFACTS = ' + repr(facts) + "\n"
-    functions = (_numpy_function(name, law, law.once[name], laws.own_symbols(hook)) for name, hook in laws.ONCE.items())
+    written = [(name, name, values) for name, values in law.once.items()]
+    for index, line in enumerate(law.lines.values()):
+        written += [(f"{name}_{index}", name, values) for name, values in line.items()]
+    functions = (_numpy_function(name, law, values, laws.own_symbols(laws.ONCE[hook])) for name, hook, values in written)
     return text + "".join("\n\n" + function for function in functions)

@@ -15,6 +15,7 @@ import sympy as sp
 from rfea_vision.effects.base import (
     BASE_PARAMETERS,
     HOOKS,
+    LINE_HOOKS,
     Body,
     BodyInertia,
     BodyPlace,
@@ -101,6 +102,7 @@ class Law:
     body_force: tuple[sp.Expr, sp.Expr]
     once: dict[str, tuple[sp.Expr, ...]]  # hook evaluated once a run -> its values
     active: frozenset[str]  # those of them that an effect changes
+    lines: dict[str, dict[str, tuple[sp.Expr, ...]]]  # chamber with effects of its own -> hook of its line -> values
 
 
 def _base_joint(effects: Sequence[Effect]) -> Joint:
@@ -191,6 +193,11 @@ def compose(effects: Sequence[Effect]) -> Law:
     def in_joint(expression: Any) -> Any:
         return final(expression).subs(place_in_joint, simultaneous=True)
 
+    def values(hook: str, among: Sequence[Effect]) -> tuple[sp.Expr, ...]:
+        return tuple(final(value) for value in composed(HOOKS[hook], among))
+
+    common = [effect for effect in effects if not effect.chamber]
+    chambers = dict.fromkeys(effect.chamber for effect in effects if effect.chamber)
     return Law(
         parameters=tuple(names),
         symbols=tuple(symbols),
@@ -201,8 +208,12 @@ def compose(effects: Sequence[Effect]) -> Law:
         relaxed=tuple(in_joint(value) for value in relaxed),
         added_mass=in_joint(mass),
         body_force=(final(force[0]), final(force[1])),
-        once={name: tuple(final(value) for value in composed(hook, effects)) for name, hook in ONCE.items()},
-        active=frozenset(name for name in ONCE if any(effect.overrides(name) for effect in effects)),
+        once={name: values(name, common) for name in ONCE},
+        active=frozenset(name for name in ONCE if any(effect.overrides(name) for effect in common)),
+        lines={
+            chamber: {name: values(name, [effect for effect in effects if effect.chamber == chamber]) for name in LINE_HOOKS}
+            for chamber in chambers
+        },
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,8 @@ from rfea_vision.dynamics.integration import Course, Trace, integrate
 from rfea_vision.dynamics.motion import Motion, Steady
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
+from rfea_vision.effects.base import LINE_HOOKS
+from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
@@ -180,22 +182,65 @@ class Model:
             volume_rate=np.pi * self.chain.outer_radius**2 * self.chain.offset,
         )
 
+    def combined(self, par: FloatArray, excitation: Excitation) -> tuple[FloatArray, FloatArray | None]:
+        """Pressure (Pa) on the grid (grid,) with the effects that chambers have of their own, and its derivative (grid, parameters).
+
+        Without such effects it is the sum that the excitation has; the derivative is then None.
+
+        Raises
+        ------
+        InputError
+            An effect names a chamber that the run does not have.
+        """
+        if not self.law.chambers:
+            return excitation.pressure, None
+        pressure, derivative = excitation.pressure.copy(), np.zeros((excitation.pressure.size, par.size))
+        for chamber in self.law.chambers:
+            if chamber not in excitation.chambers:
+                there = f"the chambers are {', '.join(excitation.chambers)}" if excitation.chambers else "there is one chamber"
+                raise InputError(f"an effect stands @{chamber}, which is neither a joint's number nor a chamber; {there}")
+            sign, own = excitation.chambers[chamber]
+            sense, constant = (self.law.line(hook, chamber) for hook in LINE_HOOKS)
+            felt, slopes = self._behind(par, sense, constant, own, None, excitation.step_s, np.array([0.0, 1.0]))
+            pressure += sign * (np.append(felt[:1, 0], felt[:, 1]) - own)
+            derivative += sign * np.concatenate([slopes[:1, 0], slopes[:, 1]])
+        return pressure, derivative
+
+    def _sensed(
+        self, par: FloatArray, sense: Callable[..., Any], pressure: FloatArray, change: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """True pressures (k,) for sensed ones, and their derivative (k, parameters); `change` is that of the sensed ones."""
+        row = sense(par, self._constants, pressure)[0]
+        values, slope, *own = (np.broadcast_to(np.asarray(value, dtype=float), pressure.shape) for value in row)
+        slopes = np.stack(own, axis=-1)
+        return values.copy(), slopes if change is None else slopes + slope[:, None] * change
+
+    def _behind(
+        self,
+        par: FloatArray,
+        sense: Callable[..., Any],
+        constant: Callable[..., Any],
+        pressure: FloatArray,
+        change: FloatArray | None,
+        step_s: float,
+        nodes: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Pressure (steps, stages) behind a sensor and a line with a lag, and its derivative (steps, stages, parameters)."""
+        values, slopes = self._sensed(par, sense, pressure, change)
+        lag, dlag = self._scalar(constant, par)
+        felt, slope = lagged(values, step_s, nodes, max(lag, 0.0))
+        derivative = slope[..., None] * dlag
+        for k in np.flatnonzero(slopes.any(axis=0)):
+            derivative[..., k] += lagged(slopes[:, k].copy(), step_s, nodes, max(lag, 0.0))[0]
+        return felt, derivative
+
     def _felt(self, par: FloatArray, excitation: Excitation, nodes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pressure in the tube at the stage times, and its derivative per parameter (no rows if there is none)."""
-        row = self.law.felt_pressure(par, self._constants, excitation.pressure)[0]
-        values = np.broadcast_to(np.asarray(row[0], dtype=float), excitation.pressure.shape).copy()
-        lag, dlag = self._scalar(self.law.line_time_constant, par)
-        felt, slope = lagged(values, excitation.step_s, nodes, max(lag, 0.0))
-        if not self.law.changes("felt_pressure", "line_time_constant"):
-            return felt, np.zeros((0, 0, 0))
-        derivative = np.zeros((*felt.shape, par.size))
-        for k in range(par.size):
-            change = np.broadcast_to(np.asarray(row[2 + k], dtype=float), values.shape)
-            if np.any(change):
-                derivative[:, :, k] += lagged(change.copy(), excitation.step_s, nodes, max(lag, 0.0))[0]
-            if dlag[k]:
-                derivative[:, :, k] += slope * dlag[k]
-        return felt, derivative
+        pressure, change = self.combined(par, excitation)
+        if change is None and not self.law.changes(*LINE_HOOKS):
+            return lagged(pressure, excitation.step_s, nodes, 0.0)[0], np.zeros((0, 0, 0))
+        hooks = (self.law.felt_pressure, self.law.line_time_constant)
+        return self._behind(par, *hooks, pressure, change, excitation.step_s, nodes)
 
     def steady(
         self,
@@ -206,18 +251,21 @@ class Model:
         start: FloatArray | None = None,
         drive: FloatArray | None = None,
         fall: bool = False,
+        change: FloatArray | None = None,
     ) -> Steady:
         """Steady state at one pressure (Pa), by continuation from the unloaded tube unless a start is given.
 
         Where that branch ends before the pressure is reached (a limit point, or a tube that stands upright and buckles), no
-        steady state is found; with `fall`, the one into which the tube falls from there.
+        steady state is found; with `fall`, the one into which the tube falls from there. `change` (parameters,) is the derivative
+        of a pressure that depends on parameters.
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
         module, system = self.law.module, self.system(par)
         index = np.asarray(free, dtype=np.int64)
-        row = self.law.felt_pressure(par, self._constants, pressure)[0]
-        target, dpressure = float(row[0]), np.array([float(v) for v in row[2:]])
+        given = None if change is None else change[None]
+        sensed, slopes = self._sensed(par, self.law.felt_pressure, np.array([float(pressure)]), given)
+        target, dpressure = float(sensed[0]), slopes[0]
         torque = np.zeros(n) if drive is None else np.asarray(drive, dtype=float)
         phi = np.zeros(n + 1) if start is None else start.copy()
         states = np.zeros((n, m))
@@ -291,10 +339,12 @@ class Model:
         out_S = np.zeros((count, n + 1, p))
         pivot = self.pivot(par, index)
         if held is not None:
-            begin = self._held(par, np.asarray(held, dtype=float), float(excitation.pressure[0]), index)
+            begin = self._held(par, np.asarray(held, dtype=float), float(self.combined(par, excitation)[0][0]), index)
         elif start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
-            rest = self.steady(par, float(excitation.pressure[0]), list(free), drive=first_drive, fall=True)
+            pressure, change = self.combined(par, excitation)
+            first_change = None if change is None else change[0]
+            rest = self.steady(par, pressure[0], list(free), drive=first_drive, fall=True, change=first_change)
             if not rest.found:
                 message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
                 return Motion(1, message, out_phi, out_om, out_z, out_S, index, pivot=pivot)

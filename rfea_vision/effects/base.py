@@ -168,10 +168,12 @@ class Effect:
     source_text: ClassVar[str | None] = None  # of a user's file
     exactly_tied_to: ClassVar[tuple[str, ...]] = ()
     goes_with: ClassVar[tuple[str, ...]] = ()  # effects without which this one is no candidate
+    chamber: ClassVar[str] = ""  # of an effect of the line that acts on one of several chambers alone; asked for as id@chamber
 
     def __init__(self) -> None:
+        own = "".join(c if c.isalnum() else f"_{ord(c):x}_" for c in self.id) if self.chamber else self.id
         self._symbols = {
-            name: sp.Symbol(f"{self.id}__{name}", real=True)
+            name: sp.Symbol(f"{own}__{name}", real=True)
             for name in (*self.parameters, *self.states, *self.constants)
         }
 
@@ -316,11 +318,14 @@ class Effect:
 
 #: Every hook by name; a new one is a method above, and the place of the engine that reads it.
 HOOKS = hooks_of(Effect)
+#: Hooks that each of several chambers may have of its own.
+LINE_HOOKS = ("felt_pressure", "line_time_constant")
 
 __all__ = [
     "BASE_PARAMETERS",
     "BASE_UNITS",
     "HOOKS",
+    "LINE_HOOKS",
     "Body",
     "BodyInertia",
     "BodyPlace",

@@ -11,7 +11,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from rfea_vision.effects.base import Effect
+from rfea_vision.effects.base import HOOKS, LINE_HOOKS, Effect
 from rfea_vision.effects.permission import refuse_unnamed
 from rfea_vision.effects.validation import validate
 from rfea_vision.errors import InputError
@@ -95,13 +95,50 @@ def meant(name: str, known: Iterable[str]) -> str:
     return f"did you mean '{close[0]}'?" if close else "'rfea effects' lists the catalogue"
 
 
+def split_joint(text: str) -> tuple[str, str]:
+    """Split ``coulomb@2`` into the effect and its joint; that of ``pressure_lag@right`` stays, with its chamber, the whole name."""
+    name, _, place = text.partition("@")
+    return (name, place) if place.isdigit() else (text, "")
+
+
+def plain(effect: str) -> str:
+    """The id of an effect without form and joint: ``coulomb`` of ``coulomb@2``; a chamber is part of the id."""
+    name, at, chamber = split_joint(effect)[0].partition("@")
+    return name.partition(":")[0] + at + chamber
+
+
+def line_effects() -> tuple[str, ...]:
+    """Ids of the effects that may act on one of several chambers."""
+    return tuple(name for name, effect in catalogue().items() if _of_the_line(effect))
+
+
+def _of_the_line(effect: type[Effect]) -> bool:
+    return not effect.states and {name for name in HOOKS if effect.overrides(name)} <= set(LINE_HOOKS)
+
+
+def _placed(effect: type[Effect], chamber: str) -> type[Effect]:
+    """The effect of the line for one chamber alone."""
+    if not chamber or not _of_the_line(effect):
+        wanted = "the name of a chamber, or the number of a joint" if _of_the_line(effect) else "the number of a joint"
+        raise InputError(f"effect '{effect.id}@{chamber}': what stands after @ must be {wanted}")
+    own = {
+        "__module__": effect.__module__,
+        "__qualname__": effect.__qualname__,
+        "id": f"{effect.id}@{chamber}",
+        "chamber": chamber,
+        "title": f"{effect.title}, chamber {chamber}",
+        "exactly_tied_to": (),
+    }
+    return type(effect.__name__, (effect,), own)
+
+
 def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple[Effect, ...]:
-    """Instances of the effects named, user files included.
+    """Instances of the effects named, user files included; ``pressure_lag@right`` is that of one chamber.
 
     Raises
     ------
     InputError
-        An id that nobody declares.
+        An id that nobody declares, or a chamber after an effect that is not one of the line.
     """
     known = dict(_known())
     for path in effect_files:
@@ -109,7 +146,8 @@ def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple
             known[_called(effect)] = effect
     if "segments" in ids and "segments" not in known:
         raise InputError("effect 'segments' is no law but a finer chain; use --segments with a larger number")
-    missing = [name for name in ids if name not in known]
+    asked = [name.partition("@") for name in ids]
+    missing = [name for name, _, _ in asked if name not in known]
     if missing:
         raise InputError(f"effect '{missing[0]}' is unknown; {meant(missing[0], known)}")
-    return tuple(known[name]() for name in ids)
+    return tuple((_placed(known[name], chamber) if at else known[name])() for name, at, chamber in asked)

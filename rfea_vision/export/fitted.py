@@ -29,6 +29,10 @@ def fitted_model(fit: ModelFit) -> tuple[Model, FloatArray]:
     actuator = Actuator(**fit.actuator)
     chain = Chain.tube(actuator, fit.segments, fit.joints)
     model = Model(chain, effects, mirror=-1.0 if actuator.bends == "right" else 1.0, at=places)
+    if model.law.chambers:
+        raise InputError(
+            f"model '{fit.name}' has effects at the chamber {model.law.chambers[0]}; an exported model has one pressure: fit it without"
+        )
     missing = [name for name in model.names if name not in fit.parameters]
     if missing:
         raise InputError(f"model '{fit.name}': model.json lacks the parameter {missing[0]}; fit it again with --force")

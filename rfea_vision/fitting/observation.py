@@ -85,8 +85,7 @@ class Observed:
             return self
         given = self.excitation
         last = int((self.time[early - 1] - given.start_s) / given.step_s + 0.25 / given.step_s)
-        excitation = Excitation(given.start_s, given.step_s, given.pressure[:last])
-        return replace(self._picked(slice(0, early)), excitation=excitation)
+        return replace(self._picked(slice(0, early)), excitation=given.first(last))
 
     def _picked(self, pick: slice) -> Observed:
         names = ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")
@@ -117,9 +116,7 @@ class Observed:
 
     def coarser(self) -> Observed:
         """The same run, to be simulated with twice the step: half the cost, four times the integrator's error."""
-        given = self.excitation
-        drive = None if given.drive is None else given.drive[::2]
-        return replace(self, excitation=Excitation(given.start_s, 2 * given.step_s, given.pressure[::2], drive))
+        return replace(self, excitation=self.excitation.coarser())
 
 
 def white_noise_mm(tip_mm: FloatArray) -> float:
@@ -201,7 +198,7 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         Too few valid frames within the pressure log, or an observation the track does not carry.
     """
     data, name = recording.dataset, recording.name
-    log_time, pressure = data["log_time"].values.astype(float), data["pressure"].values.astype(float) * 1e3
+    log_time, pressure, chambers = _log(data)
     time = recording.time_s.astype(float)
     margin = 0.02
     valid = recording.valid & (time >= log_time[0] + margin) & (time <= log_time[-1] - margin)
@@ -241,16 +238,14 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
     if held is not None:
         from_s, unknown_before_s = held.until_s, None
     elif "earlier_pressure" in data:  # the tube still carries what the runs before did to it
-        log_time = np.concatenate([data["earlier_time"].values, log_time])
-        pressure = np.concatenate([data["earlier_pressure"].values * 1e3, pressure])
+        log_time, pressure, chambers = _with_earlier(data, log_time, pressure, chambers)
         from_s, unknown_before_s = float(log_time[0]), None
     else:
         from_s, unknown_before_s = _beginning(
             log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
         )
-    excitation = Excitation.from_log(
-        log_time, pressure, from_s, float(time[valid][-1]) + 0.25, _longest_step_s(log_time, time[valid])
-    )
+    step_s = _longest_step_s(log_time, time[valid])
+    excitation = Excitation.from_log(log_time, pressure, from_s, float(time[valid][-1]) + 0.25, step_s, chambers)
     # A hand lets go when it does: where nothing but that is timed by the log's clock, the moment is found with the fit.
     let_go = held is not None and bool(np.ptp(pressure) < 1e3)
     tip_mm = points[keep, -1] / MM if fractions.size else np.zeros((0, 2))
@@ -278,6 +273,34 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         mounting=np.deg2rad(float(data.attrs.get("gravity_deg", 0.0))),
         held=held,
         conditions=json.loads(str(data.attrs.get("conditions", "{}"))),
+    )
+
+
+#: Sign and pressure (Pa) of each of several chambers, by its name.
+Chambers = dict[str, tuple[float, FloatArray]]
+
+
+def _log(data: xr.Dataset) -> tuple[FloatArray, FloatArray, Chambers]:
+    """Times (s) and pressures (Pa) of the log: their sum, and those of each chamber where there are several."""
+    pressure = data["pressure"].values.astype(float) * 1e3
+    chambers: Chambers = {}
+    if "chamber_sign" in data:
+        for name, sign, own in zip(
+            data["chamber"].values, data["chamber_sign"].values, data["chamber_pressure"].values, strict=True
+        ):
+            chambers[str(name)] = (float(sign), own.astype(float) * 1e3)
+    return data["log_time"].values.astype(float), pressure, chambers
+
+
+def _with_earlier(
+    data: xr.Dataset, log_time: FloatArray, pressure: FloatArray, chambers: Chambers
+) -> tuple[FloatArray, FloatArray, Chambers]:
+    """The log with that of the runs before; of these the sum alone is known, so a chamber's own effects begin with the run."""
+    nothing = np.zeros(data["earlier_time"].size)
+    return (
+        np.concatenate([data["earlier_time"].values, log_time]),
+        np.concatenate([data["earlier_pressure"].values * 1e3, pressure]),
+        {name: (sign, np.concatenate([nothing, own])) for name, (sign, own) in chambers.items()},
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Chain, Model
-from rfea_vision.effects.catalogue import find_effects
+from rfea_vision.effects.catalogue import find_effects, split_joint
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, largest_bend
 from rfea_vision.fitting.observation import Observed, default_observe, observe_recording
@@ -113,13 +113,16 @@ def _offers(recording: Recording, observe: Observe) -> bool:
 
 
 def parse_effects(effects: Sequence[str], segments: int) -> tuple[tuple[str, ...], dict[str, int]]:
-    """Split ``coulomb@2`` into the effect, with its form if it has one (``mullins:linear``), and the joint by its id."""
+    """Split ``coulomb@2`` into the effect, with its form if it has one (``mullins:linear``), and the joint by its id.
+
+    An effect of the line at a chamber, ``pressure_lag@right``, is an effect of its own.
+    """
     ids, places = [], {}
     for text in effects:
-        name, _, joint = text.partition("@")
+        name, joint = split_joint(text)
         ids.append(name)
         if joint:
-            if not joint.isdigit() or not 1 <= int(joint) <= segments:
+            if not 1 <= int(joint) <= segments:
                 raise InputError(f"effect '{text}': the joint after @ must be a whole number from 1 to {segments}")
             places[name.partition(":")[0]] = int(joint)
     return tuple(ids), places

@@ -134,7 +134,7 @@ def _predict(
         if np.any(slope):
             extended[:, :, column] += motion.rate * slope[:, None]
     seen = replace(motion, message="", sensitivity=extended)
-    pressure = item.excitation.at(frames)
+    pressure = item.excitation.at(frames, model.combined(par, item.excitation)[0])
     shift, dshift = np.zeros(2), np.zeros((2, extended.shape[2]))
     if item.origin_sigma > 0:
         shift, dshift = origin_shift(item, *seen_by_camera(model, par, seen, item.fractions, free, pressure))

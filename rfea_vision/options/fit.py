@@ -50,7 +50,8 @@ class FitOptions:
     effects: Annotated[tuple[str, ...], Asked(("fit",), "EFFECT")] = Field(
         default=(),
         validation_alias=AliasChoices("add", "effects"),
-        description="An effect beside the base model, at one joint alone as in coulomb@2; may be repeated.",
+        description="An effect beside the base model, at one joint alone as in coulomb@2, of one chamber alone as in "
+        "pressure_lag@right; may be repeated.",
     )
     segments: Annotated[
         int,

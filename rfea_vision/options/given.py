@@ -95,7 +95,7 @@ def _write(values: Mapping[str, Any], options: Any, between: str) -> list[str]:
     units = {**units_of(options.effect_files), MODULUS: "Pa"}
     out = []
     for name, value in values.items():
-        unit = units[name].replace(" ", "*") if units[name] != "1" else ""
+        unit = _unit(name, units).replace(" ", "*").removesuffix("1")
         out.append(
             f"{name}={between.join(f'{x:.9g}{unit}' for x in (value if isinstance(value, tuple) else (value,)))}"
         )
@@ -104,7 +104,7 @@ def _write(values: Mapping[str, Any], options: Any, between: str) -> list[str]:
 
 def read_fixed(items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
     """Read ``r_hyd=3.6mm``."""
-    return {name: _value("--fix", item, text, units[name]) for item, name, text in _split("--fix", items, units)}
+    return {name: _value("--fix", item, text, _unit(name, units)) for item, name, text in _split("--fix", items, units)}
 
 
 def read_priors(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
@@ -115,7 +115,7 @@ def read_priors(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tup
         parts = re.split(r"±|\+/-|\+-", text)
         if len(parts) != 2:
             raise InputError(f"--prior {item}: write value and standard error, as in payload.m=2g±0.1g")
-        mean, sd = (_value("--prior", item, part, known[name]) for part in parts)
+        mean, sd = (_value("--prior", item, part, _unit(name, known)) for part in parts)
         if sd <= 0:
             raise InputError(f"--prior {item}: the standard error must be positive; to hold a value use --fix")
         out[name] = (mean, sd)
@@ -129,11 +129,16 @@ def read_bounds(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tup
         parts = text.split("..")
         if len(parts) != 2:
             raise InputError(f"--bound {item}: write lowest and highest value, as in r_hyd=3mm..4mm")
-        low, high = (_value("--bound", item, part, units[name]) for part in parts)
+        low, high = (_value("--bound", item, part, _unit(name, units)) for part in parts)
         if not low < high:
             raise InputError(f"--bound {item}: the first value must be below the second")
         out[name] = (low, high)
     return out
+
+
+def _unit(name: str, units: Mapping[str, str]) -> str:
+    """Unit of a parameter, of one chamber's too (``pressure_lag@right.T``); empty for a name that there is not."""
+    return units.get(re.sub(r"@[^.]*", "", name), "")
 
 
 def _split(option: str, items: Sequence[str], units: Mapping[str, str]) -> list[tuple[str, str, str]]:
@@ -142,7 +147,7 @@ def _split(option: str, items: Sequence[str], units: Mapping[str, str]) -> list[
         name, separator, text = (part.strip() for part in item.partition("="))
         if not separator or not text:
             raise InputError(f"{option} {item}: write parameter=value with its unit, as in r_hyd=3.6mm")
-        if name not in units:
+        if not _unit(name, units):
             close = difflib.get_close_matches(name, units, n=1)
             hint = f"did you mean {close[0]}?" if close else "'rfea effects show EFFECT' lists those of an effect"
             raise InputError(f"{option} {item}: there is no parameter '{name}'; {hint}")

@@ -33,6 +33,7 @@ class PressureLog:
     name, source : what to call the log, and where it came from
     channels : other columns of the same length, by name (a lamp, a trigger)
     chambers : of several chambers the pressure in each, by name; `pressure_kPa` is their sum, each times its sign
+    signs : of several chambers the sign of each, by name
     """
 
     time_s: FloatArray
@@ -41,6 +42,7 @@ class PressureLog:
     source: str = ""
     channels: Mapping[str, FloatArray] = field(default_factory=dict)
     chambers: Mapping[str, FloatArray] = field(default_factory=dict)
+    signs: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = self.source or self.name or "pressure log"
@@ -103,7 +105,9 @@ def _summed(
         for part, log in zip(spec.chambers, logs, strict=True)
     }
     total = np.sum([part.sign * each[part.chamber] for part in spec.chambers], axis=0)
-    return PressureLog(time_s, total, name, source, channels, each if spec.chamber else {})
+    if not spec.chamber:
+        return PressureLog(time_s, total, name, source, channels)
+    return PressureLog(time_s, total, name, source, channels, each, {part.chamber: part.sign for part in spec.chambers})
 
 
 def _read_one(spec: PressureSpec, name: str) -> PressureLog:

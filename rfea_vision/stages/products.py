@@ -65,7 +65,7 @@ def without_pressure(diagnosis: Diagnosis) -> tuple[Diagnosis, tuple[Any, Any] |
 
 def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, Diagnosis]]) -> Rung:
     """Return the rung that a model stands on, above those `below`, for the ladder as far as it is."""
-    from rfea_vision.critique.trials import plain  # compiles: only where a ladder is climbed
+    from rfea_vision.effects.catalogue import plain  # brings SymPy: only where a ladder is climbed
 
     known, own = {rung.added for rung, _ in below}, [plain(effect) for effect in model.effects]
     new = [effect for effect in own if effect not in known] or ["segments"]  # the rung that has no new law

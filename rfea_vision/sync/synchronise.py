@@ -71,7 +71,8 @@ def synchronise(
     dataset["pressure"] = (("log_time",), pressure, {"units": "kPa", "long_name": "gauge pressure"})
     if log.chambers:
         each = (("chamber", "log_time"), np.stack(list(log.chambers.values())), {"units": "kPa", "long_name": "gauge pressure"})
-        dataset = dataset.assign_coords(chamber=("chamber", list(log.chambers)))
+        signs = ("chamber", [log.signs[name] for name in log.chambers])
+        dataset = dataset.assign_coords(chamber=("chamber", list(log.chambers)), chamber_sign=signs)
         dataset["chamber_pressure"] = each
         dataset["pressure"].attrs["long_name"] = "sum of the chambers' gauge pressures, each times its sign"
     if len(alignment.curve[0]):

@@ -14,7 +14,7 @@ import numpy as np
 
 from rfea_vision.artefacts import ModelFit, Recording
 from rfea_vision.artefacts.measurement import Actuator
-from rfea_vision.dynamics.simulation import Excitation, Model
+from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import InputError
 from rfea_vision.fitting.observation import MM, Observed, observe_recording
 from rfea_vision.fitting.prediction import NODES, as_dataset
@@ -129,7 +129,7 @@ class Player:
         if run is not None:
             excitation = run.quick.excitation
             count = max(2, round(0.25 / excitation.step_s))
-            short = Excitation(excitation.start_s, excitation.step_s, excitation.pressure[:count])
+            short = excitation.first(count)
             start = start_vector(model, Actuator(**chosen.fit.actuator), chosen.fit.segments)
             model.simulate(start, short, np.array([short.start_s]))
         return model

@@ -8,7 +8,8 @@ import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
-from rfea_vision.effects.catalogue import catalogue
+from rfea_vision.effects.catalogue import catalogue, find_effects
+from rfea_vision.errors import InputError
 from rfea_vision.fitting import FitOptions, fit_model
 from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observation import observe_recording
@@ -100,3 +101,65 @@ def test_a_beam_with_two_chambers_bends_alike_to_both_sides():
     to_left, to_right = bending_angle(par[:7], 4, [4e5, -4e5], rod)
     assert to_left == pytest.approx(-to_right)
     assert to_left > 1.0  # beyond where the bore of a tube of these radii would close
+
+
+ROD = Actuator(kind="rod", outer_radius=0.0125, inner_radius=0.0044, length=0.07, mass_per_length=0.47)
+OWN = ("pressure_gain@right", "pressure_lag@right", "pressure_offset@left")
+OWN_TRUTH = {"pressure_gain@right.g": 0.8, "pressure_lag@right.T": 0.06, "pressure_offset@left.p0": 3e3}
+
+
+def _two_chambers(name, role, seed):
+    """A rod with a chamber on either side, the right one on a shorter lever and behind a slow line, each driven in its turn."""
+    time = np.arange(0.0, 6.0, 0.02)
+    waves = np.random.default_rng(seed).normal(size=(2, 8))
+    left, right = (4e4 * np.abs(np.interp(time, np.linspace(0, 6, 8), wave)) for wave in waves)
+    model = Model(Chain.tube(ROD, SEGMENTS), find_effects(OWN))
+    par = np.append(base_reference(ROD, SEGMENTS), [OWN_TRUTH[name] for name in model.names[7:]])
+    excitation = Excitation.from_log(time, left - right, 0.0, 5.98, chambers_Pa={"left": (1.0, left), "right": (-1.0, right)})
+    frames = np.arange(0.1, 5.8, 0.04)
+    angle = np.rad2deg(model.simulate(par, excitation, frames).phi[:, -1])
+    data = xr.Dataset(
+        {
+            "valid": ("time", np.ones(frames.size, np.int8)),
+            "reason": ("time", np.full(frames.size, "", dtype=object)),
+            "bend_angle": ("time", angle + np.random.default_rng(seed + 1).normal(0, 0.02, angle.size)),
+            "pressure": ("log_time", (left - right) / 1e3),
+            "chamber_pressure": (("chamber", "log_time"), np.stack([left, right]) / 1e3),
+        },
+        coords={"time": frames, "log_time": time, "chamber": ["left", "right"], "chamber_sign": ("chamber", [1, -1])},
+        attrs={"experiment": name, "role": role, "bends": "left"},
+    )
+    return Recording(data)
+
+
+@pytest.fixture(scope="module")
+def chambers():
+    return {name: _two_chambers(name, role, seed) for name, role, seed in (("a", "train", 3), ("b", "validate", 7))}
+
+
+def test_lever_lag_and_zero_of_each_chamber_are_found(chambers):
+    tied = fit_model(chambers, ROD, FitOptions(segments=SEGMENTS))
+    own = fit_model(chambers, ROD, FitOptions(segments=SEGMENTS, effects=OWN))
+    assert own.metrics["validate"].angle_rmse_deg < 0.03 < 0.3 < tied.metrics["validate"].angle_rmse_deg
+    for name, value in OWN_TRUTH.items():
+        found = own.parameters[name]
+        assert found.value == pytest.approx(value, abs=max(4 * found.stderr, 0.01 * value)), name
+
+
+def test_derivatives_by_the_effects_of_a_chamber(chambers):
+    item = observe_recording(chambers["a"])
+    model = Model(Chain.tube(ROD, SEGMENTS), find_effects((*OWN, "pressure_lag")))
+    par = np.append(base_reference(ROD, SEGMENTS), [*OWN_TRUTH.values(), 0.03])
+    exact = predict_observed(model, par, item, range(7, 11)).dangle
+    for column, k in enumerate(range(7, 11)):
+        step = 1e-3 * par[k] * np.eye(par.size)[k]
+        above, below = (predict_observed(model, par + way * step, item, ()).angle for way in (1, -1))
+        smallest = 1e-4 * np.abs(exact[:, column]).max()
+        np.testing.assert_allclose(exact[:, column], (above - below) / (2e-3 * par[k]), rtol=1e-3, atol=smallest)
+
+
+def test_an_effect_at_a_chamber_that_there_is_not_is_refused(chambers):
+    with pytest.raises(InputError, match=r"@middle.*the chambers are left, right"):
+        fit_model(chambers, ROD, FitOptions(segments=SEGMENTS, effects=("pressure_lag@middle",)))
+    with pytest.raises(InputError, match=r"maxwell@right.*the number of a joint"):
+        fit_model(chambers, ROD, FitOptions(segments=SEGMENTS, effects=("maxwell@right",)))
