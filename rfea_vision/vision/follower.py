@@ -108,7 +108,8 @@ class Follower:
         self._brighten(self.judge.brightening(luma))
         reason = self._fit_predicted(luma, time_s)
         assert self.state is not None
-        reason = reason or off_hints(self.state, self.scene)
+        start = np.array([point_and_tangent(self.state.coefficients, 0.0)[:2]])
+        reason = reason or off_hints(start, self.scene)
         elsewhere = reason not in ("", "width_off")  # a tube that is found, but has the wrong width, is not looked for
         if elsewhere and self.good:
             reason = self._look_elsewhere(luma, reason)

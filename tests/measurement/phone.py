@@ -7,6 +7,7 @@ drifts, and H.264. Nothing here is shared with the package, nor with the rendere
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -57,6 +58,7 @@ class Room:
     tilt_deg: float = 0.0
     crf: int = 28
     seed: int = 0
+    more: Callable[[np.ndarray], None] | None = None  # draws what else hangs on the wall
 
 
 @dataclass(frozen=True)
@@ -181,6 +183,8 @@ def _wall(room: Room, rng: np.random.Generator) -> np.ndarray:
             cv2.line(wall, *ends, (205, 195, 150), 14, cv2.LINE_AA)
         else:
             cv2.line(wall, *ends, (60, 60, 60), 4, cv2.LINE_AA)
+    if room.more is not None:
+        room.more(wall)
     yy, xx = np.mgrid[0:h, 0:w]
     wall *= (1 + room.shade * (xx / w - 0.5) - 0.5 * room.shade * (yy / h))[..., None]
     return wall + cv2.GaussianBlur(rng.normal(0, 1, (h, w, 1)), (0, 0), 1.5)[..., None] * 6

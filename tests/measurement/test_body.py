@@ -1,5 +1,7 @@
 """The whole body in films as phones take them: colour, ruled paper, glare, tape, marks, swelling, compression."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -111,7 +113,7 @@ def test_hints_decide_between_two_lines_from_clamp_to_tip(more, taken):
 
 
 def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
-    first = First(100.0, np.ones(65), 1.0, 1.0, (120, 120), 50.0, 2.0, np.zeros(2), np.ones((120, 120), dtype=bool))
+    first = First(100.0, np.ones(65), 1.0, 1.0, (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool))
     assert first.allowed is not None
     line = np.column_stack([np.full(50, 60.0), np.linspace(10.0, 110.0, 50)])
     first.allowed[:, 40:80] = False
@@ -120,10 +122,34 @@ def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
     assert 0.4 < elsewhere(first, line) < 0.6
 
 
-def test_hints_beside_the_arm_give_no_track(tmp_path):
-    truth = film(tmp_path / "film.mp4", Arm(), SMALL, LEFT[:12])
-    with pytest.raises(DataError, match=r"edge_lost|no_tube|no_fit|occluded|touches_border"):
-        tracked(tmp_path / "film.mp4", truth, aside=(60.0, 10.0))
+def decoy(picture: np.ndarray) -> None:
+    """A second arm of the same colour, 70 px beside the first, that hangs still."""
+    cv2.line(picture, (190, 30), (185, 215), (118.0, 140.0, 165.0), 26, cv2.LINE_AA)
+
+
+@pytest.mark.parametrize(
+    ("arm", "room", "aside"),
+    [
+        (Arm(), SMALL, (60.0, 10.0)),  # at the wall
+        (Arm(), replace(SMALL, ruled=0.0, clutter=0), (20.0, 5.0)),  # on one edge of an arm that edges alone can read
+        (Arm(), replace(SMALL, ruled=5.9), (-40.0, 0.0)),  # along ruled lines an arm's width apart
+        (Arm(rgb=(118.0, 140.0, 165.0)), replace(SMALL, clutter=0, more=decoy), (30.0, 0.0)),  # between it and another
+    ],
+)
+def test_hints_beside_the_arm_give_no_track(arm, room, aside, tmp_path):
+    truth = film(tmp_path / "film.mp4", arm, room, LEFT[:5])
+    with pytest.raises(DataError, match=r"edge_lost|no_tube|no_fit|occluded|touches_border|off_hints"):
+        tracked(tmp_path / "film.mp4", truth, aside=aside)
+
+
+def test_of_two_arms_the_one_that_was_pointed_at_is_followed(tmp_path):
+    """The arm swings through the place of another of its colour, and back."""
+    swing = np.concatenate([np.linspace(0.05, 0.7, 14), np.linspace(0.7, 0.1, 12)])
+    truth = film(tmp_path / "film.mp4", Arm(rgb=(118.0, 140.0, 165.0)), replace(SMALL, more=decoy), swing)
+    track = tracked(tmp_path / "film.mp4", truth)
+    assert track.valid.mean() > 0.6
+    off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
+    assert np.nanmax(off) < 3.0
 
 
 def test_what_covers_the_arm_is_called_so(tmp_path):

@@ -69,8 +69,8 @@ def test_the_bending_tube_goes_through_the_tracker(shared_data: Path):
     # 0.2 mm to a pixel: a length that fits the tube's diameter; the author gives no scale
     calibration = scaled_by_distance((grey.shape[1], grey.shape[0]), [[100, 100], [600, 100]], 100.0)
     actuator = Actuator(outer_radius=5e-3, inner_radius=3e-3, length=94.5e-3)
-    line = ((562, 430), (440, 353), (325, 405))
-    hints = Hints(clamp=((525, 503), (575, 503)), tip=(210, 518), centre_line=line)
+    line = ((545, 430), (430, 372), (310, 425))
+    hints = Hints(clamp=((525, 503), (575, 503)), tip=(221, 514), centre_line=line)
     source = memory_source(frames, [0.0, 0.04, 0.08])
     track = track_frames(source, calibration, actuator, hints=hints, vertical="image")
     assert track.valid.all()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.vision import fitted
-from rfea_vision.vision.begin import Begin, Scene, allowed_pixels
+from rfea_vision.vision.begin import Begin, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.body.begin import first_body, hinted_lines, like_colour, separation, smooth_line
 from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, Wall, fit_body
 from rfea_vision.vision.body.guide import guide_of
@@ -50,6 +50,10 @@ FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
 LIGHT_GAIN = 0.08  # of the colours of the last frame
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
+END_NEAR, CLEAR_END = (
+    0.6,
+    0.4,
+)  # half widths: an end so near the hint is believed in; farther off its rays must agree so well
 POINTED_PX = 1.0  # how well a person points, in px of the film
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
 SYSTEMATIC = 0.02  # of the half width: rims, glare and shadows that move an edge alike in many frames
@@ -88,9 +92,7 @@ class BodyFollower:
         self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.colour = None if scene.hints.colour is None else lab_of(scene.hints.colour)
-        self.first = First(
-            1.0, np.ones(STATIONS), None, 0.0, (0, 0), scene.length_mm, self.px_per_mm, self.clamp.mean(axis=0), None
-        )
+        self.first = First(1.0, np.ones(STATIONS), None, 0.0, (0, 0), scene.length_mm, self.px_per_mm, None)
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
@@ -111,17 +113,22 @@ class BodyFollower:
                 body = self.body.copy()
                 body.points = guided
                 both = fit, self._fit(lab, body, 0.8)
-                fit = max(both, key=lambda found: (not refused(self.first, found), _likeness(found)))
-        reason = refused(self.first, fit)
+                fit = max(both, key=lambda found: (not self._refused(found), _likeness(found)))
+        reason = self._refused(fit)
         if self.good and reason and self.missed and self.missed % 5 == 0:
             fit = self._fit(lab, self._swung(lab), 1.2)
-            reason = refused(self.first, fit)
+            reason = self._refused(fit)
         if reason:
             self.missed += 1
             self.first_refusal = reason
             return reason
         self._accept(lab, grey, fit)
         return ""
+
+    def _refused(self, fit: Fit) -> str:
+        """Why a fit is no measurement: it leaves the hints, or breaks a rule."""
+        line_mm = unproject(self.camera, fit.body.points)
+        return refused(self.first, fit) or off_hints(line_mm, self.scene, first=self.good == 0)
 
     def clamp_stderr_mm(self) -> tuple[float, float | None]:
         """Standard error of the origin along the tube: it is where it was pointed at."""
@@ -149,9 +156,10 @@ class BodyFollower:
         tried = [self._drawn(lab, line, half, length) for line in lines]
         self.body, _ = max(tried, key=lambda pair: pair[1])
         offsets = self._end_seen(lab, half)
-        if np.isfinite(offsets).sum() > RAYS // 2:  # people point beside the end; where it is seen, it is there
-            beyond = float(np.clip(np.nanmedian(offsets), -0.6 * half, 0.6 * half))
-            self.body.points[-1] += beyond * frame_of(self.body.points)[0][-1]
+        seen = offsets[np.isfinite(offsets)]
+        # People point beside the end; where it is clearly seen, it is there, and the hints are held against it.
+        if len(seen) > RAYS // 2 and (np.abs(np.median(seen)) < END_NEAR * half or np.ptp(seen) < CLEAR_END * half):
+            self.body.points[-1] += np.median(seen) * frame_of(self.body.points)[0][-1]
             self.body.points = _even(self.body.points)
             learn_colours(lab, self.body, 1.0)
             offsets = self._end_seen(lab, half)

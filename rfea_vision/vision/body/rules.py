@@ -14,7 +14,7 @@ from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, STATIONS
 FloatArray = NDArray[np.float64]
 
 # Limits of the table at the end, set on the even scenes of tests/measurement/phone.py,
-# those at the clamp and the last body width on scene 7.
+# that of the last body width on scene 7.
 LEAST_BACKING = 0.65  # of the inside must look like the body,
 LEAST_SEPARATION = 0.25  # of the colours of the first frame: below it a wall of noise would do
 FIRST_SEEN = 0.5  # of both its edges so much must be seen in the first frame,
@@ -24,7 +24,6 @@ LONGEST_LOST = 0.35  # of the length in one piece
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 WIDEST_ERROR = 0.6  # of the half width: standard error of the end that is still a measurement
 SHARPEST = 0.9  # curvature times half width
-OFF_CLAMP = 0.5  # half widths that the line may begin beside where it was pointed at
 END_UNLIKE = 0.5  # of the last body width must look like the body: else the line runs on beyond its end
 ELSEWHERE = 0.1  # of the line may lie where region and exclude say that the body never is
 
@@ -34,8 +33,8 @@ class First:
     """The first frame, to which all others are compared: length and half width (S,) px, share of the edges seen.
 
     `seen` is None while the first frame itself is judged; `separation` tells how clearly its colours differ from those
-    around it (0 to 1); `shape` is that of the picture, `length_mm` the tube's; `clamp` (2,) px is where it was pointed at,
-    and `allowed` (h, w) where the hints let it be (None: everywhere).
+    around it (0 to 1); `shape` is that of the picture, `length_mm` the tube's; `allowed`
+    (h, w) says where the hints let it be (None: everywhere).
     """
 
     length: float
@@ -45,7 +44,6 @@ class First:
     shape: tuple[int, int]
     length_mm: float
     px_per_mm: float
-    clamp: FloatArray
     allowed: NDArray[np.bool_] | None
 
 
@@ -55,13 +53,6 @@ class Rule:
 
     reason: str
     test: Callable[[First, Fit], str]
-
-
-def _slipped(first: First, fit: Fit) -> str:
-    """Smooth rubber looks alike all along: a line that has slid along it fits everywhere but at its two ends."""
-    off = float(np.linalg.norm(fit.body.points[0] - first.clamp))
-    limit = OFF_CLAMP * float(np.median(fit.body.half))
-    return "" if off <= limit else f"what fits begins {off / first.px_per_mm:.1f} mm from camera.clamp"
 
 
 def elsewhere(first: First, points: FloatArray) -> float:
@@ -165,7 +156,6 @@ RULES = (
     Rule("edge_lost", _edges),
     Rule("width_off", _width),
     Rule("length_off", _length),
-    Rule("off_hints", _slipped),
     Rule("off_hints", _elsewhere),
     Rule("tip_hidden", _beyond),
     Rule("tip_hidden", _vague),
