@@ -104,6 +104,22 @@ def _is_running(process: int) -> bool:
     return True
 
 
+def is_file(path: Path) -> bool:
+    """Whether a plain file lies there; a path that the system cannot even look at is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a folder lies there."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
 def write_text(path: Path, text: str) -> None:
     """Write `text` as UTF-8, whole or not at all."""
     with whole_file(path) as temporary:

@@ -12,7 +12,7 @@ import numpy as np
 
 from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
-from rfea_vision.readers.columns import in_unit, said_unit
+from rfea_vision.readers.columns import column, in_unit, said_unit
 from rfea_vision.readers.kinds.base import Points, Table, points_of_columns
 from rfea_vision.readers.tables import endings, read_table
 from rfea_vision.units import conversion_factor, pressure_unit
@@ -64,7 +64,7 @@ class _Columns:
         return [
             name
             for name, values in self.table.columns.items()
-            if name not in self.taken and values.size > 1 and values.dtype.kind in "fiu"
+            if name not in self.taken and values.size > 1 and values.dtype.kind in "fiu" and np.isfinite(values).any()
         ]
 
     def called(self, names: Sequence[str], words: Sequence[str]) -> list[str]:
@@ -81,10 +81,13 @@ def look(path: Path) -> Seen:
     if ending not in endings():
         return Seen(path, "unknown", note=f"no reader for '{ending}'")
     try:
-        table = read_table(path)
+        return _table(path)
     except RfeaError as error:
         return Seen(path, "unknown", note=str(error).removeprefix(f"{path}: "))
-    columns = _Columns(table)
+
+
+def _table(path: Path) -> Seen:
+    columns = _Columns(read_table(path))
     time = _time(columns)
     motion, actuator = _motion(columns, time)
     pressure = _pressure(columns, time)
@@ -207,10 +210,12 @@ def _motion(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...] |
 def _tube(table: Table) -> tuple[Key, ...]:
     """The tube's length and side, from where its tip has been."""
     last = max((name for name in table.columns if re.match(r"x\d+_mm$", name)), default="tip_x_mm")
-    x, y = (np.asarray(table.columns[name], dtype=float) for name in (last, last.replace("x", "y", 1)))
-    if last == "tip_x_mm":
-        y = np.asarray(table.columns["tip_y_mm"], dtype=float)
-    farthest, across = float(np.nanmax(np.hypot(x, y))), float(x[np.nanargmax(np.abs(x))])
+    other = "tip_y_mm" if last == "tip_x_mm" else last.replace("x", "y", 1)
+    x, y = (table.numbers(name) for name in (last, column(table, other, "track.file")))
+    seen = (np.abs(x) < np.inf) & (np.abs(y) < np.inf)
+    if not seen.any():
+        return ()
+    farthest, across = float(np.hypot(x, y)[seen].max()), float(x[seen][np.argmax(np.abs(x[seen]))])
     return (
         Key("length", f"{farthest:.4g} mm", "the farthest that the tip has been from the clamp"),
         Key("bends", "left" if across < 0 else "right", "where the tip has gone farthest"),

@@ -12,12 +12,13 @@ from pydantic import BaseModel, ValidationError
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.campaign.problems import Problem, problem_at, validation_problems
-from rfea_vision.campaign.reach import Reach, is_file, is_folder
+from rfea_vision.campaign.reach import Reach
 from rfea_vision.campaign.resolve import resolve_actuator, resolve_camera, resolve_experiment
 from rfea_vision.campaign.schema import CampaignFile, ExperimentFile
 from rfea_vision.campaign.specs import Campaign, ExperimentSpec
 from rfea_vision.campaign.yaml_file import YamlFile, read_yaml
 from rfea_vision.errors import InputError
+from rfea_vision.files import is_file, is_folder
 
 OUTPUT_FOLDER = "rfea"
 RESERVED_NAMES = frozenset({"calibration", "models", "report", ".stages"})

@@ -49,19 +49,3 @@ class Reach:
                 if path.is_symlink() and self.refusal(path.resolve()) is not None:
                     return path
         return None
-
-
-def is_file(path: Path) -> bool:
-    """Whether a plain file lies there; a path that the system cannot even look at is none."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
-
-
-def is_folder(path: Path) -> bool:
-    """Whether a folder lies there."""
-    try:
-        return path.is_dir()
-    except (OSError, ValueError):
-        return False

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.campaign.problems import Problem, problem_at
-from rfea_vision.campaign.reach import REMEDY, Reach, is_file, is_folder
+from rfea_vision.campaign.reach import REMEDY, Reach
 from rfea_vision.campaign.schema import (
     ActuatorPart,
     CameraPart,
@@ -35,6 +35,7 @@ from rfea_vision.campaign.specs import (
 from rfea_vision.campaign.yaml_file import YamlFile
 from rfea_vision.data import read_camera_profile
 from rfea_vision.errors import InputError
+from rfea_vision.files import is_file, is_folder
 
 #: Names of chambers stand after the @ of an effect, before the point of a parameter.
 CHAMBER = r"[^\W\d_][^.@=,]*"

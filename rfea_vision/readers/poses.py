@@ -22,6 +22,8 @@ Lengths = Callable[[FloatArray], FloatArray]
 _FINE = 8
 """Points per stretch between two marks at which the spline's arc length is taken: a quarter circle of three marks is then
 off by less than 0.01 % of its length."""
+_FAR = 1e9
+"""Pixels, or a thousand kilometres in mm: no place on a tube, and squares of much more overflow."""
 
 
 def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
@@ -83,7 +85,10 @@ def nodes_of_points(
     elif len(spec.points) == 1 and marks.shape[1] == 1:
         raise InputError(f"{points.source}: track.origin: is missing; one point alone does not say where the clamp is")
     else:
-        marks_mm = marks_mm - np.nanmedian(marks_mm[:, 0], axis=0)
+        clamp_mm = marks_mm[np.isfinite(marks_mm[:, 0]).all(axis=1), 0]
+        if not len(clamp_mm):
+            raise InputError(f"{points.source}: track.points: the first, at the clamp, is seen in no frame; name another")
+        marks_mm = marks_mm - np.median(clamp_mm, axis=0)
     time_s = _times(points, spec)
     if marks.shape[1] < 3:
         return time_s, None, marks_mm[:, -1]
@@ -93,6 +98,7 @@ def nodes_of_points(
 def _chosen(points: Points, spec: TrackSpec) -> FloatArray:
     """Return (time, mark, axis) of the points asked for; of a group the mean."""
     positions = unseen(points.positions, points.confidence, spec.confidence)
+    positions = np.where(np.abs(positions) < _FAR, positions, np.nan)
     if spec.points == (("all",),) and "all" not in points.names:
         return positions
     out = []
@@ -143,9 +149,10 @@ def _times(points: Points, spec: TrackSpec) -> FloatArray:
         return np.arange(count) / spec.rate_Hz
     if points.time_s is None:
         raise InputError(f"{points.source}: track.rate: is missing; the file counts frames, write 'rate: 240 Hz'")
-    wrong = np.flatnonzero(np.diff(points.time_s, prepend=-np.inf) <= 0)
-    if wrong.size:
-        raise InputError(f"{points.source}: time, row {wrong[0] + 1}: does not increase; correct or remove the row")
+    right = np.isfinite(points.time_s) & (np.diff(points.time_s, prepend=-np.inf) > 0)
+    if not right.all():
+        row = int(np.flatnonzero(~right)[0]) + 1
+        raise InputError(f"{points.source}: time, row {row}: is not finite or does not increase; correct or remove the row")
     return points.time_s
 
 

@@ -40,6 +40,11 @@ def kind_of(path: Path) -> Kind:
     return found
 
 
+def _apart(path: Path) -> bool:
+    """Whether a process of its own reads the file: even to tell kinds apart may need the parser that is not trusted."""
+    return any(kind.apart for kind in KINDS if path.suffix.lower() in kind.endings)
+
+
 def read_table(path: Path) -> Table:
     """Read a table, or poses.
 
@@ -48,7 +53,7 @@ def read_table(path: Path) -> Table:
     InputError
         If the file is missing, empty, of an unknown kind or cannot be read, or an extra is needed.
     """
-    if isolated() or (kind_of(path).apart and not serving()):
+    if isolated() or (_apart(path) and not serving()):
         found = ask("table", path)
         points = {name: Points(**{**item, "names": tuple(item["names"])}) for name, item in found.pop("points").items()}
         return Table(**found, points=points)

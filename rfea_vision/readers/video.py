@@ -19,6 +19,7 @@ from av.error import FFmpegError
 from numpy.typing import NDArray
 
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.files import is_file
 from rfea_vision.readers.apart import isolated
 from rfea_vision.readers.pictures import read_colour, read_grey, scaled
 
@@ -270,7 +271,7 @@ def open_frames(
         raise InputError(
             f"{times_csv}: frames.times: '{outside}' leads out of the campaign's folder; copy the pictures into it, or give --trust"
         )
-    missing = next((file for file in files if not file.is_file()), None)
+    missing = next((file for file in files if not is_file(file)), None)
     if missing is not None:
         raise InputError(f"{missing}: named in {times_csv.name} but not there; copy it or remove the row")
     try:

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from rfea_vision import __version__
-from rfea_vision.files import sha256_of, write_text
+from rfea_vision.files import is_file, sha256_of, write_text
 
 _MEASURED = ("calibrate", "track", "clip", "preview", "sync")
 
@@ -97,7 +97,7 @@ class StageCache:
             return False
         files = {self.out / name: sha for name, sha in record.outputs.items()}
         return all(
-            ".." not in path.parts and path.is_relative_to(self.out) and path.is_file() and self.sha256(path) == sha
+            ".." not in path.parts and path.is_relative_to(self.out) and is_file(path) and self.sha256(path) == sha
             for path, sha in files.items()
         )
 

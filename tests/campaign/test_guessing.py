@@ -7,6 +7,7 @@ import yaml
 
 from rfea_vision.campaign import load_campaign, read_campaign
 from rfea_vision.campaign.from_files import write_campaign_from
+from rfea_vision.campaign.guess import look
 from rfea_vision.errors import InputError
 from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tracks import read_track
@@ -119,3 +120,11 @@ def test_nothing_is_overwritten_and_nothing_is_made_of_nothing(tmp_path):
         write_campaign_from(tmp_path / "tube", [tmp_path / "a.csv"])
     with pytest.raises(InputError, match="not found"):
         write_campaign_from(tmp_path / "other", [tmp_path / "gone.csv"])
+
+
+@pytest.mark.parametrize("cell", ["nan", "inf", "text"])
+def test_a_track_without_a_number_is_looked_at_all_the_same(tmp_path, cell):
+    rows = "".join(f"{time / 100},{cell},{cell},{cell}\n" for time in range(20))
+    (tmp_path / "a.csv").write_text(f"time_s,tip_x_mm,tip_y_mm,pressure_kPa\n{rows}")
+    found = look(tmp_path / "a.csv")
+    assert found.what in ("track", "unknown") and not found.actuator

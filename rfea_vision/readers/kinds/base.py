@@ -108,7 +108,7 @@ class Kind:
     endings : of the file's name, lower case, with the dot
     read : the reader; whatever it raises is said in one sentence by `read_table`
     is_mine : tells kinds apart that share an ending; the first in the list that says yes reads
-    apart : whether its parser is known to end the whole process over a damaged file: it then always has its own
+    apart : whether its parser may end the process, fill the memory or print tracebacks over a damaged file: it then has its own
     extra : the extra of this package that brings the library it needs, if it is no plain dependency
     """
 
@@ -161,7 +161,7 @@ def has_members(path: Path, *names: str) -> bool:
     try:
         with h5py.File(path, "r") as file:
             return all(file.get(name, getlink=True) is not None for name in names)
-    except OSError:
+    except Exception:  # of a damaged file h5py raises whatever HDF5 stumbled over
         return False
 
 

@@ -49,5 +49,5 @@ def read_mdf(path: Path) -> Table:
 
 KINDS = (
     Kind("Parquet", (".parquet",), read_parquet, extra="parquet"),
-    Kind("MDF", (".mf4", ".mdf"), read_mdf, extra="mdf"),
+    Kind("MDF", (".mf4", ".mdf"), read_mdf, apart=True, extra="mdf"),
 )

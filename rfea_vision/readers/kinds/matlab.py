@@ -89,6 +89,6 @@ def _collect73(name: str, node: Any, file: Any, columns: dict[str, np.ndarray]) 
 
 
 KINDS = (
-    Kind("MATLAB 7.3", (".mat",), read_mat73, _is_hdf5),
+    Kind("MATLAB 7.3", (".mat",), read_mat73, _is_hdf5, apart=True),
     Kind("MATLAB", (".mat",), read_mat, apart=True),  # SciPy 1.17 ends with a segmentation fault on some
 )

@@ -170,8 +170,8 @@ def _text(value: object) -> str:
 
 KINDS = (
     Kind("DeepLabCut", (".csv",), read_dlc_text, _is_dlc_text),
-    Kind("DeepLabCut", (".h5", ".hdf5"), read_dlc, _is_dlc),
-    Kind("SLEAP analysis", (".h5", ".hdf5"), read_sleap, _is_sleap),
-    Kind("Tierpsy", (".h5", ".hdf5"), read_tierpsy, _is_tierpsy),
-    Kind("movement", (".nc",), read_movement),
+    Kind("DeepLabCut", (".h5", ".hdf5"), read_dlc, _is_dlc, apart=True),
+    Kind("SLEAP analysis", (".h5", ".hdf5"), read_sleap, _is_sleap, apart=True),
+    Kind("Tierpsy", (".h5", ".hdf5"), read_tierpsy, _is_tierpsy, apart=True),
+    Kind("movement", (".nc",), read_movement, apart=True),
 )
