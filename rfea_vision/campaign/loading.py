@@ -272,14 +272,16 @@ def _validate(
         return model.model_validate({key: value for key, value in content.items() if key not in broken}), problems
 
 
-_SOURCES = {"file", "url", "value"}
+#: Keys of which each stands in the place of the others: a log of its own, or another way to say where gravity points.
+_ALTERNATIVES = ({"file", "url", "value"}, {"angle", "plumb"})
 
 
 def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Return `above` laid over `below`, mapping by mapping; the source of the picture replaces that of the campaign."""
     merged = dict(below)
-    if _SOURCES & set(above):  # a log of its own takes the place of one that is shared
-        merged = {key: value for key, value in merged.items() if key not in _SOURCES}
+    for keys in _ALTERNATIVES:
+        if keys & set(above):
+            merged = {key: value for key, value in merged.items() if key not in keys}
     for key, value in above.items():
         under = merged.get(key)
         merged[key] = _merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value

@@ -31,6 +31,7 @@ from rfea_vision.campaign.specs import (
     SyncSpec,
     TrackSpec,
     VideoSpec,
+    gravity_deg,
 )
 from rfea_vision.campaign.yaml_file import YamlFile
 from rfea_vision.data import read_camera_profile
@@ -344,20 +345,21 @@ def resolve_actuator(part: ActuatorPart) -> Actuator:
     return Actuator(**values, **more, material=part.material or "")
 
 
-#: Directions of gravity in the rig frame, as angles from down towards camera-left.
-_GRAVITY_DEG = {"down": 0.0, "left": 90.0, "up": 180.0, "right": -90.0}
-
-
 def _rig(parsed: ExperimentFile, actuator: Actuator, finder: _Finder) -> RigSpec:
     """Return how the run was set up."""
-    gravity: float | None = 0.0
-    if parsed.rig is not None:
-        given = parsed.rig.gravity
-        side = 1.0 if actuator.bends == "left" else -1.0
-        if isinstance(given, str):
-            gravity = None if given == "none" else side * _GRAVITY_DEG[given]
-        else:
-            gravity = given.angle
+    gravity, plumb = 0.0, None
+    given = "down" if parsed.rig is None else parsed.rig.gravity
+    camera = parsed.camera
+    if isinstance(given, PlumbPart):
+        plumb = given.plumb
+        if plumb[0] == plumb[1]:
+            finder.complain("rig.gravity.plumb", "its two points are one; give two far apart on the line, upper one first")
+        if camera is None or isinstance(camera.vertical, PlumbPart):
+            finder.complain("rig.gravity.plumb", "needs pictures, and in camera.vertical the axis of the rig: board, rest or image")
+    else:
+        gravity = gravity_deg(given if isinstance(given, str) else given.angle, actuator.bends)
+        if camera is not None and camera.vertical == "rest" and gravity is not None and gravity % 180 != 0:
+            finder.complain("camera.vertical", "a tube across gravity does not rest straight; use board, image or {plumb: ...}")
     known: dict[str, float] = {}
     if parsed.conditions:
         from rfea_vision.options.given import read_conditions  # brings the effects with it
@@ -368,7 +370,7 @@ def _rig(parsed: ExperimentFile, actuator: Actuator, finder: _Finder) -> RigSpec
             finder.complain("conditions", str(error))
     start = parsed.start
     until = None if start is None or start.held_until == "auto" else float(start.held_until)
-    return RigSpec(gravity, start is not None, until, known)
+    return RigSpec(gravity, plumb, start is not None, until, known)
 
 
 def _pressures(given: PressurePart | list[PressurePart] | None, finder: _Finder) -> PressureSpec:

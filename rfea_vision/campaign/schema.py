@@ -155,10 +155,19 @@ class RigAnglePart(_Part):
     angle: Angle
 
 
-class RigPart(_Part):
-    """How the rig stands: where gravity points in the frame in which the unloaded tube points down."""
+class PlumbPart(_Part):
+    """Two pixels on a line that hangs plumb, upper one first."""
 
-    gravity: Literal["down", "up", "left", "right", "none"] | RigAnglePart = "down"
+    plumb: PixelPair
+
+
+class RigPart(_Part):
+    """How the rig stands: where gravity points in the frame in which the unloaded tube points down.
+
+    With ``{plumb: ...}`` it is read from the picture, and `camera.vertical` is then the axis of the rig.
+    """
+
+    gravity: Literal["down", "up", "left", "right", "none"] | RigAnglePart | PlumbPart = "down"
 
 
 class StartPart(_Part):
@@ -194,12 +203,6 @@ class BoardPart(_Part):
     square: Length
     marker: Length | None = None
     dictionary: str | None = None
-
-
-class PlumbPart(_Part):
-    """Two pixels on a line that hangs plumb, upper one first."""
-
-    plumb: PixelPair
 
 
 class ScalePart(_Part):

@@ -14,6 +14,15 @@ if TYPE_CHECKING:
     from rfea_vision.calibration.board import Board
 
 Pixel = tuple[float, float]
+#: Directions of gravity in the frame in which the unloaded tube points down, as angles (deg) from down towards camera-left.
+GRAVITY_DEG = {"down": 0.0, "left": 90.0, "up": 180.0, "right": -90.0}
+
+
+def gravity_deg(given: str | float, bends: str) -> float | None:
+    """Angle (deg) of gravity from down, positive in the direction of the bend, by word or given; None for ``none``."""
+    if not isinstance(given, str):
+        return given
+    return None if given == "none" else GRAVITY_DEG[given] * (1.0 if bends == "left" else -1.0)
 
 
 @dataclass(frozen=True)
@@ -147,11 +156,13 @@ class RigSpec:
     Attributes
     ----------
     gravity_deg : direction of gravity from down, positive in the direction of the bend; None where there is none in the plane
+    plumb : two pixels on a line that hangs plumb, upper one first, where the direction of gravity is read from the picture
     held : whether the tube was held in the measured shape and let go; `held_until_s` None: when it is seen to move
     conditions : parameters of effects that are known for this run, ``{"payload.m": 0.01}`` in SI
     """
 
     gravity_deg: float | None = 0.0
+    plumb: tuple[Pixel, Pixel] | None = None
     held: bool = False
     held_until_s: float | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)

@@ -10,11 +10,13 @@ from typing import Any
 
 import click
 
+from rfea_vision.campaign.specs import GRAVITY_DEG
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.model import print_ladder
 from rfea_vision.cli.options import Quantity, ask, opened, output_options
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
+from rfea_vision.units import parse_quantity
 
 _DEMO = "hidden-effect"
 
@@ -50,6 +52,11 @@ _DEMO = "hidden-effect"
 )
 @click.option(
     "--paper", is_flag=True, help="The paper's 8-DoF tube, stepped to 270 kPa (train) and 220 kPa (validate)."
+)
+@click.option(
+    "--gravity",
+    metavar="down|left|right|up|none|ANGLE",
+    help="Where gravity points where the unloaded tube points down; an angle such as 30deg is positive in the direction of the bend.",
 )
 @click.option("--bends", type=click.Choice(["left", "right"]), default="left", show_default=True)
 @click.option(
@@ -103,6 +110,7 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
     fixed = {"hidden": hidden, "actuator": Actuator(bends=choices.pop("bends")), "scene": scene}
     choices["roles"] = _roles(choices.pop("experiments"), choices.pop("roles"))
     choices |= _played(choices.pop("pressure"), choices)
+    choices["gravity"] = _gravity(choices["gravity"])
     if "roles" in choices and choices["roles"] is not None:
         fixed["roles"] = choices["roles"]
     options = paper_campaign(**fixed) if choices.pop("paper") else TwinOptions(**fixed)
@@ -115,6 +123,16 @@ def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> N
     with ConsoleListener().shown() as listener:
         truth = simulate(out, replace(options, **given), listener.begin("simulate", out.name))
     _report_twin(out, truth, as_json)
+
+
+def _gravity(given: str | None) -> str | float | None:
+    """A direction by its word, or as an angle (deg)."""
+    if given is None or given in (*GRAVITY_DEG, "none"):
+        return given
+    try:
+        return parse_quantity(given, "deg", example="30deg")
+    except ValueError as error:
+        raise InputError(f"--gravity: {error}, or one of down, left, right, up and none") from error
 
 
 def _played(pressure: str | None, choices: dict[str, Any]) -> dict[str, Any]:

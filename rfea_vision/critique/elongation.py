@@ -35,14 +35,15 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
             "assumption": ASSUMPTION,
             "profiles": [],
         }
-    name, recording = max(chosen, key=lambda pair: float(np.nanmax(pair[1].dataset["pressure"].values)))
+    name, recording = max(chosen, key=lambda pair: float(np.nanmax(np.abs(pair[1].dataset["pressure"].values))))
     data, model = recording.dataset, predictions[name]
     time = data["time"].values
     pressure = np.interp(time, data["log_time"].values, data["pressure"].values)
-    top = float(np.max(pressure[data["valid"].values.astype(bool)], initial=0.0))
+    seen = pressure[data["valid"].values.astype(bool)]
+    top = float(seen[np.argmax(np.abs(seen))]) if seen.size else 0.0  # below zero where a chamber bends to the other side
     profiles, sentence = [], "The pressure never rose enough to test the elongation."
     for share in (0.33, 0.66, 0.95):
-        inside = (np.abs(pressure - share * top) < 0.03 * top) & data["valid"].values.astype(bool)
+        inside = (np.abs(pressure - share * top) < 0.03 * abs(top)) & data["valid"].values.astype(bool)
         if inside.sum() < 5:
             continue
         measured = data["elongation"].values[inside]

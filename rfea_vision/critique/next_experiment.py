@@ -20,12 +20,18 @@ STEP_S = 2e-3
 PACES, AMPLITUDES, ROUNDS, SLOWEST = (0.5, 0.7, 1.4, 2.0), (0.5, 0.7, 1.4), 3, 0.25
 
 
+#: Pressures beyond zero by less than this share of the largest are the sensor's noise and zero.
+BESIDE_ZERO = 0.05
+
+
 def limits(problem: Problem) -> tuple[float, float, float]:
-    """Lowest and highest pressure (Pa) and steepest rate (Pa/s) that the recordings show the rig can do."""
+    """Lowest and highest pressure (Pa, with sign) and steepest rate (Pa/s) that the recordings show the rig can do."""
     low = min(float(o.excitation.pressure.min()) for o in problem.train)
     high = max(float(o.excitation.pressure.max()) for o in problem.train)
     rates = [np.abs(np.diff(o.excitation.pressure)) / o.excitation.step_s for o in problem.train]
-    return max(low, 0.0), high, float(np.percentile(np.concatenate(rates), 99.5))
+    least = BESIDE_ZERO * max(-low, high)
+    low, high = (0.0 if -least < low < 0 else low), (0.0 if 0 < high < least else high)
+    return low, high, float(np.percentile(np.concatenate(rates), 99.5))
 
 
 def _limited(target: FloatArray, rate: float) -> FloatArray:
@@ -38,26 +44,32 @@ def _limited(target: FloatArray, rate: float) -> FloatArray:
 
 
 def profiles(low: float, high: float, rate: float, seed: int) -> dict[str, FloatArray]:
-    """Candidate profiles in words: name to pressure (Pa) on a 2 ms grid."""
+    """Candidate profiles in words: name to pressure (Pa) on a 2 ms grid, from zero (or the limit nearest to it) to each side."""
     t = np.arange(0, DURATION_S, STEP_S)
-    rng = np.random.default_rng(seed)
-    span = high - low
-    levels = rng.uniform(0.1, 1.0, 10)
-    targets = {
-        "a fast step to full pressure, held, and back": low + span * ((t > 0.5) & (t < 5)),
-        "a slow triangle to full pressure and back": low + span * np.interp(t, [0.3, 4.0, 7.7], [0, 1, 0]),
-        "fast and slow triangles to the same pressure": low
-        + 0.8 * span * np.interp(t, [0.2, 0.7, 1.2, 1.7, 4.5, 7.5], [0, 1, 0, 0, 1, 0]),
-        "a staircase up and down with holds": low
-        + span * np.interp(np.floor(t / 0.8), range(10), [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0]),
-        "small fast reversals about half pressure": low
-        + span * (0.5 * (t > 0.3) + 0.12 * np.sign(np.sin(2 * np.pi * 1.5 * t)) * (t > 2)),
-        "small fast reversals near full pressure": low
-        + span * (0.85 * (t > 0.3) + 0.12 * np.sign(np.sin(2 * np.pi * 2 * t)) * (t > 2)),
-        "random steps": low + span * levels[np.minimum((t / 0.8).astype(int), 9)] * (t > 0.3),
-        "the same cycle twice after a rest": low
-        + span * np.interp(t, [0.3, 1.3, 2.3, 4.5, 5.5, 6.5], [0, 1, 0, 0, 1, 0]),
+    levels = np.random.default_rng(seed).uniform(0.1, 1.0, 10)
+    there_and_back = [0, 1, 0, 0, 1, 0]
+    shares = {
+        "a fast step to full pressure, held, and back": (t > 0.5) & (t < 5),
+        "a slow triangle to full pressure and back": np.interp(t, [0.3, 4.0, 7.7], [0, 1, 0]),
+        "fast and slow triangles to the same pressure": 0.8 * np.interp(t, [0.2, 0.7, 1.2, 1.7, 4.5, 7.5], there_and_back),
+        "a staircase up and down with holds": np.interp(
+            np.floor(t / 0.8), range(10), [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0]
+        ),
+        "small fast reversals about half pressure": 0.5 * (t > 0.3)
+        + 0.12 * np.sign(np.sin(2 * np.pi * 1.5 * t)) * (t > 2),
+        "small fast reversals near full pressure": 0.85 * (t > 0.3)
+        + 0.12 * np.sign(np.sin(2 * np.pi * 2 * t)) * (t > 2),
+        "random steps": levels[np.minimum((t / 0.8).astype(int), 9)] * (t > 0.3),
+        "the same cycle twice after a rest": np.interp(t, [0.3, 1.3, 2.3, 4.5, 5.5, 6.5], there_and_back),
     }
+    rest = min(max(low, 0.0), high)
+    sides = {name: side for name, side in (("", high), (" to the other side", low)) if side != rest}
+    if high == rest:
+        sides = {"": low}
+    targets = {name + where: rest + (side - rest) * share for where, side in sides.items() for name, share in shares.items()}
+    if len(sides) == 2:
+        one, other = (np.interp(t, [at, at + 1.8, at + 3.6], [0, 1, 0]) for at in (0.3, 3.9))
+        targets["triangles to one side and to the other"] = rest + (high - rest) * one + (low - rest) * other
     return {name: _limited(np.asarray(target, dtype=float), rate) for name, target in targets.items()}
 
 
@@ -76,13 +88,13 @@ def _seen(fitted: Fitted, pressure: FloatArray, unit: str) -> FloatArray | None:
 
 @dataclass(frozen=True)
 class _Design:
-    """A shape with its amplitude (1: the highest pressure seen) and pace (2: twice as fast, and again)."""
+    """A shape with its amplitude (1: as far as was seen) and pace (2: twice as fast, and again)."""
 
     shape: str
     amplitude: float = 1.0
     pace: float = 1.0
 
-    def words(self, high: float) -> str:
+    def words(self, pressure: FloatArray) -> str:
         how = (
             ""
             if self.pace == 1
@@ -90,18 +102,20 @@ class _Design:
             if self.pace > 1
             else f", {1 / self.pace:.2g} times as slow"
         )
-        return f"{self.shape}{how} (up to {self.amplitude * high / 1e3:.0f} kPa)"
+        low, high = float(pressure.min()) / 1e3, float(pressure.max()) / 1e3
+        reach = f"up to {high:.0f}" if low >= -0.5 else f"down to {low:.0f}" if high <= 0.5 else f"from {low:.0f} to {high:.0f}"
+        return f"{self.shape}{how} ({reach} kPa)"
 
 
 def shaped(target: FloatArray, amplitude: float, pace: float, rate: float) -> FloatArray:
-    """A profile with another amplitude above its lowest pressure and at another pace, no steeper than `rate` (Pa/s).
+    """A profile with another amplitude about the pressure it begins with and at another pace, no steeper than `rate` (Pa/s).
 
     Faster ones are played again until the time is over; of slower ones the end is cut.
     """
     t = np.arange(target.size) * STEP_S
     played = np.interp((t * pace) % (t[-1] + STEP_S), t, target)
-    low = float(target.min())
-    return _limited(low + amplitude * (played - low), rate)
+    rest = float(target[0])
+    return _limited(rest + amplitude * (played - rest), rate)
 
 
 def design_next(
@@ -140,7 +154,7 @@ def design_next(
     pressure = shaped(shapes[best.shape], best.amplitude, best.pace, rate)
     what = "tips" if unit == "mm" else "angles"
     sentence = (
-        f"Run {best.words(high)}: there {names[0]} and {names[1]}, as fitted now, predict {what} "
+        f"Run {best.words(pressure)}: there {names[0]} and {names[1]}, as fitted now, predict {what} "
         f"{told[best]:.3f} {unit} RMS apart."
     )
     file = f"next-experiment-{names[0]}-{names[1]}.csv"

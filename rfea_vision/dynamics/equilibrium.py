@@ -48,6 +48,10 @@ from rfea_vision.dynamics.system import (
 LARGEST_STEP = 0.3  # rad per Newton step
 #: Of a fall: how the resistance changes from step to step, the steps it may take, and the share of the first at which it ends.
 EASED, STIFFENED, FALLING_STEPS, LET_GO = 0.5, 4.0, 100_000, 1e-12
+#: Change of the angles, in rad or as a share, at which Newton steps have come to rest.
+SETTLED = 1e-12
+#: A step of a fall is taken back where what is left is this many times what a law without bends would leave.
+UNLIKE_STRAIGHT = 2.0
 
 
 @njit(**ALLOCATING)
@@ -126,22 +130,35 @@ def _smallest_pivot(body):
     return smallest
 
 
-@njit(**INLINE)
+@njit(**ALLOCATING)
 def _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, resistance):
     """Let the chain go downhill until it comes to rest (pseudo-transient continuation: Kelley and Keyes 1998,
     doi:10.1137/S0036142996304796), as through a liquid whose resistance eases off.
     """
-    body, end = work.body, LET_GO * resistance
+    body, count, end = work.body, work.body.shape[0] - 1, LET_GO * resistance
+    step, expected = np.zeros(count), np.inf
     for _ in range(FALLING_STEPS):
         _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, resistance)
-        largest = _largest_change(body)
-        if not (largest < LARGEST_STEP) or _smallest_pivot(body) <= 0:
+        largest, left = _largest_change(body), 0.0
+        for i in range(1, count):
+            left += body[i, RESIDUAL] ** 2
+        back = left > UNLIKE_STRAIGHT**2 * expected  # the law bends within the step
+        if back or not (largest < LARGEST_STEP) or _smallest_pivot(body) <= 0:
             if resistance > 1e300:
                 return
             resistance *= STIFFENED
+            if back:
+                for i in range(count):
+                    body[i, PHI] -= step[i]
+                expected = np.inf
             continue
-        for i in range(body.shape[0] - 1):
-            body[i, PHI] += body[i, STEP]
+        expected = 0.0
+        for i in range(count):
+            step[i] = body[i, STEP]
+            body[i, PHI] += step[i]
+        for i in range(1, count):
+            after = step[i + 1] - step[i] if i + 1 < count else 0.0
+            expected += (resistance * (step[i] - step[i - 1] - after)) ** 2
         if resistance < end:
             return
         resistance *= EASED
@@ -190,7 +207,7 @@ def equilibrium(
         part = min(1.0, LARGEST_STEP / largest) if largest > 0 else 1.0
         for i in range(n + 1):
             body[i, PHI] += part * body[i, STEP]
-        if largest < 1e-12 * max(1.0, abs(body[n, PHI])):
+        if largest < SETTLED * max(1.0, abs(body[n, PHI])):
             status = OK
             break
     stability = _smallest_pivot(body)

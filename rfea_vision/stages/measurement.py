@@ -140,6 +140,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         checkpoint = path.with_name(".track-so-far.npz")
         found = follow(experiment, calibration.value, open_source(video), checkpoint=checkpoint, progress=progress)
         _say_calibration(found, calibration.value, experiment)
+        _say_gravity(found, calibration.value, experiment)
         found.save(path)
         _tell_doubts(work, experiment, found)
         return found, [path], describe_track(found)
@@ -150,7 +151,13 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
             experiment.name,
             inputs=[*_pictures(video), *_hint_files(camera.hints)],
             earlier=[work.cache.sha256(calibration_file)],
-            options={"actuator": experiment.actuator, "camera": camera, "rate_Hz": video.rate_Hz, "lamp": lamp},
+            options={
+                "actuator": experiment.actuator,
+                "camera": camera,
+                "rate_Hz": video.rate_Hz,
+                "lamp": lamp,
+                "gravity": (experiment.rig.gravity_deg, experiment.rig.plumb),
+            },
         ),
         make=make,
         load=lambda: Track.load(path),
@@ -170,6 +177,7 @@ def follow(experiment: ExperimentSpec, calibration: Calibration, source: Any, **
         calibration,
         experiment.actuator,
         vertical=camera.vertical,
+        gravity_deg=experiment.rig.gravity_deg or 0.0,
         hints=camera.hints,
         lamp_box=sync.box if sync.method == "led" else None,
         **more,
@@ -188,6 +196,16 @@ def _say_calibration(found: Track, calibration: Calibration, experiment: Experim
     region = visited(calibration, found, 1e3 * experiment.actuator.length)
     for key, value in (region or {}).items():
         found.dataset.attrs[f"calibration_{key}"] = value
+
+
+def _say_gravity(found: Track, calibration: Calibration, experiment: ExperimentSpec) -> None:
+    """Add, as an attribute, where gravity points by the plumb line in the picture."""
+    from rfea_vision.vision.track import gravity_seen_deg
+
+    if experiment.rig.plumb is not None:
+        down = np.array([found.dataset.attrs[f"down_plane_{axis}"] for axis in "xy"])
+        bends = experiment.actuator.bends
+        found.dataset.attrs["gravity_deg"] = gravity_seen_deg(calibration, down, experiment.rig.plumb, bends)
 
 
 def _clip(
@@ -268,7 +286,8 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
         if calibration is not None and camera is not None:
             from rfea_vision.vision.track import rig_axes_mm
 
-            to_rig_mm = rig_axes_mm(calibration, camera.vertical)
+            gravity_deg, bends = experiment.rig.gravity_deg or 0.0, experiment.actuator.bends
+            to_rig_mm = rig_axes_mm(calibration, camera.vertical, gravity_deg, bends)
         found = read_track(source.file, bends=experiment.actuator.bends, spec=source, to_rig_mm=to_rig_mm)
         found.save(path)
         _tell_doubts(work, experiment, found)
@@ -280,7 +299,7 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
             experiment.name,
             inputs=[source.file],
             earlier=[] if camera is None else [work.cache.sha256(calibration_path(work, experiment))],
-            options={"bends": experiment.actuator.bends, "track": source},
+            options={"bends": experiment.actuator.bends, "track": source, "gravity": experiment.rig.gravity_deg},
         ),
         make=make,
         load=lambda: Track.load(path),
@@ -362,7 +381,7 @@ def rig_attributes(experiment: ExperimentSpec) -> dict[str, Any]:
     found: dict[str, Any] = {}
     if rig.gravity_deg is None:
         found["gravity"] = "none"
-    elif rig.gravity_deg:
+    elif rig.gravity_deg and rig.plumb is None:  # by the plumb line it stands in the track
         found["gravity_deg"] = rig.gravity_deg
     if rig.held:
         found["held_until_s"] = np.nan if rig.held_until_s is None else rig.held_until_s

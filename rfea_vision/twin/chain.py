@@ -31,6 +31,7 @@ class Chain:
     n : number of joints
     layout : ``middle``: half a body at either end, the first one clamped; ``start``: a whole body after each joint
     hidden : effect parameters (the full table, SI)
+    gravity_deg : direction of gravity from down, positive towards -x; None for none in the plane
 
     Attributes
     ----------
@@ -39,7 +40,12 @@ class Chain:
     """
 
     def __init__(
-        self, actuator: Actuator, n: int, layout: Literal["middle", "start"], hidden: Mapping[str, float]
+        self,
+        actuator: Actuator,
+        n: int,
+        layout: Literal["middle", "start"],
+        hidden: Mapping[str, float],
+        gravity_deg: float | None = 0.0,
     ) -> None:
         self.actuator, self.n, self.hidden = actuator, n, hidden
         self.has_base = hidden["base_rotation.c"] > 0
@@ -53,8 +59,8 @@ class Chain:
         self.line_density = np.pi * (actuator.density * (outer**2 - inner**2) + actuator.fluid_density * inner**2)
         self.masses = self.line_density * self.lengths
         self.com_offset = hidden["com_offset.a"] * outer
-        tilt = hidden["gravity_tilt.angle"]
-        self.gravity = GRAVITY * np.array([-np.sin(tilt), -np.cos(tilt)])
+        tilt = hidden["gravity_tilt.angle"] + np.radians(gravity_deg or 0.0)
+        self.gravity = (0.0 if gravity_deg is None else GRAVITY) * np.array([-np.sin(tilt), -np.cos(tilt)])
         self.model = mujoco.MjModel.from_xml_string(self._xml())
         self.data = mujoco.MjData(self.model)
         self._bodies = np.array([self.model.body(f"body{index}").id for index in range(n)])

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.campaign.specs import gravity_deg
 from rfea_vision.errors import DataError
 from rfea_vision.twin.excitation import GRID_S, KINDS, Programme, programme
 from rfea_vision.twin.options import BaseParameters, TwinOptions, with_partners
@@ -64,6 +65,7 @@ def build_plant(options: TwinOptions) -> tuple[Plant, BaseParameters]:
         joints=options.joints,
         layout=options.layout,
         seed=options.seed,
+        gravity_deg=gravity_deg(options.gravity, options.actuator.bends),
     )
     return plant, base
 

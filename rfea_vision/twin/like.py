@@ -65,7 +65,7 @@ def simulate_like(
         raise InputError(f"{out}: already there and not empty; choose another folder, or remove it first")
     if not recordings:
         raise DataError("simulate --like: the campaign has no recording to take after; run rfea sync first")
-    plant, base = build_plant(options)
+    _, base = build_plant(options)
     work = out.with_name(f".{out.name}-unfinished")
     shutil.rmtree(work, ignore_errors=True)
     runs: list[Run] = []
@@ -75,7 +75,8 @@ def simulate_like(
         _write_campaign(work, options.name or out.name, options, None)
         for index, (name, recording) in enumerate(recordings.items()):
             run = _run_like(name, recording, options.hidden)
-            given = replace(options, **_observed(recording))
+            given = replace(options, base=base, gravity=_gravity(recording), **_observed(recording))
+            plant, _ = build_plant(given)
             times = recording.time_s[recording.valid]
             camera_s = (times - run.offset_s) / (1 + run.drift)
             posture = posture_at(plant, move(plant, run, options.step_s), times)
@@ -112,6 +113,12 @@ def _run_like(name: str, recording: Recording, hidden: Mapping[str, float]) -> R
     claimed = offset + 0.5 * drift * float(last - first) - hidden.get("time_offset.dt", 0.0)
     programme = Programme("recorded", time, 1e3 * np.interp(time, log, pressure))
     return Run(name, recording.role, programme, offset, drift, claimed, attributes.get("repeat_of"))
+
+
+def _gravity(recording: Recording) -> str | float:
+    """Where gravity points in a run, as `TwinOptions.gravity` says it."""
+    attributes = recording.dataset.attrs
+    return "none" if attributes.get("gravity") == "none" else float(attributes.get("gravity_deg", 0.0)) or "down"
 
 
 def _observed(recording: Recording) -> dict[str, Any]:

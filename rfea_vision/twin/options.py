@@ -144,6 +144,8 @@ class TwinOptions:
     scene : what makes the pictures hard
     drive : what makes the pressure: None, a smooth valve; valve commands for a digital hydraulic drive; or ``duty``,
         the same drive following the drawn pressure with a duty cycle
+    gravity : where gravity points in the frame in which the unloaded tube points down: ``down``, ``left``, ``right``, ``up``,
+        ``none``, or degrees from down in the direction of the bend; the camera stays level
     given : the pressure that every run plays, instead of one that is drawn; it starts at 0 s
     """
 
@@ -180,6 +182,7 @@ class TwinOptions:
     photos: int = 14
     scene: Stress = field(default_factory=Stress)
     drive: ValveCommands | Literal["duty"] | None = None
+    gravity: str | float = "down"
     given: Programme | None = None
 
     def __post_init__(self) -> None:

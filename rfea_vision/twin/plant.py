@@ -62,6 +62,7 @@ class Plant:
     hidden : effect parameters in SI units
     joints, layout : see `TwinOptions`
     seed : of the gusts of `fan`
+    gravity_deg : direction of gravity from down, positive in the direction of the bend; None for none in the plane
     """
 
     def __init__(
@@ -73,9 +74,10 @@ class Plant:
         joints: int = 48,
         layout: Literal["middle", "start"] = "middle",
         seed: int = 0,
+        gravity_deg: float | None = 0.0,
     ) -> None:
         self.law = JointLaw(actuator, base, joints, hidden)
-        self.chain = Chain(actuator, joints, layout, self.law.all_hidden)
+        self.chain = Chain(actuator, joints, layout, self.law.all_hidden, gravity_deg)
         self.actuator, self.joints = actuator, joints
         self.layout: Literal["middle", "start"] = layout
         self._clamp = slice(1, None) if self.chain.has_base else slice(None)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.campaign.specs import gravity_deg
 from rfea_vision.files import whole_file
 from rfea_vision.twin.camera import Camera, camera_over, turn
 from rfea_vision.twin.coverage import coverage
@@ -145,13 +146,20 @@ class Studio:
         self.options = options
         self.generator = np.random.default_rng([options.seed, 4])
         radius = 1e3 * options.actuator.outer_radius
+        # The camera stands level: what points down in the frame of the rig points elsewhere in the picture.
+        bends = options.actuator.bends
+        angle = np.radians(gravity_deg(options.gravity, bends) or 0.0) * (1.0 if bends == "left" else -1.0)
+        self.level = turn(0.0, 0.0, angle)[:2, :2]  # from the rig's axes to camera-right and up
         nodes = np.concatenate([posture.line(np.linspace(0, 1, 33))[0].reshape(-1, 2) for posture in postures])
+        nodes = nodes @ self.level.T
         room = 3.5 * radius
-        self.lower = np.minimum(nodes.min(axis=0), [-2 * radius, 0.0]) - room
-        self.upper = np.maximum(nodes.max(axis=0), [2 * radius, 0.0]) + room
+        clamp = np.array([[-2 * radius, 0.0], [2 * radius, 0.0]]) @ self.level.T
+        self.lower = np.minimum(nodes.min(axis=0), clamp.min(axis=0)) - room
+        self.upper = np.maximum(nodes.max(axis=0), clamp.max(axis=0)) + room
         wide, high = options.frame_size
         self.size = (max(wide, high), min(wide, high)) if options.scene.landscape else (wide, high)
         self.camera = camera_over(self.lower, self.upper, self.size, self.generator)
+        self.camera = replace(self.camera, rotation=self.camera.rotation @ turn(0.0, 0.0, angle))
         self.scene = self._scene(radius)
         square = max(1.0, round(0.068 * float(self.upper[0] - self.lower[0])))
         self.board = CheckerBoard(9, 6, square)
@@ -169,7 +177,7 @@ class Studio:
         if stress.busy:
             scene = replace(scene, pattern=wall_pattern(width, height, stress.busy, generator))
         if stress.hose:
-            scene = replace(scene, hose_mm=hose_mm(stress.hose, self.lower, self.upper, generator))
+            scene = replace(scene, hose_mm=hose_mm(stress.hose, self.lower, self.upper, generator) @ self.level)
         if stress.highlight:
             towards = 1.0 if scene.wall > scene.tube else -1.0
             scene = replace(scene, highlight=scene.tube + towards * stress.highlight)
@@ -222,7 +230,7 @@ class Studio:
         """Pixels of the board lying in the plane of motion, rows level; a hidden error of the plane sits here."""
         centre = 0.5 * (self.lower + self.upper)
         middle = self.board.outline().mean(axis=0)
-        believed = centre + (points - middle) * [1.0, -1.0]
+        believed = (centre + (points - middle) * [1.0, -1.0]) @ self.level
         true = believed
         for _ in range(8):  # undo the misreading: contracts fast, as its errors are small
             true = true + believed - misread_plane(true, dict(self.options.hidden))

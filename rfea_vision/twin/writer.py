@@ -170,6 +170,9 @@ def _write_experiment(folder: Path, run: Run, options: TwinOptions) -> None:
         content["sync"] = {"method": "offset", "value": f"{run.claimed_offset_s * 1e3:.4f} ms"}
     else:
         content["sync"] = {"method": options.sync}
+    if options.gravity != "down":
+        word = isinstance(options.gravity, str)
+        content["rig"] = {"gravity": options.gravity if word else {"angle": f"{options.gravity:g} deg"}}
     if run.repeat_of:
         content["repeat_of"] = run.repeat_of
     write_text(folder / "experiment.yaml", yaml.safe_dump(content, sort_keys=False))

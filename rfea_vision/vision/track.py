@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rfea_vision.artefacts import Actuator, Calibration, Hints, Track
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
@@ -42,6 +42,7 @@ def track_frames(
     actuator: Actuator,
     *,
     vertical: str | dict[str, Any] = "board",
+    gravity_deg: float = 0.0,
     hints: Hints | None = None,
     lamp_box: Sequence[float] | None = None,
     nodes: int = 33,
@@ -57,6 +58,7 @@ def track_frames(
     calibration : lens and plane of motion, for pictures of the same shape
     actuator : outer radius and length predict how wide and how long the tube looks
     vertical : ``board``, ``rest``, ``image`` or ``{"plumb": [[x, y], [x, y]]}`` in px
+    gravity_deg : direction of the vertical from that in which the unloaded tube points, positive in the direction of the bend
     hints : what a person pointed at in the first frame
     lamp_box : x, y, width and height in px of a lamp whose brightness is to be read in every frame
     nodes, segments : nodes of the centre line, and segments of the elongation
@@ -76,7 +78,7 @@ def track_frames(
         If no tube is found, or fewer than half of the frames could be measured.
     """
     calibration = matched_to(calibration, source)
-    scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size)
+    scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg)
     lamp = lamp_window(lamp_box, source.size)
     follower: Follower | BodyFollower = Follower(scene)
     rows = Rows(nodes, segments)
@@ -222,6 +224,7 @@ def make_scene(
     vertical: str | dict[str, Any],
     hints: Hints,
     size: tuple[int, int],
+    gravity_deg: float = 0.0,
 ) -> Scene:
     """Gather what is known before the first frame."""
     camera = camera_vector(calibration)
@@ -235,7 +238,8 @@ def make_scene(
     px_per_mm = scale_at(camera, middle)
     if not np.isfinite(px_per_mm):
         raise InputError("camera.plane: the plane of motion is not in front of the camera; take the plane photo again")
-    return Scene(camera, actuator, down_direction(camera, vertical, middle), px_per_mm, clamp, tip, hints)
+    down = turned(down_direction(camera, vertical, middle), gravity_deg, actuator.bends)
+    return Scene(camera, actuator, down, px_per_mm, clamp, tip, hints)
 
 
 def down_direction(camera: FloatArray, vertical: str | dict[str, Any], middle_px: FloatArray) -> FloatArray:
@@ -258,10 +262,31 @@ def down_direction(camera: FloatArray, vertical: str | dict[str, Any], middle_px
     return down / np.linalg.norm(down)
 
 
-def rig_axes_mm(calibration: Calibration, vertical: str | dict[str, Any]) -> Callable[[FloatArray], FloatArray]:
+def turned(gravity: FloatArray, gravity_deg: float, bends: str) -> FloatArray:
+    """Direction (2,) in which the unloaded tube points, where gravity lies `gravity_deg` from it towards the side of the bend."""
+    angle = np.deg2rad(gravity_deg) * (1.0 if bends == "left" else -1.0)
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([c * gravity[0] - s * gravity[1], s * gravity[0] + c * gravity[1]])
+
+
+def gravity_seen_deg(calibration: Calibration, down: FloatArray, plumb_px: ArrayLike, bends: str) -> float:
+    """Direction of gravity from `down` (2,) of the rig on the plane, positive in the direction of the bend.
+
+    Parameters
+    ----------
+    plumb_px : (2, 2) two points in px on a line that hangs plumb, upper one first
+    """
+    upper, lower = unproject(camera_vector(calibration), np.asarray(plumb_px, dtype=float))
+    gravity, side = lower - upper, 1.0 if bends == "left" else -1.0
+    return float(np.rad2deg(np.arctan2(side * (down[1] * gravity[0] - down[0] * gravity[1]), down @ gravity)))
+
+
+def rig_axes_mm(
+    calibration: Calibration, vertical: str | dict[str, Any], gravity_deg: float, bends: str
+) -> Callable[[FloatArray], FloatArray]:
     """Return what turns pixels (..., 2) into mm (..., 2) along camera-right and up, from an origin of no meaning."""
     camera = camera_vector(calibration)
     middle = np.array([calibration.image_width / 2, calibration.image_height / 2])
-    down = down_direction(camera, vertical, middle)
+    down = turned(down_direction(camera, vertical, middle), gravity_deg, bends)
     axes = np.array([[-down[1], down[0]], [-down[0], -down[1]]])
     return lambda pixels: unproject(camera, pixels) @ axes.T

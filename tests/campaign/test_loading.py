@@ -280,3 +280,51 @@ def test_chambers_are_read_with_their_signs(tmp_path):
 def test_chambers_that_are_wrong_are_named(tmp_path, text, says):
     with pytest.raises(InputError, match=says):
         load_campaign(_with_chambers(tmp_path / "c", {"steps": text}))
+
+
+CAMERA = "camera: {file: camera.yaml, vertical: %s}\nvideo: {file: film.mp4}\n"
+
+
+def _rig(folder, above, below, camera=""):
+    """The experiment `steps` of a campaign whose files say these things of the rig."""
+    write_campaign(folder)
+    (folder / "camera.yaml").touch()
+    file = folder / "campaign.yaml"
+    file.write_text(file.read_text() + above)
+    file = folder / "steps" / "experiment.yaml"
+    (folder / "steps" / "film.mp4").touch()
+    text = file.read_text() + below
+    file.write_text(text.replace("track: {file: track.csv}\n", CAMERA % camera) if camera else text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("above", "below", "deg"),
+    [
+        ("", "", 0.0),
+        ("rig: {gravity: left}\n", "", 90.0),
+        ("rig: {gravity: left}\n", "rig: {gravity: up}\n", 180.0),
+        ("rig: {gravity: {angle: 30 deg}}\n", "rig: {gravity: none}\n", None),
+        ("rig: {gravity: none}\n", "rig: {gravity: {angle: -20 deg}}\n", -20.0),
+    ],
+)
+def test_an_experiment_may_stand_otherwise_than_its_campaign(tmp_path, above, below, deg):
+    campaign = load_campaign(_rig(tmp_path / "c", above, below))
+    assert campaign.experiment("steps").rig.gravity_deg == deg
+    assert campaign.experiment("sine").rig.gravity_deg in (0.0, 90.0, 30.0, None)
+
+
+def test_gravity_is_read_from_a_plumb_line(tmp_path):
+    plumb = "rig: {gravity: {plumb: [[10, 20], [12, 400]]}}\n"
+    rig = load_campaign(_rig(tmp_path / "c", "rig: {gravity: {angle: 30 deg}}\n", plumb, "board")).experiment("steps").rig
+    assert rig.plumb == ((10, 20), (12, 400)) and rig.gravity_deg == 0.0
+    for place, (below, camera, says) in enumerate(
+        [
+            (plumb, "", "needs pictures"),
+            (plumb, "{plumb: [[1, 2], [3, 4]]}", "the axis of the rig"),
+            (plumb.replace("[12, 400]", "[10, 20]"), "image", "are one"),
+            ("rig: {gravity: left}\n", "rest", "does not rest straight"),
+        ]
+    ):
+        with pytest.raises(InputError, match=says):
+            load_campaign(_rig(tmp_path / str(place), "", below, camera))
