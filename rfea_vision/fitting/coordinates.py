@@ -20,8 +20,9 @@ from rfea_vision.tube import inner_radius
 
 FloatArray = NDArray[np.float64]
 REACH = 1.5
-#: Stiffness and damping may differ from the reference by these factors: of a tube of rubber, and of a beam of anything.
-TUBE_RANGE, BEAM_RANGE = (0.02, 50.0), (1e-5, 1e6)
+#: Stiffness and damping may differ from the reference by these factors: of a tube of rubber (the softest silicones have a sixtieth of
+#: the modulus of the paper's, 0.03 MPa, and at rest a fraction of what they have when bent), and of a beam of anything.
+TUBE_RANGE, BEAM_RANGE = (1e-3, 50.0), (1e-5, 1e6)
 BEAM_MODULUS = 1e6  # Pa
 #: A start is kept this far off its bounds at most.
 MARGIN = 5e-3
@@ -57,9 +58,12 @@ class Coordinates:
         """Nearest coordinates within the bounds, a little inside."""
         free = list(self.free)
         y = np.linalg.solve(self.matrix[free], (par - self.offset)[free])
-        # Coordinates are of order one; bounds that lie far apart must not push a start away.
-        margin = np.minimum(1e-4 * np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 1.0), MARGIN)
-        return np.clip(y, self.lower + margin, self.upper - margin).astype(np.float64)
+        # Coordinates are of order one; bounds that lie far apart must not push a start away, nor a value that had ended at a
+        # small bound: a stiffness that is a fiftieth of the usual would come back a quarter larger.
+        span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 1.0)
+        margin = np.minimum(1e-4 * span, MARGIN)
+        low, high = (np.where(bound == 0, margin, np.minimum(margin, MARGIN * np.abs(bound))) for bound in (self.lower, self.upper))
+        return np.clip(y, self.lower + low, self.upper - high).astype(np.float64)
 
 
 def bend_of(item: Observed) -> FloatArray:

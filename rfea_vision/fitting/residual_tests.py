@@ -53,10 +53,17 @@ def correlation_time(series: FloatArray, period_s: float) -> float:
 
 #: Second differences of a residual beyond this many of their robust standard deviations are jumps, not motion.
 JUMP = 15.0
+#: Frames this far apart tell no jump from motion: a tenth of the period of the fastest ringing of soft tubes (5 Hz).
+SLOW_FRAMES_S = 0.02
 
 
 def count_jumps(item: Observed, predicted: Predicted) -> int:
-    """Frames at which a track leaves the model from one frame to the next: wrong points, not physics, which takes time."""
+    """Frames at which a track leaves the model from one frame to the next: wrong points, not physics, which takes time.
+
+    None where the frames are so slow that the tube itself can go anywhere from one to the next.
+    """
+    if float(np.median(np.diff(item.time))) > SLOW_FRAMES_S:
+        return 0
     gap = (item.angle - predicted.angle)[:, None]
     if item.has_tip:
         gap = (item.points - predicted.points).reshape(item.time.size, -1)

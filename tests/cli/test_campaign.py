@@ -246,7 +246,10 @@ def test_an_interruption_keeps_what_is_finished(campaign):
         "--segments",
         "4",
     ]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ})
+    process = subprocess.Popen(
+        command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background job is born deaf to it
+    )  # fmt: skip
     assert process.stderr is not None
     for line in process.stderr:
         if line.startswith("sync") and len(list((campaign / "rfea").glob("*/recording.nc"))) == 3:
