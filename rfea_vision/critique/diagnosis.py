@@ -63,7 +63,7 @@ def judge(
 
     trials.progress = step
     effects = offered(problem, fitted, candidates, asked.effect_files)
-    search = Search(trials, trials.stands(fitted), effects)
+    search = Search(trials, trials.stands(fitted), effects, wide=asked.stand_ins)
     if candidates is None and screen_segments(
         problem, fitted, search.floor
     ):  # what needs no law is tried before any law
@@ -90,6 +90,7 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, A
         verdict=verdict.verdict,
         sentence=verdict.sentence,
         named=[plain(one) for one in verdict.named],
+        stand_ins=list(verdict.stand_ins),
         tied=verdict.tied,
         candidates=candidate_rows(search, verdict),
         sets=sets_of(search, verdict.weighed),

@@ -46,8 +46,11 @@ class Step:
     why: str = ""
 
 
-def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool) -> Step:
-    """The most telling effect that is named; with `stand_ins`, else the one that helps the held-out error most."""
+def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool, begun: Sequence[str] = ()) -> Step:
+    """The most telling effect that is named; with `stand_ins`, else the next of a set that lowers the held-out error.
+
+    `begun` is what is left of such a set, of which a first member was added: it is added whole.
+    """
     rows = {row.effect: row for row in diagnosis.candidates}
 
     def of(name: str, grade: str) -> Step:
@@ -63,9 +66,9 @@ def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool) -
     if diagnosis.named:
         return Step(why="what is named had been dropped before: it does not earn its place")
     if stand_ins and not diagnosis.sufficient:
-        helping = [row for row in rows.values() if row.matters and row.effect not in dropped and not row.note]
-        if helping:
-            return of(max(helping, key=lambda row: row.share or 0.0).effect, "stand-in")
+        for name in (*begun, *diagnosis.stand_ins):
+            if name not in dropped:
+                return of(name, "stand-in")
     return Step(why=f"the verdict is {diagnosis.verdict}: {diagnosis.sentence}")
 
 
@@ -167,7 +170,8 @@ class _Climb:
             if found is None:
                 return False
             self.trials.stands(found)
-            fitted, gone = _look_back(found, self.trials, self.floor, name)
+            # a set of stand-ins helps together: what one of them does alone is no reason to drop it
+            fitted, gone = (found, set()) if step.grade == "stand-in" else _look_back(found, self.trials, self.floor, name)
         self.dropped |= gone
         self.before, self.fitted, self.last = self.fitted, fitted, step
         return True
@@ -215,6 +219,7 @@ def improve(
     first = refit_artefact(finished[0][0], problem) if finished else fit(problem, chosen)
     climb = _Climb(problem, Trials(problem, chosen.effect_files), first)
     stopped = f"{MOST_RUNGS} rungs were climbed"
+    begun: list[str] = []
     for index in range(MOST_RUNGS):
         following = finished[index + 1][0] if index + 1 < len(finished) else None
         if index < len(finished):
@@ -224,7 +229,9 @@ def improve(
             diagnosis = _judged(climb, recordings, candidates, asked, on_rung)
         if progress is not None:
             progress(index + 1, MOST_RUNGS)
-        step = next_step(diagnosis, climb.dropped, asked.stand_ins)
+        step = next_step(diagnosis, climb.dropped, asked.stand_ins, begun)
+        if step.grade == "stand-in":
+            begun = [one for one in begun or diagnosis.stand_ins if one != plain(str(step.added))]
         late = asked.budget_s is not None and time.monotonic() - started > asked.budget_s
         if step.added is None or (late and step.grade != "named"):
             stopped = step.why or f"the time budget of {asked.budget_s:.0f} s is used up; nothing more is named"

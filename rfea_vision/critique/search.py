@@ -10,7 +10,15 @@ import numpy as np
 
 from rfea_vision.artefacts.judgement import Floors
 from rfea_vision.critique.floors import binding, floors_of
-from rfea_vision.critique.measures import STRUCTURE_FLOORS, common_runs, effective_count, matters, share, structure
+from rfea_vision.critique.measures import (
+    MATTERS_SHARE,
+    STRUCTURE_FLOORS,
+    common_runs,
+    effective_count,
+    matters,
+    share,
+    structure,
+)
 from rfea_vision.critique.refinement import SEGMENTS
 from rfea_vision.critique.rule import RULE, Rule, posterior
 from rfea_vision.critique.screening import Screened, available, screened_rows, sensitivities
@@ -50,6 +58,7 @@ class Search:
     present: Trial
     effects: tuple[Effect, ...]
     rule: Rule = RULE
+    wide: bool = False  # whether to refit what could help, too, though it could not become likely
 
     def __post_init__(self) -> None:
         self.independent = effective_count(self.trials.problem, self.present.fitted)
@@ -155,7 +164,12 @@ class Search:
                     self.trials.refit(centre, proposal.effects, proposal.start)
 
     def _worth(self, centre: Trial, proposal: Proposal) -> bool:
-        """Whether a refit could earn its price: if it left nothing at all, and if it did thrice as well as its linear step."""
+        """Whether a refit could earn its price: if it left nothing at all, and if it did twice as well as its linear step.
+
+        In a wide search: or whether it could lower the error by what matters.
+        """
+        if self.wide and LENIENT * proposal.fall >= 1 - (1 - MATTERS_SHARE) ** 2:
+            return True
         best = self.weigh()[0]
         added = centre.effects | set(proposal.effects)
         parameters = centre.free + sum(name.partition(".")[0] in proposal.effects for name in proposal.start)

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from rfea_vision.artefacts.judgement import EffectSet, Remainder, Tie
-from rfea_vision.critique.measures import STRUCTURE_FLOORS
+from rfea_vision.critique.measures import STRUCTURE_FLOORS, matters
 from rfea_vision.critique.refinement import SEGMENTS, SPLIT_BY, TITLE
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.trials import Trial, plain
@@ -30,6 +32,7 @@ class Verdict:
     rivals: list[Trial]
     probability: dict[str, float]
     weighed: list[Weighed]
+    stand_ins: tuple[str, ...] = ()
 
 
 def decide(search: Search, weighed: list[Weighed]) -> Verdict:
@@ -56,7 +59,10 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
         verdict = "missing"
     elif left < small or (left < 1.0 and not mattering):
         verdict = "complete"
-    found = Verdict(verdict, "", tuple(likely), best, own.share, left < small, tied, rivals, probability, weighed)
+    found = Verdict(
+        verdict, "", tuple(likely), best, own.share, left < small, tied, rivals, probability, weighed,
+        () if left < small else stand_ins_of(search, weighed),
+    )  # fmt: skip
     words = {"missing": _missing, "complete": _complete, "unexplained": _unexplained}[verdict](search, found)
     return Verdict(**{**vars(found), "sentence": words})
 
@@ -72,9 +78,22 @@ def _worth(search: Search, best: Weighed, own: str) -> float:
 
 
 def _matters_at_all(search: Search, item: Weighed) -> bool:
-    from rfea_vision.critique.measures import matters
-
     return bool(item.added) and matters(search.present.errors, item.trial.errors, search.floor)
+
+
+def stand_ins_of(search: Search, weighed: Sequence[Weighed]) -> tuple[str, ...]:
+    """Effects that together lower the held-out error, though hardly its cause; what helps most by itself first.
+
+    The set that leaves least, where every larger set must lower the error by what matters over the smaller ones.
+    """
+    chosen: Weighed | None = None
+    for item in sorted(weighed, key=lambda item: (len(item.added), -item.share)):
+        if item.added and matters((chosen.trial if chosen else search.present).errors, item.trial.errors, search.floor):
+            chosen = item
+    if chosen is None:
+        return ()
+    alone = {item.added[0]: item.share for item in weighed if len(item.added) == 1}
+    return tuple(sorted(chosen.added, key=lambda one: -alone.get(one, -np.inf)))
 
 
 def sets_of(search: Search, weighed: Sequence[Weighed]) -> list[EffectSet]:

@@ -54,15 +54,14 @@ def test_a_part_is_named_with_its_share_and_what_is_left_is_said(campaign):
 def test_a_stand_in_is_taken_only_where_one_is_asked_for_and_called_so():
     helps = Candidate(effect="drag", probability=0.2, share=0.4, matters=True, refitted=True)
     more = Candidate(effect="coulomb", form="sharp", probability=0.3, share=0.6, matters=True, refitted=True)
-    at_bound = Candidate(
-        effect="maxwell", probability=0.0, share=0.9, matters=True, refitted=True, note="ended at a bound"
-    )
     nothing = Diagnosis(
-        model="base", verdict="unexplained", sentence="so", candidates=[helps, more, at_bound], sufficient=False
-    )
+        model="base", verdict="unexplained", sentence="so", candidates=[helps, more], sufficient=False,
+        stand_ins=["coulomb", "drag"],
+    )  # fmt: skip
     assert next_step(nothing, (), stand_ins=False) == Step(why="the verdict is unexplained: so")
     assert next_step(nothing, (), stand_ins=True) == Step("coulomb:sharp", "stand-in", 0.3, 0.6)
     assert next_step(nothing, ("coulomb",), stand_ins=True).added == "drag"
+    assert next_step(nothing, (), stand_ins=True, begun=["drag"]).added == "drag"
     named = nothing.model_copy(update={"named": ["drag"], "verdict": "missing"})
     assert next_step(named, (), stand_ins=True) == Step("drag", "named", 0.2, 0.4)
     assert next_step(named, ("drag",), stand_ins=False).added is None
