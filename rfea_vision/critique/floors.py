@@ -8,7 +8,8 @@ from scipy.fft import dct
 
 from rfea_vision.artefacts.judgement import Floors
 from rfea_vision.fitting.fit import Fitted, Problem
-from rfea_vision.fitting.observation import MM, Observed, noise_floor_deg, noise_floor_mm
+from rfea_vision.fitting.noise import noise_floor_deg, noise_floor_mm
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.solver import fit_clocks
 

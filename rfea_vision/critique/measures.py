@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.fitting.fit import Fitted, Problem
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residual_tests import correlation_time
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import gaps

@@ -20,7 +20,7 @@ from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE
 from rfea_vision.critique.screening import Sensitivity, available, offered, sensitivities
 from rfea_vision.fitting.fit import make_problem
-from rfea_vision.fitting.observation import MM, Observed
+from rfea_vision.fitting.observed import MM, Observed
 
 FloatArray = NDArray[np.float64]
 

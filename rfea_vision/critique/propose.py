@@ -28,7 +28,7 @@ from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added, make_problem
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.tube import inner_radius
 
 FloatArray = NDArray[np.float64]

@@ -21,7 +21,8 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, find_effects, line_effects, load_effect_file
 from rfea_vision.fitting.fit import Fitted, Problem
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observation import TUBE_LAG_S
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.uncertainty import BLOCK_S, _frame_of_row
 
@@ -54,7 +55,7 @@ def offered(
         if candidates is not None
         else [*sorted(catalogue()), *(u for u in users if u not in catalogue()), *_by_chamber(problem)]
     )
-    clocks_free = all(item.clock_free for item in problem.train)
+    clocks_free = all(item.clock_sigma >= TUBE_LAG_S for item in problem.train)
     chosen = []
     for effect in find_effects([i for i in ids if i not in own], effect_files):
         tied_to_base = any(name in fitted.coordinates.names for name in effect.exactly_tied_to)

@@ -21,7 +21,8 @@ from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.dynamics.inverse import joint_torques
 from rfea_vision.dynamics.simulation import Model
-from rfea_vision.fitting.observation import MM, Observed, observe_recording
+from rfea_vision.fitting.observation import observe_recording
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import rebuild

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED, scaled
 from rfea_vision.dynamics.simulation import Model
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.tube import inner_radius
 
 FloatArray = NDArray[np.float64]

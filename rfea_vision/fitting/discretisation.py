@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.refine import Refined, gauss_newton_step
 from rfea_vision.fitting.refit import Fitted, carried

@@ -14,7 +14,7 @@ from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, build
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.profile import profile
 from rfea_vision.fitting.ratio import only_ratio

@@ -12,7 +12,7 @@ from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matrix
 from rfea_vision.effects.base import BASE_UNITS
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.uncertainty import Uncertainty, sandwich
 

@@ -1,11 +1,8 @@
-"""What the fit sees of a recording: positions in the dynamics' frame with weights, and the pressure on the engine's grid."""
+"""From a recording to what the fit sees of it: which frames, which points with which weights, from when on."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 import xarray as xr
@@ -16,17 +13,20 @@ from rfea_vision.dynamics.excitation import LONGEST_STEP_S
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.letting_go import Held, letting_go, when_let_go
-from rfea_vision.fitting.nuisance import BEFORE_S, FORGOTTEN_S, Unknowns, unknowns_of
+from rfea_vision.fitting.noise import white_noise_mm
+from rfea_vision.fitting.nuisance import BEFORE_S
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.options.fit import Observe
 
 FloatArray = NDArray[np.float64]
 
 FITTED_NODES = 8
-MM = 1e-3
 ORIGIN_SIGMA_MM = 0.1
 #: Nobody reads a tube better than this; keeps a file that claims zero error from ruling the fit.
 SMALLEST_SIGMA_MM = 0.005
 SMALLEST_SIGMA_DEG = 0.005
+#: What a clock that was found from the motion may be off by beyond its own standard error: lines and tubes lag by so much.
+TUBE_LAG_S = 0.05
 #: Steps of the integrator to a period of the faster of log and camera, and the longest step that is taken.
 STEPS_PER_PERIOD = 5
 SLOWEST_STEP_S = 8e-3
@@ -34,104 +34,6 @@ SLOWEST_STEP_S = 8e-3
 LONGEST_BEFORE_S, SETTLED_S = 3.0, 1.5
 #: A log whose pressure stands still for this long at first is taken to begin with the tube at rest.
 STILL_PA, STILL_S = 1e3, 0.25
-
-
-@dataclass(frozen=True)
-class Observed:
-    """One experiment, SI, mirrored where the tube bends right so that bending is towards -x.
-
-    time : (frames,) s on the log's clock, valid frames only
-    points : (frames, m, 2) m at `fractions` of the centre line, the last one the tip; NaN where there is no midline
-    normals : (frames, m, 2) unit normals of the measured centre line
-    sigma : (frames, m) m; angle, angle_sigma : (frames,) rad or NaN
-    weight_rows : how the residual is built, see `rows`
-    """
-
-    name: str
-    role: str
-    mirror: float
-    time: FloatArray
-    frame: NDArray[np.int64]
-    fractions: FloatArray
-    points: FloatArray
-    normals: FloatArray
-    sigma: FloatArray
-    angle: FloatArray
-    angle_sigma: FloatArray
-    excitation: Excitation
-    observe: Observe
-    clock_free: bool
-    clock_sigma: float
-    repeat_of: str | None = None
-    tip_noise_mm: float = field(default=0.0)
-    origin_sigma: float = field(default=0.0)  # m; 0 where the track is in the rig frame by somebody else's word
-    pressure_zero_sd: float = 0.0  # Pa; 0 where the sensor's zero is taken as given
-    gravity: float = STANDARD_GRAVITY  # m/s^2 in the plane of motion
-    mounting: float = 0.0  # direction of gravity from down (rad), positive towards the side of the bend
-    held: Held | None = None  # where the run begins in a held shape
-    conditions: Mapping[str, float] = field(default_factory=dict)  # parameters of effects that are known for this run
-    unknown_before_s: float | None = None  # before that nobody knows what drove the tube; None where it begins at rest
-
-    @cached_property
-    def unknowns(self) -> Unknowns | None:
-        """Nuisance amplitudes of this run."""
-        return unknowns_of(self.excitation, self.pressure_zero_sd, self.unknown_before_s)
-
-    @cached_property
-    def telling(self) -> Observed:
-        """The part of the run that tells of its unknowns: all of it, or where only the start is unknown its beginning."""
-        early = int(np.searchsorted(self.time, self.time[0] + FORGOTTEN_S))
-        if self.pressure_zero_sd > 0 or early >= self.time.size:
-            return self
-        given = self.excitation
-        last = int((self.time[early - 1] - given.start_s) / given.step_s + 0.25 / given.step_s)
-        return replace(self._picked(slice(0, early)), excitation=given.first(last))
-
-    def _picked(self, pick: slice) -> Observed:
-        names = ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")
-        return replace(self, **{name: getattr(self, name)[pick] for name in names})
-
-    @cached_property
-    def middle_s(self) -> float:
-        """Middle of the recording, where a clock drift is zero."""
-        return float(0.5 * (self.time[0] + self.time[-1]))
-
-    @property
-    def has_midline(self) -> bool:
-        return self.fractions.size > 1
-
-    @property
-    def has_tip(self) -> bool:
-        return self.fractions.size > 0
-
-    def thinned(self, step: int) -> Observed:
-        """Every `step`-th frame, for screening."""
-        if step <= 1:
-            return self
-        return self._picked(slice(None, None, step))
-
-    def rough(self, frames: int) -> Observed:
-        """About so many frames of the same run, simulated with twice the step: to come near, and to compare what differs much."""
-        return self.thinned(max(1, self.time.size // frames)).coarser()
-
-    def coarser(self) -> Observed:
-        """The same run, to be simulated with twice the step: half the cost, four times the integrator's error."""
-        return replace(self, excitation=self.excitation.coarser())
-
-
-def white_noise_mm(tip_mm: FloatArray) -> float:
-    """Noise of a tip track (frames, 2) in the norm of the tip RMSE, from its own high frequencies.
-
-    Third differences remove any motion that is smooth over four frames; the median makes single jumps harmless.
-    """
-    if tip_mm.shape[0] < 12:
-        return 0.0
-    third = np.diff(tip_mm, n=3, axis=0)
-    third = third[np.all(np.isfinite(third), axis=1)]
-    if third.shape[0] < 8:
-        return 0.0
-    sigma = np.median(np.abs(third - np.median(third, axis=0)), axis=0) / 0.6745 / np.sqrt(20)
-    return float(np.sqrt(np.sum(sigma**2)))
 
 
 def default_observe(recordings: list[Recording]) -> Observe:
@@ -263,8 +165,7 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         angle_sigma=angle_sigma[keep],
         excitation=excitation,
         observe=wanted,
-        clock_free=method == "motion" or let_go,
-        clock_sigma=max(float(data.attrs.get("offset_stderr_s", 0.02) or 0.02), 0.01),
+        clock_sigma=_clock_sigma(recording, by_motion=method == "motion" or let_go),
         repeat_of=data.attrs.get("repeat_of") or None,
         tip_noise_mm=white_noise_mm(tip_mm),
         origin_sigma=_origin_sigma(data) if fractions.size > 1 else 0.0,
@@ -312,6 +213,17 @@ def _longest_step_s(log_time: FloatArray, time: FloatArray) -> float:
     """
     period = min(float(np.median(np.diff(log_time))), float(np.median(np.diff(time))))
     return float(np.clip(period / STEPS_PER_PERIOD, LONGEST_STEP_S, SLOWEST_STEP_S))
+
+
+def _clock_sigma(recording: Recording, *, by_motion: bool) -> float:
+    """Standard error (s) with which the clock of a run is known; 0 where it is better than the log's own step needs.
+
+    Motion shows log and tube together: what it says of the clock is off by as much as the tube lags.
+    """
+    found = float(recording.dataset.attrs.get("offset_stderr_s", 0.0) or 0.0)
+    if by_motion:
+        return float(np.hypot(found if np.isfinite(found) else 0.0, TUBE_LAG_S))
+    return found if np.isfinite(found) and found > LONGEST_STEP_S else 0.0
 
 
 def _held(
@@ -374,62 +286,3 @@ def _origin_sigma(data: xr.Dataset) -> float:
     if "clamp_found_by" not in data.attrs:
         return 0.0
     return float(data.attrs.get("origin_sigma_mm", ORIGIN_SIGMA_MM)) * MM
-
-
-def noise_floor_mm(
-    observed: list[Observed], recordings: dict[str, Recording], *, repeats: bool = True
-) -> tuple[float | None, str]:
-    """Noise floor in the norm of the tip RMSE, and where it comes from.
-
-    Repeats of the same excitation give it directly; else the tracking errors, but never less than the track's own high
-    frequencies show.
-    """
-    by_name = {o.name: o for o in observed}
-    pairs = []
-    for item in observed if repeats else ():
-        other = by_name.get(item.repeat_of or "")
-        if other is not None and item.has_tip and other.has_tip:
-            a = item.time - item.time[0]
-            b = other.time - other.time[0]
-            inside = a <= b[-1]
-            difference = np.stack(
-                [item.points[inside, -1, k] - np.interp(a[inside], b, other.points[:, -1, k]) for k in range(2)],
-                axis=-1,
-            )
-            pairs.append(float(np.sqrt(np.mean(np.sum(difference**2, axis=1)) / 2)) / MM)
-    if pairs:
-        return float(np.mean(pairs)), "repeated runs"
-    stated, measured = [], []
-    for item in observed:
-        if not item.has_tip:
-            continue
-        measured.append(item.tip_noise_mm)
-        data = recordings[item.name].dataset
-        if "tip_sigma" in data:
-            stated.append(
-                float(np.mean(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1))) - _shared(item, data)
-            )
-        elif "midline_sigma" in data:
-            stated.append(float(2 * np.mean(data["midline_sigma"].values[item.frame, -1] ** 2)) - _shared(item, data))
-    if not measured:
-        return None, "no tip in the data"
-    high = float(np.sqrt(np.mean(np.square(measured))))
-    if not stated:
-        return high, "the track's own high frequencies (no standard errors given)"
-    claim = float(np.sqrt(max(np.mean(stated), 0.0)))
-    if high > claim:
-        return high, "the track's own high frequencies (above the stated standard errors)"
-    return claim, "standard errors of the track"
-
-
-def noise_floor_deg(observed: list[Observed]) -> float | None:
-    """Noise floor of the bend angle, for runs that have no tip: the errors of the angle as stated or as estimated."""
-    errors = [o.angle_sigma for o in observed if not o.has_tip]
-    return float(np.rad2deg(np.median(np.concatenate(errors)))) if errors else None
-
-
-def _shared(item: Observed, data: xr.Dataset) -> float:
-    """Variance (mm^2) of the tip that all frames of a run share and that the fit takes out: where the clamp was seen."""
-    if item.origin_sigma == 0:
-        return 0.0
-    return float(sum(data.attrs.get(f"origin_sigma_{way}_mm", 0.0) ** 2 for way in ("along", "across")))

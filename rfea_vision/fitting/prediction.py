@@ -11,7 +11,8 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.dynamics.simulation import Model
-from rfea_vision.fitting.observation import MM, Observed, observe_recording
+from rfea_vision.fitting.observation import observe_recording
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
 from rfea_vision.fitting.scoring import rebuild
 from rfea_vision.fitting.solver import fit_clocks

@@ -13,7 +13,8 @@ from rfea_vision.dynamics.simulation import Chain, Model
 from rfea_vision.effects.catalogue import find_effects, split_joint
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, largest_bend
-from rfea_vision.fitting.observation import Observed, default_observe, observe_recording
+from rfea_vision.fitting.observation import default_observe, observe_recording
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.rules import CONSTANT_PA, pushed
 from rfea_vision.options.fit import FitOptions, Observe
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.uncertainty import sandwich
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.dynamics.simulation import Model
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residuals import Predicted, evaluate
 from rfea_vision.fitting.solver import CLOCK_SCALE_S

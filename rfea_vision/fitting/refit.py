@@ -13,7 +13,7 @@ from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.coordinates import Coordinates, build
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem, make_model, start_vector
 from rfea_vision.fitting.solver import Solution, solve
 from rfea_vision.fitting.starts import evened

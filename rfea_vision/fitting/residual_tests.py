@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.fitting.observation import MM, Observed
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import Predicted
 
 FloatArray = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.fitting.nuisance import settle
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 
 FloatArray = NDArray[np.float64]
 THREADS = min(2, os.cpu_count() or 1)

@@ -9,7 +9,7 @@ import numpy as np
 
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.fitting.coordinates import base_reference
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.options.fit import FitOptions
 
 #: Runs whose pressure stays within this are no push.

@@ -16,7 +16,8 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.discretisation import drift
 from rfea_vision.fitting.intervals import intervals, without_intervals
-from rfea_vision.fitting.observation import MM, Observed, noise_floor_deg, noise_floor_mm
+from rfea_vision.fitting.noise import noise_floor_deg, noise_floor_mm
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.ratio import about_ratio
 from rfea_vision.fitting.refine import refine

@@ -12,13 +12,13 @@ from scipy.optimize import least_squares
 
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.coordinates import Coordinates
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residuals import Evaluation, evaluate
 
 FloatArray = NDArray[np.float64]
 CLOCK_SCALE_S = 0.005
-CLOCK_PRIOR_S = 0.05
-LARGEST_CLOCK_S = 0.2
+#: A clock is moved by at most so many of its standard errors, and never further than runs are ever late.
+LARGEST_CLOCK_SIGMAS, LARGEST_CLOCK_S = 4.0, 2.0
 #: Robust standard deviations beyond which the Huber loss is linear.
 HUBER = 5.0
 #: Frames of a run that are enough to come near.
@@ -87,9 +87,10 @@ class _Target:
         return self.coordinates.parameters(x[:ny]), values
 
     def priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rows of what is known beforehand: of the parameters, and that clocks are nearly right."""
+        """Rows of what is known beforehand: of the parameters, and of each clock as well as it was found."""
         ny, nc = len(self.coordinates.free), len(self.clock_index)
-        known, scale = self.coordinates.prior_targets.size, CLOCK_SCALE_S / CLOCK_PRIOR_S
+        known = self.coordinates.prior_targets.size
+        scale = np.array([CLOCK_SCALE_S / self.items[i].clock_sigma for i in self.clock_index])
         rows = np.zeros((known + nc, ny + nc))
         if known:
             rows[:known, :ny] = self.coordinates.prior_rows
@@ -183,7 +184,7 @@ def solve(
         return np.zeros((bad.size, x.size)) if point is None else point.jacobian
 
     softness = HUBER * max(1.0, float(np.median(np.abs(first.evaluation.residual))) / 0.6745)
-    limit = np.full(len(clock_index), LARGEST_CLOCK_S / CLOCK_SCALE_S)
+    limit = np.array([_largest_clock(items[i]) / CLOCK_SCALE_S for i in clock_index])
     result = least_squares(
         fun,
         x0,
@@ -221,6 +222,10 @@ def solve_from_afar(
     return solve(model, items, coordinates, rough.par, rough.clocks) or solve(model, items, coordinates, start, clocks)
 
 
+def _largest_clock(item: Observed) -> float:
+    return min(LARGEST_CLOCK_SIGMAS * item.clock_sigma, LARGEST_CLOCK_S)
+
+
 def fit_clocks(model: Model, items: Sequence[Observed], par: FloatArray) -> FloatArray:
     """Clock offset of each experiment for fixed parameters: what a held-out run may adjust, and nothing else."""
     clocks = np.zeros(len(items))
@@ -232,8 +237,10 @@ def fit_clocks(model: Model, items: Sequence[Observed], par: FloatArray) -> Floa
             if result is None:
                 break
             j = result.jacobian[:, 0]
-            step = -float(j @ result.residual) / max(float(j @ j), 1e-30)
-            clocks[index] = np.clip(clocks[index] + np.clip(step, -0.03, 0.03), -LARGEST_CLOCK_S, LARGEST_CLOCK_S)
+            known = item.clock_sigma**-2
+            step = -(float(j @ result.residual) + known * clocks[index]) / (float(j @ j) + known)
+            limit = _largest_clock(item)
+            clocks[index] = np.clip(clocks[index] + np.clip(step, -0.03, 0.03), -limit, limit)
             if abs(step) < 1e-6:
                 break
     return clocks

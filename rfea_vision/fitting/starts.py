@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.fitting.coordinates import Coordinates, base_reference, bend_of
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.tube import inner_radius
 

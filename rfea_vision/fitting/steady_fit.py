@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.fitting.coordinates import Coordinates
-from rfea_vision.fitting.observation import MM, Observed
+from rfea_vision.fitting.observed import MM, Observed
 
 FloatArray = NDArray[np.float64]
 SHORTEST_PLATEAU_S = 0.25

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting.observation import MM, noise_floor_mm
+from rfea_vision.fitting.noise import noise_floor_mm
+from rfea_vision.fitting.observed import MM
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted, refit
 from rfea_vision.fitting.residuals import predict_observed

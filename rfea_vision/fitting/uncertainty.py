@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 from scipy.stats import t as student
 
-from rfea_vision.fitting.observation import Observed
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residual_tests import autocorrelation, correlation_time
 
 FloatArray = NDArray[np.float64]

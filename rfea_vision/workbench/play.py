@@ -16,7 +16,8 @@ from rfea_vision.artefacts import ModelFit, Recording
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import InputError
-from rfea_vision.fitting.observation import MM, Observed, observe_recording
+from rfea_vision.fitting.observation import observe_recording
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.prediction import NODES, as_dataset
 from rfea_vision.fitting.problem import make_model, start_vector
 from rfea_vision.fitting.refine import EXACT_ORDER

@@ -23,7 +23,7 @@ from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.trials import Trials
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting.fit import fit, make_problem
-from rfea_vision.fitting.observation import noise_floor_mm
+from rfea_vision.fitting.noise import noise_floor_mm
 from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions

@@ -11,7 +11,8 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.fit import fit_base, make_model, make_problem, start_vector
-from rfea_vision.fitting.observation import noise_floor_mm, observe_recording, white_noise_mm
+from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
+from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions

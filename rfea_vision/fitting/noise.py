@@ -1,0 +1,86 @@
+"""How noisy a track is, and the error that no model can be below."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.fitting.observed import MM, Observed
+
+FloatArray = NDArray[np.float64]
+
+
+def white_noise_mm(tip_mm: FloatArray) -> float:
+    """Noise of a tip track (frames, 2) in the norm of the tip RMSE, from its own high frequencies.
+
+    Third differences remove any motion that is smooth over four frames; the median makes single jumps harmless.
+    """
+    if tip_mm.shape[0] < 12:
+        return 0.0
+    third = np.diff(tip_mm, n=3, axis=0)
+    third = third[np.all(np.isfinite(third), axis=1)]
+    if third.shape[0] < 8:
+        return 0.0
+    sigma = np.median(np.abs(third - np.median(third, axis=0)), axis=0) / 0.6745 / np.sqrt(20)
+    return float(np.sqrt(np.sum(sigma**2)))
+
+
+def noise_floor_mm(
+    observed: list[Observed], recordings: dict[str, Recording], *, repeats: bool = True
+) -> tuple[float | None, str]:
+    """Noise floor in the norm of the tip RMSE, and where it comes from.
+
+    Repeats of the same excitation give it directly; else the tracking errors, but never less than the track's own high
+    frequencies show.
+    """
+    by_name = {o.name: o for o in observed}
+    pairs = []
+    for item in observed if repeats else ():
+        other = by_name.get(item.repeat_of or "")
+        if other is not None and item.has_tip and other.has_tip:
+            a = item.time - item.time[0]
+            b = other.time - other.time[0]
+            inside = a <= b[-1]
+            difference = np.stack(
+                [item.points[inside, -1, k] - np.interp(a[inside], b, other.points[:, -1, k]) for k in range(2)],
+                axis=-1,
+            )
+            pairs.append(float(np.sqrt(np.mean(np.sum(difference**2, axis=1)) / 2)) / MM)
+    if pairs:
+        return float(np.mean(pairs)), "repeated runs"
+    stated, measured = [], []
+    for item in observed:
+        if not item.has_tip:
+            continue
+        measured.append(item.tip_noise_mm)
+        data = recordings[item.name].dataset
+        if "tip_sigma" in data:
+            stated.append(
+                float(np.mean(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1))) - _shared(item, data)
+            )
+        elif "midline_sigma" in data:
+            stated.append(float(2 * np.mean(data["midline_sigma"].values[item.frame, -1] ** 2)) - _shared(item, data))
+    if not measured:
+        return None, "no tip in the data"
+    high = float(np.sqrt(np.mean(np.square(measured))))
+    if not stated:
+        return high, "the track's own high frequencies (no standard errors given)"
+    claim = float(np.sqrt(max(np.mean(stated), 0.0)))
+    if high > claim:
+        return high, "the track's own high frequencies (above the stated standard errors)"
+    return claim, "standard errors of the track"
+
+
+def noise_floor_deg(observed: list[Observed]) -> float | None:
+    """Noise floor of the bend angle, for runs that have no tip: the errors of the angle as stated or as estimated."""
+    errors = [o.angle_sigma for o in observed if not o.has_tip]
+    return float(np.rad2deg(np.median(np.concatenate(errors)))) if errors else None
+
+
+def _shared(item: Observed, data: xr.Dataset) -> float:
+    """Variance (mm^2) of the tip that all frames of a run share and that the fit takes out: where the clamp was seen."""
+    if item.origin_sigma == 0:
+        return 0.0
+    return float(sum(data.attrs.get(f"origin_sigma_{way}_mm", 0.0) ** 2 for way in ("along", "across")))

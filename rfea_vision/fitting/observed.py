@@ -1,0 +1,105 @@
+"""What the fit sees of one recording: positions in the dynamics' frame with weights, and the pressure on the engine's grid."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
+from rfea_vision.fitting.letting_go import Held
+from rfea_vision.fitting.nuisance import FORGOTTEN_S, Unknowns, unknowns_of
+from rfea_vision.options.fit import Observe
+
+FloatArray = NDArray[np.float64]
+MM = 1e-3
+
+
+@dataclass(frozen=True)
+class Observed:
+    """One experiment, SI, mirrored where the tube bends right so that bending is towards -x.
+
+    time : (frames,) s on the log's clock, valid frames only
+    points : (frames, m, 2) m at `fractions` of the centre line, the last one the tip; NaN where there is no midline
+    normals : (frames, m, 2) unit normals of the measured centre line
+    sigma : (frames, m) m; angle, angle_sigma : (frames,) rad or NaN
+    weight_rows : how the residual is built, see `rows`
+    """
+
+    name: str
+    role: str
+    mirror: float
+    time: FloatArray
+    frame: NDArray[np.int64]
+    fractions: FloatArray
+    points: FloatArray
+    normals: FloatArray
+    sigma: FloatArray
+    angle: FloatArray
+    angle_sigma: FloatArray
+    excitation: Excitation
+    observe: Observe
+    clock_sigma: float  # s; 0 where the clock is taken as given
+    repeat_of: str | None = None
+    tip_noise_mm: float = field(default=0.0)
+    origin_sigma: float = field(default=0.0)  # m; 0 where the track is in the rig frame by somebody else's word
+    pressure_zero_sd: float = 0.0  # Pa; 0 where the sensor's zero is taken as given
+    gravity: float = STANDARD_GRAVITY  # m/s^2 in the plane of motion
+    mounting: float = 0.0  # direction of gravity from down (rad), positive towards the side of the bend
+    held: Held | None = None  # where the run begins in a held shape
+    conditions: Mapping[str, float] = field(default_factory=dict)  # parameters of effects that are known for this run
+    unknown_before_s: float | None = None  # before that nobody knows what drove the tube; None where it begins at rest
+
+    @cached_property
+    def unknowns(self) -> Unknowns | None:
+        """Nuisance amplitudes of this run."""
+        return unknowns_of(self.excitation, self.pressure_zero_sd, self.unknown_before_s)
+
+    @cached_property
+    def telling(self) -> Observed:
+        """The part of the run that tells of its unknowns: all of it, or where only the start is unknown its beginning."""
+        early = int(np.searchsorted(self.time, self.time[0] + FORGOTTEN_S))
+        if self.pressure_zero_sd > 0 or early >= self.time.size:
+            return self
+        given = self.excitation
+        last = int((self.time[early - 1] - given.start_s) / given.step_s + 0.25 / given.step_s)
+        return replace(self._picked(slice(0, early)), excitation=given.first(last))
+
+    def _picked(self, pick: slice) -> Observed:
+        names = ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")
+        return replace(self, **{name: getattr(self, name)[pick] for name in names})
+
+    @property
+    def clock_free(self) -> bool:
+        """Whether the clock of this run is found with the fit."""
+        return self.clock_sigma > 0
+
+    @cached_property
+    def middle_s(self) -> float:
+        """Middle of the recording, where a clock drift is zero."""
+        return float(0.5 * (self.time[0] + self.time[-1]))
+
+    @property
+    def has_midline(self) -> bool:
+        return self.fractions.size > 1
+
+    @property
+    def has_tip(self) -> bool:
+        return self.fractions.size > 0
+
+    def thinned(self, step: int) -> Observed:
+        """Every `step`-th frame, for screening."""
+        if step <= 1:
+            return self
+        return self._picked(slice(None, None, step))
+
+    def rough(self, frames: int) -> Observed:
+        """About so many frames of the same run, simulated with twice the step: to come near, and to compare what differs much."""
+        return self.thinned(max(1, self.time.size // frames)).coarser()
+
+    def coarser(self) -> Observed:
+        """The same run, to be simulated with twice the step: half the cost, four times the integrator's error."""
+        return replace(self, excitation=self.excitation.coarser())
