@@ -142,14 +142,13 @@ def parse_quantity(value: object, to: str, *, example: str) -> float:
     return number * conversion_factor(unit, to)
 
 
-def rounded(value: float, digits: int = 0) -> str:
-    """Return `value` to `digits` significant digits (0: three from 1 upwards, two below): the same in every text and table."""
+def rounded(value: float, digits: int = 3) -> str:
+    """Return `value` to `digits` significant digits: three in every text, table and tile alike."""
     if not math.isfinite(value):
         return "-"
     if value == 0:
         return "0"
-    digits = digits or (3 if abs(value) >= 1 else 2)
-    exponent = int(f"{value:.{digits - 1}e}".split("e")[1])  # of the rounded number: 0.0998 is 0.10, not 0.100
+    exponent = int(f"{value:.{digits - 1}e}".split("e")[1])  # of the rounded number: 0.09998 is 0.100, not 0.1000
     if not -4 <= exponent < 6:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{max(0, digits - 1 - exponent)}f}"

@@ -20,6 +20,7 @@ from rfea_vision.calibration.bundle import Bundle, Lens, solve_bundle
 from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.projection import pack_camera, rotation_matrix, unproject
 from rfea_vision.errors import DataError
+from rfea_vision.units import rounded
 
 FloatArray = NDArray[np.float64]
 LARGEST_INFLATION = 10.0
@@ -81,11 +82,11 @@ def _cross_validate(
     excess = float(np.median([row["chi2"] / row["modes"] for row in found]))
     allowed = float(np.median([chi2.ppf(CHANCE, row["modes"]) / row["modes"] for row in found]))
     inflation = float(np.clip(np.sqrt(excess), 1.0, LARGEST_INFLATION)) if excess > allowed else 1.0
-    said = "two halves of the photos differ by what their uncertainties say"
+    said = "the lens found from either half of the photos is the same within its uncertainty"
     if inflation > 1.0:
         said = (
-            "two halves of the photos differ by more than their uncertainties say: lens model or board are not "
-            f"perfect; uncertainties are scaled up by {inflation:.1f}"
+            "the lens found from one half of the photos differs from that of the other half by more than chance: lens model or board "
+            f"are not perfect; uncertainties are scaled up by {inflation:.1f}"
         )
     return {
         "difference_mm": difference,
@@ -93,7 +94,7 @@ def _cross_validate(
         "ratio": difference / max(expected, 1e-12),
         "inflation": inflation,
         "halves": [camera.tolist() for camera in found[0]["cameras"]],
-        "sentence": f"{said} ({difference:.3g} mm over the picture, {expected:.3g} mm expected)",
+        "sentence": f"{said} ({rounded(difference)} mm apart over the picture, {rounded(expected)} mm expected by chance)",
     }, inflation
 
 

@@ -160,6 +160,7 @@ def _print_plan(folders: tuple[Path, ...], steps: Any, out: Path | None, force: 
         for item in items:
             if item.state == "broken":
                 say(f"{name}: {item.subject or item.stage}: {item.sentence}")
+    say_next(f"rfea batch {' '.join(map(str, folders))}", "does it")
     return DataError.exit_code if broken else 0
 
 
@@ -218,4 +219,5 @@ def table_command(folders: tuple[Path, ...], kind: str, output: Path | None, as_
         for sentence in empty.values():
             click.echo(f"left out: {sentence}", err=True)
         click.echo(f"{path}: {len(rows)} rows, {len(columns)} columns")
+        say_next(f"rfea report --group {' '.join(map(str, folders))}", "the same tubes on one page")
     return DataError.exit_code if empty else 0

@@ -62,6 +62,10 @@ def export_command(
             print_json({"files": [str(path) for path in files]})
         else:
             say(f"{target}: {', '.join(path.name for path in files)}")
+            if crate:
+                say_next(f"open {files[0]}", "the list of what the crate holds, an RO-Crate 1.1")
+            else:
+                say_next(f"python -c \"import xarray; print(xarray.open_dataset('{files[0]}'))\"", "movement opens it, too")
         return
     target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
     with opened(campaign, out) as work:
@@ -85,7 +89,9 @@ def export_command(
         print_json({"model": fit.name, "step_s": step_s, "files": [str(path) for path in written]})
     else:
         say(f"{fit.name}: {', '.join(str(path) for path in written)}; a step is {step_s * 1e3:g} ms")
-        if not fmu:
+        if fmu:
+            say_next(f"rfea compare {campaign} {fit.name}", "how far the model in it is to be trusted")
+        else:
             say_next(f"cc -O2 -c {written[0]} -lm", "C99, needs nothing else")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rfea_vision.cli.console import ConsoleListener, print_json
+from rfea_vision.cli.console import ConsoleListener, print_json, say, say_next
 from rfea_vision.cli.options import campaign_options, opened, output_options
 from rfea_vision.errors import InputError
 
@@ -41,7 +41,8 @@ def figures_command(
     if as_json:
         print_json({"folder": str(files[0].parent), "files": [path.name for path in files]})
         return
-    click.echo(f"{files[0].parent}: {len({path.stem for path in files})} figures, {len(files)} files")
+    say(f"{files[0].parent}: {len({path.stem for path in files})} figures, {len(files)} files")
+    say_next(f"rfea export {campaign} --crate OUT", "the fit behind them, with its files and hashes, to publish beside them")
 
 
 @click.command("reproduce")
@@ -72,7 +73,8 @@ def reproduce_command(
     if as_json:
         print_json({"page": str(files[0]), "files": [str(path) for path in files[1:]]})
         return
-    click.echo(f"{files[0]}: Table I and {len({path.stem for path in files[2:]})} drawings, each as a file beside it")
+    say(f"{files[0]}: Table I and {len({path.stem for path in files[2:]})} drawings, each as a file beside it")
+    say_next(f"rfea improve {campaign}", "what the paper's model lacks here")
 
 
 def _write_twin(folder: Path) -> None:

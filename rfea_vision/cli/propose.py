@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rfea_vision.cli.console import print_json
+from rfea_vision.cli.console import print_json, say, say_next
 from rfea_vision.cli.options import campaign_options, opened
 from rfea_vision.errors import InputError
 
@@ -43,5 +43,6 @@ def propose_command(
     if as_json:
         print_json({**asdict(proposal), "file": str(proposal.file)})
         return
-    click.echo(proposal.sentence)
+    say(proposal.sentence)
     click.echo(f"law: {target}")
+    say_next(f"rfea improve {campaign} --effect-file {target}", "weighs it against the catalogue")

@@ -56,7 +56,8 @@ def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
         click.echo(f"guessed: {sentence}")
     for sentence in written.left_out:
         click.echo(f"left out: {sentence}")
-    click.echo(f"look at the lines marked '# guessed:' and '# needed:'; 'rfea check {folder}' says what is still wrong")
+    say("look at the lines marked '# guessed:' and '# needed:'")
+    say_next(f"rfea check {folder}", "what is still wrong, all at once")
 
 
 @click.command("check")

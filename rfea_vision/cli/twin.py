@@ -198,21 +198,27 @@ def _roles(count: int | None, roles: str | None) -> tuple[str, ...] | None:
 
 
 @click.command("demo")
+@click.argument("place", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--folder", type=click.Path(path_type=Path), default="demo", show_default=True, help="Where it is copied to."
 )
 @ask("demo", options=CritiqueOptions)
 @click.option("--force", is_flag=True, help="Redo the ladder even if nothing has changed.")
 @output_options
-def demo_command(folder: Path, options: CritiqueOptions, force: bool, as_json: bool, debug: bool) -> None:
-    """The example campaign, all the way to the report."""
+def demo_command(
+    place: Path | None, folder: Path, options: CritiqueOptions, force: bool, as_json: bool, debug: bool
+) -> None:
+    """The example campaign, all the way to the report.
+
+    It is copied to FOLDER and worked on there.
+    """
     from rfea_vision.artefacts import Diagnosis
     from rfea_vision.data import data_folder
 
     example = data_folder("examples") / _DEMO
     if not example.is_dir():
         raise InputError(f"{example}: not found; use a whole checkout, or make a campaign with 'rfea simulate'")
-    campaign = folder / _DEMO
+    campaign = (place or folder) / _DEMO
     if not (campaign / "campaign.yaml").is_file():
         shutil.copytree(example, campaign, ignore=shutil.ignore_patterns("rfea", ".*"), dirs_exist_ok=True)
     with opened(campaign, None, force=("improve",) if force else ()) as work:

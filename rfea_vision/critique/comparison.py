@@ -15,6 +15,7 @@ from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.critique.elongation import describe_elongation
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import all_residual_torques, summarise_torque
+from rfea_vision.units import rounded
 
 FloatArray = NDArray[np.float64]
 WORST_PLACES = 5
@@ -91,14 +92,15 @@ def _worst(
         along = _row_means(rows.T)
         bad = np.flatnonzero(along >= 0.5 * np.nanmax(along))
         low, high = float(sigma[bad[0]]), float(sigma[bad[-1]])
-        times = f", {rms / floor:.1f} times the noise floor" if floor else ""
+        times = f", {rounded(rms / floor)} times the noise floor" if floor else ""
         where = f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
         if low > 0.9:
             where = "at the tip" if unit == "mm" else "in the bend angle"
         article = {"ringing": "while ringing", "reversal": "at a reversal", "rest": "at rest"}.get(
             label, f"during a {label}"
         )
-        sentence = f"{name}: {rms:.2f} {unit} between {start:.2f} and {stop:.2f} s {article}, {where}{times}."
+        norm = "RMS along the tube" if unit == "mm" and sigma.size > 1 else "RMS"
+        sentence = f"{name}: {rounded(rms)} {unit} {norm} between {start:.2f} and {stop:.2f} s {article}, {where}{times}."
         places.append(
             WorstPlace(
                 experiment=name,
@@ -219,14 +221,14 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
     held = model.metrics.get("validate") or model.metrics.get("train")
     kind = "held-out" if "validate" in model.metrics else "training"
     if held is not None and held.tip_rmse_mm is not None:
-        floor = f"; the noise floor is {model.noise_floor_mm:.3f} mm" if model.noise_floor_mm else ""
+        floor = f"; the noise floor is {rounded(model.noise_floor_mm)} mm" if model.noise_floor_mm else ""
         share = held.tip_rmse_percent_of_length or 0.0
         out.append(
-            f"The tip of model {model.name} is off by {held.tip_rmse_mm:.3f} mm RMS on {kind} runs "
-            f"({share:.2f} % of the length{floor})."
+            f"The tip of model {model.name} is off by {rounded(held.tip_rmse_mm)} mm RMS on {kind} runs "
+            f"({rounded(share)} % of the length{floor})."
         )
     elif held is not None and held.angle_rmse_deg is not None:
-        out.append(f"The angle of model {model.name} is off by {held.angle_rmse_deg:.2f} deg RMS on {kind} runs.")
+        out.append(f"The angle of model {model.name} is off by {rounded(held.angle_rmse_deg)} deg RMS on {kind} runs.")
     totals: dict[str, float] = {}
     for row in comparison.by_phase:
         if row["rmse_mm"] is not None:
@@ -240,7 +242,7 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
     ranked = comparison.residual_torque.get("depends_on") or []
     if ranked and ranked[0]["score"] > 0.15:
         out.append(
-            f"The torque that would close the gap is {comparison.residual_torque['rms_mNm']:.2f} mN m RMS; "
+            f"The torque that would close the gap is {rounded(comparison.residual_torque['rms_mNm'])} mN m RMS; "
             + ranked[0]["sentence"]
         )
     return out

@@ -110,7 +110,8 @@ def _look_back(fitted: Fitted, trials: Trials, floor: float, keep: str) -> tuple
             continue
         names = common_runs([without.errors, whole.errors])
         if not matters(without.errors.on(names), whole.errors.on(names), floor):
-            options = replace(fitted.options, effects=tuple(rest), name="+".join(("base", *map(plain, rest))))
+            base_name = fitted.options.name.split("+")[0]
+            options = replace(fitted.options, effects=tuple(rest), name="+".join((base_name, *map(plain, rest))))
             known = dict(zip(without.fitted.model.names, without.fitted.par.tolist(), strict=True))
             clocks = without.fitted.solution.clocks
             return refit(trials.problem, options, known, options.segments, clocks), {plain(effect)}

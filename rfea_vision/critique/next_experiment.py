@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts.judgement import NextExperiment
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.fitting.fit import Fitted, Problem
+from rfea_vision.units import rounded
 
 FloatArray = NDArray[np.float64]
 DURATION_S = 8.0
@@ -155,7 +156,7 @@ def design_next(
     what = "tips" if unit == "mm" else "angles"
     sentence = (
         f"Run {best.words(pressure)}: there {names[0]} and {names[1]}, as fitted now, predict {what} "
-        f"{told[best]:.3f} {unit} RMS apart."
+        f"{rounded(told[best])} {unit} RMS apart."
     )
     file = f"next-experiment-{names[0]}-{names[1]}.csv"
     dataset = xr.Dataset(

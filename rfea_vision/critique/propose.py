@@ -30,6 +30,7 @@ from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added, make_problem
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.tube import inner_radius
+from rfea_vision.units import rounded
 
 FloatArray = NDArray[np.float64]
 #: A term is kept where it lowers the error on runs left out of the regression by this share of its square (as in docs/formats.md),
@@ -120,8 +121,9 @@ def propose(
 
 def _described(file: Path, law: Law, held: tuple[float, float], unit: str) -> Proposal:
     sentence = (
-        f"The residual torque goes with {_listed(law.terms)}; with that law refitted the held-out error falls from {held[0]:.3f} to "
-        f"{held[1]:.3f} {unit}. It is a description, not yet a cause: `rfea improve CAMPAIGN --effect-file {file}` weighs it."
+        f"The residual torque goes with {_listed(law.terms)}; with that law refitted the held-out error falls from "
+        f"{rounded(held[0])} to {rounded(held[1])} {unit}. It is a description, not yet a cause: "
+        f"`rfea improve CAMPAIGN --effect-file {file}` weighs it."
     )
     laws = tuple(term.law for term in law.terms)
     return Proposal(file, laws, law.coefficients, law.r2, held[0], held[1], unit, sentence)

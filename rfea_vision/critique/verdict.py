@@ -13,6 +13,7 @@ from rfea_vision.critique.measures import STRUCTURE_FLOORS, matters
 from rfea_vision.critique.refinement import SEGMENTS, SPLIT_BY, TITLE
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.trials import Trial, plain
+from rfea_vision.units import rounded
 
 #: Sets that are written down, and effects that one tie may hold.
 MOST_SETS, MOST_TIED = 12, 3
@@ -114,10 +115,10 @@ def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[dict[str,
     unit, held = search.floors.unit, verdict.best.errors.held
     left = 1 - verdict.share
     if verdict.sufficient:
-        sentence = f"What is left, {held:.3g} {unit}, is at the floor ({search.floor:.3g} {unit})."
+        sentence = f"What is left, {rounded(held)} {unit}, is at the floor ({rounded(search.floor)} {unit})."
     else:
         sentence = (
-            f"{100 * left:.0f} % of the squared error above the floor is left: {held:.3g} {unit} on runs that judge."
+            f"{100 * left:.0f} % of the squared error above the floor is left: {rounded(held)} {unit} on runs that judge."
         )
         if goes_with:
             sentence += f" {100 * goes_with[0]['r2']:.0f} % of its torque goes with {goes_with[0]['what']}."
@@ -150,8 +151,8 @@ def _missing(search: Search, found: Verdict) -> str:
     )
     verb, it = ("is", "it") if len(found.named) == 1 else ("are", "them")
     text = (
-        f"{titles} {verb} missing: adding {it} takes the error on {runs} from {search.present.errors.held:.3f} to "
-        f"{found.best.errors.held:.3f} {unit}, {100 * found.share:.0f} % of the squared error above the floor."
+        f"{titles} {verb} missing: adding {it} takes the error on {runs} from {rounded(search.present.errors.held)} to "
+        f"{rounded(found.best.errors.held)} {unit}, {100 * found.share:.0f} % of the squared error above the floor."
     )
     for tie in found.tied:
         text += f" These data cannot tell {tie.effects[0]} from {' or '.join(tie.effects[1:])}: {tie.split_by} would."
@@ -159,16 +160,17 @@ def _missing(search: Search, found: Verdict) -> str:
 
 
 def _complete(search: Search, found: Verdict) -> str:
-    unit, held = search.floors.unit, found.best.errors.held
+    unit = search.floors.unit
+    held, floor = rounded(found.best.errors.held), rounded(search.floor)
     if found.sufficient:
-        return f"Nothing is missing that matters: the held-out error is {held:.3f} {unit}, the floor {search.floor:.3f} {unit}."
-    return f"The held-out error ({held:.3f} {unit}, floor {search.floor:.3f} {unit}) is not lowered by 10 % by any effect on offer."
+        return f"Nothing is missing that matters: the held-out error is {held} {unit}, the floor {floor} {unit}."
+    return f"The held-out error ({held} {unit}, floor {floor} {unit}) is not lowered by 10 % by any effect on offer."
 
 
 def _unexplained(search: Search, found: Verdict) -> str:
     unit = search.floors.unit
     left = max(found.best.errors.held**2 - search.floor**2, 0.0) ** 0.5
-    text = f"Structure of {left:.3f} {unit} is left above the floor, and no effect of the catalogue is likely to be its cause."
+    text = f"Structure of {rounded(left)} {unit} is left above the floor, and no effect of the catalogue is likely to be its cause."
     nearest = next((item for item in found.weighed if item.added), None)
     if nearest is not None:
         text += (

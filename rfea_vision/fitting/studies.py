@@ -17,6 +17,7 @@ from rfea_vision.fitting.refit import Fitted, refit
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.scoring import metrics_by_role, score
 from rfea_vision.fitting.solver import fit_clocks
+from rfea_vision.units import rounded
 
 SEGMENTS = (2, 4, 8, 16, 32)
 #: A chain is fine enough when a finer one would lower the error by less than this share of the noise floor.
@@ -167,7 +168,7 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> dict[str, Any]:
         worst = free[int(np.argmax(spread[free]))]
         sentence = f"{fitted.model.names[worst]} moves most when a run is left out: by {100 * spread[worst]:.2g} %"
         if pooled is not None:
-            sentence += f"; the tip error on runs left out is {pooled:.3f} mm"
+            sentence += f"; the tip error on runs left out is {rounded(pooled)} mm"
     return {
         "experiments": experiments,
         "tip_rmse_mm": pooled,

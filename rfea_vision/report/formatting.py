@@ -30,7 +30,7 @@ _LENSES = {
 MINUS = "\N{MINUS SIGN}"
 
 
-def number(value: float | None, digits: int = 0) -> str:
+def number(value: float | None, digits: int = 3) -> str:
     """`value` as `rounded` has it, with the signs of print; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "\N{EN DASH}"
@@ -42,13 +42,13 @@ def _raised(power: int) -> str:
     return str(power).translate(str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"))
 
 
-def with_unit(value: float | None, unit: str, digits: int = 0) -> str:
+def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
     """``0.31 mm``; no unit after a missing number or a pure ratio."""
     text = number(value, digits)
     return text if value is None or unit in ("", "1", "dimensionless") else f"{text}\N{NO-BREAK SPACE}{unit_text(unit)}"
 
 
-def with_error(value: float | None, error: float | None, unit: str, digits: int = 0) -> str:
+def with_error(value: float | None, error: float | None, unit: str, digits: int = 3) -> str:
     """``0.0011 ± 0.0002 N m``: the error to the last place that counts, the unit once."""
     if value is None or not error or not math.isfinite(error):
         return with_unit(value, unit, digits)

@@ -11,10 +11,10 @@ import xarray as xr
 from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
-from rfea_vision.options.asking import as_record, from_record
+from rfea_vision.options.asking import as_record
 from rfea_vision.progress import Progress
 from rfea_vision.stages import measurement
-from rfea_vision.stages.cache import StageRecord
+from rfea_vision.stages.naming import climb_apart, fit_apart, fitted_with
 from rfea_vision.stages.products import (
     compiling,
     describe_fit,
@@ -66,6 +66,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
     recordings = measurement.recordings(work, *PREDICTED_ROLES)
     actuator = common_actuator(work, recordings)
+    options = fit_apart(work, options)
     folder = model_folder(work, options.name)
 
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
@@ -108,11 +109,6 @@ def fitted(work: Runner, name: str) -> Stored[ModelFit]:
     there = ", ".join(model_names(work)) or "none"
     where = f"{work.out / 'models'}: no model '{name}'; there are: {there}"
     raise InputError(f"{where}; 'rfea fit --name {name}' makes one")
-
-
-def fitted_with(record: StageRecord | None) -> FitOptions | None:
-    """Return the options with which a model was fitted, or a ladder climbed; None if no record says."""
-    return from_record(FitOptions, record.options.get("fit")) if record is not None else None
 
 
 def compare(work: Runner, name: str) -> Stored[Comparison]:
@@ -173,7 +169,7 @@ def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Sto
     """Climb the ladder; every rung is written as it comes, and a climb that was interrupted goes on from there."""
     recordings = measurement.recordings(work, "train", "validate", "test")
     actuator = common_actuator(work, recordings)
-    critique = _with_files(critique, options)
+    options, critique = climb_apart(work, options), _with_files(critique, options)
     path = work.out / Ladder.FILE
 
     def make(progress: Progress) -> tuple[Ladder, list[Path], str]:

@@ -367,7 +367,7 @@ def _length_check(data: dict[str, Any], scene: Scene) -> dict[str, Any]:
     slope = float(np.polyfit(bend, hinge, 1)[0] * np.ptp(bend)) if len(hinge) > 10 and np.ptp(bend) > 2 else 0.0
     change = 100 * slope / float(np.median(hinge))
     off = 100 * (float(np.median(hinge)) / scene.length_mm - 1)
-    said = f"the inextensible side keeps its length within {abs(change):.2f} % over all postures"
+    said = f"the inextensible side keeps its length within {abs(change):.2g} % over all postures"
     if abs(change) > 1.0:
         said = f"the inextensible side changes by {change:+.1f} % with the bend: suspect plane tilt, lens or scale"
     if abs(off) > 3.0:

@@ -1,0 +1,75 @@
+"""A model keeps its name: another fit of other options is told apart, or refused."""
+
+import json
+
+import pytest
+from campaign.campaigns import write_campaign
+
+from rfea_vision.artefacts import Ladder, Rung
+from rfea_vision.campaign import load_campaign
+from rfea_vision.errors import InputError
+from rfea_vision.options import FitOptions
+from rfea_vision.options.asking import as_record
+from rfea_vision.progress import Listener
+from rfea_vision.stages import Workspace
+from rfea_vision.stages.naming import climb_apart, fit_apart
+
+
+class Heard(Listener):
+    """Keeps what was said."""
+
+    def __init__(self):
+        self.said = []
+
+    def note(self, sentence):
+        self.said.append(sentence)
+
+
+@pytest.fixture
+def work(tmp_path):
+    return Workspace(load_campaign(write_campaign(tmp_path / "c")), listener=Heard())
+
+
+def store(work, options):
+    file = work.out / "models" / options.name / "model.json"
+    file.parent.mkdir(parents=True)
+    file.write_text(json.dumps({"segments": options.segments}))
+    work.cache.store(f"fit/{options.name}", "digest", [file], options={"fit": as_record(options)})
+
+
+def ladder(work, *models):
+    keys = ("train_tip_rmse_mm", "validate_tip_rmse_mm", "delta_bic")
+    rungs = [Rung(model=model, added=None, verdict="missing", **dict.fromkeys(keys)) for model in models]
+    Ladder(rungs=rungs).save(work.out / Ladder.FILE)
+
+
+def test_a_fit_of_other_options_takes_a_name_of_its_own(work):
+    store(work, FitOptions())
+    assert fit_apart(work, FitOptions()).name == "base"
+    assert fit_apart(work, FitOptions(segments=8)).name == "base-2"
+    assert "segments 16" in work.listener.said[-1] and "base-2" in work.listener.said[-1]
+    store(work, FitOptions(segments=8, name="base-2"))
+    assert fit_apart(work, FitOptions(segments=8)).name == "base-2"
+    assert fit_apart(work, FitOptions(segments=4)).name == "base-3"
+
+
+def test_a_name_that_was_asked_for_is_not_taken_from_another_model(work):
+    store(work, FitOptions(name="mine"))
+    with pytest.raises(InputError, match=r"--name mine: .* \(segments 16\)"):
+        fit_apart(work, FitOptions(name="mine", segments=8))
+    work.force = {"fit"}
+    assert fit_apart(work, FitOptions(name="mine", segments=8)).name == "mine"
+
+
+def test_a_climb_leaves_the_fits_beside_it_alone(work):
+    store(work, FitOptions(effects=("maxwell",), segments=8))
+    assert climb_apart(work, FitOptions()).name == "base-2"
+    assert climb_apart(work, FitOptions(segments=8)).name == "base"
+
+
+def test_a_climb_goes_on_though_a_rung_took_more_segments(work):
+    store(work, FitOptions())
+    store(work, FitOptions(effects=("maxwell",), segments=32))
+    ladder(work, "base", "base+maxwell")
+    assert climb_apart(work, FitOptions()).name == "base"
+    assert climb_apart(work, FitOptions(segments=8)).name == "base-2"
