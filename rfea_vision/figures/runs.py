@@ -64,7 +64,7 @@ def _over_time(run: str, data: xr.Dataset, modelled: xr.Dataset | None) -> list[
     ):  # fmt: skip
         both = [
             curve(data, key, "measured", "measured", part=part),
-            curve(modelled, key, "modelled", "modelled", part=part),
+            curve(modelled, key, "modelled", "modelled", part=part, sigma=f"{key}_stderr"),
         ]
         if both[0] is not None:
             found += lines(f"{run}-{name}", title.capitalize(), TIME, Axis(title, unit), both, wide=True)

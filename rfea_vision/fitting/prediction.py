@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,9 +23,12 @@ NODES = 33
 def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, xr.Dataset]:
     """Prediction of a fitted model for every recording that is not ignored, at every frame within the pressure log.
 
-    A recording on which the model cannot be simulated gets NaN, with the reason in the attribute ``note``.
+    A recording on which the model cannot be simulated gets NaN, with the reason in the attribute ``note``. ``tip_stderr`` and
+    ``bend_angle_stderr`` are what the errors of the parameters do to the curves, to first order: parameters that are fixed or
+    at a bound have none.
     """
     simulator, par = rebuild(model)
+    known = _known_parameters(model, simulator.names)
     out = {}
     for name, recording in recordings.items():
         if recording.role == "ignore":
@@ -35,8 +38,55 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
         clock = score.nuisance.get("clock_offset_s") if score is not None else None
         if clock is None:
             clock = float(fit_clocks(simulator, [item], par)[0])
-        out[name] = _predict_one(simulator, par, item, recording, clock)
+        out[name] = _predict_one(simulator, par, item, recording, clock).assign(
+            _spread(simulator, par, item, recording, clock, known)
+        )
     return out
+
+
+def _known_parameters(model: ModelFit, names: Sequence[str]) -> tuple[list[int], np.ndarray, float]:
+    """Places of the parameters that have an error, their covariance, and how many errors a 95 % interval reaches."""
+    errors = {name: item.stderr for name, item in model.parameters.items() if item.stderr and not item.fixed}
+    listed = list(model.correlation.get("names", ()))
+    chosen = [name for name in listed if name in errors and name in names]
+    rows = [listed.index(name) for name in chosen]
+    sizes = np.array([errors[name] for name in chosen])
+    matrix = np.asarray(model.correlation.get("matrix", np.zeros((0, 0))), dtype=float)
+    shared = matrix[np.ix_(rows, rows)] * np.outer(sizes, sizes) if rows else np.zeros((0, 0))
+    reach = [
+        np.ptp(item.interval_95) / 2 / item.stderr
+        for item in model.parameters.values()
+        if item.interval_95 and item.stderr
+    ]
+    return [names.index(name) for name in chosen], shared, float(max(reach, default=np.nan))
+
+
+def _spread(
+    simulator: Model,
+    par: np.ndarray,
+    item: Observed,
+    recording: Recording,
+    clock: float,
+    known: tuple[list[int], np.ndarray, float],
+) -> dict[str, tuple]:
+    """Standard errors of the tip (mm) and of the bend angle (deg) from those of the parameters; nothing where none is known."""
+    free, covariance, reach = known
+    predicted = predict_observed(simulator, par, item, free, clock, np.ones(1)) if free else None
+    if predicted is None:
+        return {}
+
+    def errors(slopes: np.ndarray) -> np.ndarray:
+        return np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", slopes, covariance, slopes), 0.0))
+
+    frames = recording.dataset.sizes["time"]
+    tip, angle = np.full((frames, 2), np.nan, np.float32), np.full(frames, np.nan, np.float32)
+    tip[item.frame] = errors(predicted.dpoints[:, -1, :, : len(free)]) / MM
+    angle[item.frame] = np.rad2deg(errors(predicted.dangle[:, : len(free)]))
+    about = {"from": "the errors of the parameters alone", "quantile_95": reach}
+    return {
+        "tip_stderr": (("time", "xy"), tip, {"units": "mm", **about}),
+        "bend_angle_stderr": (("time",), angle, {"units": "deg", **about}),
+    }
 
 
 def _predict_one(simulator: Model, par: np.ndarray, item: Observed, recording: Recording, clock: float) -> xr.Dataset:

@@ -16,13 +16,15 @@ class Figure:
     height: int = 240
 
 
+_BAND = "measured and modelled, with the 95 % band that the errors of the parameters leave the model"
+
 FIGURES = {
     figure.name: figure
     for figure in (
         Figure("pressure", "Pressure", "", "Pressure over time", 104),
-        Figure("tip-x", "Tip x", "", "Horizontal tip position over time, measured and modelled", 116),
-        Figure("tip-y", "Tip y", "", "Vertical tip position over time, measured and modelled", 116),
-        Figure("angle", "Bend angle", "", "Bend angle over time, measured and modelled", 116),
+        Figure("tip-x", "Tip x", "", f"Horizontal tip position over time, {_BAND}", 116),
+        Figure("tip-y", "Tip y", "", f"Vertical tip position over time, {_BAND}", 116),
+        Figure("angle", "Bend angle", "", f"Bend angle over time, {_BAND}", 116),
         Figure(
             "error",
             "Tip error",

@@ -217,6 +217,14 @@ def _missing(added: Sequence[str], verdict: str, where: str) -> Tile:
     return Tile("Missing physics", "; ".join(added) or "None found", note=note, section="why")
 
 
+def _times_smaller(first: float | None, last: float | None) -> str:
+    """By how much an error was cured; no more digits than a reader needs."""
+    if not first or not last or first < 1.05 * last:
+        return "root mean square"
+    times = first / last
+    return f"{number(times, 2) if times < 100 else round(times)} times smaller, root mean square"
+
+
 def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     """The few numbers that a reader takes away."""
     step, ladder = last_step(evidence), evidence.ladder
@@ -228,7 +236,8 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
         first, last = climbed[0], climbed[-1]
         which = "held-out" if first.validate is not None else "training"
         before = number(first.best) if len(climbed) > 1 else ""
-        yield Tile(f"{last.what}, {which} runs", with_unit(last.best, last.unit), before, "root mean square", "ladder")
+        note = _times_smaller(first.best, last.best) if before else "root mean square"
+        yield Tile(f"{last.what}, {which} runs", with_unit(last.best, last.unit), before, note, "ladder")
         test, key = ladder.test or {}, "tip_rmse_mm" if last.unit == "mm" else "angle_rmse_deg"
         if test.get(key) is not None:
             before = number(test.get(f"first_model_{key}")) if len(climbed) > 1 else ""

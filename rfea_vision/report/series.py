@@ -177,6 +177,10 @@ def pack_modelled(
                 why[key] = (
                     f"{experiment.name} was measured without a centre line, so its error along the tube is unknown."
                 )
+    for key, name in (("tip_band", "tip_stderr"), ("angle_band", "bend_angle_stderr")):
+        if name in modelled:  # a result of an earlier version has none
+            half = modelled[name].values * modelled[name].attrs["quantile_95"]
+            record[key] = pack.add(half[where["series"]])
     record |= _error(modelled, data, where["series"], kinds["series"], pack)
     if "error" not in record:
         why["error"] = f"{experiment.name} has neither tip nor bend angle in prediction.nc of {model}."

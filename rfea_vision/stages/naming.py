@@ -59,7 +59,9 @@ def _renamed(work: Runner, options: FitOptions, taken: Callable[[str], list[str]
     """The same under the first name that is free, and a sentence that says so."""
     other = taken(options.name)
     name = next(name for number in count(2) if not taken(name := f"{options.name}-{number}"))
-    work.tell(f"{options.name} stays as it is: it was fitted with other options ({', '.join(other)}); this one is {name}")
+    work.tell(
+        f"{options.name} stays as it is: it was fitted with other options ({', '.join(other)}); this one is {name}"
+    )
     return replace(options, name=name)
 
 

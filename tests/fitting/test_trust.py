@@ -9,6 +9,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.fit import fit, make_problem, refit
 from rfea_vision.fitting.intervals import intervals
+from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.scoring import as_artefact, options_of
 from rfea_vision.fitting.studies import enough_segments, leave_one_out, segments_study
@@ -172,3 +173,25 @@ def test_residuals_are_white_where_the_noise_is(exact):
         train = model.metrics["train"]
         assert train.tip_rmse_percent_of_length == pytest.approx(100 * train.tip_rmse_mm / 155)
         assert train.normalised_fit_percent > 99
+
+
+def test_a_prediction_carries_what_the_error_of_a_parameter_does_to_it(fitted, exact):
+    problem, free = fitted
+    runs = noisy(exact[0], 0)
+    artefact = as_artefact(problem, free)
+    alone = {
+        name: item.model_copy(update={"stderr": None, "interval_95": None})
+        for name, item in artefact.parameters.items()
+    }
+    known = artefact.parameters["r_hyd"]
+    one = artefact.model_copy(update={"parameters": {**alone, "r_hyd": known}})
+    more = known.model_copy(update={"value": known.value + known.stderr})
+    name = next(iter(runs))
+    before = predict(one, {name: runs[name]})[name]
+    after = predict(artefact.model_copy(update={"parameters": {**alone, "r_hyd": more}}), {name: runs[name]})[name]
+    moved = np.abs(after["tip"].values - before["tip"].values)
+    seen = moved > 1e-3  # mm; below it single precision counts
+    assert seen.any()
+    np.testing.assert_allclose(before["tip_stderr"].values[seen], moved[seen], rtol=0.1)
+    assert before["tip_stderr"].attrs["quantile_95"] == pytest.approx(np.ptp(known.interval_95) / 2 / known.stderr)
+    assert "tip_stderr" not in predict(one.model_copy(update={"parameters": alone}), {name: runs[name]})[name]

@@ -53,15 +53,15 @@ def test_nearest_is_nearest(times: list[float], wanted: float) -> None:
 @pytest.mark.parametrize(
     ("value", "text"),
     [
-        (0.0829, "0.083"),
+        (0.0829, "0.0829"),
         (5.7349, "5.73"),
         (-41200.0, "−41200"),
         (0.0, "0"),
         (None, "–"),
         (math.nan, "–"),
-        (1e-300, "1.0·10⁻³⁰⁰"),
+        (1e-300, "1.00·10⁻³⁰⁰"),
         (9.999, "10.0"),
-        (0.0998, "0.10"),
+        (0.09998, "0.100"),
     ],
 )
 def test_numbers_as_people_read_them(value: float | None, text: str) -> None:
@@ -71,7 +71,7 @@ def test_numbers_as_people_read_them(value: float | None, text: str) -> None:
 def test_units() -> None:
     assert unit_text("N*m/rad**2") == "N m/rad²"
     assert unit_text("Pa s^2/m^3") == "Pa s²/m³"
-    assert with_unit(0.5, "1") == "0.50"
+    assert with_unit(0.5, "1") == "0.500"
     assert with_unit(None, "mm") == "–"
     assert listing(["a", "b", "c"]) == "a, b and c"
 

@@ -38,12 +38,12 @@ function showRung() {
     element.setAttribute("aria-checked", index === state.rung); element.tabIndex = index === state.rung ? 0 : -1;
     element.classList.toggle("earlier", state.earlier && index === shown);
   });
-  every(".on-rung").forEach(note => { note.textContent = rung() ? `rung ${shown + 1} of ${manifest.rungs.length}: ${rung().name}` : ""; note.classList.toggle("earlier", state.earlier); });
+  every(".on-rung").forEach(note => { note.textContent = rung() ? `${rung().ladder ? `rung ${shown + 1} of ${manifest.rungs.filter(r => r.ladder).length}` : "model"}: ${rung().name}` : ""; note.classList.toggle("earlier", state.earlier); });
   every("tr[data-choose]").forEach(row => row.classList.toggle("on", Number(row.dataset.choose) === shown));
   const said = one("#said"), r = rung();
   if (said && r) said.textContent = `Rung ${shown + 1}, ${r.name}: error ${show(r.validate ?? r.train, 3)} ${r.unit}`;
   const hold = one("#before");
-  if (hold) { hold.classList.toggle("on", state.earlier); hold.disabled = state.rung === 0; }
+  if (hold) { hold.classList.toggle("on", state.earlier); hold.disabled = !state.earlier && !rungBefore(); }
   const count = prediction()?.torque?.shape[1] ?? 1, slider = one("#segment");
   if (slider) { slider.max = count; state.segment = Math.min(state.segment, count - 1); slider.value = state.segment + 1; one("#segment-name").textContent = `${state.segment + 1} of ${count}, from the clamp`; }
 }
@@ -130,7 +130,7 @@ function toggleTheme() {
 function csvOf(table) {
   const own = element => { const id = element.querySelector(":scope > br + code"); return id ? {textContent: `${element.firstChild.textContent.trim()} (${id.textContent})`} : element; };
   const cell = element => { const text = element.dataset.value ?? own(element).textContent.trim().replace(/\s+/g, " ").replace(/^–$/, "").replaceAll("−", "-"); return /[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text; };
-  return [...table.rows].map(row => [...row.cells].map(cell).join(",")).join("\r\n") + "\r\n";
+  return [...table.rows].filter(row => !row.matches(".aside")).map(row => [...row.cells].map(cell).join(",")).join("\r\n") + "\r\n";
 }
 
 function dressTables() {

@@ -74,7 +74,7 @@ function tell(name) { for (const action of listeners[name] ?? []) action(); }
 
 const shownRung = () => state.earlier ? Math.max(0, state.rung - 1) : state.rung;
 const rung = () => manifest.rungs[shownRung()];
-const rungBefore = () => state.earlier ? undefined : rung()?.before ?? manifest.rungs[state.rung - 1];
+const rungBefore = () => state.earlier ? undefined : rung()?.before ?? (manifest.rungs[state.rung - 1]?.ladder === rung()?.ladder ? manifest.rungs[state.rung - 1] : undefined);
 const experiment = () => manifest.experiments[state.experiment];
 const prediction = (of = rung()) => of?.experiments[experiment()?.name];
 

@@ -86,11 +86,11 @@ function cureOf() {
 function showGap() {
   const line = document.getElementById("gap"), cured = cureOf(), note = document.getElementById("cured");
   if (!line || !experiment()?.t) return;
-  const i = nearest(frameTimes(), state.time), gap = of => { const p = prediction(of), all = series(p?.error); return all && all[i] === all[i] ? `${show(all[i], 2)} ${p.unit}` : undefined; };
+  const i = nearest(frameTimes(), state.time), gap = of => { const p = prediction(of), all = series(p?.error); return all && all[i] === all[i] ? show(all[i]) : undefined; };
   const now = gap(rung()), then = cured && gap(cured), what = prediction()?.unit === "deg" ? "bend angle" : "tip";
   if (note) note.hidden = !then;
   const tested = experiment().role === "test" && (now || then) ? " · test run: drawn after the end, scored once" : "";
-  line.textContent = now || then ? `Gap at the ${what}, ${state.time.toFixed(2)} s: ${[now && now, then && `${then} with the last rung`].filter(Boolean).join(" → ")}${tested}` : prediction()?.why?.prediction?.replaceAll("`", "") ?? "";
+  line.textContent = now || then ? `Gap at the ${what}, ${state.time.toFixed(2)} s: ${[now, then].filter(Boolean).join(" → ")} ${(prediction() ?? prediction(cured)).unit ?? ""}${then ? " once cured" : ""}${tested}` : prediction()?.why?.prediction?.replaceAll("`", "") ?? "";
 }
 
 function tipOf(e, k) {

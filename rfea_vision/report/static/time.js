@@ -13,8 +13,8 @@ function shadeGaps(pen, box, x) {
   for (const gap of experiment().gaps) pen.rect(x(gap.from) - 0.5, box.top, Math.max(1.5, x(gap.to) - x(gap.from)), box.bottom - box.top, pen.colours.bad, 0.16);
 }
 
-// Curves over time: `measured`, `modelled` and `earlier` are functions that give a series or undefined.
-function timePlot({times, measured, modelled, unit, digits = 3, limits, extra, label = false}) {
+// Curves over time: `measured`, `modelled` and `band`, half of its 95 % interval, are functions that give a series or undefined.
+function timePlot({times, measured, modelled, band, unit, digits = 3, limits, extra, label = false}) {
   const unitNow = () => typeof unit === "function" ? unit() : unit;
   const span = box => {
     const all = [measured?.(), ...manifest.rungs.map(r => modelled?.(prediction(r)))];
@@ -30,6 +30,8 @@ function timePlot({times, measured, modelled, unit, digits = 3, limits, extra, l
         shadeGaps(pen, box, x);
         extra?.(pen, box, x, y);
         const before = modelled?.(prediction(rungBefore())), model = modelled?.(prediction()), real = measured?.();
+        const half = model && band?.(prediction());
+        if (half) { const at = [...model.keys()].filter(i => model[i] === model[i] && half[i] === half[i]); pen.area(at.map(i => xs[i]), at.map(i => y(model[i] - half[i])), at.map(i => y(model[i] + half[i])), c.modelled, 0.22); }
         if (before) pen.line(xs, y.all(before), c.earlier, 1.2, [4, 3]);
         if (real) pen.line(xs, y.all(real), c.measured, 2.2);
         if (model) pen.line(xs, y.all(model), c.modelled, 1.5);
@@ -59,10 +61,10 @@ const modelNeeds = key => () => {
 const frameTimes = () => series(experiment().t);
 plots.pressure = timePlot({times: () => series(experiment().lt), measured: () => series(experiment().lp), unit: "kPa"});
 plots.pressure.need = needs(measuredNeeds("lp", "pressure"));
-plots["tip-x"] = timePlot({times: frameTimes, measured: () => column(series(experiment().tip), 0), modelled: p => column(series(p?.tip), 0), unit: "mm", digits: 4});
-plots["tip-y"] = timePlot({times: frameTimes, measured: () => column(series(experiment().tip), 1), modelled: p => column(series(p?.tip), 1), unit: "mm", digits: 4});
+plots["tip-x"] = timePlot({times: frameTimes, measured: () => column(series(experiment().tip), 0), modelled: p => column(series(p?.tip), 0), band: p => column(series(p?.tip_band), 0), unit: "mm", digits: 4});
+plots["tip-y"] = timePlot({times: frameTimes, measured: () => column(series(experiment().tip), 1), modelled: p => column(series(p?.tip), 1), band: p => column(series(p?.tip_band), 1), unit: "mm", digits: 4});
 plots["tip-x"].need = plots["tip-y"].need = needs(measuredNeeds("tip"));
-plots.angle = timePlot({times: frameTimes, measured: () => series(experiment().angle), modelled: p => series(p?.angle), unit: "deg", digits: 4});
+plots.angle = timePlot({times: frameTimes, measured: () => series(experiment().angle), modelled: p => series(p?.angle), band: p => series(p?.angle_band), unit: "deg", digits: 4});
 plots.angle.need = needs(measuredNeeds("angle"));
 
 // Tip error. Its peak near a click is where to jump.
