@@ -135,6 +135,8 @@ def parse_quantity(value: object, to: str, *, example: str) -> float:
     if match is None:
         raise ValueError(f"'{value}' is not a number with a unit; write for example '{example}'")
     number, unit = float(match[1]), match[2]
+    if unit.startswith(","):
+        raise ValueError(f"'{value}' has a decimal comma; write '{value.replace(',', '.', 1)}'")
     if not unit:
         raise ValueError(f"'{value}' has no unit; write for example '{example}'")
     if not math.isfinite(number):

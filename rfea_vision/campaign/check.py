@@ -12,8 +12,10 @@ from rfea_vision.campaign.problems import Problem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
 from rfea_vision.errors import RfeaError
 
-#: The paper's tube is 19 times as long as thick; given by its diameters it would be 10 times.
-_LEAST_SLENDER = 5.0
+#: Short actuators are about three times as long as thick; one given by its diameters, or in cm, falls below this.
+_LEAST_SLENDER = 2.0
+#: kg/m^3: osmium, the densest solid, and the lightest foams (CRC Handbook of Chemistry and Physics).
+_DENSEST, _LIGHTEST = 22_600.0, 10.0
 _PAPER_DIAMETERS_MM = (8.0, 6.0)
 
 
@@ -46,11 +48,15 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
         problems += _camera_problems(camera, campaign, experiment)
         if progress is not None:
             progress(done + 1, total)
+    highest: dict[str, float] = {}
     for done, experiment in enumerate(active, start=len(cameras)):
         said = any(p.experiment == experiment.name and p.key.startswith("pressure") for p in problems)
-        problems += _experiment_problems(experiment, pressure_said=said)
+        problems += _experiment_problems(experiment, highest, pressure_said=said)
         if progress is not None:
             progress(done + 1, total)
+    for experiment in active:
+        if text := doubts.beside_others(experiment.name, highest):
+            problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
     for experiment, text in doubts.alike(active):
         problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
@@ -63,13 +69,21 @@ def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[Problem
     for tube in dict.fromkeys((campaign.actuator, *(item.actuator for item in active))):
         outer, inner, length = 1e3 * tube.outer_radius, 1e3 * tube.inner_radius, 1e3 * tube.length
         if length < _LEAST_SLENDER * 2 * outer:
-            text = f"{outer:g} mm makes the tube {length / (2 * outer):.1f} times as long as thick; is it the diameter?"
+            text = f"a length of {length:g} mm is {length / (2 * outer):.1f} times the diameter of {2 * outer:g} mm; "
+            problems.append(_odd(campaign, "outer_radius", f"{text}is the length in cm, or the radius a diameter?"))
         elif (outer, inner) == _PAPER_DIAMETERS_MM:
             text = f"{outer:g} and {inner:g} mm are the diameters that the paper prints; its radii are 4 and 3 mm"
-        else:
-            continue
-        problems.append(Problem(campaign.root / "campaign.yaml", text, "actuator.outer_radius", severity="warning"))
+            problems.append(_odd(campaign, "outer_radius", text))
+        for key in ("density", "fluid_density"):
+            value = getattr(tube, key)
+            if value > _DENSEST or (key == "density" and value < _LIGHTEST):
+                than = "more than any solid's" if value > _DENSEST else "less than any rubber's"
+                problems.append(_odd(campaign, key, f"{value:g} kg/m^3 is {than}; is the unit right?"))
     return problems
+
+
+def _odd(campaign: Campaign, key: str, text: str) -> Problem:
+    return Problem(campaign.root / "campaign.yaml", text, f"actuator.{key}", severity="warning")
 
 
 def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[CameraSpec, ExperimentSpec | None]]:
@@ -127,7 +141,10 @@ def _some(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{len(names)} photos ({names[0]} to {names[-1]})"
 
 
-def _experiment_problems(experiment: ExperimentSpec, *, pressure_said: bool) -> list[Problem]:
+def _experiment_problems(
+    experiment: ExperimentSpec, highest: dict[str, float], *, pressure_said: bool
+) -> list[Problem]:
+    """Read what belongs to a run; its highest pressure (kPa) is kept in `highest`."""
     file = experiment.folder / "experiment.yaml"
     problems: list[Problem] = []
     pictures_s = track_s = None
@@ -168,6 +185,7 @@ def _experiment_problems(experiment: ExperimentSpec, *, pressure_said: bool) -> 
     except RfeaError as error:
         problems.append(Problem(file, str(error), "pressure", experiment=experiment.name))
         return problems
+    highest[experiment.name] = float(abs(log.pressure_kPa).max())
     said = doubts.of_pressure(log.pressure_kPa)
     seconds = pictures_s if pictures_s is not None else track_s
     if seconds is not None and len(seconds) > 1:

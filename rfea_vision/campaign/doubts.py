@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
@@ -16,7 +16,14 @@ FloatArray = NDArray[np.float64]
 # Soft actuators are driven with 10 to 500 kPa: these leave a factor of six to both sides, and the usual slips are factors of
 # 1000 (Pa, ms, m) or 57 (radians), which no factor of six hides.
 _HIGH_KPA, _LOW_KPA = 3000.0, 0.5
-_TOO_LONG = 50.0  # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
+_AIR_kPa = (
+    80.0,
+    110.0,
+)  # of the atmosphere, from 2,000 m up to a high at the sea: what an absolute sensor reads at rest
+_UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
+_TOO_LONG = (
+    50.0  # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
+)
 
 
 def of_pressure(pressure_kPa: FloatArray) -> list[str]:
@@ -28,10 +35,24 @@ def of_pressure(pressure_kPa: FloatArray) -> list[str]:
         return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
     if highest < _LOW_KPA:
         return [f"stays below {highest:.3g} kPa; is it in bar or MPa? pressure.unit says which unit it is in"]
+    lowest = float(pressure_kPa.min())
+    if _AIR_kPa[0] <= lowest <= _AIR_kPa[1]:
+        return [
+            f"never falls below {lowest:.1f} kPa, the pressure of air; is it absolute? Then write pressure.reference: absolute"
+        ]
     steps = np.diff(pressure_kPa)
     if len(steps) > 20 and np.ptp(steps) < 1e-3 * abs(float(steps.mean())):
         return ["rises by the same amount in every row, as a clock does; is it the column of time?"]
     return []
+
+
+def beside_others(name: str, highest_kPa: Mapping[str, float]) -> str:
+    """Doubt a log whose pressures are of another size than those of every other run; empty where there is no doubt."""
+    others = [value for other, value in highest_kPa.items() if other != name]
+    if not others or not _LOW_KPA <= highest_kPa.get(name, 0.0) < min(others) / _UNLIKE:
+        return ""  # one that is lower still is doubted by itself
+    own = f"reaches {highest_kPa[name]:.3g} kPa, every other run at least {min(others):.3g} kPa"
+    return f"{own}; is it in bar or MPa? pressure.unit says which unit it is in"
 
 
 def of_times(log_s: FloatArray, pictures_s: FloatArray) -> list[str]:
@@ -52,7 +73,9 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         far = float(np.hypot(*tip.T).max())
         x_mm, y_mm = np.abs(np.median(tip[: max(1, len(tip) // 20)], axis=0))
         if far < 0.02 * length_mm or far > 2.0 * length_mm:
-            return [f"the tip is never more than {far:.3g} mm from the clamp, the tube is {length_mm:.3g} mm long; are these mm?"]
+            return [
+                f"the tip is never more than {far:.3g} mm from the clamp, the tube is {length_mm:.3g} mm long; are these mm?"
+            ]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
             return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
     elif "bend_angle" in track:
@@ -72,5 +95,7 @@ def alike(experiments: Sequence[ExperimentSpec]) -> list[tuple[ExperimentSpec, s
             continue
         first = seen.setdefault((sha256_of(log.file), log.pressure), experiment)
         if first is not experiment:
-            found.append((experiment, f"is the same log, row by row, as that of '{first.name}'; was it copied by mistake?"))
+            found.append(
+                (experiment, f"is the same log, row by row, as that of '{first.name}'; was it copied by mistake?")
+            )
     return found

@@ -23,6 +23,7 @@ from rfea_vision.files import is_file, is_folder
 OUTPUT_FOLDER = "rfea"
 RESERVED_NAMES = frozenset({"calibration", "models", "report", ".stages"})
 _SAFE_NAME = re.compile(r"^[^\s./\\:\x00-\x1f\x7f-\x9f][^/\\:\x00-\x1f\x7f-\x9f]{0,199}$")
+_ALMOST = re.compile(r"^(campaign|experiment)\.(ya?ml|json)(\.txt)?$", re.IGNORECASE)
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -77,6 +78,8 @@ def read_campaign(path: Path | str, out: Path | str | None = None, *, trust: boo
         folder = folder.parent
     folder = folder.resolve()
     reach = Reach(folder, trust)
+    if not is_folder(folder) and is_file(folder):
+        return _nothing(folder, "is a file; give the campaign folder that it belongs to")
     if not is_folder(folder):
         return _nothing(folder, "no such folder; give a campaign folder ('rfea init DIR' makes one)")
     link = reach.link_out(_out(folder, None)) if out is None else None
@@ -91,7 +94,17 @@ def read_campaign(path: Path | str, out: Path | str | None = None, *, trust: boo
             )
             return _nothing(folder, f"belongs to the campaign above it; {advice}")
         return _read_lone(reach, _out(folder, out))
-    return _nothing(folder, "holds neither campaign.yaml nor experiment.yaml; 'rfea init DIR' writes both to fill in")
+    return _nothing(folder, f"holds neither campaign.yaml nor experiment.yaml; {_instead(folder)}")
+
+
+def _instead(folder: Path) -> str:
+    """What was probably meant by a folder without a campaign: a file by nearly that name, or a campaign below."""
+    near = [path.name for path in sorted(folder.iterdir()) if _ALMOST.match(path.name) and path.is_file()]
+    if near:
+        kind = "experiment" if near[0].lower().startswith("e") else "campaign"
+        return f"there is {near[0]}: call it {kind}.yaml"
+    below = sorted(path.parent.name for path in folder.glob("*/campaign.yaml"))
+    return f"give the folder {below[0]} in it" if below else "'rfea init DIR' writes both to fill in"
 
 
 def _nothing(folder: Path, message: str) -> Reading:
@@ -172,7 +185,9 @@ def _read_experiment(
         return None, [_file_problem(path, error, name)]
     name = str(own.content.get("name") or name)
     files = (own,) if shared is None else (own, shared)
-    inherited = {} if shared is None else {k: v for k, v in shared.content.items() if k not in ("format", "name", "design")}
+    inherited = (
+        {} if shared is None else {k: v for k, v in shared.content.items() if k not in ("format", "name", "design")}
+    )
     parsed, problems = _validate(ExperimentFile, _merge(inherited, own.content), files, name)
     if not _SAFE_NAME.match(name) or name in RESERVED_NAMES:
         message = f"'{name}' cannot name a folder of results; use letters, digits and dashes"
@@ -226,8 +241,12 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
     chambers = {item.name: sorted(part.chamber for part in item.pressure.chambers) for item in experiments}
     for item in experiments:
         if not item.pressure.missing and chambers[item.name] != (first := chambers[experiments[0].name]):
-            own, other = (" and ".join(filter(None, names)) or "without a name" for names in (chambers[item.name], first))
-            message = f"has the chambers {own}, '{experiments[0].name}' has {other}; name the same ones in all experiments"
+            own, other = (
+                " and ".join(filter(None, names)) or "without a name" for names in (chambers[item.name], first)
+            )
+            message = (
+                f"has the chambers {own}, '{experiments[0].name}' has {other}; name the same ones in all experiments"
+            )
             problems.append(Problem(item.folder / "experiment.yaml", message, "pressure", experiment=item.name))
     both_ways = [item for item in experiments if {part.sign for part in item.pressure.chambers} == {1, -1}]
     if any(item.actuator.kind == "tube" for item in both_ways):

@@ -107,6 +107,8 @@ def run(arguments: list[str]) -> int:
         print_error(f"this needs the module '{error.name}'; pip install {remedy}", 2, as_json=as_json)
         return 2
     except click.ClickException as error:
+        if "unexpected extra argument" in error.message and any(item.startswith("--") for item in arguments):
+            error.message += ". An option takes one value: repeat it for more, as in --add maxwell --add coulomb."
         error.show()
         if as_json:
             print_error(error.format_message(), error.exit_code, as_json=True, quiet=True)

@@ -86,7 +86,9 @@ def check_command(campaign: Path, as_json: bool, debug: bool) -> int:
         say(f"experiments: {found}")
         warnings = len(checked.problems) - len(errors)
         click.echo(f"{_count(len(errors), 'error')}, {_count(warnings, 'warning')}")
-        if errors:
+        if errors and not checked.experiments:
+            say_next("rfea init DIR", "writes a campaign to fill in, or guesses one with --from FILES")
+        elif errors:
             say_next(f"rfea check {campaign}", "again, once these are mended")
         else:
             say_next(f"rfea improve {campaign}", "or step by step: rfea track, sync, fit, compare, diagnose")

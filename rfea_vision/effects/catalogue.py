@@ -91,7 +91,7 @@ def load_effect_file(path: Path) -> list[type[Effect]]:
 
 def meant(name: str, known: Iterable[str]) -> str:
     """What to say after an id that nobody declares."""
-    close = difflib.get_close_matches(name, list(known), n=1)
+    close = difflib.get_close_matches(name.lower(), list(known), n=1)
     return f"did you mean '{close[0]}'?" if close else "'rfea effects' lists the catalogue"
 
 

@@ -136,6 +136,11 @@ def from_keywords(kind: type[_Options], keywords: Mapping[str, Any]) -> _Options
 def explain(found: Any) -> str:
     """Say one finding of pydantic in plain words."""
     cause = found.get("ctx", {}).get("error")
+    if found["type"] in ("int_parsing", "int_from_float", "int_type"):
+        return "is no whole number"
+    if found["type"] in ("greater_than_equal", "less_than_equal"):
+        limit = found["ctx"].get("ge", found["ctx"].get("le"))
+        return f"must be {limit:g} or {'more' if found['type'] == 'greater_than_equal' else 'less'}"
     return str(cause) if found["type"] == "value_error" else found["msg"][0].lower() + found["msg"][1:]
 
 

@@ -148,8 +148,10 @@ def _split(option: str, items: Sequence[str], units: Mapping[str, str]) -> list[
         if not separator or not text:
             raise InputError(f"{option} {item}: write parameter=value with its unit, as in r_hyd=3.6mm")
         if not _unit(name, units):
-            close = difflib.get_close_matches(name, units, n=1)
-            hint = f"did you mean {close[0]}?" if close else "'rfea effects show EFFECT' lists those of an effect"
+            base = [one for one in units if "." not in one]
+            close = difflib.get_close_matches(name, units if "." in name else base, n=1)
+            of_base = f"the base model's are {', '.join(base)}; 'rfea effects show EFFECT' lists those of an effect"
+            hint = f"did you mean {close[0]}?" if close else of_base
             raise InputError(f"{option} {item}: there is no parameter '{name}'; {hint}")
         if name in found:
             raise InputError(f"{option} {item}: given twice; keep one")
@@ -158,8 +160,8 @@ def _split(option: str, items: Sequence[str], units: Mapping[str, str]) -> list[
 
 
 def _value(option: str, item: str, text: str, unit: str) -> float:
-    plain = unit in ("1", "")
+    plain, example = unit in ("1", ""), "3.6 mm" if unit == "m" else f"1 {unit}"
     try:
-        return float(text) if plain and "%" not in text else parse_quantity(text.strip(), unit, example=f"1 {unit}")
+        return float(text) if plain and "%" not in text else parse_quantity(text.strip(), unit, example=example)
     except ValueError as error:
         raise InputError(f"{option} {item}: {error}") from error

@@ -236,7 +236,10 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
             turns = round(getattr(first, "rotation", 0) / 90) % 4
             start = float(first.pts * stream.time_base) if first.pts is not None and stream.time_base else 0.0
     except FFmpegError as error:
-        raise InputError(f"{path}: video.file is not a readable video ({error}); convert it to H.264 in MP4") from error
+        if path.stat().st_size == 0:
+            raise InputError(f"{path}: video.file is empty (0 bytes); copy it again") from error
+        why = error.strerror or error
+        raise InputError(f"{path}: video.file is not a readable video ({why}); convert it to H.264 in MP4") from error
     if turns % 2:
         size = (size[1], size[0])
     return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, quarter_turns=turns, first_pts_s=start)

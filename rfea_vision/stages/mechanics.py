@@ -9,6 +9,7 @@ from pathlib import Path
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
+from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record
@@ -64,6 +65,7 @@ def last_model(work: Runner) -> str | None:
 
 def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
+    find_effects([name.partition("@")[0] for name in options.effects], options.effect_files)  # before anything is measured
     recordings = measurement.recordings(work, *PREDICTED_ROLES)
     actuator = common_actuator(work, recordings)
     options = fit_apart(work, options)

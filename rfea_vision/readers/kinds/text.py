@@ -27,6 +27,8 @@ def _decoded(path: Path) -> str:
     """Return the text: UTF-8, UTF-16 with its mark, or the Windows code page of western Europe."""
     refuse_too_much(path, path.stat().st_size / _BYTES_PER_VALUE)
     raw = path.read_bytes()
+    if raw[:4] == b"PK\x03\x04":
+        raise InputError(f"{path}: is a workbook or an archive, whatever its name says; save the table as CSV")
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return raw.decode("utf-16")
     try:

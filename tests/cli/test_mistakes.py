@@ -1,0 +1,130 @@
+"""Forty mistakes of a beginner, each seeded into a campaign that is right: one true sentence names the place and the remedy."""
+
+import pandas as pd
+import pytest
+from campaign.campaigns import write_campaign
+
+from .console import rfea
+
+
+def text(old, new, file="campaign.yaml"):
+    """Write something else in a file."""
+
+    def spoil(folder):
+        before = (folder / file).read_text()
+        assert old in before
+        (folder / file).write_text(before.replace(old, new, 1))
+
+    return spoil
+
+
+def log(change):
+    """Change the pressure log of a run: `change` takes its rows as text, the header first."""
+
+    def spoil(folder):
+        path = folder / "steps" / "pressure.csv"
+        path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
+
+    return spoil
+
+
+def pressures(change):
+    """Change the numbers of the pressure log."""
+
+    def spoil(folder):
+        table = pd.read_csv(folder / "steps" / "pressure.csv")
+        table["pressure_kPa"] = change(table["pressure_kPa"])
+        table.to_csv(folder / "steps" / "pressure.csv", index=False)
+
+    return spoil
+
+
+def content(file, data):
+    return lambda folder: (folder / file).write_bytes(data)
+
+
+def renamed(old, new):
+    return lambda folder: (folder / old).rename(folder / new)
+
+
+def film_of_nothing(folder):
+    text("track: {file: track.csv}", "video: {file: v.mp4}", RUN)(folder)
+    (folder / "steps" / "v.mp4").touch()
+
+
+def copied_log(folder):
+    (folder / "steps" / "pressure.csv").write_bytes((folder / "sine" / "pressure.csv").read_bytes())
+
+
+RUN = "steps/experiment.yaml"
+IN_FILES = [
+    ("length without unit", text("length: 155 mm", "length: 155"), 2, "actuator.length: 155 has no unit"),
+    ("length in cm as mm", text("length: 155 mm", "length: 15.5 mm"), 0, "is the length in cm"),
+    ("decimal comma", text("outer_radius: 4 mm", "outer_radius: '4,0 mm'"), 2, "decimal comma; write '4.0 mm'"),
+    ("radii swapped", text("inner_radius: 3 mm", "inner_radius: 5 mm"), 2, "smaller than actuator.outer_radius"),
+    ("density of a star", text("965 kg/m^3", "965 g/cm^3"), 0, "more than any solid's; is the unit right?"),
+    ("density without its power", text("965 kg/m^3", "965 kg/m"), 2, "not a unit of the right kind"),
+    ("side in another language", text("bends: left", "bends: links"), 2, "must be 'left' or 'right'"),
+    ("key misspelt", text("inner_radius", "inner_radus"), 2, "did you mean 'inner_radius'?"),
+    ("tab", text("\nname: tube-A", "\n\tname: tube-A"), 2, "check indentation"),
+    ("colon forgotten", text("name: tube-A", "name tube-A"), 2, "campaign.yaml:"),
+    ("bracket forgotten", text("bends: left}", "bends: left"), 2, "campaign.yaml:"),
+    ("umlaut of Windows", content("campaign.yaml", "name: Röhre\n".encode("latin-1")), 2, "save the file as UTF-8"),
+    ("campaign.yml", renamed("campaign.yaml", "campaign.yml"), 2, "there is campaign.yml: call it campaign.yaml"),
+    ("campaign.yaml.txt", renamed("campaign.yaml", "campaign.yaml.txt"), 2, "call it campaign.yaml"),
+    ("role misspelt", text("role: train", "role: training", RUN), 2, "must be 'train', 'validate', 'test' or 'ignore'"),
+    ("no validation", text("role: validate", "role: train", "sine/experiment.yaml"), 0, "set one aside"),
+    ("two of one name", text("name: steps", "name: sine", RUN), 2, "steps/experiment.yaml: name: 'sine' names 2 experiments"),
+    ("track renamed", renamed("steps/track.csv", "steps/Track.CSV"), 2, "(there is Track.CSV"),
+    ("track in a lower folder", text("file: track.csv", "file: data/track.csv", RUN), 2, "no file 'data/track.csv'"),
+    ("film empty", film_of_nothing, 2, "is empty (0 bytes)"),
+    ("rate without unit", text("track: {file: track.csv}", "video: {file: v.mp4, rate: 240}", RUN), 2, "write for example '240 Hz'"),
+    ("clock misspelt", text("common_clock", "comon_clock", RUN), 2, "sync.method"),
+    ("offset without unit", text("{method: common_clock}", "{method: offset, value: 12}", RUN), 2, "write for example '12 ms'"),
+    ("payload misspelt", text("role: train", "role: train\nconditions: {paylaod: 10 g}", RUN), 2, "did you mean 'payload'?"),
+    ("pressure in Pa", pressures(lambda p: 1000 * p), 0, "is it in Pa?"),
+    ("pressure in bar", pressures(lambda p: p / 100), 0, "is it in bar or MPa?"),
+    ("pressure absolute", pressures(lambda p: p + 101.3), 0, "write pressure.reference: absolute"),
+    ("columns renamed", log(lambda rows: ["t,P [bar]", *rows[1:]]), 2, "write 'pressure: P [bar]'"),
+    ("time runs back", log(lambda rows: [*rows[:400], *rows[100:]]), 2, "sort the log by time"),
+    ("log empty", content("steps/pressure.csv", b""), 2, "steps/pressure.csv"),
+    ("log a workbook", content("steps/pressure.csv", b"PK\x03\x04" + bytes(200)), 2, "save the table as CSV"),
+    ("log copied", copied_log, 0, "was it copied by mistake?"),
+]  # fmt: skip
+IN_COMMANDS = [
+    (("check", "CAMPAIGN/steps/track.csv"), "is a file; give the campaign folder"),
+    (("fit", "CAMPAIGN-typo"), "no such folder"),
+    (("check", "CAMPAIGN/.."), "give the folder tube-A in it"),
+    (("fit", "CAMPAIGN", "--add", "Maxwell"), "did you mean 'maxwell'?"),
+    (("fit", "CAMPAIGN", "--add", "maxwell", "coulomb"), "as in --add maxwell --add coulomb"),
+    (("fit", "CAMPAIGN", "--segments", "many"), "is no whole number"),
+    (("fit", "CAMPAIGN", "--fix", "stiffness=3N*m/rad"), "the base model's are k_ref"),
+    (("improve", "CAMPAIGN", "--budget", "5"), "write for example '5min'"),
+    (("compare", "CAMPAIGN", "bsae"), "no model 'bsae'"),
+]
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    return write_campaign(tmp_path / "tube-A")
+
+
+def test_the_campaign_without_a_mistake_is_right(campaign):
+    assert "0 errors, 0 warnings" in rfea("check", campaign).out
+
+
+@pytest.mark.parametrize(("spoil", "code", "says"), [row[1:] for row in IN_FILES], ids=[row[0] for row in IN_FILES])
+def test_a_mistake_in_a_file_is_told_with_its_remedy(campaign, spoil, code, says):
+    spoil(campaign)
+    answer = rfea("check", campaign)
+    told = [line for line in answer.out.splitlines() if line.startswith(("error: ", "warning: "))]
+    assert answer.code == code, answer.out
+    assert len([line for line in told if says in line and str(campaign) in line]) == 1, told
+    assert answer.out.splitlines()[-1].startswith("next: rfea ") and "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize(("command", "says"), IN_COMMANDS, ids=[" ".join(command) for command, _ in IN_COMMANDS])
+def test_a_mistake_in_a_command_is_told_before_anything_runs(campaign, command, says):
+    answer = rfea(*(word.replace("CAMPAIGN", str(campaign)) for word in command))
+    assert answer.code == 2 and says in answer.out + answer.err, answer
+    assert "Traceback" not in answer.err and not (campaign / "rfea" / "models").exists()
