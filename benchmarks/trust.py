@@ -78,7 +78,7 @@ def coverage(
     for draw in range(DRAWS):
         generator = np.random.default_rng([41, draw])
         recordings = {name: seen(data, observe, correlation, generator) for name, data in runs.items()}
-        problem = make_problem(recordings, actuator, options.observe)
+        problem = make_problem(recordings, actuator, options)
         fitted = refit(problem, options, truth, SEGMENTS)
         found = intervals(fitted, problem.train, actuator, refine(fitted, problem.train).par).parameters
         for name, value in truth.items():

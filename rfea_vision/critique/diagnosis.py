@@ -132,8 +132,7 @@ def diagnose(
 
     Returns the diagnosis and, where it names a tie, the pressure of the next experiment (`pressure` in kPa over `log_time`).
     """
-    zero_sd = float(model.given.get("pressure_zero_sd", 0.0))
-    problem = make_problem(recordings, Actuator(**model.actuator), model.observe, pressure_zero_sd=zero_sd)  # type: ignore[arg-type]
+    problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
     fitted = refit_artefact(model, problem)
     asked = options or CritiqueOptions()
     asked = replace(asked, effect_files=asked.effect_files or fitted.options.effect_files)

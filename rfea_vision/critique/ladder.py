@@ -216,7 +216,7 @@ def improve(
     chosen = options or FitOptions()
     chosen = replace(chosen, effect_files=asked.effect_files or chosen.effect_files)
     asked = replace(asked, effect_files=chosen.effect_files)
-    problem = make_problem(recordings, actuator, chosen.observe, pressure_zero_sd=chosen.pressure_zero_sd)
+    problem = make_problem(recordings, actuator, chosen)
     first = refit_artefact(finished[0][0], problem) if finished else fit(problem, chosen)
     climb = _Climb(problem, Trials(problem, chosen.effect_files), first)
     stopped = f"{MOST_RUNGS} rungs were climbed"

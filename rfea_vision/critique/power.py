@@ -21,6 +21,7 @@ from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE
 from rfea_vision.critique.screening import Sensitivity, available, offered, sensitivities
 from rfea_vision.fitting.fit import make_problem
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.scoring import options_of
 
 FloatArray = NDArray[np.float64]
 
@@ -59,8 +60,7 @@ def power_study(
     list of Revealed
         One row per amplitude on offer.
     """
-    zero_sd = float(model.given.get("pressure_zero_sd", 0.0))
-    problem = make_problem(recordings, Actuator(**model.actuator), model.observe, pressure_zero_sd=zero_sd)  # type: ignore[arg-type]
+    problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
     fitted = refit_artefact(model, problem)
     floor = binding(floors_of(problem, fitted))
     present = {e.id for e in fitted.model.effects}

@@ -29,6 +29,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added, make_problem
 from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.scoring import options_of
 from rfea_vision.tube import inner_radius
 from rfea_vision.units import rounded
 
@@ -88,8 +89,7 @@ def propose(
     DataError
         Nothing is left that a law could explain, or no law foretells runs that it was not regressed on.
     """
-    zero_sd = float(model.given.get("pressure_zero_sd", 0.0))
-    problem = make_problem(recordings, Actuator(**model.actuator), model.observe, pressure_zero_sd=zero_sd)  # type: ignore[arg-type]
+    problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
     fitted = refit_artefact(model, problem)
     before = errors_of(problem, fitted)
     floor = binding(floors_of(problem, fitted))

@@ -351,7 +351,7 @@ def fit_model(
         An unknown effect, or a profile of a parameter that the model does not have.
     """
     chosen = options or FitOptions()
-    problem = make_problem(recordings, actuator, chosen.observe, pressure_zero_sd=chosen.pressure_zero_sd)
+    problem = make_problem(recordings, actuator, chosen)
     _know_all(make_model(actuator, chosen, problem.mirror), chosen)
     fitted = fit(problem, chosen, progress)
     model = as_artefact(problem, fitted)

@@ -47,6 +47,7 @@ class Observed:
     tip_noise_mm: float = field(default=0.0)
     origin_sigma: float = field(default=0.0)  # m; 0 where the track is in the rig frame by somebody else's word
     pressure_zero_sd: float = 0.0  # Pa; 0 where the sensor's zero is taken as given
+    angle_zero_sd: float = 0.0  # rad; as above, of the angle of a run without a tip
     gravity: float = STANDARD_GRAVITY  # m/s^2 in the plane of motion
     mounting: float = 0.0  # direction of gravity from down (rad), positive towards the side of the bend
     held: Held | None = None  # where the run begins in a held shape

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -13,8 +12,9 @@ from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.problem import with_zeros
 from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
-from rfea_vision.fitting.scoring import rebuild
+from rfea_vision.fitting.scoring import options_of, rebuild
 from rfea_vision.fitting.solver import fit_clocks
 
 NODES = 33
@@ -33,7 +33,7 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     for name, recording in recordings.items():
         if recording.role == "ignore":
             continue
-        item = replace(observe_recording(recording), pressure_zero_sd=model.given.get("pressure_zero_sd", 0.0))
+        item = with_zeros(observe_recording(recording), options_of(model))
         score = model.experiments.get(name)
         clock = score.nuisance.get("clock_offset_s") if score is not None else None
         if clock is None:

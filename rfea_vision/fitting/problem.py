@@ -46,11 +46,9 @@ class Problem:
 def make_problem(
     recordings: Mapping[str, Recording],
     actuator: Actuator,
-    observe: Observe | None = None,
-    *,
-    pressure_zero_sd: float = 0.0,
+    options: FitOptions | None = None,
 ) -> Problem:
-    """Prepare all recordings but the ignored ones; `pressure_zero_sd` as in `FitOptions`.
+    """Prepare all recordings but the ignored ones, as the options say what to look at and what of the sensors is known.
 
     Raises
     ------
@@ -61,15 +59,21 @@ def make_problem(
     training = [r for r in used.values() if r.role == "train"]
     if not training:
         raise DataError("no experiment has `role: train`; set it in the experiment.yaml of at least one run")
-    wanted = observe or default_observe(training)
+    options = options or FitOptions()
+    wanted = options.observe or default_observe(training)
     items = []
     for recording in used.values():
         own = wanted if _offers(recording, wanted) else default_observe([recording])
         item = observe_recording(recording, wanted if recording.role == "train" else own)
-        items.append(replace(item, pressure_zero_sd=pressure_zero_sd))
+        items.append(with_zeros(item, options))
     _refuse_nonsense([o for o in items if o.role == "train"], actuator)
     groups = {role: tuple(o for o in items if o.role == role) for role in ("train", "validate", "test")}
     return Problem(actuator, groups["train"], groups["validate"], groups["test"], dict(used), largest_bend(items))
+
+
+def with_zeros(item: Observed, options: FitOptions) -> Observed:
+    """A run with what is known of the zeros of its sensors."""
+    return replace(item, pressure_zero_sd=options.pressure_zero_sd, angle_zero_sd=options.angle_zero_sd)
 
 
 def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:

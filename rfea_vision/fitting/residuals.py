@@ -69,7 +69,7 @@ def predict_observed(
     predicted = _predict(model, par, driven, free, clock_s, fractions)
     if predicted is None:
         return None
-    predicted = replace(predicted, nuisance=unknowns.values_kPa(amplitude))
+    predicted = replace(predicted, nuisance=predicted.nuisance | unknowns.values_kPa(amplitude))
     if fractions is not None:
         return predicted
     forgotten = np.zeros((slopes.shape[0], item.time.size - slopes.shape[1], slopes.shape[2]))
@@ -141,11 +141,16 @@ def _predict(
     points, dpoints = seen_by_camera(
         model, par, seen, item.fractions if fractions is None else fractions, free, pressure
     )
-    dpoints, dangle = dpoints + dshift, extended[:, -1, :]
+    angle, dangle = motion.phi[:, -1], extended[:, -1, :]
+    zero = {}
+    if item.angle_zero_sd > 0 and not item.has_tip:
+        offset, doffset = angle_zero(item, angle, dangle)
+        angle, dangle, zero = angle + offset, dangle + doffset, {"angle_zero_deg": float(np.rad2deg(offset))}
+    dpoints = dpoints + dshift
     known = [k for k, index in enumerate(free) if model.names[index] in item.conditions]
     if known:  # these are not to be found from this run
         dpoints[..., known], dangle[..., known] = 0.0, 0.0
-    return Predicted(motion, points + shift, dpoints, motion.phi[:, -1], dangle)
+    return Predicted(motion, points + shift, dpoints, angle, dangle, zero)
 
 
 def _as_set_up(model: Model, par: FloatArray, item: Observed) -> tuple[Model, FloatArray]:
@@ -227,6 +232,13 @@ def origin_shift(item: Observed, points: FloatArray, dpoints: FloatArray) -> tup
     limit = LARGEST_ORIGIN_SHIFT * item.origin_sigma
     inside = np.abs(shift) < limit
     return np.clip(shift, -limit, limit), slope * inside[:, None]
+
+
+def angle_zero(item: Observed, angle: FloatArray, dangle: FloatArray) -> tuple[float, FloatArray]:
+    """Zero of an angle sensor (rad) that fits a run best, with its derivatives (p,); eliminated as in `origin_shift`."""
+    weight = item.angle_sigma**-2
+    weight = weight / (weight.sum() + item.angle_zero_sd**-2)
+    return float(weight @ (item.angle - angle)), -weight @ dangle
 
 
 def rows(item: Observed, predicted: Predicted, *, jacobian: bool = True) -> tuple[FloatArray, FloatArray]:

@@ -258,8 +258,9 @@ def _given(options: FitOptions) -> dict[str, Any]:
         values = getattr(options, key)
         if values:
             out[key] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
-    if options.pressure_zero_sd:
-        out["pressure_zero_sd"] = options.pressure_zero_sd
+    for key in ("pressure_zero_sd", "angle_zero_sd"):
+        if getattr(options, key):
+            out[key] = getattr(options, key)
     if options.loss != "auto":
         out["loss"] = options.loss
     return out
@@ -280,6 +281,7 @@ def options_of(artefact: ModelFit) -> FitOptions:
         priors={name: (float(v[0]), float(v[1])) for name, v in given.get("priors", {}).items()},
         loss=given.get("loss", "auto"),
         pressure_zero_sd=float(given.get("pressure_zero_sd", 0.0)),
+        angle_zero_sd=float(given.get("angle_zero_sd", 0.0)),
     )
 
 

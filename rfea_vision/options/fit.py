@@ -114,6 +114,14 @@ class FitOptions:
         validation_alias=AliasChoices("pressure_zero", "pressure_zero_sd"),
         description="Standard error of the pressure sensor's zero, then found for every run, such as 1kPa.",
     )
+    angle_zero_sd: Annotated[
+        float, quantity("rad", "2deg"), Asked(_MODEL, "SD", write=lambda value, _: [f"{value:g}rad"])
+    ] = Field(
+        default=0.0,
+        ge=0,
+        validation_alias=AliasChoices("angle_zero", "angle_zero_sd"),
+        description="Standard error of an angle sensor's zero, then found for every run without a tip, such as 2deg.",
+    )
     study_segments: Annotated[bool, Asked(("fit",))] = Field(
         default=False, description="Try 2, 4, 8, 16 and 32 segments too: errors, path of the tip, seconds."
     )

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfea_vision.artefacts import Recording
 from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.fit import make_model, make_problem
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.options import FitOptions
 from tests.fitting.runs import NOISE_MM, OPTIONS, changed, noisy
 
 FLOOR_MM = NOISE_MM * np.sqrt(2)
@@ -104,10 +106,34 @@ def test_the_zero_of_a_sensor_is_found_for_each_run(runs):
     assert model.parameters["r_hyd"].interval_95 is not None
 
 
+def test_each_run_has_the_zero_of_its_inclinometer(runs):
+    recordings, actuator, truth = runs
+    off = dict(zip(recordings, (2.0, -1.5, 1.0), strict=True))
+
+    def inclined(data):
+        data["bend_angle"] = data["bend_angle"] + off[data.attrs["experiment"]]
+
+    angles = {
+        name: Recording(r.dataset.drop_vars([v for v in r.dataset.data_vars if v.startswith(("tip", "midline"))]))
+        for name, r in changed(recordings, inclined).items()
+    }
+    model = fit_model(angles, actuator, replace(OPTIONS, angle_zero_sd=np.deg2rad(5)))
+    for name, degrees in off.items():
+        assert model.experiments[name].nuisance["angle_zero_deg"] == pytest.approx(degrees, abs=0.1)
+    assert model.metrics["validate"].angle_rmse_deg < 0.1
+    assert model.parameters["k_ref"].value / model.parameters["r_hyd"].value == pytest.approx(
+        truth["k_ref"] / truth["r_hyd"], rel=0.01
+    )
+    ahead = predict(model, angles)
+    for name, recording in angles.items():
+        gap = recording.dataset["bend_angle"].values - ahead[name]["bend_angle"].values
+        assert abs(np.nanmean(gap)) < 0.05
+
+
 @pytest.mark.parametrize(("change", "zero_sd"), [(late, 0.0), (lambda data: None, 2e3)])
 def test_jacobian_is_exact_with_nuisances_eliminated(runs, change, zero_sd):
     recordings, actuator, truth = runs
-    item = make_problem(changed(recordings, change), actuator, pressure_zero_sd=zero_sd).train[0]
+    item = make_problem(changed(recordings, change), actuator, FitOptions(pressure_zero_sd=zero_sd)).train[0]
     assert item.unknowns is not None
     model = make_model(actuator, OPTIONS)
     par = 1.001 * np.array(list(truth.values()))
