@@ -125,18 +125,19 @@ class Process:
         os.kill(self.pid, signal.SIGKILL)
         self.wait(MOST_S)
 
-    def workers(self) -> list[int]:
-        """Processes below the one that was started which are no tracker of resources."""
-        parents: dict[int, list[int]] = {}
-        for folder in Path("/proc").glob("[0-9]*"):
-            with suppress(OSError, ValueError):
-                parents.setdefault(int((folder / "stat").read_text().rpartition(")")[2].split()[1]), []).append(int(folder.name))
-        found, look = [], [self.pid]
-        while look:
-            below = parents.get(look.pop(), [])
-            look += below
-            found += below
-        return [item for item in found if b"spawn_main" in _command_line(item)]
+
+def descendants(process: int) -> list[int]:
+    """Workers below a batch: the processes that were spawned to compute, and those that look after them."""
+    parents: dict[int, list[int]] = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError, ValueError):
+            parents.setdefault(int((folder / "stat").read_text().rpartition(")")[2].split()[1]), []).append(int(folder.name))
+    found, look = [], [process]
+    while look:
+        below = parents.get(look.pop(), [])
+        look += below
+        found += below
+    return [item for item in found if b"spawn_main" in _command_line(item)]
 
 
 def _command_line(process: int) -> bytes:
@@ -177,7 +178,7 @@ def _kill_once(command: str, number: int, folder: Path, wanted: dict[str, bytes]
     found = Kill(command, number, "worker" if command == "batch" and number % 2 else "command", chance.uniform(0.02, 1.0) * took_s)
     process = Process(command, folder)
     code = process.wait(found.after_s)
-    workers = process.workers() if found.what == "worker" and code is None else []
+    workers = descendants(process.pid) if found.what == "worker" and code is None else []
     found.too_late = code is not None or (found.what == "worker" and not workers)
     if found.what == "worker":
         if workers:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import io
 import os
 import re
 import socket
@@ -132,17 +133,24 @@ def write_dataset(path: Path, dataset: xr.Dataset) -> None:
 
 
 def write_datasets(path: Path, groups: dict[str | None, xr.Dataset]) -> None:
-    """Write several datasets as groups of one netCDF4 file; the key None is the root group."""
+    """Write several datasets as groups of one netCDF4 file; the key None is the root group.
+
+    The same values give the same bytes, wherever they came from: neither how a dataset lay in the file that it was read from
+    counts, nor the order in which its variables came to it. The file is made in memory, for on a full disk HDF5 says so in
+    tracebacks that nobody can catch.
+    """
+    made, mode = io.BytesIO(), "w"
+    for group, dataset in groups.items():
+        encoding = {
+            name: {"zlib": True, "complevel": 4, "shuffle": True}
+            for name, variable in dataset.variables.items()
+            if variable.dtype.kind in "fiu" and variable.ndim > 0
+        }
+        ordered = dataset[sorted(dataset.variables, key=str)].drop_encoding()
+        ordered.to_netcdf(made, mode=mode, group=group, engine="h5netcdf", encoding=encoding)
+        mode = "a"
     with whole_file(path) as temporary:
-        mode = "w"
-        for group, dataset in groups.items():
-            encoding = {
-                name: {"zlib": True, "complevel": 4, "shuffle": True}
-                for name, variable in dataset.variables.items()
-                if variable.dtype.kind in "fiu" and variable.ndim > 0
-            }
-            dataset.to_netcdf(temporary, mode=mode, group=group, engine="h5netcdf", encoding=encoding)
-            mode = "a"
+        temporary.write_bytes(made.getbuffer())
 
 
 def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:

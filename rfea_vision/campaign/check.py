@@ -147,7 +147,7 @@ def _experiment_problems(
     """Read what belongs to a run; its highest pressure (kPa) is kept in `highest`."""
     file = experiment.folder / "experiment.yaml"
     problems: list[Problem] = []
-    pictures_s = track_s = None
+    pictures_s = track_s = track = None
     try:
         if experiment.video is not None:
             from rfea_vision.readers.video import open_frames, open_video
@@ -190,6 +190,9 @@ def _experiment_problems(
     seconds = pictures_s if pictures_s is not None else track_s
     if seconds is not None and len(seconds) > 1:
         said += doubts.of_times(log.time_s, seconds)
+        if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
+            shifted = track.time_s + (experiment.sync.value_s or 0.0)
+            said += doubts.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa)
     problems += [_warning(file, experiment, "pressure", text) for text in said]
     return problems
 

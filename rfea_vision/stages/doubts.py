@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Recording, Track
+from rfea_vision.campaign import ExperimentSpec, doubts
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from rfea_vision.readers.pressure import PressureLog
+    from rfea_vision.stages.runner import Runner
+    from rfea_vision.stages.stored import Stored
 
 #: With less than this share of its frames measured, a run is not what was asked for.
 LEAST_MEASURED = 0.5
@@ -47,9 +53,37 @@ def doubts_of(measured: Track | Recording) -> list[str]:
     return [*filter(None, found), *_written(measured.dataset, after_sync=isinstance(measured, Recording))]
 
 
+def doubts_of_log(recording: Recording, log: PressureLog) -> dict[str, str]:
+    """What makes one doubt that a log is what it is said to be, as an attribute of the recording."""
+    seen_s = recording.time_s
+    said = doubts.of_pressure(log.pressure_kPa) + doubts.of_times(log.time_s, seen_s)
+    said = said or doubts.of_pair(recording.dataset, seen_s, log.time_s, log.pressure_kPa)
+    return {"pressure_doubts": "; ".join(f"pressure {text}" for text in said)} if said else {}
+
+
+def tell_doubts(work: Runner, experiment: ExperimentSpec, measured: Track | Recording) -> None:
+    """Say every doubt that a track or recording carries, once in a session."""
+    for doubt in doubts_of(measured):
+        work.tell(f"warning: {experiment.name}: {doubt}")
+
+
+def tell_alike(work: Runner, about: Sequence[ExperimentSpec]) -> None:
+    """Say of these runs whether their log stands in another one, too."""
+    for experiment, text in doubts.alike(work.active()):
+        if experiment in about or any(f"'{item.name}'" in text for item in about):
+            work.tell(f"warning: {experiment.name}: pressure {text}")
+
+
+def tell_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) -> None:
+    """Say what makes one doubt the runs that a model is fitted to."""
+    experiments = [work.campaign.experiment(name) for name in recordings]
+    for experiment in experiments:
+        tell_doubts(work, experiment, recordings[experiment.name].value)
+    tell_alike(work, experiments)
+
+
 def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:
     """Sentences among the attributes; a remark with nothing to do about it is no doubt."""
-    if after_sync:
-        return [str(dataset.attrs["sync_notes"])] if dataset.attrs.get("sync_notes") else []
+    said = [str(dataset.attrs.get(key, "")) for key in ("doubts", *(("sync_notes", "pressure_doubts") if after_sync else ()))]
     length = str(dataset.attrs.get("length_check", ""))
-    return [length] if ": " in length else []
+    return [text for text in (*said, length if ": " in length and not after_sync else "") if text]

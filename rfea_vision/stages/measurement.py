@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
-from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
+from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec, doubts
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
 from rfea_vision.readers.pressure import PressureLog, constant_pressure, read_pressure
 from rfea_vision.readers.tracks import read_track
-from rfea_vision.stages.doubts import doubts_of, few_frames, reasons_of
+from rfea_vision.stages.doubts import doubts_of_log, few_frames, reasons_of, tell_alike, tell_doubts
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
@@ -142,7 +142,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)
         found.save(path)
-        _tell_doubts(work, experiment, found)
+        tell_doubts(work, experiment, found)
         return found, [path], describe_track(found)
 
     tracked = work.run(
@@ -182,11 +182,6 @@ def follow(experiment: ExperimentSpec, calibration: Calibration, source: Any, **
         lamp_box=sync.box if sync.method == "led" else None,
         **more,
     )
-
-
-def _tell_doubts(work: Runner, experiment: ExperimentSpec, measured: Track | Recording) -> None:
-    for doubt in doubts_of(measured):
-        work.listener.note(f"warning: {experiment.name}: {doubt}")
 
 
 def _say_calibration(found: Track, calibration: Calibration, experiment: ExperimentSpec) -> None:
@@ -289,8 +284,10 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
             gravity_deg, bends = experiment.rig.gravity_deg or 0.0, experiment.actuator.bends
             to_rig_mm = rig_axes_mm(calibration, camera.vertical, gravity_deg, bends)
         found = read_track(source.file, bends=experiment.actuator.bends, spec=source, to_rig_mm=to_rig_mm)
+        if camera is None:
+            found.dataset.attrs["doubts"] = "; ".join(doubts.of_track(found.dataset, 1e3 * experiment.actuator.length))
         found.save(path)
-        _tell_doubts(work, experiment, found)
+        tell_doubts(work, experiment, found)
         return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
 
     return work.run(
@@ -348,9 +345,10 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
                 raise DataError(f"{experiment.name}: track: {few}") from error
             raise
         recording = with_earlier_pressure(recording, work.campaign, experiment)
-        recording.dataset.attrs |= rig_attributes(experiment)
+        recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else doubts_of_log(recording, used))
         recording.save(path)
-        _tell_doubts(work, experiment, recording)
+        tell_doubts(work, experiment, recording)
+        tell_alike(work, [experiment])
         return recording, [path], describe_recording(recording)
 
     return work.run(

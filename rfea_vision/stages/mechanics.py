@@ -15,6 +15,7 @@ from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record
 from rfea_vision.progress import Progress
 from rfea_vision.stages import measurement
+from rfea_vision.stages.doubts import tell_of_fitted
 from rfea_vision.stages.naming import climb_apart, fit_apart, fitted_with
 from rfea_vision.stages.products import (
     compiling,
@@ -73,6 +74,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
 
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
         work.tell(compiling("dynamics"))
+        tell_of_fitted(work, recordings)
         model = _fitted(values(recordings), actuator, options, work.raw_inputs(), folder, progress)
         return model, [folder / "model.json", folder / "prediction.nc"], describe_fit(model)
 

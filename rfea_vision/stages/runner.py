@@ -68,6 +68,7 @@ class Runner:
         self.outcomes: list[dict[str, str]] = []
         self.failures: dict[str, RfeaError] = {}
         self._done: dict[str, Stored[Any]] = {}
+        self._told: set[str] = set()
 
     def run(
         self,
@@ -149,8 +150,9 @@ class Runner:
         return dict(sorted(found.items()))
 
     def tell(self, sentence: str) -> None:
-        """Say something in between, if there is something to say."""
-        if sentence:
+        """Say something in between, if there is something to say that was not said before."""
+        if sentence and sentence not in self._told:
+            self._told.add(sentence)
             self.listener.note(sentence)
 
     def _say(self, stage: Stage, outcome: Outcome, sentence: str) -> None:

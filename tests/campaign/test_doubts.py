@@ -7,6 +7,8 @@ import pandas as pd
 import pytest
 
 from rfea_vision.campaign.check import check_campaign
+from rfea_vision.errors import DataError
+from tests.cli.console import rfea
 
 from .campaigns import write_campaign
 
@@ -50,7 +52,13 @@ def _own_log(folder):
         table.to_csv(folder / name / "pressure.csv", index=False)
 
 
-@pytest.mark.parametrize(
+def _of_another_run(folder):
+    table = pd.read_csv(folder / "steps" / "pressure.csv")
+    table["pressure_kPa"] = 60.0 + 50.0 * np.sin(2 * np.pi * 9.0 * table["time_s"])
+    table.to_csv(folder / "steps" / "pressure.csv", index=False)
+
+
+SLIPS = pytest.mark.parametrize(
     ("spoil", "says"),
     [
         (_scaled("pressure_kPa", 1000.0), "is it in Pa?"),
@@ -62,8 +70,12 @@ def _own_log(folder):
         (_radians, "are these radians?"),
         (_time_as_pressure, "is it the column of time?"),
         (_copied, "is the same log, row by row, as that of 'sine'"),
+        (_of_another_run, "is it the log of another run?"),
     ],
 )
+
+
+@SLIPS
 def test_the_usual_slips_are_doubted(tmp_path, spoil, says):
     folder = write_campaign(tmp_path / "campaign")
     _own_log(folder)
@@ -72,3 +84,33 @@ def test_the_usual_slips_are_doubted(tmp_path, spoil, says):
     spoil(folder)
     said = [str(problem) for problem in check_campaign(folder).problems if problem.severity == "warning"]
     assert len([text for text in said if says in text]) == 1, said
+
+
+@SLIPS
+def test_they_are_doubted_where_one_fits(tmp_path, spoil, says, monkeypatch):
+    folder = write_campaign(tmp_path / "campaign")
+    _own_log(folder)
+    spoil(folder)
+    monkeypatch.setattr("rfea_vision.stages.mechanics._fitted", _far_enough)
+    answer = rfea("fit", folder)
+    assert answer.err.count(says) == 1 and "a fault in" not in answer.err, answer.err
+
+
+@pytest.mark.parametrize(("spoil", "says"), [(_swapped, "are x and y swapped?"), (_copied, "is the same log")])
+def test_they_are_doubted_by_each_command_once(tmp_path, spoil, says, monkeypatch):
+    folder = write_campaign(tmp_path / "campaign")
+    _own_log(folder)
+    spoil(folder)
+    monkeypatch.setattr("rfea_vision.stages.mechanics._fitted", _far_enough)
+    said = {command: rfea(command, folder).err.count(says) for command in ("track", "sync", "fit")}
+    assert said == {"track": int(spoil is _swapped), "sync": 1, "fit": 1}
+
+
+def _far_enough(*_: object) -> None:
+    raise DataError("far enough")
+
+
+def test_a_run_that_is_right_is_not_doubted(tmp_path, monkeypatch):
+    folder = write_campaign(tmp_path / "campaign")
+    monkeypatch.setattr("rfea_vision.stages.mechanics._fitted", _far_enough)
+    assert "warning" not in rfea("fit", folder).err

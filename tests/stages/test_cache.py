@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from campaign.campaigns import write_campaign
 
+from rfea_vision import open_campaign
 from rfea_vision.campaign import load_campaign
 from rfea_vision.errors import DataError
 from rfea_vision.stages import Listener, Workspace
@@ -132,3 +133,12 @@ def test_options_become_plain_values():
 
     kept = plain(Options(Path("/somewhere/video.mp4"), (1.0, 2.0), {"a": np.float64(3.0), "b": np.arange(2)}))
     assert kept == {"file": "video.mp4", "values": [1.0, 2.0], "more": {"a": 3.0, "b": [0, 1]}}
+
+
+def test_a_result_does_not_depend_on_where_one_stopped_before_it(tmp_path):
+    at_once, in_two = (write_campaign(tmp_path / name) for name in ("a", "b"))
+    open_campaign(at_once).sync()
+    open_campaign(in_two).track()
+    open_campaign(in_two).sync()  # reads the tracks back
+    for file in (at_once / "rfea").glob("*/*.nc"):
+        assert file.read_bytes() == (in_two / "rfea" / file.relative_to(at_once / "rfea")).read_bytes(), file.name
