@@ -5,14 +5,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy.interpolate import splev, splprep
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration import Board, calibrate
 from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.errors import DataError
+from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.midline import Midline, Refusal, midline_from_mask
 
 from .masks import clamped_midline, mask_by_colour, mask_by_light, tip_angle_deg
+from .rebent import rebent_film
 from .sources import memory_source
 
 
@@ -94,6 +98,87 @@ def test_midline_of_the_bent_strip(shared_data: Path):
     assert both.sum() >= len(x) - 1
     assert np.abs(off[both]).max() < 1.0
     assert abs(midline.length * mm_per_px - 251.0) < 3.0
+
+
+def test_the_bending_tube_is_followed_through_a_film(shared_data: Path, tmp_path: Path):
+    """The photographed tube, cut out and bent back and forth before its own wall: its skin, its threads, its blue end."""
+    picture = cv2.imread(str(shared_data / "bending-tube-photo" / "img" / "source" / "P070.JPG"))
+    small = cv2.resize(picture, (500, 374), interpolation=cv2.INTER_AREA)
+    centre = [(549, 512), (548, 480), (543, 440), (528, 408), (500, 382), (470, 371), (430, 370), (390, 376)]
+    centre += [(350, 392), (318, 416), (290, 443), (262, 472), (240, 496), (222, 514)]  # by hand, at twice the size
+    spline, _ = splprep(0.5 * np.array(centre, dtype=float).T, s=1.0)
+    dense = np.array(splev(np.linspace(0, 1, 2000), spline)).T
+    line = dense[np.searchsorted(_along(dense), np.linspace(0, 1, 400)).clip(0, len(dense) - 1)]
+    bends = 0.625 + 0.375 * np.cos(np.linspace(0, 2 * np.pi, 30))
+    lines = rebent_film(tmp_path / "film.mp4", small, line, np.full(400, 12.5), bends)
+    source = open_video(tmp_path / "film.mp4")
+    calibration = scaled_by_distance(source.size, [[50, 50], [300, 50]], 100.0)
+    length = 0.4e-3 * np.linalg.norm(np.diff(line, axis=0), axis=1).sum()
+    hints = Hints(clamp=((262.5, 254.0), (287.0, 254.0)), tip=(112.0, 256.0))
+    actuator = Actuator(outer_radius=5e-3, inner_radius=3e-3, length=float(length))
+    track = track_frames(source, calibration, actuator, hints=hints, vertical="image")
+    truth = (lines[:, -1] - lines[:, 0]) * [0.4, -0.4]
+    off = np.linalg.norm(track.dataset["tip"].values - truth, axis=1)
+    assert track.valid.mean() >= 0.95
+    assert np.sqrt(np.nanmean(off**2)) < 0.02 * np.ptp(truth, axis=0).max()
+    assert np.mean(off[track.valid] < 2.5 * track.dataset["tip_sigma"].values.max(axis=1)[track.valid]) > 0.95
+
+
+def _along(line: np.ndarray) -> np.ndarray:
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    return steps / steps[-1]
+
+
+def test_worms_go_through_the_tracker(shared_data: Path):
+    """Single pictures as still films: head, tail and three points of the worm pointed at. Where it answers, it lies on it."""
+    h5py = pytest.importorskip("h5py")
+    folder = shared_data / "worm-midlines" / "datasets" / "sample_data"
+    with h5py.File(folder / "features.h5") as file:
+        skeletons, widths = file["skeletons"][:], file["width"][:]
+    open_ones = np.flatnonzero(~np.isnan(skeletons).any(axis=(1, 2)))
+    gaps = []
+    for number in np.random.default_rng(1).choice(open_ones, 6, replace=False):
+        grey = cv2.copyMakeBorder(cv2.imread(str(folder / f"{number:05d}.png"), 0), *[6] * 4, cv2.BORDER_REPLICATE)
+        large = cv2.resize(grey, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
+        line, half = (skeletons[number] + 6.5) * 4 - 0.5, 2.0 * widths[number]
+        along = line[6] - line[2]
+        across = half[4] * np.array([-along[1], along[0]]) / np.linalg.norm(along)
+        points = [tuple(map(float, line[k])) for k in (14, 26, 38)]
+        ends = tuple(map(float, line[4] - across)), tuple(map(float, line[4] + across))
+        hints = Hints(clamp=ends, tip=(float(line[-3, 0]), float(line[-3, 1])), centre_line=tuple(points))  # pyright: ignore
+        length = np.linalg.norm(np.diff(line[4:-2], axis=0), axis=1).sum()
+        radius = 1e-4 * float(np.median(half[4:-4]))  # 10 px are called 1 mm
+        actuator = Actuator(outer_radius=radius, inner_radius=radius / 2, length=1e-4 * float(length))
+        calibration = scaled_by_distance((large.shape[1], large.shape[0]), [[10, 10], [110, 10]], 10.0)
+        noise = np.random.default_rng(0).normal(0, 2, (2, *large.shape))
+        frames = [np.clip(large + layer, 0, 255).astype(np.uint8) for layer in noise]
+        try:
+            source = memory_source(frames, [0.0, 0.04])
+            track = track_frames(source, calibration, actuator, hints=hints, vertical="image")
+        except DataError:
+            continue
+        found = track.dataset["midline"].values[0] * [10, -10] + line[4]
+        gaps.append(np.median(np.linalg.norm(found[:, None] - line[None], axis=-1).min(axis=1)) / 4)
+    assert len(gaps) >= 5
+    assert max(gaps) < 1.0  # px of the pictures; the worms are 9.5 px wide
+
+
+def test_the_bent_strip_is_refused_by_the_tracker(shared_data: Path):
+    """Its lit edge, 20 px wide, runs along its own dim face: what fits lies beside the points drawn on it, and is not kept."""
+    folder = shared_data / "bent-strip-photo" / "test"
+    picture = cv2.imread(str(folder / "test_image.jpg"), cv2.IMREAD_GRAYSCALE)
+    reference = np.load(folder / "test_results_decoded.npz")
+    line = [0.0, 200.9] + np.column_stack([reference["x_m"], -reference["y_m"]]) / 0.1101e-3
+    across = np.array([-0.28, 0.96]) * 9.0
+    points = tuple((float(x), float(y)) for x, y in line[[12, 24, 36, -1]])
+    ends = tuple(map(float, line[3] - across)), tuple(map(float, line[3] + across))
+    hints = Hints(clamp=ends, tip=points[-1], centre_line=points[:-1])  # pyright: ignore[reportArgumentType]
+    calibration = scaled_by_distance((picture.shape[1], picture.shape[0]), [[100, 100], [600, 100]], 55.05)
+    actuator = Actuator(outer_radius=1e-3, inner_radius=0.5e-3, length=0.235)
+    noise = np.random.default_rng(0).normal(0, 2, (2, *picture.shape))
+    frames = [np.clip(picture + layer, 0, 255).astype(np.uint8) for layer in noise]
+    with pytest.raises(DataError, match=r"off_hints|edge_lost"):
+        track_frames(memory_source(frames, [0.0, 0.04]), calibration, actuator, hints=hints, vertical="image")
 
 
 @pytest.mark.parametrize("every", [25])

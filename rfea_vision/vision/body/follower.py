@@ -87,7 +87,7 @@ class BodyFollower:
         self.work = fitted.new_workspace()
         self.start: Begin | None = None
         self.good, self.missed = 0, 0
-        self.first_refusal = ""
+        self.refusal = ""
         self.frame = -1
         self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
@@ -102,7 +102,7 @@ class BodyFollower:
         guided = self._guided()
         if self.good == 0:
             if self.missed == FIRST_TRIES:
-                return self.first_refusal
+                return self.refusal
             self._begin(lab, guided)
             fit = self._fit(lab, self.body, 0.8)
         elif self.missed == 0 and np.array_equal(grey, self._grey):
@@ -120,8 +120,11 @@ class BodyFollower:
             reason = self._refused(fit)
         if reason:
             self.missed += 1
-            self.first_refusal = reason
+            if self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
+                reason = "touches_border: the tip has left the picture, and is not found again"
+            self.refusal = reason
             return reason
+        self.refusal = ""
         self._accept(lab, grey, fit)
         return ""
 
