@@ -16,8 +16,9 @@ from rfea_vision.calibration.projection import camera_vector, has_plane, unproje
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
+from rfea_vision.vision.advice import next_hint
 from rfea_vision.vision.begin import Scene, scale_at
-from rfea_vision.vision.body.follower import HALF_PX, BodyFollower
+from rfea_vision.vision.body.follower import BodyFollower, scale_for
 from rfea_vision.vision.checkpoint import Checkpoint
 from rfea_vision.vision.follower import Follower
 from rfea_vision.vision.rows import Rows
@@ -106,7 +107,8 @@ def track_frames(
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or rows.good < LEAST_SHARE * len(rows):
-        raise DataError(too_few(source.path, rows, scene))
+        measured = f"{rows.good} of {len(rows)} frames could be measured" if rows.any_valid else "no tube found"
+        raise DataError(f"{source.path}: {measured} ({rows.commonest_reason}); {next_hint(source, scene, rows.reasons)}")
     attributes = {
         "followed_by": "edges" if isinstance(follower, Follower) else "body",
         "source": source.path.name,
@@ -114,7 +116,7 @@ def track_frames(
         "polarity": follower.start.polarity,
     }
     if rows.good < EDGES_ENOUGH * len(rows):
-        attributes["advice"] = next_hint(scene)
+        attributes["advice"] = next_hint(source, scene, rows.reasons)
     rows.marked = follower.marked and follower.good >= 3
     track = Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
     kept.remove()
@@ -125,9 +127,7 @@ def follow_body(
     source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress
 ) -> tuple[BodyFollower, Rows]:
     """Follow the whole body by colour, texture and outline, from what was pointed at."""
-    assert scene.clamp_px is not None
-    half_px = 0.5 * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
-    scale = min(1.0, HALF_PX / max(half_px, 1.0))
+    scale = scale_for(scene)
     follower = BodyFollower(scene, scale)
     total = source.frame_count or 0
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
@@ -138,25 +138,6 @@ def follow_body(
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))
     return follower, rows
-
-
-def too_few(path: Path, rows: Rows, scene: Scene) -> str:
-    """Say how much of a film could be measured, what was in the way, and the one thing to try."""
-    measured = f"{rows.good} of {len(rows)} frames could be measured" if rows.any_valid else "no tube found"
-    return f"{path}: {measured} ({rows.commonest_reason}); {next_hint(scene)}"
-
-
-def next_hint(scene: Scene) -> str:
-    """The hint that has not been given and helps most."""
-    if scene.clamp_px is None or scene.tip_px is None:
-        lacking = [name for name in ("clamp", "tip") if getattr(scene.hints, name) is None]
-        return f"give {' and '.join(f'camera.{name}' for name in lacking)}, in pixels of the first frame"
-    if len(scene.hints.centre_line) < 2:
-        return "give a few points of the tube in the first frame as camera.centre_line, from the clamp to the tip"
-    return (
-        "check the hints against the first frame, and actuator.outer_radius and actuator.length against the tube, "
-        "or film it before a wall of another colour"
-    )
 
 
 def frames_ahead(size: tuple[int, int]) -> int:

@@ -1,5 +1,6 @@
 """The whole body in films as phones take them: colour, ruled paper, glare, tape, marks, swelling, compression."""
 
+import re
 from dataclasses import replace
 
 import cv2
@@ -150,6 +151,22 @@ def test_of_two_arms_the_one_that_was_pointed_at_is_followed(tmp_path):
     assert track.valid.mean() > 0.6
     off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
     assert np.nanmax(off) < 3.0
+
+
+def test_a_hint_is_tried_before_it_is_said(tmp_path):
+    """Edges lose an arm that swells; where its clamp and its tip were in the first frame, the body is read throughout."""
+    arm = Arm(rgb=(60.0, 60.0, 65.0), swell=0.5, taper=0.2)
+    truth = film(tmp_path / "film.mp4", arm, replace(SMALL, ruled=0.0), LEFT)
+    source = open_video(tmp_path / "film.mp4")
+    calibration = scaled_by_distance(source.size, [[20, 20], [130, 20]], 50.0)
+    actuator = Actuator(outer_radius=0.006, inner_radius=0.003, length=0.09)
+    with pytest.raises(DataError, match=r"camera\.clamp: .*tried, it reads \d\d of the first 32 frames") as said:
+        track_frames(source, calibration, actuator, vertical="image")
+    said_px = [float(number) for number in re.findall(r"-?\d+\.\d+", str(said.value).split("camera.clamp")[1])]
+    clamp, tip = np.array(said_px[:4]).reshape(2, 2), np.array(said_px[4:6])
+    track = track_frames(source, calibration, actuator, hints=Hints(clamp=tuple(map(tuple, clamp)), tip=tuple(tip)))
+    assert track.valid.mean() >= 0.95
+    assert np.linalg.norm(tip - truth.tip_px) < 4.0
 
 
 def test_what_covers_the_arm_is_called_so(tmp_path):

@@ -65,6 +65,13 @@ _TO_COEFFICIENTS = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS)) @ NORMAL_B
 _TO_WIDTH = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS)) @ WIDTH_BASIS
 
 
+def scale_for(scene: Scene) -> float:
+    """By how much pictures are made smaller for a body whose clamp was pointed at."""
+    assert scene.clamp_px is not None
+    half_px = 0.5 * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
+    return min(1.0, HALF_PX / max(half_px, 1.0))
+
+
 class BodyFollower:
     """Carries the body from frame to frame; the same outside as `Follower`, but its pictures are in colour.
 

@@ -1,0 +1,102 @@
+"""The one hint that would help a film most: tried on its first frames before it is said, with what it brings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
+from itertools import islice
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.artefacts import Hints
+from rfea_vision.calibration.projection import project
+from rfea_vision.readers.video import FrameSource
+from rfea_vision.vision.begin import Scene, begin, line_of
+from rfea_vision.vision.body.begin import hinted_lines
+from rfea_vision.vision.body.follower import BodyFollower, scale_for
+from rfea_vision.vision.fitted import new_workspace
+
+FloatArray = NDArray[np.float64]
+
+TRIED = 60  # frames: two seconds of a phone's film
+GAIN = 0.05  # of these frames: less is no reason to point again
+
+
+def next_hint(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
+    """Say which hint to give, and what it brought on the first frames where it could be tried.
+
+    Parameters
+    ----------
+    source : the film
+    scene : with the hints that were given
+    reasons : why each frame was refused, empty where it was measured
+    """
+    count = min(TRIED, len(reasons))
+    before = sum(not reason for reason in reasons[:count])
+    tried = [(_read(source, _with(scene, hints), count), words) for hints, words in _candidates(source, scene)]
+    best, words = max(tried, key=lambda pair: pair[0], default=(0, ""))
+    if best >= before + GAIN * count:
+        brings = f"tried, it reads {best} of the first {count} frames, and {before} were read without it"
+        return f"check this against the picture and give it: {words} ({brings})"
+    return _untried(scene) + (f" ({len(tried)} guesses at it were tried and brought nothing)" if tried else "")
+
+
+def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]]:
+    """Hints that the first frame itself suggests, and their words."""
+    if scene.clamp_px is None or scene.tip_px is None:
+        found = begin(source.frame(0), scene, new_workspace())
+        if isinstance(found, str):
+            return
+        line = line_of(found.state)
+        tangent = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
+        across = found.state.width[0] * np.array([-tangent[1], tangent[0]])
+        left, right, tip = np.round(project(scene.camera, np.array([line[0] + across, line[0] - across, line[-1]])), 1)
+        hints = replace(scene.hints, clamp=(_pixel(left), _pixel(right)), tip=_pixel(tip))
+        yield hints, f"camera.clamp: [{_words(left)}, {_words(right)}] and camera.tip: {_words(tip)}"
+    elif len(scene.hints.centre_line) < 2:
+        scale = scale_for(scene)
+        with closing(source.colours(scale)) as pictures:
+            _, picture = next(pictures)
+        lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
+        half = 0.5 * scale * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
+        length = scene.length_mm * scene.px_per_mm * scale
+        clamp, ends = ((places + 0.5) * scale - 0.5 for places in (scene.clamp_px, scene.line_px))
+        for line in hinted_lines(lab, clamp, ends, half, length):
+            points = np.round((line[[16, 32, 48]] + 0.5) / scale - 0.5, 1)
+            hints = replace(scene.hints, centre_line=tuple(_pixel(point) for point in points))
+            yield hints, f"camera.centre_line: [{', '.join(map(_words, points))}]"
+
+
+def _read(source: FrameSource, scene: Scene, count: int) -> int:
+    """How many of the first frames the body tracker reads."""
+    follower = BodyFollower(scene, scale_for(scene))
+    with closing(source.colours(scale_for(scene))) as pictures:
+        return sum(not follower.next(picture, time_s) for time_s, picture in islice(pictures, count))
+
+
+def _with(scene: Scene, hints: Hints) -> Scene:
+    return replace(scene, hints=hints, clamp_px=np.array(hints.clamp), tip_px=np.array(hints.tip))
+
+
+def _untried(scene: Scene) -> str:
+    """The hint that has not been given."""
+    if scene.clamp_px is None or scene.tip_px is None:
+        lacking = [name for name in ("clamp", "tip") if getattr(scene.hints, name) is None]
+        return f"give {' and '.join(f'camera.{name}' for name in lacking)}, in pixels of the first frame"
+    if len(scene.hints.centre_line) < 2:
+        return "give a few points of the tube in the first frame as camera.centre_line, from the clamp to the tip"
+    return (
+        "check the hints against the first frame, and actuator.outer_radius and actuator.length against the tube, "
+        "or film it before a wall of another colour"
+    )
+
+
+def _pixel(point: FloatArray) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
+
+
+def _words(point: FloatArray) -> str:
+    return f"[{point[0]:g}, {point[1]:g}]"
