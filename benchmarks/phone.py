@@ -1,7 +1,7 @@
 """Films as phones take them: share of the frames tracked, error, honesty, and speed of the tracker of the whole body.
 
-Sixty scenes of the renderer in tests/measurement/phone.py. The even ones were looked at while the tracker was written; the
-odd ones (``unseen``) were not, but for scene 7, in which the line had slid along smooth rubber.
+Sixty scenes of the renderer in tests/measurement/phone.py. The even ones were looked at while the tracker was written, and of the
+odd ones the first six; the other odd ones (``unseen``) were not.
 Each film is given what a person points at: the clamp's two edges (1 px of error), the
 tip (1.5 px), and a ruler of 100 mm.
 """
@@ -25,6 +25,7 @@ from rfea_vision.vision import track_frames
 from tests.measurement.phone import film, scene
 
 SCENES = 60
+SPENT = 12  # scenes below this were all looked at
 RULER_MM = 100.0
 POINTING_PX = (1.0, 1.5)  # clamp and tip
 WELL = (0.95, 0.02)  # share of the frames, and error over the range: what a film is to reach
@@ -123,4 +124,6 @@ def run() -> list[dict[str, Any]]:
     count = int(os.environ.get("PHONE_SCENES", SCENES))
     with tempfile.TemporaryDirectory() as folder:
         outcomes = [follow(number, Path(folder)) for number in range(count)]
-    return rows_of("seen", outcomes[::2]) + rows_of("unseen", outcomes[1::2])
+    unseen = [outcome for number, outcome in enumerate(outcomes) if number % 2 and number >= SPENT]
+    seen = [outcome for number, outcome in enumerate(outcomes) if not (number % 2 and number >= SPENT)]
+    return rows_of("seen", seen) + (rows_of("unseen", unseen) if unseen else [])
