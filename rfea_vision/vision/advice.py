@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.calibration.projection import project
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.begin import Scene, begin, line_of
 from rfea_vision.vision.body.begin import hinted_lines
 from rfea_vision.vision.body.follower import BodyFollower, scale_for
-from rfea_vision.vision.fitted import new_workspace
+from rfea_vision.vision.edges.fitted import new_workspace
+from rfea_vision.vision.find.begin import Scene, begin, line_of
 
 FloatArray = NDArray[np.float64]
 

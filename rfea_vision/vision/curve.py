@@ -6,6 +6,8 @@ same basis, with fewer coefficients, carries the half width along the tube.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -146,3 +148,13 @@ def moved_curve(coefficients, offset, from_mm, beyond_mm, refit):
         d = value_at(offset, u)
         points[v, 0], points[v, 1] = x - d * ty, y + d * tx
     return refit @ points
+
+
+@lean
+def turning(normal):
+    """Total turning of the curve in rad, counter-clockwise positive."""
+    total = 0.0
+    for v in range(normal.shape[0] - 1):
+        cross = normal[v, 0] * normal[v + 1, 1] - normal[v, 1] * normal[v + 1, 0]
+        total += math.asin(min(max(cross, -1.0), 1.0))
+    return total

@@ -17,12 +17,12 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import next_hint
-from rfea_vision.vision.begin import Scene, scale_at
 from rfea_vision.vision.body.follower import BodyFollower, scale_for
-from rfea_vision.vision.checkpoint import Checkpoint
-from rfea_vision.vision.follower import Follower
-from rfea_vision.vision.rows import Rows
-from rfea_vision.vision.shape import build_dataset
+from rfea_vision.vision.derive.rows import Rows
+from rfea_vision.vision.derive.shape import build_dataset
+from rfea_vision.vision.find.begin import Scene, scale_at
+from rfea_vision.vision.follow.checkpoint import Checkpoint
+from rfea_vision.vision.follow.follower import Follower
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
@@ -102,13 +102,17 @@ def track_frames(
                 progress(done + 1, max(total, done + 1))
     if pointed and rows.good < EDGES_ENOUGH * len(rows):
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
-        if seen.good == 0 or rows.good < max(EDGES_ALONE * len(rows), seen.good):  # 0: nothing is where it was pointed at
+        if seen.good == 0 or rows.good < max(
+            EDGES_ALONE * len(rows), seen.good
+        ):  # 0: nothing is where it was pointed at
             follower, rows = body, seen
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or rows.good < LEAST_SHARE * len(rows):
         measured = f"{rows.good} of {len(rows)} frames could be measured" if rows.any_valid else "no tube found"
-        raise DataError(f"{source.path}: {measured} ({rows.commonest_reason}); {next_hint(source, scene, rows.reasons)}")
+        raise DataError(
+            f"{source.path}: {measured} ({rows.commonest_reason}); {next_hint(source, scene, rows.reasons)}"
+        )
     attributes = {
         "followed_by": "edges" if isinstance(follower, Follower) else "body",
         "source": source.path.name,

@@ -19,7 +19,7 @@ from rfea_vision.errors import InputError
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.report.formatting import reason_words
 from rfea_vision.stages.measurement import open_source
-from rfea_vision.vision.clip import rig_to_plane
+from rfea_vision.vision.show.clip import rig_to_plane
 from rfea_vision.vision.track import matched_to
 from rfea_vision.workbench.state import POINTABLE
 from rfea_vision.workbench.yaml_edit import set_keys

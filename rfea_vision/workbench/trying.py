@@ -16,7 +16,7 @@ from rfea_vision.readers.video import FrameSource, Luma
 from rfea_vision.report.formatting import reason_words
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.measurement import follow, open_source
-from rfea_vision.vision.clip import rig_to_plane
+from rfea_vision.vision.show.clip import rig_to_plane
 from rfea_vision.vision.track import matched_to
 
 #: The film is followed from its first frame in ever longer pieces, each the very track that `rfea track` would make of it: the

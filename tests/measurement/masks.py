@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision.midline import Midline, Refusal, midline_from_mask
+from rfea_vision.vision.body.midline import Midline, Refusal, midline_from_mask
 
 FloatArray = NDArray[np.float64]
 

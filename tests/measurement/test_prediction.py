@@ -5,10 +5,10 @@ import pytest
 from scipy.special import ndtr
 
 from rfea_vision.vision.curve import COEFFICIENTS, fit_curve
-from rfea_vision.vision.edges import _blur_row, cross_edge
-from rfea_vision.vision.fitted import LONGEST_ROW
-from rfea_vision.vision.motion import Motion
-from rfea_vision.vision.step import BLUR_PX, MOST_BLUR_PX, pixels_across, steps
+from rfea_vision.vision.edges.edgels import _blur_row, cross_edge
+from rfea_vision.vision.edges.fitted import LONGEST_ROW
+from rfea_vision.vision.edges.step import BLUR_PX, MOST_BLUR_PX, pixels_across, steps
+from rfea_vision.vision.follow.motion import Motion
 
 
 def seen(x: np.ndarray, blur: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
-from rfea_vision.vision.midline import Midline, Refusal, midline_from_mask
+from rfea_vision.vision.body.midline import Midline, Refusal, midline_from_mask
 
 from .masks import clamped_midline, mask_by_colour, mask_by_light, tip_angle_deg
 from .rebent import rebent_film

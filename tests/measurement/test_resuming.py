@@ -7,7 +7,8 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import InputError
-from rfea_vision.vision import checkpoint, track_frames
+from rfea_vision.vision import track_frames
+from rfea_vision.vision.follow import checkpoint
 
 from .scenes import Look, bending, film
 from .sources import MemorySource, memory_source, true_calibration

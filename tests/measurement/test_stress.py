@@ -62,7 +62,13 @@ def test_a_hand_in_front_is_said_and_the_tube_found_again(small_lens):
     track = tracked(pictures, times, small_lens)
     assert track.valid[np.delete(np.arange(48), hidden)].all()
     assert not track.valid[24:30].any()
-    assert set(track.dataset["reason"].values[~track.valid]) <= {"occluded", "edge_lost", "tip_hidden", "no_tube", "no_fit"}
+    assert set(track.dataset["reason"].values[~track.valid]) <= {
+        "occluded",
+        "edge_lost",
+        "tip_hidden",
+        "no_tube",
+        "no_fit",
+    }
     assert off(track, shapes).max() < 0.15
 
 

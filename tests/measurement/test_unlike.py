@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.vision import fitted, track_frames
-from rfea_vision.vision.bump import CameraWatch
-from rfea_vision.vision.edges import SIDE, U
-from rfea_vision.vision.judge import LONGEST_GAP
-from rfea_vision.vision.sides import gaps
+from rfea_vision.vision import track_frames
+from rfea_vision.vision.edges import fitted
+from rfea_vision.vision.edges.edgels import SIDE, U
+from rfea_vision.vision.edges.sides import gaps
+from rfea_vision.vision.follow.bump import CameraWatch
+from rfea_vision.vision.follow.judge import LONGEST_GAP
 
 from .scenes import Lens, Look, bending, film, smeared_film
 from .sources import memory_source, true_calibration

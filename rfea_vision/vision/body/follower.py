@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.calibration.projection import unproject
-from rfea_vision.vision import fitted
-from rfea_vision.vision.begin import Begin, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.body.begin import first_body, hinted_lines, like_colour, separation, smooth_line
 from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, Wall, fit_body
 from rfea_vision.vision.body.guide import guide_of
@@ -33,10 +31,12 @@ from rfea_vision.vision.curve import (
     WIDTH_COEFFICIENTS,
     basis_matrix,
     fit_curve,
+    turning,
     vertices_of,
 )
-from rfea_vision.vision.ends import End
-from rfea_vision.vision.follow import turning
+from rfea_vision.vision.edges import fitted
+from rfea_vision.vision.find.begin import Begin, Scene, allowed_pixels, off_hints
+from rfea_vision.vision.find.ends import End
 
 FloatArray = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import REFIT, VERTEX_U, VERTICES, moved_curve, point_and_tangent, value_at, vertices_of
-from rfea_vision.vision.edges import (
+from rfea_vision.vision.edges.edgels import (
     BLUR_DOWN,
     BLUR_UP,
     INFO,
@@ -20,8 +20,8 @@ from rfea_vision.vision.edges import (
     measure_polyline,
     smooth_levels,
 )
-from rfea_vision.vision.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, ONE_SIDED, SECTIONS
-from rfea_vision.vision.solve import (
+from rfea_vision.vision.edges.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, ONE_SIDED, SECTIONS
+from rfea_vision.vision.edges.solve import (
     PRIOR_BEND_MM,
     PRIOR_WIDTH_MM,
     cholesky,

@@ -14,7 +14,7 @@ import numpy as np
 from rfea_vision.files import whole_file
 
 if TYPE_CHECKING:
-    from rfea_vision.vision.rows import Rows
+    from rfea_vision.vision.derive.rows import Rows
 
 EVERY_S = 20.0
 
@@ -85,7 +85,7 @@ class Checkpoint:
 
 def _digest(about: tuple[object, ...]) -> str:
     digest = hashlib.sha256()
-    for code in sorted(Path(__file__).parent.glob("*.py")):
+    for code in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(code.read_bytes())
     for part in about:
         if isinstance(part, np.ndarray):

@@ -9,9 +9,9 @@ import numpy as np
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import REFIT, VERTICES, point_and_tangent, value_at, vertices_of
-from rfea_vision.vision.edges import INFO, SHIFT, SIDE, U
-from rfea_vision.vision.sides import move_state
-from rfea_vision.vision.solve import cholesky, cholesky_solve, normal_equations, residuals_of
+from rfea_vision.vision.edges.edgels import INFO, SHIFT, SIDE, U
+from rfea_vision.vision.edges.sides import move_state
+from rfea_vision.vision.edges.solve import cholesky, cholesky_solve, normal_equations, residuals_of
 
 LONGEST_ARM = 1024  # px to either side of the centre line
 

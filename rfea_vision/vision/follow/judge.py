@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision import fitted
-from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.compiled import compiled, lean
-from rfea_vision.vision.follow import LEAST_CAP_CONTRAST, MOST_BLUR
+from rfea_vision.vision.edges import fitted
+from rfea_vision.vision.find.begin import Scene
+from rfea_vision.vision.follow.frame import LEAST_CAP_CONTRAST, MOST_BLUR
 
 FloatArray = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import point_and_tangent, value_at
-from rfea_vision.vision.edges import INFO, MISFIT, SHIFT, U, measure_polyline, smooth_levels
+from rfea_vision.vision.edges.edgels import INFO, MISFIT, SHIFT, U, measure_polyline, smooth_levels
 
 CAP_VERTICES = 33
 MOST_CAP_STEP = 2.4  # an end whose step is that much larger than before, and one that has none, are as unlikely

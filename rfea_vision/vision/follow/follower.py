@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision import fitted
-from rfea_vision.vision.begin import Begin, Scene, begin, off_hints
-from rfea_vision.vision.bump import CameraWatch
-from rfea_vision.vision.cap import CAP_VERTICES
-from rfea_vision.vision.coarse import bend_search
 from rfea_vision.vision.curve import point_and_tangent
-from rfea_vision.vision.doubts import ORIGIN_PX
-from rfea_vision.vision.ends import End, find_end
-from rfea_vision.vision.follow import fit_frame
-from rfea_vision.vision.judge import SETTLED_PX, Judge
-from rfea_vision.vision.markers import SAMPLES, has_texture, light_along
-from rfea_vision.vision.motion import Motion
+from rfea_vision.vision.derive.doubts import ORIGIN_PX
+from rfea_vision.vision.derive.markers import SAMPLES, has_texture, light_along
+from rfea_vision.vision.edges import fitted
+from rfea_vision.vision.edges.cap import CAP_VERTICES
+from rfea_vision.vision.find.begin import Begin, Scene, begin, off_hints
+from rfea_vision.vision.find.ends import End, find_end
+from rfea_vision.vision.follow.bump import CameraWatch
+from rfea_vision.vision.follow.coarse import bend_search
+from rfea_vision.vision.follow.frame import fit_frame
+from rfea_vision.vision.follow.judge import SETTLED_PX, Judge
+from rfea_vision.vision.follow.motion import Motion
 
 FloatArray = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rfea_vision.vision.compiled import compiled, lean
-from rfea_vision.vision.edges import INFO, SHIFT, SIDE, U
+from rfea_vision.vision.edges.edgels import INFO, SHIFT, SIDE, U
 
 PRIOR_BEND_MM = 0.4  # how much a second difference of the shift may be, a priori
 PRIOR_WIDTH_MM = 0.02  # the same for the half width, which hardly changes from frame to frame

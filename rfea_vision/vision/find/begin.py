@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import project, unproject
-from rfea_vision.vision.cap import cap_levels, measure_cap
 from rfea_vision.vision.curve import (
     VERTICES,
     WIDTH_COEFFICIENTS,
     basis_matrix,
     fit_curve,
     point_and_tangent,
+    turning,
     vertices_of,
 )
-from rfea_vision.vision.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates, light_at_end
-from rfea_vision.vision.fitted import State, Workspace
-from rfea_vision.vision.follow import turning
-from rfea_vision.vision.locate import Path, cut_at, find_paths, hinted_paths
-from rfea_vision.vision.sides import fit_sides, measure_sides, move_state, update_levels
+from rfea_vision.vision.edges.cap import cap_levels, measure_cap
+from rfea_vision.vision.edges.fitted import State, Workspace
+from rfea_vision.vision.edges.sides import fit_sides, measure_sides, move_state, update_levels
+from rfea_vision.vision.find.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates, light_at_end
+from rfea_vision.vision.find.locate import Path, cut_at, find_paths, hinted_paths
 
 FloatArray = NDArray[np.float64]
 

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import project
-from rfea_vision.vision import fitted
-from rfea_vision.vision.begin import Scene
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
-from rfea_vision.vision.doubts import ORIGIN_PX, Doubts, doubts
-from rfea_vision.vision.elongation import angles, elongation_of
-from rfea_vision.vision.markers import marker_elongation
-from rfea_vision.vision.rows import Block, Rows
-from rfea_vision.vision.smooth import Smoothed, smooth
-from rfea_vision.vision.systematic import CalibrationError
+from rfea_vision.vision.derive.doubts import ORIGIN_PX, Doubts, doubts
+from rfea_vision.vision.derive.elongation import angles, elongation_of
+from rfea_vision.vision.derive.markers import marker_elongation
+from rfea_vision.vision.derive.rows import Block, Rows
+from rfea_vision.vision.derive.smooth import Smoothed, smooth
+from rfea_vision.vision.derive.systematic import CalibrationError
+from rfea_vision.vision.edges import fitted
+from rfea_vision.vision.find.begin import Scene
 
 FloatArray = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision import fitted
+from rfea_vision.vision.edges import fitted
 
 FloatArray = NDArray[np.float64]
 

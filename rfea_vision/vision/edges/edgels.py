@@ -16,7 +16,7 @@ import numpy as np
 
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, inlined, lean
-from rfea_vision.vision.step import BEGIN, BLUR_PX, HALF_REACH, PHASES, PIXELS, RATIO
+from rfea_vision.vision.edges.step import BEGIN, BLUR_PX, HALF_REACH, PHASES, PIXELS, RATIO
 
 MAX_STATIONS = 8192
 # Columns of the station table.
@@ -135,7 +135,7 @@ def measure_polyline(
 
     Parameters
     ----------
-    steps : the edge model, `rfea_vision.vision.step.Steps`
+    steps : the edge model, `rfea_vision.vision.edges.step.Steps`
     points, outward : (V, 2) mm, expected edge and the direction (unit) in which its shift is counted
     u : (V,) parameter written to the stations
     levels : (V, 2) inside and outside grey level; blurs : (V,) px

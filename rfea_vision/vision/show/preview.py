@@ -14,7 +14,7 @@ from rfea_vision.artefacts import Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.files import whole_file
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.clip import clip_step, rig_to_plane
+from rfea_vision.vision.show.clip import clip_step, rig_to_plane
 from rfea_vision.vision.track import matched_to
 
 RED, GREY = (220, 0, 60), (150, 150, 150)

@@ -7,11 +7,10 @@ import math
 import numpy as np
 
 from rfea_vision.calibration.projection import project_point
-from rfea_vision.vision.cap import cap_contrast, cap_levels, coarse_cap, measure_cap
-from rfea_vision.vision.coarse import apply_coarse, coarse_search
 from rfea_vision.vision.compiled import compiled, lean
-from rfea_vision.vision.curve import VERTICES, point_and_tangent, value_at, vertices_of
-from rfea_vision.vision.fitted import (
+from rfea_vision.vision.curve import VERTICES, point_and_tangent, turning, value_at, vertices_of
+from rfea_vision.vision.edges.cap import cap_contrast, cap_levels, coarse_cap, measure_cap
+from rfea_vision.vision.edges.fitted import (
     BEND,
     BLUR,
     CAP_CONTRAST,
@@ -34,8 +33,9 @@ from rfea_vision.vision.fitted import (
     USED,
     WIDTH,
 )
-from rfea_vision.vision.sides import fit_sides, gaps, measure_sides, move_state, profile_error, update_levels
-from rfea_vision.vision.solve import correlation_length
+from rfea_vision.vision.edges.sides import fit_sides, gaps, measure_sides, move_state, profile_error, update_levels
+from rfea_vision.vision.edges.solve import correlation_length
+from rfea_vision.vision.follow.coarse import apply_coarse, coarse_search
 
 TURNS = 8
 MOST_BLUR = 0.55  # of the half width: beyond it the two edges are one
@@ -217,13 +217,3 @@ def length_and_turning(coefficients):
         total += math.asin(min(max(tx * y - ty * x, -1.0), 1.0))
         tx, ty = x, y
     return length / (count - 1), total
-
-
-@lean
-def turning(normal):
-    """Total turning of the curve in rad, counter-clockwise positive."""
-    total = 0.0
-    for v in range(normal.shape[0] - 1):
-        cross = normal[v, 0] * normal[v + 1, 1] - normal[v, 1] * normal[v + 1, 0]
-        total += math.asin(min(max(cross, -1.0), 1.0))
-    return total

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision import fitted
 from rfea_vision.vision.curve import basis_matrix
-from rfea_vision.vision.rows import Rows
+from rfea_vision.vision.derive.rows import Rows
+from rfea_vision.vision.edges import fitted
 
 FloatArray = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision import fitted
 from rfea_vision.vision.compiled import lean
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
-from rfea_vision.vision.markers import SAMPLES
+from rfea_vision.vision.derive.markers import SAMPLES
+from rfea_vision.vision.edges import fitted
 
 FloatArray = NDArray[np.float64]
 

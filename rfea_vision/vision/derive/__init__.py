@@ -1,0 +1,1 @@
+"""From fitted curves to the track: shape, elongation, standard errors."""

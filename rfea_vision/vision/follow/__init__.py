@@ -1,0 +1,1 @@
+"""From frame to frame by the edges: predict, fit, judge, find again."""

@@ -1,0 +1,1 @@
+"""What was tracked, to be looked at: a clip and an overlay."""
