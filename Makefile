@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 ONLY ?=
 PYTEST_OPTIONS ?=
 
-.PHONY: demo test lint benchmarks docs clean
+.PHONY: demo test lint benchmarks docs site clean
 
 demo: $(VENV)/installed
 	$(BIN)/rfea demo
@@ -25,6 +25,11 @@ benchmarks: $(VENV)/installed-dev
 docs: $(VENV)/installed-dev
 	$(BIN)/python docs/generate.py
 
+# the documentation as pages that need no network, in build/site; a gallery of six campaigns with GALLERY=yes
+site: $(VENV)/installed-dev
+	$(BIN)/python -m mkdocs build --quiet
+	$(if $(GALLERY),$(BIN)/python docs/gallery.py build/site/gallery)
+
 # --no-build-isolation: the build backend is pinned in requirements.txt like everything else
 $(VENV)/installed: requirements.txt pyproject.toml
 	@./.ci/python -c 'import sys' || exit 1
@@ -33,9 +38,9 @@ $(VENV)/installed: requirements.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --no-deps --editable .
 	@touch $@
 
-# linters, type checker, test tools and all extras: the demo needs none of them
-$(VENV)/installed-dev: $(VENV)/installed requirements-dev.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.txt
+# linters, type checker, test tools, what builds the site, and all extras: the demo needs none of them
+$(VENV)/installed-dev: $(VENV)/installed requirements-dev.txt requirements-docs.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements-dev.txt --requirement requirements-docs.txt
 	@touch $@
 
 clean:

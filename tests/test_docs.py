@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -56,6 +59,23 @@ def test_the_page_of_commands_is_what_the_commands_say():
     spec.loader.exec_module(module)
     committed = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     assert committed == module.commands_page(), "run 'make docs' and commit docs/commands.md"
+
+
+def test_the_documents_build_as_a_site_that_asks_nobody(tmp_path):
+    if importlib.util.find_spec("mkdocs") is None:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(
+            "mkdocs is not installed: pip install -r requirements-docs.txt"
+        )
+    words = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)]
+    built = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert built.returncode == 0, built.stderr  # strict: a link that leads nowhere is an error
+    navigation = (tmp_path / "index.html").read_text(encoding="utf-8")
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        assert f"{page.stem}.html" in navigation, f"mkdocs.yml: nav does not name {page.name}"
+    loaded = re.findall(
+        r'(?:<script[^>]* src|<link[^>]* rel="stylesheet"[^>]* href|<img[^>]* src)="(https?:[^"]*)"', navigation
+    )
+    assert loaded == []
 
 
 @pytest.mark.parametrize("name", _HOME_OF)

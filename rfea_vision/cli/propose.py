@@ -9,7 +9,6 @@ import click
 
 from rfea_vision.cli.console import print_json, say, say_next
 from rfea_vision.cli.options import campaign_options, opened
-from rfea_vision.errors import InputError
 
 
 @click.command("propose")
@@ -30,19 +29,11 @@ def propose_command(
     Read from the residual torque, cross-validated over the runs, refitted; by default of the model fitted last. It describes, it
     does not explain: 'rfea improve CAMPAIGN --effect-file FILE' weighs it against the catalogue.
     """
-    from rfea_vision.critique import propose
-
-    if file is not None and file.suffix != ".py":
-        raise InputError(f"--output {file}: an effect is a Python file; call it {file.with_suffix('.py')}")
     with opened(campaign, out, force=("fit",) if force else ()) as work:
-        names = work.model_names()
-        fit = work.model(model or names[-1]) if model or names else work.fit()
-        recordings = {name: stored.value for name, stored in work.recordings("train", "validate").items()}
-        target = file or work.out / "models" / fit.name / "proposed.py"
-    proposal = propose(fit, recordings, target, effect_id=target.stem.replace("-", "_"))
+        proposal = work.propose(model, file)
     if as_json:
         print_json({**asdict(proposal), "file": str(proposal.file)})
         return
     say(proposal.sentence)
-    click.echo(f"law: {target}")
-    say_next(f"rfea improve {campaign} --effect-file {target}", "weighs it against the catalogue")
+    click.echo(f"law: {proposal.file}")
+    say_next(f"rfea improve {campaign} --effect-file {proposal.file}", "weighs it against the catalogue")

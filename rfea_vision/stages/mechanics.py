@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
-from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record
@@ -30,6 +30,9 @@ from rfea_vision.stages.products import (
 )
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored, values
+
+if TYPE_CHECKING:
+    from rfea_vision.critique.propose import Proposal
 
 PREDICTED_ROLES = ("train", "validate")
 RUNG_FILES = ("model.json", "prediction.nc", "comparison.json", "diagnosis.json")
@@ -66,7 +69,10 @@ def last_model(work: Runner) -> str | None:
 
 def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
-    find_effects([name.partition("@")[0] for name in options.effects], options.effect_files)  # before anything is measured
+    if options.effects:  # a slip is told before anything is measured
+        from rfea_vision.effects.catalogue import find_effects
+
+        find_effects([name.partition("@")[0] for name in options.effects], options.effect_files)
     recordings = measurement.recordings(work, *PREDICTED_ROLES)
     actuator = common_actuator(work, recordings)
     options = fit_apart(work, options)
@@ -167,6 +173,17 @@ def _diagnosed(
     )
     pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)
     return diagnosis, save_diagnosis(folder, diagnosis, pressure), diagnosis.sentence or diagnosis.verdict
+
+
+def propose(work: Runner, name: str, file: Path | None) -> Proposal:
+    """Write a law for what a model leaves."""
+    from rfea_vision.critique import propose as propose_law
+
+    target = file or model_folder(work, name) / "proposed.py"
+    if target.suffix != ".py":
+        raise InputError(f"{target}: an effect is a Python file; call it {target.with_suffix('.py')}")
+    model, recordings = fitted(work, name).value, values(measurement.recordings(work, *PREDICTED_ROLES))
+    return propose_law(model, recordings, target, effect_id=target.stem.replace("-", "_"))
 
 
 def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Stored[Ladder]:

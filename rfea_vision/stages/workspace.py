@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rfea_vision.artefacts import Calibration, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
 from rfea_vision.campaign import ExperimentSpec, load_campaign
@@ -14,6 +14,9 @@ from rfea_vision.progress import Listener
 from rfea_vision.stages import measurement, mechanics, publishing
 from rfea_vision.stages.runner import Runner
 from rfea_vision.stages.stored import Stored, values
+
+if TYPE_CHECKING:
+    from rfea_vision.critique.propose import Proposal
 
 _Result = TypeVar("_Result")
 
@@ -125,6 +128,18 @@ class Workspace(Runner):
         judged = {name: value for name, value in asked.items() if declares(CritiqueOptions, name)}
         fit = fit or from_keywords(FitOptions, {**own, **both})
         return mechanics.improve(self, fit, critique or from_keywords(CritiqueOptions, judged)).value
+
+    def propose(self, model: str | None = None, file: Path | str | None = None) -> Proposal:
+        """Write a law for what a model leaves (default: the one fitted last, or the base model) as an effect file.
+
+        Parameters
+        ----------
+        model : its name
+        file : where the law is written; default ``proposed.py`` among the model's results
+        """
+        return mechanics.propose(
+            self, model or mechanics.last_model(self) or "base", None if file is None else Path(file)
+        )
 
     # -- publishing ----------------------------------------------------------------------------------------------
 

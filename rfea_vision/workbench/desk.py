@@ -68,6 +68,12 @@ class Desk:
         files = {str(file) for file in self.own_files}
         if not set(map(str, options.get("effect_files", []))) <= files:
             raise InputError("effect_files: only a law that was opened or written in this workbench is run")
+        if "file" in options:
+            raise InputError("file: where a proposed law is written is not the page's to say")
+        if do == "propose":
+            from rfea_vision.workbench.laws import own_file
+
+            options = {**options, "file": str(own_file("proposed"))}
         if own := self._own_of(index, options):
             options = {**options, "effect_files": own}
         kept, command = order(shown(self.campaigns[index]), self.out, do, options)

@@ -75,4 +75,5 @@ def _judge(models: list[dict[str, Any]]) -> Step:
         )
     if last["verdict"] == "complete":
         return _step("add", "Nothing that matters is missing.", "Write the report", "report")
-    return _step("law", "Something is left that no effect in the catalogue explains.", "Write a law of your own")
+    say = "Something is left that no effect in the catalogue explains: a law can be read from the residual torque, or written by you."
+    return _step("law", say, "Propose a law", "propose", model=name)

@@ -72,10 +72,15 @@ def ids_of(file: Path) -> frozenset[str]:
 
 def new_law() -> tuple[Path, str]:
     """A file that is not there yet, in the user's own folder, and the template's text for it."""
-    folder = platformdirs.user_data_path("rfea") / "effects"
-    number = next(n for n in range(1, 10_000) if not (folder / f"my_effect_{n}.py").exists())
+    file = own_file("my_effect")
     text = (Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt").read_text(encoding="utf-8")
-    return folder / f"my_effect_{number}.py", text.replace('"my_effect"', f'"my_effect_{number}"')
+    return file, text.replace('"my_effect"', f'"{file.stem}"')
+
+
+def own_file(stem: str) -> Path:
+    """A file of this name and a number that is not there yet, in the user's own folder."""
+    folder = platformdirs.user_data_path("rfea") / "effects"
+    return next(file for n in range(1, 10_000) if not (file := folder / f"{stem}_{n}.py").exists())
 
 
 def named_file(text: str, campaigns: Sequence[Path]) -> Path:

@@ -19,6 +19,7 @@ ORDERS: dict[str, tuple[str, ...]] = {
     "compare": (),
     "diagnose": ("model", "effect_files"),
     "improve": ("effect_files",),
+    "propose": ("model", "file"),
     "report": (),
 }
 
@@ -50,6 +51,7 @@ def order(campaign: str, out: Path | None, do: str, options: Mapping[str, Any]) 
         words += [word for item in _listed(kept.get(key)) for word in (flag, item)]
     words += [word for name, text in kept.get("start", {}).items() for word in ("--start", f"{name}={text}")]
     words += ["--segments", str(kept["segments"])] if "segments" in kept else []
+    words += ["-o", str(kept["file"])] if "file" in kept else []
     words += ["--name", str(kept["name"])] if "name" in kept else []
     words += ["--out", str(out)] if out is not None else []
     if "start" in kept:

@@ -69,10 +69,10 @@ def run_job(job: dict[str, Any], say: Say) -> Any:
     name_files(job["options"].get("effect_files", ()))  # the desk has seen that the user typed or opened them
     work = open_campaign(job["campaign"], job.get("out"), listener=Speaking(say))
     try:
-        getattr(work, job["do"])(**job["options"])
+        result = getattr(work, job["do"])(**job["options"])
     finally:
         work.cache.save_hashes()
-    return None
+    return {"file": str(result.file), "sentence": result.sentence} if job["do"] == "propose" else None
 
 
 def jobs(source: TextIO) -> Iterator[dict[str, Any]]:

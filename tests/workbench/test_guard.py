@@ -9,6 +9,8 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from rfea_vision.errors import InputError
+from rfea_vision.workbench.desk import Desk
 from rfea_vision.workbench.guard import Guard
 
 TOKEN, PORT = "secret", 8123
@@ -102,3 +104,17 @@ def test_the_server_listens_on_this_machine_alone_and_asks_for_json(serve, fitte
         == 422
     )
     assert status(f"{place.path}static/..%2f__init__.py") == status(f"{place.path}c/9/state") == 404
+
+
+def test_where_a_proposed_law_is_written_is_not_the_pages_to_say(fitted):
+    desk = Desk(fitted)
+    handed = []
+    desk.worker.submit = lambda job: handed.append(job) or True  # nothing is to be worked on here
+    try:
+        with pytest.raises(InputError, match="not the page's to say"):
+            desk.begin(0, "propose", {"model": "base", "file": "/tmp/law.py"}, "")
+        assert desk.begin(0, "propose", {"model": "base"}, "")
+    finally:
+        desk.close()
+    file = handed[0]["options"]["file"]
+    assert "effects/proposed_" in file and handed[0]["command"].endswith(f"base -o {file}")

@@ -10,7 +10,7 @@ const running = new Map(); // folder -> what is said of it while a batch runs
 export function build() {
   one('[data-panel="batch"]').append(
     h("h2", {}, "Campaigns"), h("p", {class: "muted", id: "batch-folder"}),
-    h("div", {class: "scroll"}, h("table", {class: "matrix", id: "batch"}, h("thead", {}, h("tr", {}, ...["Campaign", "Measured", "Models", "Verdict", "Next", "Now"].map(text => h("th", {scope: "col"}, text)))), h("tbody", {}))),
+    h("div", {class: "scroll"}, h("table", {class: "matrix", id: "batch"}, h("thead", {}, h("tr", {}, ...["Campaign", "Measured", "Models", "Verdict", "Next", "Now"].map(text => h("th", {scope: "col"}, text)))), h("tbody", {}, h("tr", {}, h("td", {colSpan: 6, class: "muted"}, "Reading the campaigns…"))))),
     h("div", {class: "buttons"}, h("button", {type: "button", id: "run-all", onclick: () => guarded(() => ask("../../batch", {}))}, "Run all of them")),
     h("p", {class: "muted", id: "tasks", role: "status"}));
 }

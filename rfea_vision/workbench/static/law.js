@@ -1,7 +1,8 @@
 // Write one's own law: a file that this user types or opens, checked while it is typed, played and fitted at once.
+import {manifest, state} from "../report/report.js";
 import {h, one} from "./dom.js";
 import {ask} from "./server.js";
-import {begin, campaign, go, guarded} from "./main.js";
+import {begin, campaign, go, guarded, onJob} from "./main.js";
 
 const law = {file: "", text: "", effects: [], version: 0};
 
@@ -9,11 +10,12 @@ export function build() {
   one('[data-panel="law"]').append(
     h("h2", {}, "Write a law of your own"),
     h("p", {class: "muted"}, "An effect is one class: parameters with units, the value at which each is absent, and the hooks that it changes. It is Python that runs with your rights, so nothing is ever opened from a campaign: only what you type here, or a file that you name."),
-    h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 44, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template")),
+    h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 44, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template"), h("button", {type: "button", id: "law-propose", onclick: propose}, "Propose one for what is left")),
     h("div", {class: "lawing"},
       h("textarea", {id: "law-text", rows: 30, spellcheck: false, autocapitalize: "off", aria: {label: "The law, in Python"}}),
       h("aside", {class: "beside"}, h("h3", {}, "What it says"), h("p", {id: "law-said", role: "status", class: "muted"}, "Nothing yet."), h("div", {id: "law-effects"}),
         h("div", {class: "buttons"}, h("button", {type: "button", id: "law-fit", disabled: true, onclick: fit}, "Fit with this law"), h("button", {type: "button", id: "law-play", disabled: true, onclick: playIt}, "Play with it")))));
+  onJob(event => { if (event.do === "propose" && event.event === "finished" && event.result) proposed(event.result); });
   const text = one("#law-text");
   let waiting = 0;
   text.addEventListener("input", () => { clearTimeout(waiting); allow(false); waiting = setTimeout(() => check(true), 400); });
@@ -33,6 +35,13 @@ function take(said) {
   return check(false); // nothing is written before the user does something
 }
 const template = () => guarded(() => ask("law/template", {}).then(take));
+// What the worker read from the residual torque of the rung that is chosen, opened to be changed and weighed.
+const propose = () => begin("propose", {model: manifest.rungs[state.rung]?.live ? undefined : manifest.rungs[state.rung]?.model}, "Propose a law for what is left");
+async function proposed({file, sentence}) {
+  go("law");
+  await guarded(() => ask("law/open", {file}).then(take));
+  one("#law-said").textContent = sentence;
+}
 const openFile = () => guarded(() => ask("law/open", {file: one("#law-file").value}).then(take));
 
 async function check(keep) {

@@ -1,5 +1,5 @@
 // The page: which step is shown, what is next, what is under way. The steps themselves are modules of their own.
-import {Figure, chooseExperiment, chooseRung, experiment, manifest, on, paintStage, play as playFilm, seek, setTheme, setTime, show, showTime, state, step, takeBlock, tell, toggleTheme, zoom, pose, poseTime, showMarks, forgetView, stage, toggleScale} from "../report/report.js";
+import {Figure, chooseExperiment, chooseRung, experiment, jumpToPeak, manifest, on, paintStage, play as playFilm, seek, setTheme, setTime, show, showTime, state, step, takeBlock, tell, toggleTheme, zoom, pose, poseTime, showMarks, forgetView, stage, toggleScale} from "../report/report.js";
 import {every, h, one} from "./dom.js";
 import {ask, get, here, listenTo, packetOf} from "./server.js";
 import * as add from "./add.js";
@@ -147,6 +147,14 @@ function wire() {
   listenTo(hear);
 }
 
+// Like the report, begin where the first rung fails most: a tube at rest shows nothing.
+function beginAtWorst() {
+  const worst = manifest.rungs[0]?.worst[0], index = manifest.experiments.findIndex(e => e.name === worst?.experiment);
+  if (index < 0) return;
+  chooseExperiment(index);
+  jumpToPeak(worst.from_s, worst.to_s);
+}
+
 async function start() {
   setTheme(document.documentElement.dataset.theme);
   state.same = false;
@@ -154,7 +162,7 @@ async function start() {
   for (const part of Object.values(steps)) part.build?.();
   Figure.all = every("[data-figure]").map(element => new Figure(element));
   wire();
-  if (here >= 0) await guarded(reload); else document.body.classList.add("folder");
+  if (here >= 0) { await guarded(reload); beginAtWorst(); } else document.body.classList.add("folder");
   route();
   document.documentElement.dataset.ready = "yes";
 }
