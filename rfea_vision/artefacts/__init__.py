@@ -17,7 +17,7 @@ from rfea_vision.artefacts.judgement import (
     Tie,
     WorstPlace,
 )
-from rfea_vision.artefacts.measurement import Actuator, Calibration, Hints, Recording, Track
+from rfea_vision.artefacts.measurement import Actuator, Calibration, Hints, Recording, Track, bend_sign
 
 __all__ = [
     "Actuator",
@@ -40,4 +40,5 @@ __all__ = [
     "Tie",
     "Track",
     "WorstPlace",
+    "bend_sign",
 ]

@@ -12,7 +12,7 @@ from rfea_vision.files import write_text
 
 
 class _Json(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="allow", ser_json_inf_nan="null", populate_by_name=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="null", populate_by_name=True)
 
     def save(self, path: Path) -> None:
         # An infinite or undefined number has no place in JSON: it is written as null.
@@ -90,6 +90,7 @@ class ModelFit(_Json):
     )  # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
     starts: list[dict[str, Any]] = Field(default_factory=list)  # the waterfall: {"start", "cost", "status"}
     residual_tests: dict[str, Any] = Field(default_factory=dict)
+    effect_files: list[str] = Field(default_factory=list)  # of the user's own effects
     given: dict[str, Any] = Field(default_factory=dict)  # SI: {"fixed": {}, "bounds": {}, "priors": {}, ...}
     profiles: dict[str, dict[str, Any]] = Field(
         default_factory=dict

@@ -22,6 +22,11 @@ if TYPE_CHECKING:  # quarter of a second of import that a simulation does not ne
 FloatArray = NDArray[np.float64]
 
 
+def bend_sign(bends: str) -> float:
+    """+1 of a tube that bends to the camera's left, as in the dynamics, -1 of one that bends right, which is mirrored there."""
+    return -1.0 if bends == "right" else 1.0
+
+
 @dataclass(frozen=True)
 class Actuator:
     """Dimensions and densities of the tube, or beam, at rest, in SI units.
@@ -56,6 +61,11 @@ class Actuator:
             raise InputError("actuator.section.width is missing; a rectangle has a width and a thickness")
         if self.kind == "custom" and self.mass_per_length is None and self.area is None:
             raise InputError("actuator.mass_per_length is missing; a custom section needs it, or the mass, or its area")
+
+    @property
+    def mirror(self) -> float:
+        """+1, or -1 where the tube bends right: see `bend_sign`."""
+        return bend_sign(self.bends)
 
     @property
     def offset(self) -> float:
@@ -240,7 +250,8 @@ class Recording:
     in kPa gauge; attributes ``experiment``, ``role``, ``bends``, ``sync_method``, ``offset_s`` (log clock minus camera
     clock), ``offset_stderr_s``, ``drift_ppm``, ``drift_stderr_ppm``, and optionally ``repeat_of``; of another rig than the
     paper's ``gravity_deg`` from down, positive in the direction of the bend, or ``gravity: none``; ``held_until_s`` on the
-    camera's clock where the tube was let go by hand (NaN: when it is seen to move); ``conditions``, a JSON mapping of SI
+    camera's clock where the tube was let go by hand (NaN: when it is seen to move), with ``pulled_N`` and ``pulled_deg`` (from down,
+    positive in the direction of the bend) where a force at its tip held it; ``conditions``, a JSON mapping of SI
     values. A run that carries the memory of others has ``earlier_pressure`` (earlier_time) too, in kPa before the log begins.
     Of several chambers ``pressure`` is the sum, each times its ``chamber_sign``, and ``chamber_pressure`` (chamber, log_time)
     what each had.

@@ -370,7 +370,8 @@ def _rig(parsed: ExperimentFile, actuator: Actuator, finder: _Finder) -> RigSpec
             finder.complain("conditions", str(error))
     start = parsed.start
     until = None if start is None or start.held_until == "auto" else float(start.held_until)
-    return RigSpec(gravity, plumb, start is not None, until, known)
+    pulled = None if start is None or start.force is None else (start.force, start.direction)
+    return RigSpec(gravity, plumb, start is not None, until, pulled, known)
 
 
 def _pressures(given: PressurePart | list[PressurePart] | None, finder: _Finder) -> PressureSpec:

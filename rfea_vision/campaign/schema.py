@@ -110,6 +110,7 @@ def _colour(value: object) -> object:
 
 Length = Annotated[float, _quantity("m", "4 mm", positive=True), _shown("4 mm")]
 Offset = Annotated[float, _quantity("m", "3 mm"), _shown("3 mm")]
+Force = Annotated[float, _quantity("N", "0.2 N", positive=True), _shown("0.2 N")]
 Area = Annotated[float, _quantity("m^2", "12 mm^2", positive=True), _shown("12 mm^2")]
 SecondMoment = Annotated[float, _quantity("m^4", "67500 mm^4", positive=True), _shown("67500 mm^4")]
 Mass = Annotated[float, _quantity("kg", "33.2 g", positive=True), _shown("33.2 g")]
@@ -171,9 +172,15 @@ class RigPart(_Part):
 
 
 class StartPart(_Part):
-    """A run that begins held by hand in the measured shape, and is let go: at a time, or when it is seen to move."""
+    """A run that begins held by hand in the measured shape, and is let go: at a time, or when it is seen to move.
+
+    With a `force`, a string pulls at the tip until it is cut; `direction` is that of the force from down, positive in the
+    direction that `actuator.bends` names.
+    """
 
     shape: Literal["measured"] = "measured"
+    force: Force | None = None
+    direction: Angle = 90.0
     held_until: Literal["auto"] | Duration = "auto"
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.artefacts import Actuator, Hints, bend_sign
 from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ def gravity_deg(given: str | float, bends: str) -> float | None:
     """Angle (deg) of gravity from down, positive in the direction of the bend, by word or given; None for ``none``."""
     if not isinstance(given, str):
         return given
-    return None if given == "none" else GRAVITY_DEG[given] * (1.0 if bends == "left" else -1.0)
+    return None if given == "none" else GRAVITY_DEG[given] * bend_sign(bends)
 
 
 @dataclass(frozen=True)
@@ -158,6 +158,7 @@ class RigSpec:
     gravity_deg : direction of gravity from down, positive in the direction of the bend; None where there is none in the plane
     plumb : two pixels on a line that hangs plumb, upper one first, where the direction of gravity is read from the picture
     held : whether the tube was held in the measured shape and let go; `held_until_s` None: when it is seen to move
+    pulled : force in N by which the tip was held, and its direction (deg) from down, positive in the direction of the bend
     conditions : parameters of effects that are known for this run, ``{"payload.m": 0.01}`` in SI
     """
 
@@ -165,6 +166,7 @@ class RigSpec:
     plumb: tuple[Pixel, Pixel] | None = None
     held: bool = False
     held_until_s: float | None = None
+    pulled: tuple[float, float] | None = None
     conditions: Mapping[str, float] = field(default_factory=dict)
 
 

@@ -12,6 +12,7 @@ from rfea_vision.fitting.noise import noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.solver import fit_clocks
+from rfea_vision.scatter import third_difference_noise
 
 FloatArray = NDArray[np.float64]
 #: Differences over frames up to this far apart are noise, not motion: a tenth of the period of the fastest ringing seen (5 Hz).
@@ -54,17 +55,9 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
     for item, gap in _gaps(problem, fitted):
         period = float(np.median(np.diff(item.time)))
         strides = range(1, max(1, int(NOISE_SPAN_S / period + 1e-6)) + 1)
-        seen.append(max((_spread(gap, stride) for stride in strides), default=0.0))
+        seen.append(max((float(np.linalg.norm(third_difference_noise(gap, stride))) for stride in strides), default=0.0))
     raised = float(np.sqrt(np.mean(np.square(seen))))
     return float(np.clip(raised, known, MOST_RAISED * known))
-
-
-def _spread(gap: FloatArray, stride: int) -> float:
-    third = gap[3 * stride :] - 3 * gap[2 * stride : -stride] + 3 * gap[stride : -2 * stride] - gap[: -3 * stride]
-    if third.shape[0] < 12:
-        return 0.0
-    sigma = np.median(np.abs(third - np.median(third, axis=0)), axis=0) / 0.6745 / np.sqrt(20)
-    return float(np.sqrt(np.sum(sigma**2)))
 
 
 def floors_of(problem: Problem, fitted: Fitted) -> Floors:

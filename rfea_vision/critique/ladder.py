@@ -13,7 +13,7 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import Comparison, Diagnosis, Ladder, ModelFit, Rung
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.comparison import compare, goes_with
-from rfea_vision.critique.diagnosis import Judgement, judge, refit_artefact
+from rfea_vision.critique.diagnosis import judge, refit_artefact
 from rfea_vision.critique.measures import common_runs, delta_bic, matters
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.critique.refinement import TITLE as SEGMENTS_TITLE
@@ -29,7 +29,8 @@ from rfea_vision.fitting.scoring import as_artefact, score
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
 
-OnRung = Callable[[ModelFit, dict[str, xr.Dataset], Comparison, Diagnosis], None]
+#: Model, its predictions, its comparison, its diagnosis, and the pressure to play next (time in s, kPa) if there is one.
+OnRung = Callable[[ModelFit, dict[str, xr.Dataset], Comparison, Diagnosis, xr.Dataset | None], None]
 #: No more than so many effects are added: with more, the parameters of an RSDA model outnumber what a bend can tell.
 MOST_RUNGS = 8
 
@@ -265,19 +266,8 @@ def _judged(
     )
     climb.note(artefact, judgement.diagnosis)
     if on_rung is not None:
-        told = judgement.diagnosis.model_copy(update={"next_pressure": _as_lists(judgement)})
-        on_rung(artefact, predictions, comparison, told)
+        on_rung(artefact, predictions, comparison, judgement.diagnosis, judgement.next_pressure)
     return judgement.diagnosis
-
-
-def _as_lists(judgement: Judgement) -> dict[str, Any] | None:
-    pressure = judgement.next_pressure
-    if pressure is None:
-        return None
-    return {
-        "time_s": pressure["log_time"].values.tolist(),
-        "pressure_kPa": pressure["pressure"].values.round(4).tolist(),
-    }
 
 
 def _without_test(recordings: Mapping[str, Recording]) -> dict[str, Recording]:

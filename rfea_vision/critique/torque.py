@@ -21,8 +21,8 @@ from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.dynamics.inverse import joint_torques
 from rfea_vision.dynamics.simulation import Model
-from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.prediction import observe_as_scored
 from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import rebuild
@@ -168,7 +168,7 @@ def all_residual_torques(
     for name, recording in recordings.items():
         if recording.role not in ("train", "validate"):
             continue
-        item = observe_recording(recording)
+        item = observe_as_scored(artefact, recording)
         score = artefact.experiments.get(name)
         clock = 0.0 if score is None else score.nuisance.get("clock_offset_s", 0.0)
         result = residual_torque(model, par, item, clock)

@@ -16,6 +16,7 @@ from rfea_vision.dynamics.equilibrium import equilibrium
 from rfea_vision.dynamics.excitation import Excitation, lagged
 from rfea_vision.dynamics.integration import Course, Trace, integrate
 from rfea_vision.dynamics.motion import Motion, Steady
+from rfea_vision.dynamics.pulled import steady_under_force
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
 from rfea_vision.effects.base import LINE_HOOKS
@@ -323,12 +324,14 @@ class Model:
         *,
         start: tuple[FloatArray, FloatArray] | None = None,
         held: FloatArray | None = None,
+        pulled: FloatArray | None = None,
     ) -> Motion:
         """Run along the excitation; read the motion off at `frames_s` (sorted, inside the excitation).
 
         From the steady state at the first pressure, or from joint angles (rad) and rates (rad/s), each (n,), in `start`;
         hidden states are then zero and the start does not depend on the parameters. With `held`, joint angles (rad) in which
-        the tube was kept until the excitation begins, it is let go from there, its hidden states relaxed.
+        the tube was kept until the excitation begins, it is let go from there, its hidden states relaxed; with `pulled`, from
+        where a force (2,) in N at its tip held it.
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
@@ -344,7 +347,10 @@ class Model:
             first_drive = None if excitation.drive is None else excitation.drive[0]
             pressure, change = self.combined(par, excitation)
             first_change = None if change is None else change[0]
-            rest = self.steady(par, pressure[0], list(free), drive=first_drive, fall=True, change=first_change)
+            if pulled is None:
+                rest = self.steady(par, pressure[0], list(free), drive=first_drive, fall=True, change=first_change)
+            else:
+                rest = self._pulled(par, pressure[0], pulled, list(free), first_change)
             if not rest.found:
                 message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
                 return Motion(1, message, out_phi, out_om, out_z, out_S, index, pivot=pivot)
@@ -363,6 +369,17 @@ class Model:
         )
         message = "" if status == OK else _why(status, done, taken, excitation)
         return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot, taken)
+
+    def _pulled(
+        self, par: FloatArray, pressure: float, force: FloatArray, free: Sequence[int], change: FloatArray | None
+    ) -> Steady:
+        """Steady state under a force (2,) in N at the tip."""
+
+        def solve(torques: FloatArray, start: FloatArray | None, derivatives: bool) -> Steady:
+            wanted = free if derivatives else ()
+            return self.steady(par, pressure, wanted, start=start, drive=torques, fall=start is None, change=change)
+
+        return steady_under_force(self.chain, np.asarray(force, dtype=float), solve)
 
     def _held(self, par: FloatArray, theta: FloatArray, pressure: float, free: NDArray[np.int64]) -> tuple[Any, ...]:
         """Start of a run that is let go: a shape that does not depend on the parameters, hidden states that may."""

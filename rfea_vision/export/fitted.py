@@ -25,10 +25,10 @@ def fitted_model(fit: ModelFit) -> tuple[Model, FloatArray]:
         The fit lacks a parameter of the model, or names an effect that nobody declares.
     """
     ids, places = parse_effects(fit.effects, fit.segments)
-    effects = find_effects(ids, [Path(file) for file in (fit.model_extra or {}).get("effect_files", ())])
+    effects = find_effects(ids, [Path(file) for file in fit.effect_files])
     actuator = Actuator(**fit.actuator)
     chain = Chain.tube(actuator, fit.segments, fit.joints)
-    model = Model(chain, effects, mirror=-1.0 if actuator.bends == "right" else 1.0, at=places)
+    model = Model(chain, effects, mirror=actuator.mirror, at=places)
     if model.law.chambers:
         raise InputError(
             f"model '{fit.name}' has effects at the chamber {model.law.chambers[0]}; an exported model has one pressure: fit it without"

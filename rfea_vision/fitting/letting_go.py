@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.dynamics.chain import Chain
 from rfea_vision.errors import DataError
+from rfea_vision.scatter import scatter as robust
 
 FloatArray = NDArray[np.float64]
 #: The tube moves once it has left its held place by this many times the scatter there, and by this share of its whole way.
@@ -22,12 +24,18 @@ class Held:
     """The tube while it was held, SI, in the dynamics' frame.
 
     until_s : on the log's clock; line (m, 2) : points of the centre line from clamp to tip, mean over the held frames, none where only
-    an angle was measured; angle : of the tip (rad), NaN where it was not measured
+    an angle was measured; angle : of the tip (rad), NaN where it was not measured; force (2,) : in N, where a known one at the tip
+    held it, which then says the shape
     """
 
     until_s: float
     line: FloatArray
     angle: float
+    force: FloatArray | None = None
+
+    def start(self, chain: Chain) -> dict[str, Any]:
+        """How a simulation begins, as keywords of `Model.simulate`."""
+        return {"held": self.joint_angles(chain)} if self.force is None else {"pulled": self.force}
 
     def joint_angles(self, chain: Chain) -> FloatArray:
         """Angles (n,) of the joints in the held shape.
@@ -82,7 +90,7 @@ def letting_go(name: str, time: FloatArray, signal: FloatArray, until_s: float) 
         first = int(np.searchsorted(time, until_s))
     else:
         still = signal[:FEWEST_HELD]
-        scatter = np.maximum(1.4826 * np.median(np.abs(np.diff(signal, axis=0)), axis=0) / np.sqrt(2), 1e-12)
+        scatter = np.maximum(robust(np.diff(signal, axis=0)) / np.sqrt(2), 1e-12)
         scatter = np.minimum(scatter, np.maximum(np.std(still, axis=0), 1e-12))
         limit = np.maximum(CLEAR_SIGMAS * scatter, CLEAR_SHARE * np.ptp(signal, axis=0).max())
         away = np.any(np.abs(signal - np.median(still, axis=0)) > limit, axis=1)

@@ -8,23 +8,14 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.scatter import third_difference_noise
 
 FloatArray = NDArray[np.float64]
 
 
 def white_noise_mm(tip_mm: FloatArray) -> float:
-    """Noise of a tip track (frames, 2) in the norm of the tip RMSE, from its own high frequencies.
-
-    Third differences remove any motion that is smooth over four frames; the median makes single jumps harmless.
-    """
-    if tip_mm.shape[0] < 12:
-        return 0.0
-    third = np.diff(tip_mm, n=3, axis=0)
-    third = third[np.all(np.isfinite(third), axis=1)]
-    if third.shape[0] < 8:
-        return 0.0
-    sigma = np.median(np.abs(third - np.median(third, axis=0)), axis=0) / 0.6745 / np.sqrt(20)
-    return float(np.sqrt(np.sum(sigma**2)))
+    """Noise of a tip track (frames, 2) in the norm of the tip RMSE, from its own high frequencies."""
+    return float(np.linalg.norm(third_difference_noise(tip_mm)))
 
 
 def noise_floor_mm(

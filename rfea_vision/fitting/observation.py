@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.artefacts.measurement import Recording, bend_sign
 from rfea_vision.dynamics.excitation import LONGEST_STEP_S
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
 from rfea_vision.errors import DataError
@@ -91,8 +91,10 @@ def _without_jumps(points: FloatArray, angle: FloatArray, sigma: FloatArray) -> 
     return (deviation <= max(scale, 1e-9)) | (deviation < 0.5 * np.median(spread))
 
 
-def observe_recording(recording: Recording, observe: Observe | None = None) -> Observed:
-    """Prepare a recording.
+def observe_recording(
+    recording: Recording, observe: Observe | None = None, *, longest_step_s: float | None = None
+) -> Observed:
+    """Prepare a recording, to be simulated in steps no longer than those given; by default what log and frames can show.
 
     Raises
     ------
@@ -114,7 +116,7 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
             f"experiment {name}: only {int(valid.sum())} valid frames lie within the pressure log; "
             "check the track's reasons (`rfea check`) and the clock offset"
         )
-    mirror = -1.0 if str(data.attrs.get("bends", "left")) == "right" else 1.0
+    mirror = bend_sign(data.attrs.get("bends", "left"))
     fractions, points, normals, sigma = _points(recording, valid, mirror)
     count = int(valid.sum())
     angle = np.deg2rad(data["bend_angle"].values[valid]) if "bend_angle" in data else np.full(count, np.nan)
@@ -146,7 +148,7 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         from_s, unknown_before_s = _beginning(
             log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
         )
-    step_s = _longest_step_s(log_time, time[valid])
+    step_s = longest_step_s or _longest_step_s(log_time, time[valid])
     excitation = Excitation.from_log(log_time, pressure, from_s, float(time[valid][-1]) + 0.25, step_s, chambers)
     # A hand lets go when it does: where nothing but that is timed by the log's clock, the moment is found with the fit.
     let_go = held is not None and bool(np.ptp(pressure) < 1e3)
@@ -246,7 +248,11 @@ def _held(
         told = when_let_go(time[keep], signal, first)
     line = points[shown].mean(axis=0) if points.shape[1] else np.zeros((0, 2))
     free = keep & (time >= told)
-    return Held(told, line, float(np.mean(angle[shown]))), free
+    force = None
+    if "pulled_N" in attributes:
+        way = np.deg2rad(float(attributes["pulled_deg"]))
+        force = float(attributes["pulled_N"]) * np.array([-np.sin(way), -np.cos(way)])
+    return Held(told, line, float(np.mean(angle[shown])), force), free
 
 
 def _beginning(

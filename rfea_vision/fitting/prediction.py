@@ -33,7 +33,7 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     for name, recording in recordings.items():
         if recording.role == "ignore":
             continue
-        item = with_zeros(observe_recording(recording), options_of(model))
+        item = observe_as_scored(model, recording)
         score = model.experiments.get(name)
         clock = score.nuisance.get("clock_offset_s") if score is not None else None
         if clock is None:
@@ -42,6 +42,13 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
             _spread(simulator, par, item, recording, clock, known)
         )
     return out
+
+
+def observe_as_scored(model: ModelFit, recording: Recording) -> Observed:
+    """Prepare a recording as it was when the model was scored on it: with the same steps, and the same freedom of the zero."""
+    score = model.experiments.get(recording.name)
+    item = observe_recording(recording, longest_step_s=None if score is None else score.step_s)
+    return with_zeros(item, options_of(model))
 
 
 def _known_parameters(model: ModelFit, names: Sequence[str]) -> tuple[list[int], np.ndarray, float]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import Predicted
+from rfea_vision.scatter import scatter
 
 FloatArray = NDArray[np.float64]
 
@@ -72,7 +73,7 @@ def count_jumps(item: Observed, predicted: Predicted) -> int:
     bend = np.diff(gap, n=2, axis=0)
     near = np.diff(item.time[1:-1]) < 1.5 * np.median(np.diff(item.time))
     noise = item.sigma[:, -1] if item.has_tip else item.angle_sigma
-    scale = np.maximum(np.median(np.abs(bend), axis=0) / 0.6745, np.sqrt(6) * float(np.median(noise)))
+    scale = np.maximum(scatter(bend), np.sqrt(6) * float(np.median(noise)))
     # A step in position bends the curve one way and at once the other; a blow only bends it.
     far = np.minimum(np.abs(bend[1:]), np.abs(bend[:-1])) > JUMP * scale
     return int(np.sum(np.any(far & (bend[1:] * bend[:-1] < 0), axis=1) & near))

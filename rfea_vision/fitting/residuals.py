@@ -88,8 +88,8 @@ def why_not(model: Model, par: FloatArray, item: Observed, clock_s: float = 0.0)
     """Why an experiment cannot be simulated: when, where in the log, and why. Empty where it can."""
     frames = np.clip(item.time + clock_s, item.excitation.start_s, item.excitation.end_s)
     rigged, values = _as_set_up(model, par, item)
-    held = None if item.held is None else item.held.joint_angles(model.chain)
-    message = rigged.simulate(values, item.excitation, frames, held=held).message
+    start = {} if item.held is None else item.held.start(model.chain)
+    message = rigged.simulate(values, item.excitation, frames, **start).message
     if message or predict_observed(model, par, item, (), clock_s) is not None:
         return message
     return "the start of the run, which the log does not tell, could not be found"
@@ -122,8 +122,8 @@ def _predict(
     row = model.law.time_shift(par, model._constants, item.time - item.middle_s)[0]
     shift = np.broadcast_to(np.asarray(row[0], dtype=float), item.time.shape)
     frames = np.clip(item.time + shift + clock_s, item.excitation.start_s, item.excitation.end_s)
-    held = None if item.held is None else item.held.joint_angles(model.chain)
-    motion = model.simulate(par, item.excitation, frames, free, held=held)
+    start = {} if item.held is None else item.held.start(model.chain)
+    motion = model.simulate(par, item.excitation, frames, free, **start)
     if not motion.ok:
         return None
     free = list(free)

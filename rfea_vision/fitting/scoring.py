@@ -210,7 +210,7 @@ def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) ->
         segments_study=list(fitted.study),
         timings=fitted.study_seconds,
         laws=_laws(fitted),
-        effect_files=[str(p) for p in options.effect_files],  # type: ignore[call-arg]
+        effect_files=[str(p) for p in options.effect_files],
     )
 
 
@@ -275,7 +275,7 @@ def options_of(artefact: ModelFit) -> FitOptions:
         joints=artefact.joints,
         effects=tuple(artefact.effects),
         observe=artefact.observe,  # type: ignore[arg-type]
-        effect_files=tuple(Path(p) for p in (artefact.model_extra or {}).get("effect_files", ())),
+        effect_files=tuple(Path(p) for p in artefact.effect_files),
         fixed={name: p.value for name, p in artefact.parameters.items() if p.fixed},
         bounds={name: (float(v[0]), float(v[1])) for name, v in given.get("bounds", {}).items()},
         priors={name: (float(v[0]), float(v[1])) for name, v in given.get("priors", {}).items()},
@@ -288,5 +288,5 @@ def options_of(artefact: ModelFit) -> FitOptions:
 def rebuild(artefact: ModelFit) -> tuple[Model, FloatArray]:
     """The model, with the integrator that its values were refined for, and its parameter vector from `model.json`."""
     actuator = Actuator(**artefact.actuator)
-    model = make_model(actuator, options_of(artefact), -1.0 if actuator.bends == "right" else 1.0)
+    model = make_model(actuator, options_of(artefact), actuator.mirror)
     return replace(model, order=artefact.order), np.array([artefact.parameters[name].value for name in model.names])

@@ -10,12 +10,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from rfea_vision.artefacts import Track
+from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.errors import InputError
 from rfea_vision.readers.columns import in_unit
 from rfea_vision.readers.kinds.base import Table
 from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
 from rfea_vision.readers.tables import read_table
+from rfea_vision.scatter import third_difference_noise
 
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import TrackSpec
@@ -114,8 +115,7 @@ def noise_of(values: FloatArray) -> float:
     """
     if len(values) < 8:
         return float(np.ptp(values, axis=0).max() / np.sqrt(12.0)) or 1e-3
-    third = np.diff(values, n=3, axis=0)
-    spread = np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0)  # 1 + 9 + 9 + 1: the variance of a third difference
+    spread = float(np.sqrt(np.mean(third_difference_noise(values) ** 2)))
     steps = np.abs(np.diff(np.sort(values, axis=0), axis=0))
     steps = steps[steps > 1e-9 * max(1.0, float(np.abs(values).max()))]
     rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 1e-3
@@ -209,7 +209,7 @@ def _tip_angle(nodes: FloatArray, sigma: FloatArray, bends: str) -> tuple[FloatA
     """Return the tangent's angle at the tip and its standard error, deg, by a straight line through the last chords."""
     chords = np.diff(nodes, axis=1)
     lengths = np.linalg.norm(chords, axis=2)
-    sign = 1.0 if bends == "left" else -1.0
+    sign = bend_sign(bends)
     phi = np.unwrap(np.arctan2(-sign * chords[..., 0], -chords[..., 1]), axis=1)  # 0 hanging straight down
     count = min(_LAST_CHORDS, phi.shape[1])
     place = np.arange(count) + 0.5  # middles of the chords, in chords

@@ -194,10 +194,7 @@ def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Step:
     else:
         absent["prediction"] = f"{rung.model} has no prediction.nc: run `rfea compare`."
     pressure = None
-    given = (pieces["diagnosis"].model_extra or {}).get("next_pressure") if pieces["diagnosis"] else None
-    if given:
-        pressure = (given["time_s"], given["pressure_kPa"])
-    elif pieces["diagnosis"] and pieces["diagnosis"].next_experiment:
+    if pieces["diagnosis"] and pieces["diagnosis"].next_experiment:
         pressure = _load(
             _read_pressure, _find(folder, room, pieces["diagnosis"].next_experiment.pressure), "next_experiment", absent
         )

@@ -383,6 +383,8 @@ def rig_attributes(experiment: ExperimentSpec) -> dict[str, Any]:
         found["gravity_deg"] = rig.gravity_deg
     if rig.held:
         found["held_until_s"] = np.nan if rig.held_until_s is None else rig.held_until_s
+    if rig.pulled is not None:
+        found["pulled_N"], found["pulled_deg"] = rig.pulled
     if rig.conditions:
         found["conditions"] = json.dumps(dict(rig.conditions), sort_keys=True)
     return found

@@ -26,7 +26,6 @@ from rfea_vision.stages.products import (
     save_diagnosis,
     save_prediction,
     save_timings,
-    without_pressure,
 )
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored, values
@@ -171,8 +170,7 @@ def _diagnosed(
     diagnosis, experiment = diagnose_model(
         model, recordings, options, where=compared.where, goes_with=goes_with(compared), progress=progress
     )
-    pressure = None if experiment is None else (experiment["log_time"].values, experiment["pressure"].values)
-    return diagnosis, save_diagnosis(folder, diagnosis, pressure), diagnosis.sentence or diagnosis.verdict
+    return diagnosis, save_diagnosis(folder, diagnosis, experiment), diagnosis.sentence or diagnosis.verdict
 
 
 def propose(work: Runner, name: str, file: Path | None) -> Proposal:
@@ -207,9 +205,13 @@ def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Sto
             work.listener.note(f"{describe_rung(rungs[-1][0])} (as before)")
 
         def on_rung(
-            model: ModelFit, predictions: Mapping[str, xr.Dataset], comparison: Comparison, diagnosis: Diagnosis
+            model: ModelFit,
+            predictions: Mapping[str, xr.Dataset],
+            comparison: Comparison,
+            diagnosis: Diagnosis,
+            pressure: xr.Dataset | None,
         ) -> None:
-            rung = (model, predictions, comparison, diagnosis)
+            rung = (model, predictions, comparison, diagnosis, pressure)
             outputs.extend(_save_rung(work, options, critique, recordings, actuator, rung))
             rungs.append((rung_of(model, diagnosis, rungs), diagnosis))
             so_far = [rung for rung, _ in rungs]
@@ -295,10 +297,10 @@ def _save_rung(
     critique: CritiqueOptions,
     recordings: Recordings,
     actuator: Actuator,
-    rung: tuple[ModelFit, Mapping[str, xr.Dataset], Comparison, Diagnosis],
+    rung: tuple[ModelFit, Mapping[str, xr.Dataset], Comparison, Diagnosis, xr.Dataset | None],
 ) -> list[Path]:
     """Write a rung's artefacts, and note them as if fit, compare and diagnose had been called one by one."""
-    model, predictions, comparison, diagnosis = rung
+    model, predictions, comparison, diagnosis, pressure = rung
     model = model.model_copy(update={"inputs": work.raw_inputs()})
     folder = model_folder(work, model.name)
     fit_files = [folder / "model.json", folder / "prediction.nc"]
@@ -309,7 +311,7 @@ def _save_rung(
     work.remember(_fit_stage(work, own, recordings, actuator), fit_files)
     comparison.save(folder / "comparison.json")
     work.remember(_compare_stage(work, model.name), [folder / "comparison.json"])
-    outputs = save_diagnosis(folder, *without_pressure(diagnosis))
+    outputs = save_diagnosis(folder, diagnosis, pressure)
     work.remember(_diagnose_stage(work, model.name, recordings, critique), outputs)
     return [*fit_files, folder / "comparison.json", *outputs]
 

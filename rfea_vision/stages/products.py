@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import xarray as xr
@@ -42,25 +41,17 @@ def save_timings(folder: Path, model: ModelFit) -> None:
         write_text(folder / "timings.json", json.dumps({"segments_study_s": model.timings}, indent=1) + "\n")
 
 
-def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: tuple[Any, Any] | None) -> list[Path]:
-    """Write the diagnosis, and the pressure to play next (s, kPa) as a CSV beside it."""
+def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: xr.Dataset | None) -> list[Path]:
+    """Write the diagnosis, and the pressure (kPa) over log_time (s) to play next as a CSV beside it."""
     outputs = [folder / "diagnosis.json"]
     if pressure is not None and diagnosis.next_experiment is not None:
         path = folder / Path(diagnosis.next_experiment.pressure).name
-        columns = {"time_s": pressure[0], "pressure_kPa": pressure[1]}
+        columns = {"time_s": pressure["log_time"].values, "pressure_kPa": pressure["pressure"].values}
         with whole_file(path) as temporary:
             pd.DataFrame(columns).to_csv(temporary, float_format="%.6g", index=False)
         outputs.append(path)
     diagnosis.save(outputs[0])
     return outputs
-
-
-def without_pressure(diagnosis: Diagnosis) -> tuple[Diagnosis, tuple[Any, Any] | None]:
-    """Take the next experiment's pressure, which a rung carries with it, out of its diagnosis."""
-    content = diagnosis.model_dump(by_alias=True)
-    given = content.pop("next_pressure", None)
-    pressure = None if given is None else (given["time_s"], given["pressure_kPa"])
-    return Diagnosis.model_validate(content), pressure
 
 
 def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, Diagnosis]]) -> Rung:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
+from rfea_vision.scatter import scatter
 from rfea_vision.sync.motion import Alignment
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +35,7 @@ def switch_times(time_s: FloatArray, signal: FloatArray) -> tuple[FloatArray, ND
     if len(value) < 3:
         return np.empty(0), np.empty(0, dtype=np.int64)
     low, high = np.percentile(value, [1, 99])
-    noise = float(np.median(np.abs(np.diff(value)))) / 0.954
+    noise = float(scatter(np.diff(value))) / np.sqrt(2)
     if not high - low > max(LEAST_CONTRAST * noise, 1e-9):  # flashes that are seldom on lie beyond the percentiles
         low, high = value.min(), value.max()
         noise *= FLASH_CONTRAST / LEAST_CONTRAST

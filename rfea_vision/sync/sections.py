@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from rfea_vision.artefacts import Track
+from rfea_vision.artefacts import Track, bend_sign
 
 FloatArray = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def motion_of(track: Track, bends: str) -> Motion:
     """Valid frames of a track as a `Motion`; midline, bend angle or tip, whichever is the first there."""
     dataset, valid = track.dataset, track.valid
     time = track.time_s[valid]
-    sign = 1.0 if bends == "left" else -1.0
+    sign = bend_sign(bends)
     length, modal = 1.0, False
     if "midline" in dataset:
         found, length = _modes(dataset["midline"].values[valid] * 1e-3, sign)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.artefacts import bend_sign
 from rfea_vision.campaign.specs import gravity_deg
 from rfea_vision.files import whole_file
 from rfea_vision.twin.camera import Camera, camera_over, turn
@@ -148,7 +149,7 @@ class Studio:
         radius = 1e3 * options.actuator.outer_radius
         # The camera stands level: what points down in the frame of the rig points elsewhere in the picture.
         bends = options.actuator.bends
-        angle = np.radians(gravity_deg(options.gravity, bends) or 0.0) * (1.0 if bends == "left" else -1.0)
+        angle = np.radians(gravity_deg(options.gravity, bends) or 0.0) * bend_sign(bends)
         self.level = turn(0.0, 0.0, angle)[:2, :2]  # from the rig's axes to camera-right and up
         nodes = np.concatenate([posture.line(np.linspace(0, 1, 33))[0].reshape(-1, 2) for posture in postures])
         nodes = nodes @ self.level.T

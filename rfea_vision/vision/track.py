@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rfea_vision.artefacts import Actuator, Calibration, Hints, Track
+from rfea_vision.artefacts import Actuator, Calibration, Hints, Track, bend_sign
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
@@ -249,7 +249,7 @@ def down_direction(camera: FloatArray, vertical: str | dict[str, Any], middle_px
 
 def turned(gravity: FloatArray, gravity_deg: float, bends: str) -> FloatArray:
     """Direction (2,) in which the unloaded tube points, where gravity lies `gravity_deg` from it towards the side of the bend."""
-    angle = np.deg2rad(gravity_deg) * (1.0 if bends == "left" else -1.0)
+    angle = np.deg2rad(gravity_deg) * bend_sign(bends)
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * gravity[0] - s * gravity[1], s * gravity[0] + c * gravity[1]])
 
@@ -262,7 +262,7 @@ def gravity_seen_deg(calibration: Calibration, down: FloatArray, plumb_px: Array
     plumb_px : (2, 2) two points in px on a line that hangs plumb, upper one first
     """
     upper, lower = unproject(camera_vector(calibration), np.asarray(plumb_px, dtype=float))
-    gravity, side = lower - upper, 1.0 if bends == "left" else -1.0
+    gravity, side = lower - upper, bend_sign(bends)
     return float(np.rad2deg(np.arctan2(side * (down[1] * gravity[0] - down[0] * gravity[1]), down @ gravity)))
 
 

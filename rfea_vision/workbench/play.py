@@ -59,8 +59,7 @@ class Chosen:
         """
         actuator = Actuator(**self.fit.actuator)
         options = replace(options_of(self.fit), effects=self.effects, effect_files=self.files)
-        mirror = -1.0 if actuator.bends == "right" else 1.0
-        return replace(make_model(actuator, options, mirror), order=EXACT_ORDER, tolerance=TOLERANCE)
+        return replace(make_model(actuator, options, actuator.mirror), order=EXACT_ORDER, tolerance=TOLERANCE)
 
 
 @dataclass(frozen=True)

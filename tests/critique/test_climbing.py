@@ -24,7 +24,7 @@ RIVALS = ("payload", "gravity_tilt")
 def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign):
     recordings, actuator = campaign(TILT)
     whole: list[tuple[Any, Any]] = []
-    ladder = improve(recordings, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d: whole.append((m, d)))
+    ladder = improve(recordings, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d, _: whole.append((m, d)))
     again: list[str] = []
     resumed = improve(
         recordings,
@@ -32,7 +32,7 @@ def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign):
         OPTIONS,
         candidates=RIVALS,
         finished=whole[:1],
-        on_rung=lambda m, p, c, d: again.append(m.name),
+        on_rung=lambda m, p, c, d, _: again.append(m.name),
     )
     assert again == [whole[1][0].name], "only what was not finished is fitted and judged"
     assert [r.model for r in resumed.rungs] == [r.model for r in ladder.rungs]
@@ -71,7 +71,7 @@ def test_an_inclinometer_is_judged_in_degrees(campaign):
     recordings, actuator = campaign(TILT)
     inclined = {name: Recording(_angle_alone(r)) for name, r in recordings.items()}
     rungs: list[Any] = []
-    ladder = improve(inclined, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d: rungs.append(d))
+    ladder = improve(inclined, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d, _: rungs.append(d))
     assert rungs[0].noise_floor_mm is None and rungs[0].noise_floor_deg > 0
     for candidate in rungs[0].candidates:
         assert candidate.train_rmse_mm is None and candidate.predicted_rmse_deg is not None

@@ -32,7 +32,7 @@ def climbed(campaign: Any, candidates: tuple[str, ...] = RIVALS, **options: Any)
         actuator,
         OPTIONS,
         candidates=candidates,
-        on_rung=lambda m, p, c, d: rungs.append((m, p, c, d)),
+        on_rung=lambda m, p, c, d, _: rungs.append((m, p, c, d)),
         **options,
     )
     return ladder, rungs

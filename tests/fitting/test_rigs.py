@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from rfea_vision.artefacts import Actuator, Recording
+from rfea_vision.artefacts import Actuator, ModelFit, Recording
+from rfea_vision.artefacts.judgement import ExperimentScore
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.catalogue import catalogue, find_effects
 from rfea_vision.errors import InputError
 from rfea_vision.fitting import FitOptions, fit_model
 from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observation import observe_recording
+from rfea_vision.fitting.prediction import observe_as_scored
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.steady import bending_angle
 
@@ -146,6 +148,16 @@ def test_lever_lag_and_zero_of_each_chamber_are_found(chambers):
         assert found.value == pytest.approx(value, abs=max(4 * found.stderr, 0.01 * value)), name
 
 
+def test_what_is_predicted_takes_the_steps_that_were_scored(chambers):
+    """A model that was scored in other steps than a later version would take is predicted in its own."""
+    recording = chambers["a"]
+    usual = observe_recording(recording).excitation.step_s
+    score = ExperimentScore(role="train", step_s=usual / 2)
+    model = ModelFit(name="base", segments=4, parameters={}, metrics={}, experiments={"a": score})
+    assert observe_as_scored(model, recording).excitation.step_s == usual / 2
+    assert observe_as_scored(model.model_copy(update={"experiments": {}}), recording).excitation.step_s == usual
+
+
 def test_derivatives_by_the_effects_of_a_chamber(chambers):
     item = observe_recording(chambers["a"])
     model = Model(Chain.tube(ROD, SEGMENTS), find_effects((*OWN, "pressure_lag")))
@@ -163,3 +175,56 @@ def test_an_effect_at_a_chamber_that_there_is_not_is_refused(chambers):
         fit_model(chambers, ROD, FitOptions(segments=SEGMENTS, effects=("pressure_lag@middle",)))
     with pytest.raises(InputError, match=r"maxwell@right.*the number of a joint"):
         fit_model(chambers, ROD, FitOptions(segments=SEGMENTS, effects=("maxwell@right",)))
+
+
+CUT_S, PULL_N = 0.5, 1.2
+
+
+def _pulled(load_N, seed):
+    """The beam under a string at its tip that is cut, hanging; its tip as motion capture sees it."""
+    model = Model(Chain.tube(BEAM, SEGMENTS))
+    force = load_N * np.array([-1.0, 0.0])
+    time = np.arange(0, 2.5, 0.01)
+    excitation = Excitation(CUT_S, 1e-3, np.zeros(2101))
+    motion = model.simulate(TRUTH, excitation, time[time >= CUT_S], pulled=force)
+    tip = np.empty((time.size, 2))
+    tip[time >= CUT_S] = model.centre_line(motion, np.array([1.0]))[0][:, 0] * 1e3
+    tip[time < CUT_S] = tip[time >= CUT_S][0]
+    tip += np.random.default_rng(seed).normal(0, 0.01, tip.shape)
+    data = xr.Dataset(
+        {
+            "valid": ("time", np.ones(time.size, np.int8)),
+            "reason": ("time", np.full(time.size, "", dtype=object)),
+            "tip": (("time", "xy"), tip),
+            "pressure": ("log_time", np.zeros(400)),
+        },
+        coords={"time": time, "log_time": np.arange(400) * 0.01 - 0.5},
+        attrs={"experiment": "string", "role": "train", "bends": "left", "held_until_s": CUT_S}
+        | {"pulled_N": load_N, "pulled_deg": 90.0, "offset_s": 0.0},
+    )
+    return Recording(data)
+
+
+def test_a_string_that_is_cut_tells_the_stiffness_without_a_measured_shape():
+    found = fit_model({"string": _pulled(PULL_N, 4)}, BEAM, FitOptions(segments=SEGMENTS))
+    assert found.parameters["k_ref"].value == pytest.approx(TRUTH[0], rel=0.005)
+    assert found.metrics["train"].tip_rmse_mm < 0.03
+
+
+def test_a_force_at_the_tip_bends_as_a_cantilever_and_its_derivatives_are_right():
+    model = Model(Chain.tube(BEAM, 24), gravity=0.0)
+    par = TRUTH.copy()
+    par[0] *= 24 / SEGMENTS
+    times = np.array([0.0, 0.05])
+    excitation = Excitation(0.0, 1e-3, np.zeros(101))
+    force = np.array([-0.05, 0.02])
+    motion = model.simulate(par, excitation, times, range(7), pulled=force)
+    tip = model.centre_line(motion, np.array([1.0]))[0][0, 0]
+    flexural = par[0] * BEAM.length / 24  # of joints that each stand for a 24th of the length
+    assert tip[0] == pytest.approx(-0.05 * BEAM.length**3 / (3 * flexural), rel=0.01)
+    for k in (0, 2):
+        step = 1e-4 * par[k] * np.eye(7)[k]
+        above, below = (model.simulate(par + way * step, excitation, times, pulled=force).phi for way in (1, -1))
+        difference = (above - below) / (2e-4 * par[k])
+        smallest = 1e-6 * np.abs(difference).max()
+        np.testing.assert_allclose(motion.sensitivity[:, :, k], difference, rtol=1e-4, atol=smallest)

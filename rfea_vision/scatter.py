@@ -1,0 +1,30 @@
+"""Noise of a series from its own scatter: what changes slowly, or in less than half of the record, does not count."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+#: Median distance of a standard normal law from its median: its quantile at three quarters.
+NORMAL = 0.6744897501960817
+
+
+def scatter(values: ArrayLike, axis: int = 0) -> FloatArray:
+    """Standard deviation along an axis that outliers do not move: the median distance from the median, scaled to a normal law."""
+    from scipy.stats import median_abs_deviation  # a third of a second to import
+
+    return np.asarray(median_abs_deviation(values, axis=axis, scale=NORMAL))
+
+
+def third_difference_noise(values: FloatArray, stride: int = 1) -> FloatArray:
+    """Standard deviation (columns,) of white noise on an evenly sampled series (time, columns), from its third differences.
+
+    They remove any motion that is smooth over four samples, `stride` apart, and have 1 + 9 + 9 + 1 times the variance of the noise.
+    Rows that are not all numbers are passed over. Zero where fewer than eight differences are left.
+    """
+    third = values[3 * stride :] - 3 * values[2 * stride : -stride] + 3 * values[stride : -2 * stride] - values[: -3 * stride]
+    third = third[np.all(np.isfinite(third), axis=1)]
+    if third.shape[0] < 8:
+        return np.zeros(values.shape[1])
+    return scatter(third) / np.sqrt(20.0)
