@@ -24,6 +24,7 @@ from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observation import TUBE_LAG_S
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.rules import pushed
 from rfea_vision.fitting.uncertainty import BLOCK_S, _frame_of_row
 
 FloatArray = NDArray[np.float64]
@@ -56,10 +57,11 @@ def offered(
         else [*sorted(catalogue()), *(u for u in users if u not in catalogue()), *_by_chamber(problem)]
     )
     clocks_free = all(item.clock_sigma >= TUBE_LAG_S for item in problem.train)
+    unpushed = () if pushed(problem.train) else line_effects()  # of a pressure that never changes no line can be told
     chosen = []
     for effect in find_effects([i for i in ids if i not in own], effect_files):
         tied_to_base = any(name in fitted.coordinates.names for name in effect.exactly_tied_to)
-        if tied_to_base or (effect.id == "time_offset" and clocks_free):
+        if tied_to_base or effect.id in unpushed or (effect.id == "time_offset" and clocks_free):
             continue
         chosen.append(effect)
     return tuple(chosen)
