@@ -1,7 +1,8 @@
 """Run the comparisons of speed and accuracy: ``python -m benchmarks [GROUP ...]``, or ``make benchmarks ONLY=tracking``.
 
 A group is a file of this folder with a function ``run() -> list of rows``, each row
-``{"name", "value", "unit", "target", "met", "against", "command"}``. Results of groups that are not run are kept.
+``{"name", "value", "unit", "target", "met", "against", "command", "commit"}``. Results of groups that are not run are kept: each row
+names the commit that it was run with (rows of before 0.6 the one that they were committed with).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from benchmarks._commit import commit
 from rfea_vision.files import write_text
 
 HERE = Path(__file__).resolve().parent
@@ -42,7 +44,7 @@ def checked(group: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         lacking = [key for key in KEYS if key not in full]
         if lacking:
             raise ValueError(f"benchmarks/{group}.py: the row {row} lacks {', '.join(lacking)}")
-        made.append({"group": group, **full})
+        made.append({"group": group, **full, "commit": commit()})
     return made
 
 

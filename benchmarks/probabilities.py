@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks._commit import commit
 from benchmarks.probability_tables import DOCUMENT, document
 from benchmarks.probable_campaigns import Case, draw, recordings_of
 from rfea_vision.critique.diagnosis import Judgement, judge
@@ -73,19 +73,6 @@ def _said(judgement: Judgement) -> dict[str, Any]:
             for item in judgement.verdict.weighed
         ],
     }
-
-
-def commit() -> str:
-    """The commit that is run, with a plus where the tree is not clean."""
-    here = Path(__file__).parent
-    head = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], cwd=here, capture_output=True, text=True, check=False
-    )
-    dirty = subprocess.run(
-        ["git", "status", "--porcelain", "--untracked-files=no", "--", "../rfea_vision"],
-        cwd=here, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    return head.stdout.strip() + ("+" if dirty.stdout.strip() else "")
 
 
 def read_results(path: Path = RESULTS) -> list[dict[str, Any]]:

@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from typing import Any
 
+from benchmarks._commit import commit
 from rfea_vision.distributed.tasks import fingerprint
 
 ROWS = Path(__file__).resolve().parent / "rows.jsonl"
-
-
-@cache
-def commit() -> str:
-    """The commit that is checked out, short; empty outside of a repository."""
-    asked = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], cwd=ROWS.parent, capture_output=True, text=True, check=False
-    )
-    return asked.stdout.strip()
 
 
 def add_row(group: str, row: dict[str, Any], file: Path = ROWS) -> None:
