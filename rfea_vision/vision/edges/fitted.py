@@ -13,37 +13,46 @@ from rfea_vision.vision.edges.step import Steps, steps
 
 FloatArray = NDArray[np.float64]
 
-# Numbers that come out of a frame.
-(
-    LENGTH,
-    WIDTH,
-    TIP_SHIFT,
-    TIP_VARIANCE,
-    NOISE,
-    INFLATION,
-    USED,
-    INNOVATION,
-    PROFILE,
-    BLUR,
-    CONTRAST,
-    ONE_SIDED,
-    CAP_USED,
-    LONGEST_GAP,
-    LAST_STEP,
-    BEND,
-    TIP_X,
-    TIP_Y,
-    CAP_CONTRAST,
-    END_GAP,
-    END_BLUR,
-    SMEAR,
-    SATURATED,
-    END_LONE,
-    END_ODD,
-    CAP_ROUND,
-) = range(26)
-NUMBERS = 26
 
+class FrameFit(NamedTuple):
+    """What comes out of a frame, field by field what `Workspace.numbers` holds: lengths in mm, blurs in px, the rest shares.
+
+    Compiled code writes the numbers by the constants below; everything else reads them by these names.
+    """
+
+    length: float
+    width: float
+    tip_shift: float
+    tip_variance: float
+    noise: float  # grey levels
+    inflation: float  # of the edges' scatter over their noise
+    used: float  # share of the edges
+    innovation: float
+    profile: float  # of an edge that is not a blurred step
+    blur: float
+    contrast: float  # near the free end, over that at the edges
+    one_sided: float
+    cap_used: float
+    longest_gap: float  # of the length
+    last_step: float  # px
+    bend: float  # rad
+    tip_x: float  # px
+    tip_y: float
+    cap_contrast: float
+    end_gap: float  # of the length, at the free end
+    end_blur: float
+    smear: float  # px that the end goes while the shutter is open
+    saturated: float
+    end_lone: float  # of the length, seen from one side
+    end_odd: float
+    cap_round: float
+
+
+NUMBERS = len(FrameFit._fields)
+(
+    LENGTH, WIDTH, TIP_SHIFT, TIP_VARIANCE, NOISE, INFLATION, USED, INNOVATION, PROFILE, BLUR, CONTRAST, ONE_SIDED, CAP_USED,
+    LONGEST_GAP, LAST_STEP, BEND, TIP_X, TIP_Y, CAP_CONTRAST, END_GAP, END_BLUR, SMEAR, SATURATED, END_LONE, END_ODD, CAP_ROUND,
+) = range(NUMBERS)  # fmt: skip
 
 SECTIONS = 64  # along the tube, in which stations are counted
 LONGEST_ROW = 512  # px across an edge
