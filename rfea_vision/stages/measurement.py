@@ -137,8 +137,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
         work.tell(compiling("vision"))
-        checkpoint = path.with_name(".track-so-far.npz")
-        found = follow(experiment, calibration.value, open_source(video), checkpoint=checkpoint, progress=progress)
+        found = follow(experiment, calibration.value, open_source(video), progress=progress)
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)
         found.save(path)
@@ -345,7 +344,9 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
                 raise DataError(f"{experiment.name}: track: {few}") from error
             raise
         recording = with_earlier_pressure(recording, work.campaign, experiment)
-        recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else doubts_of_log(recording, used))
+        recording.dataset.attrs |= rig_attributes(experiment) | (
+            {} if spec.constant else doubts_of_log(recording, used)
+        )
         recording.save(path)
         tell_doubts(work, experiment, recording)
         tell_alike(work, [experiment])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from rfea_vision.vision.body.follower import BodyFollower, scale_for
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
 from rfea_vision.vision.find.begin import Scene, scale_at
-from rfea_vision.vision.follow.checkpoint import Checkpoint
 from rfea_vision.vision.follow.follower import Follower
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +46,6 @@ def track_frames(
     lamp_box: Sequence[float] | None = None,
     nodes: int = 33,
     segments: int = 16,
-    checkpoint: Path | None = None,
     progress: Progress = None,
 ) -> Track:
     """Track the tube through a video.
@@ -63,7 +60,6 @@ def track_frames(
     hints : what a person pointed at in the first frame
     lamp_box : x, y, width and height in px of a lamp whose brightness is to be read in every frame
     nodes, segments : nodes of the centre line, and segments of the elongation
-    checkpoint : file that keeps what is done; an interrupted run goes on from it and ends with the same result
     progress : called with (frames done, frames in all)
 
     Returns
@@ -84,11 +80,9 @@ def track_frames(
     follower: Follower | BodyFollower = Follower(scene)
     rows = Rows(nodes, segments)
     pointed = scene.clamp_px is not None and scene.tip_px is not None
-    kept = Checkpoint(checkpoint, source.path, scene, vertical, lamp_box, nodes, segments, scene.camera)
-    begun = kept.load(rows, follower)
     total = source.frame_count or 0
-    with closing(read_ahead(source.frames(begun), frames_ahead(source.size))) as frames:
-        for done, (time_s, luma) in enumerate(frames, begun):
+    with closing(read_ahead(source.frames(0), frames_ahead(source.size))) as frames:
+        for done, (time_s, luma) in enumerate(frames):
             reason = follower.next(luma, time_s)
             if follower.good < rows.good:
                 rows.disown()
@@ -97,7 +91,6 @@ def track_frames(
                 break
             if pointed and done >= EDGES_TRIED and rows.good < EDGES_ALONE * len(rows):
                 break
-            kept.keep(rows, follower)
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))
     if pointed and rows.good < EDGES_ENOUGH * len(rows):
@@ -122,9 +115,7 @@ def track_frames(
     if rows.good < EDGES_ENOUGH * len(rows):
         attributes["advice"] = next_hint(source, scene, rows.reasons)
     rows.marked = follower.marked and follower.good >= 3
-    track = Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
-    kept.remove()
-    return track
+    return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
 
 
 def follow_body(

@@ -69,7 +69,6 @@ class Rows:
         self._blocks: list[Block] = []
         self.covariance_sum = np.zeros((COEFFICIENTS, COEFFICIENTS))  # at unit pixel noise, to be averaged
         self.good = 0
-        self._profiled = False
         self.marked = False  # whether the profiles are worth reading
         self.reasons: list[str] = []
 
@@ -150,26 +149,6 @@ class Rows:
             "joint": slice(2 * n + 1, None),
         }[name]
 
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """Everything in it but the reasons, for a checkpoint."""
-        out: dict[str, NDArray[Any]] = {"covariance_sum": self.covariance_sum, "good": np.array(self.good)}
-        for number, block in enumerate(self._blocks):
-            kept = (name for name in block if name != "profile" or self._profiled)
-            out |= {f"{number}.{name}": block[name][: len(self) - number * BLOCK] for name in kept}
-        return out
-
-    def restore(self, saved: dict[str, NDArray[Any]], reasons: list[str]) -> None:
-        """Put back what `saved` gave."""
-        self.reasons = list(reasons)
-        self.covariance_sum, self.good = saved["covariance_sum"].copy(), int(saved["good"])
-        self._profiled = "0.profile" in saved
-        self._blocks = [self._new_block() for _ in range(0, len(reasons), BLOCK)]
-        for number, block in enumerate(self._blocks):
-            for name, values in block.items():
-                old = saved.get(f"{number}.{name}")
-                if old is not None:
-                    values[: len(old)] = old
-
     def disown(self) -> None:
         """What was followed so far was not the tube."""
         self.reasons = [reason or "no_tube" for reason in self.reasons]
@@ -189,7 +168,6 @@ class Rows:
         block["coefficients"][n] = follower.state.coefficients - follower.moved_mm
         block["width"][n] = follower.state.width
         if follower.marked and follower.profile is not None:
-            self._profiled = True
             block["profile"][n] = np.round(256.0 * follower.profile)
         block["numbers"][n] = follower.work.numbers
         self.good += 1

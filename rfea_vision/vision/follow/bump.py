@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,22 +62,3 @@ class CameraWatch:
             self._seen, self._pending = [*latest], []
         self.now = np.median(self._seen, axis=0)
         return True
-
-    def memory(self) -> dict[str, Any]:
-        """Everything that the next frame depends on."""
-        return {
-            "first": self.first.tolist(),
-            "now": self.now.tolist(),
-            "limit_mm": self.limit_mm,
-            "pending": [place.tolist() for place in self._pending],
-            "seen": [place.tolist() for place in self._seen],
-        }
-
-    @staticmethod
-    def recalled(memory: dict[str, Any]) -> CameraWatch:
-        """Go on from what `memory` gave."""
-        watch = CameraWatch(np.array([memory["first"]]), 1.0)
-        watch.now, watch.limit_mm = np.array(memory["now"]), memory["limit_mm"]
-        watch._pending = [np.array(place) for place in memory["pending"]]
-        watch._seen = [np.array(place) for place in memory["seen"]]
-        return watch

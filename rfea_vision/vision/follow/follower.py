@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from rfea_vision.vision.derive.markers import SAMPLES, has_texture, light_along
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.edges.cap import CAP_VERTICES
 from rfea_vision.vision.find.begin import Begin, Scene, begin, off_hints
-from rfea_vision.vision.find.ends import End, find_end
+from rfea_vision.vision.find.ends import find_end
 from rfea_vision.vision.follow.bump import CameraWatch
 from rfea_vision.vision.follow.coarse import bend_search
 from rfea_vision.vision.follow.frame import fit_frame
@@ -63,38 +62,6 @@ class Follower:
         self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
         self.watch: CameraWatch | None = None
         self._seen: NDArray[np.uint8] | None = None  # the picture of the last good frame
-
-    def memory(self) -> dict[str, Any]:
-        """Everything that the next frame depends on, for a checkpoint."""
-        if self.start is None or self.state is None:
-            return {"plain": {"found": False, "searched": self.searched}}
-        arrays: dict[str, Any] = {f"state.{name}": values for name, values in self.state._asdict().items()}
-        arrays |= {"clamps": np.array(self.clamps), "clamp_errors": np.array(self.clamp_errors)}
-        arrays |= {f"motion.{name}": values for name, values in self.motion.memory().items()}
-        plain = {"found": True, "searched": self.searched, "missed": self.missed, "good": self.good}
-        plain |= {"base": astuple(self.start.base), "tip": astuple(self.start.tip)}
-        plain |= {"polarity": self.start.polarity, "score": self.start.score, "marked": self.marked}
-        plain |= {"noise": self.noise, "watch": None if self.watch is None else self.watch.memory()}
-        arrays["first_profiles"] = np.array(self.first_profiles).reshape(-1, SAMPLES)
-        judged = self.judge.memory()
-        return arrays | {"picture": judged.pop("last"), "first": judged.pop("first"), "plain": plain | judged}
-
-    def recall(self, memory: dict[str, Any]) -> None:
-        """Go on from what `memory` gave."""
-        plain = memory["plain"]
-        self.searched = plain["searched"]
-        if not plain["found"]:
-            return
-        self.state = fitted.State(*(memory[f"state.{name}"].copy() for name in fitted.State._fields))
-        base, tip = End(*plain["base"]), End(*plain["tip"])
-        self.start = Begin(self.state, base, tip, plain["polarity"], plain["score"])
-        self.motion.recall({name[7:]: values for name, values in memory.items() if name.startswith("motion.")})
-        self.clamps = [*memory["clamps"].reshape(-1, 2)]
-        self.clamp_errors = memory["clamp_errors"].tolist()
-        self.marked, self.first_profiles = plain["marked"], [*memory["first_profiles"]]
-        self.missed, self.good, self.noise = plain["missed"], plain["good"], plain["noise"]
-        self.watch = None if plain["watch"] is None else CameraWatch.recalled(plain["watch"])
-        self.judge.recall(plain, memory["picture"], memory["first"])
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame; returns an empty string, or the reason why it is rejected."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from statistics import median
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,23 +183,6 @@ class Judge:
     def hinge_mm(self) -> float:
         """Length of the inextensible side as seen so far; 0 before it is known."""
         return self.expected_mm if len(self.hinge_lengths) >= 5 else 0.0
-
-    def memory(self) -> dict[str, Any]:
-        """Everything that the next judgement depends on."""
-        plain = {"hinge_lengths": self.hinge_lengths, "expected_mm": self.expected_mm, "gain": self._gain}
-        plain |= {"recent": self.recent, "jumped": int(self._jumped)}
-        nothing = np.zeros((0, 0), np.uint8)
-        return plain | {
-            "last": self._last if self._last is not None else nothing,
-            "first": self._first if self._first is not None else nothing,
-        }
-
-    def recall(self, plain: dict[str, Any], last: NDArray[np.uint8], first: FloatArray) -> None:
-        """Go on from what `memory` gave."""
-        self.hinge_lengths, self.expected_mm = list(plain["hinge_lengths"]), plain["expected_mm"]
-        self._gain = plain["gain"]
-        self._last, self._first = last if last.size else None, first if first.size else None
-        self.recent, self._jumped = list(plain["recent"]), plain["jumped"]
 
     def repeated(self, luma: NDArray[np.uint8]) -> bool:
         """Whether a picture is identical to the one seen last."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,12 +119,3 @@ class Motion:
         if self.known < 2:
             return 0.0
         return _pace(self.past, self.times) * max(time_s - self.times[0], 0.0)
-
-    def memory(self) -> dict[str, Any]:
-        """Everything that the next prediction depends on."""
-        return {"past": self.past, "times": self.times, "missed_by": self.missed_by, "known": np.array(self.known)}
-
-    def recall(self, memory: dict[str, Any]) -> None:
-        """Go on from what `memory` gave."""
-        self.past, self.times = memory["past"].copy(), memory["times"].copy()
-        self.missed_by, self.known = memory["missed_by"].copy(), int(memory["known"])
