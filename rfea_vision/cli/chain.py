@@ -10,6 +10,7 @@ from rfea_vision.cli.console import print_json, say_next
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.model import print_ladder
 from rfea_vision.cli.options import campaign_options, code_option, opened
+from rfea_vision.errors import InputError
 
 
 @click.command("report")
@@ -45,6 +46,8 @@ def report_command(
     if group:
         _report_group((campaign, *more), out or Path("rfea-group.html"), force, as_json)
         return
+    if other is not None and not other.is_dir():
+        raise InputError(f"--compare {other}: no such folder; give a campaign, or an earlier folder of its results")
     forced = ("report",) if force else ()
     with opened(campaign, out, force=forced) as work:
         files = {"file": work.report()}

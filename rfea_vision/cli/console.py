@@ -17,11 +17,13 @@ from rich.progress import (
     MofNCompleteColumn,
     Progress,
     SpinnerColumn,
+    Task,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from rfea_vision.progress import Listener, Outcome
 from rfea_vision.progress import Progress as ProgressCall
@@ -108,6 +110,13 @@ def shown(value: Any) -> str:
     return rounded(value) if isinstance(value, float) else str(value)
 
 
+class _Count(MofNCompleteColumn):
+    """How many of how many, once that is known: until then a turning wheel says enough."""
+
+    def render(self, task: Task) -> Text:
+        return Text() if task.total is None else super().render(task)
+
+
 class ConsoleListener(Listener):
     """Draws a bar per running stage on a terminal; elsewhere one line when a stage ends, and one for all that were unchanged."""
 
@@ -128,7 +137,7 @@ class ConsoleListener(Listener):
                 SpinnerColumn(),
                 TextColumn("{task.description}", markup=False),
                 BarColumn(),
-                MofNCompleteColumn(),
+                _Count(),
                 TimeElapsedColumn(),
             )
             with Progress(*columns, console=self.console, transient=True) as self.bars:

@@ -19,6 +19,8 @@ from rfea_vision.errors import DataError, RfeaError
 from rfea_vision.files import storage_sentence
 
 INTERRUPTED = 130
+_KEPT = "interrupted; everything finished so far is kept"
+_interrupted: list[int] = []  # signals that have come
 
 _COMMANDS = {
     "setup": ("init", "check", "schema", "doctor", "board"),
@@ -84,6 +86,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     with contextlib.suppress(ValueError):  # only the main thread may set it
         signal.signal(signal.SIGTERM, _interrupt)
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a shell may have had it ignored
+            signal.signal(signal.SIGINT, _interrupt)
     sys.exit(run(arguments))
 
 
@@ -114,13 +118,16 @@ def run(arguments: list[str]) -> int:
             print_error(error.format_message(), error.exit_code, as_json=True, quiet=True)
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
-        print_error("interrupted; everything finished so far is kept", INTERRUPTED, as_json=as_json)
+        print_error(_KEPT, INTERRUPTED, as_json=as_json)
         return INTERRUPTED
     except BrokenPipeError:
         # the reader of our output has gone, as in 'rfea effects | head'
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
+        if _interrupted:
+            print_error(_KEPT, INTERRUPTED, as_json=as_json)
+            return INTERRUPTED
         if debug:
             traceback.print_exc()
         stored = storage_sentence(error) if isinstance(error, OSError) else None
@@ -135,5 +142,9 @@ def run(arguments: list[str]) -> int:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    """Let a polite kill end like Ctrl-C: unfinished files are removed on the way out."""
+    """Let a polite kill end like Ctrl-C: unfinished files are removed on the way out.
+
+    What calls back from C, as the compiler does, swallows the interrupt and fails in another way: that is no fault of ours.
+    """
+    _interrupted.append(number)
     raise KeyboardInterrupt

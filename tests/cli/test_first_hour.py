@@ -7,9 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 from campaign.campaigns import write_campaign
+from rich.progress import Progress
 
 from rfea_vision.artefacts import Diagnosis, Ladder, Rung
-from rfea_vision.cli import console, model
+from rfea_vision.cli import console, model, root
 
 from .console import rfea
 
@@ -123,3 +124,23 @@ def test_every_command_that_ends_well_says_what_comes_next(tmp_path):
         answer = rfea(*arguments)
         assert answer.out.rstrip().splitlines()[-1].startswith("next: rfea "), arguments
     shutil.rmtree(campaign)
+
+
+def test_an_interrupt_that_the_compiler_swallows_is_no_fault(monkeypatch, capsys):
+    def swallowed(*arguments, **options):
+        root._interrupted.append(2)
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr(root.rfea, "main", swallowed)
+    monkeypatch.setattr(root, "_interrupted", [])
+    assert root.run(["fit", "x"]) == root.INTERRUPTED
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_a_bar_tells_a_count_once_it_is_known():
+    bars = Progress(console._Count())
+    bars.add_task("fit base", total=None)
+    (task,) = bars.tasks
+    assert console._Count().render(task).plain == ""
+    bars.update(task.id, completed=3, total=8)
+    assert console._Count().render(task).plain == "3/8"

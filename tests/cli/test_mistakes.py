@@ -101,6 +101,7 @@ IN_COMMANDS = [
     (("fit", "CAMPAIGN", "--fix", "stiffness=3N*m/rad"), "the base model's are k_ref"),
     (("improve", "CAMPAIGN", "--budget", "5"), "write for example '5min'"),
     (("compare", "CAMPAIGN", "bsae"), "no model 'bsae'"),
+    (("report", "CAMPAIGN", "--compare", "CAMPAIGN-old"), "no such folder; give a campaign, or an earlier folder"),
 ]
 
 
