@@ -112,7 +112,8 @@ def run(arguments: list[str]) -> int:
         return 2
     except click.ClickException as error:
         if "unexpected extra argument" in error.message and any(item.startswith("--") for item in arguments):
-            error.message += ". An option takes one value: repeat it for more, as in --add maxwell --add coulomb."
+            advice = "An option takes one value: repeat it for more, as in --add maxwell --add coulomb."
+            error = click.UsageError(f"{error.message}. {advice}", getattr(error, "ctx", None))
         error.show()
         if as_json:
             print_error(error.format_message(), error.exit_code, as_json=True, quiet=True)

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts import Recording
 from rfea_vision.campaign import Campaign, ExperimentSpec
 from rfea_vision.errors import InputError
-from rfea_vision.readers.pressure import read_pressure
 
 FloatArray = NDArray[np.float64]
 #: Pause between two runs where `recorded_at` does not tell it, and the most of one that is lived through again: what creeps
@@ -49,6 +48,8 @@ def with_earlier_pressure(recording: Recording, campaign: Campaign, experiment: 
     before = runs_before(campaign, experiment)
     if not before:
         return recording
+    from rfea_vision.readers.pressure import read_pressure
+
     time, pressure = np.empty(0), np.empty(0)
     for run, following in zip(before, [*before[1:], experiment], strict=True):
         if run.pressure.constant:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,13 +15,14 @@ from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec, doubts
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
-from rfea_vision.readers.pressure import PressureLog, constant_pressure, read_pressure
-from rfea_vision.readers.tracks import read_track
 from rfea_vision.stages.doubts import doubts_of_log, few_frames, reasons_of, tell_alike, tell_doubts
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
+
+if TYPE_CHECKING:
+    from rfea_vision.readers.pressure import PressureLog
 
 
 def calibration_path(work: Runner, experiment: ExperimentSpec | None) -> Path:
@@ -276,6 +277,8 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
     calibration = None if camera is None else calibration_of(work, experiment).value
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
+        from rfea_vision.readers.tracks import read_track
+
         to_rig_mm = None
         if calibration is not None and camera is not None:
             from rfea_vision.vision.track import rig_axes_mm
@@ -316,10 +319,13 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     before = runs_before(work.campaign, experiment)
     also = [work.cache.sha256(work.out / experiment.name / "track.nc")]
     if any(part.url is not None for part in spec.chambers):  # a database has no file to hash: its answer counts
+        from rfea_vision.readers.pressure import read_pressure
+
         log = read_pressure(spec, experiment.name)
         also.append(hashlib.sha256(log.time_s.tobytes() + log.pressure_kPa.tobytes()).hexdigest())
 
     def make(progress: Progress) -> tuple[Recording, list[Path], str]:
+        from rfea_vision.readers.pressure import constant_pressure, read_pressure
         from rfea_vision.sync import synchronise as synchronise_clocks
 
         if spec.constant:

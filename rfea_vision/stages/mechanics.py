@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import xarray as xr
-
 from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
@@ -31,6 +29,8 @@ from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored, values
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from rfea_vision.critique.propose import Proposal
 
 PREDICTED_ROLES = ("train", "validate")

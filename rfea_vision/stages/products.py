@@ -6,13 +6,14 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-import pandas as pd
-import xarray as xr
+from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Diagnosis, ModelFit, Rung
 from rfea_vision.files import read_dataset, whole_file, write_datasets, write_text
 from rfea_vision.units import rounded
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def compiling(room: str) -> str:
@@ -45,6 +46,8 @@ def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: xr.Dataset | No
     """Write the diagnosis, and the pressure (kPa) over log_time (s) to play next as a CSV beside it."""
     outputs = [folder / "diagnosis.json"]
     if pressure is not None and diagnosis.next_experiment is not None:
+        import pandas as pd
+
         path = folder / Path(diagnosis.next_experiment.pressure).name
         columns = {"time_s": pressure["log_time"].values, "pressure_kPa": pressure["pressure"].values}
         with whole_file(path) as temporary:

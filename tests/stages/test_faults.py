@@ -139,7 +139,7 @@ def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, capsys, monkeypat
     def fault(*_: object, **__: object) -> None:
         raise OSError(number, os.strerror(number), str(campaign / "rfea" / "steps"))
 
-    monkeypatch.setattr("rfea_vision.stages.measurement.read_track", fault)
+    monkeypatch.setattr("rfea_vision.readers.tracks.read_track", fault)
     assert run(["track", str(campaign)]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "a fault in" not in said and str(campaign) in said and "what was finished is kept" in said
@@ -148,9 +148,9 @@ def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, capsys, monkeypat
 
 def test_a_raw_file_that_changes_while_it_is_read_is_not_taken(tmp_path, monkeypatch):
     campaign = write_campaign(tmp_path / "campaign")
-    from rfea_vision.stages import measurement
+    from rfea_vision.readers import tracks
 
-    read = measurement.read_track
+    read = tracks.read_track
 
     def grows(path: Path, **options: object):
         found = read(path, **options)
@@ -158,10 +158,10 @@ def test_a_raw_file_that_changes_while_it_is_read_is_not_taken(tmp_path, monkeyp
             stream.write("9.0,0.0,-155.0\n")
         return found
 
-    monkeypatch.setattr(measurement, "read_track", grows)
+    monkeypatch.setattr(tracks, "read_track", grows)
     with pytest.raises(DataError, match=r"track.csv: changed while it was read"):
         open_campaign(campaign).track(["steps"])
-    monkeypatch.setattr(measurement, "read_track", read)
+    monkeypatch.setattr(tracks, "read_track", read)
     assert open_campaign(campaign).track(["steps"])["steps"].time_s[-1] == 9.0
 
 
