@@ -26,7 +26,7 @@ from benchmarks.damage.rows import ROWS, add_row, rows_of_this_code
 from rfea_vision.twin import TwinOptions, simulate
 
 ENOUGH = 200  # kills of the whole group
-SHARES = {"track": 70, "fit": 70, "improve": 30, "batch": 30}
+SHARES = {"track": 80, "fit": 80, "improve": 20, "batch": 20}
 MOST_S = 300.0  # for one run of a command, on a busy machine
 _RECIPE = "format: rfea-recipe/1\nsteps:\n  - fit: {segments: 2}\n  - compare\n"
 _COMMANDS: dict[str, list[str]] = {
