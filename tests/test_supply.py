@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
+
+import pytest
+from packaging.utils import canonicalize_name
 
 _BUILD = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
 _SOURCE = ("rfea_vision", "calib", "pipelines", "pyproject.toml", "README.md", "LICENSE", "requirements.txt", "hatch_build.py")
@@ -40,3 +44,21 @@ def test_a_wheel_is_the_same_byte_by_byte_and_says_what_it_was_tested_with(root:
     assert bill["bomFormat"] == "CycloneDX" and bill["metadata"]["component"]["name"] == "rfea-vision"
     assert [part["name"] for part in bill["components"]] == pins
     assert all(part["purl"].startswith("pkg:pypi/") and part["version"] for part in bill["components"])
+
+
+@pytest.mark.parametrize("pins", ["requirements", "requirements-dev"])
+def test_every_pin_has_its_hashes(root: Path, pins: str) -> None:
+    """Names no host, and may be given to pip with --require-hashes; made again by the command in SECURITY.md."""
+    lines = (root / f"{pins}.txt").read_text().splitlines()
+    wanted = {canonicalize_name(line.partition("==")[0]): line.partition("==")[2].split()[0] for line in lines if "==" in line}
+    found: dict[str, str] = {}
+    hashes: dict[str, int] = {}
+    for line in (root / f"{pins}.lock").read_text().splitlines():
+        if match := re.fullmatch(r"([\w.-]+)==(\S+)(?: ;.*?)? \\", line):
+            name = canonicalize_name(match[1])
+            found[name] = match[2]
+        else:
+            assert re.fullmatch(r"    --hash=sha256:[0-9a-f]{64}(?: \\)?", line), line
+            hashes[name] = hashes.get(name, 0) + 1
+    assert wanted.items() <= found.items(), f"the pins changed: make {pins}.lock again (SECURITY.md)"
+    assert all(hashes.get(name) for name in found)

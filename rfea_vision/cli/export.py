@@ -70,7 +70,7 @@ def export_command(
     target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
     with opened(campaign, out) as work:
         fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
-    name = re.sub(r"\W", "_", target.name)
+    name = re.sub(r"\W", "_", target.name, flags=re.ASCII)
     name = name if re.match(r"[A-Za-z_]", name) else f"tube_{name}"
     model, par = fitted_model(fit)
     about = f"Model '{fit.name}' of {campaign.name}: {fit.segments} segments"

@@ -20,6 +20,13 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import InputError
 
 FloatArray = NDArray[np.float64]
+# fmt: off
+_WORDS = frozenset((
+    "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern", "float", "for", "goto",
+    "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch",
+    "typedef", "union", "unsigned", "void", "volatile", "while",
+))
+# fmt: on
 STRIDES = 16  # of the pressure, on the way to the static equilibrium
 
 _JOINT_ITEMS = {
@@ -119,7 +126,7 @@ def c_files(
     InputError
         An effect that cannot be exported, or a name that is no identifier.
     """
-    if not re.fullmatch(r"[A-Za-z_]\w*", name):
+    if not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII) or name in _WORDS:
         raise InputError(f"export: '{name}' is no identifier in C; use letters, digits and underscores")
     check_exportable(model)
     template = files("rfea_vision.export")
@@ -131,13 +138,18 @@ def c_files(
         "STATES": str(max(model.law.state_count, 1)),
         "STEP_S": repr(float(step_s)),
         "NEWTON_ITERATIONS": str(iterations),
-        "ABOUT": about.replace("*/", "* /"),
+        "ABOUT": one_line(about),
     }
     header = filled(template.joinpath("runtime.h").read_text(encoding="utf-8"), words)
     runtime = filled(template.joinpath("runtime.c").read_text(encoding="utf-8"), words)
     laws_text = _laws(model, par)
     head = f'/* {words["ABOUT"]} */\n#include "{name}.h"\n\n#include <math.h>\n#include <string.h>\n\n'
     return header, head + _tables(model, par, step_s, laws_text) + "\n" + laws_text + "\n" + runtime
+
+
+def one_line(about: str) -> str:
+    """A text that stays in a comment of C, whatever it holds, and is whole in XML: no control characters, no ``*/``, no splices."""
+    return re.sub(r"[\x00-\x1f\x7f-\x9f\\?]", " ", about).replace("*/", "* /").replace("/*", "/ *")
 
 
 def filled(text: str, words: Mapping[str, str]) -> str:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError
-from rfea_vision.export.c_source import c_files, filled
+from rfea_vision.export.c_source import c_files, filled, one_line
 
 FloatArray = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def _description(name: str, guid: str, step_s: float, about: str) -> str:
         )
     unknowns = "".join(f'      <Unknown index="{index}"/>\n' for index in range(2, len(_OUTPUTS) + 2))
     return f"""<?xml version="1.0" encoding="UTF-8"?>
-<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{guid}" description={quoteattr(about)}
+<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{guid}" description={quoteattr(one_line(about))}
     generationTool="rfea-vision" variableNamingConvention="flat" numberOfEventIndicators="0">
   <CoSimulation modelIdentifier="{name}" canHandleVariableCommunicationStepSize="true">
     <SourceFiles><File name="fmu.c"/><File name="{name}.c"/></SourceFiles>

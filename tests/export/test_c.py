@@ -3,6 +3,7 @@
 import ctypes
 import re
 import subprocess
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.export import c_files
+from rfea_vision.export.fmu import _description
+from tests.hostile import PAYLOADS
 
 TIME = np.arange(0, 0.8, 1e-3)
 PRESSURE = np.interp(TIME, [0, 0.05, 0.2, 0.4, 0.5, 0.8], [10e3, 10e3, 180e3, 180e3, 60e3, 120e3])
@@ -136,3 +139,23 @@ def test_name_must_be_one_that_c_accepts():
     model, par = _model("bare")
     with pytest.raises(InputError, match="'2 tubes' is no identifier"):
         c_files(model, par, "2 tubes", 1e-3)
+
+
+def test_what_hostile_campaigns_are_called_stays_in_a_comment(cc, tmp_path):
+    text = " ".join([*PAYLOADS, "??/", "// \\\n int evil;", "ends in \\"])
+    header, source = c_files(*_model("bare"), "tube", 1e-3, text)
+    (tmp_path / "tube.h").write_text(header, encoding="utf-8")
+    (tmp_path / "tube.c").write_text(source, encoding="utf-8")
+    strict = ["-std=c99", "-trigraphs", "-fsyntax-only", "-Wall", "-Werror", "-Wno-bidi-chars"]
+    done = subprocess.run([cc, *strict, str(tmp_path / "tube.c")], capture_output=True, text=True, check=False, timeout=120)
+    assert done.stderr == "" and done.returncode == 0
+    bare = re.sub(r"/\*.*?\*/", "", header + source, flags=re.DOTALL)
+    assert "evil" not in bare and "window" not in bare
+    assert ElementTree.fromstring(_description("tube", "{0}", 1e-3, text)).attrib["modelName"] == "tube"
+
+
+@pytest.mark.parametrize("name", ["a b", "1a", "", "a;b", "größe", "a\nb", "x/../y", "int"])
+def test_a_name_that_is_no_identifier_is_refused(name):
+    model, par = _model("bare")
+    with pytest.raises(InputError, match="is no identifier in C"):
+        c_files(model, par, name, 1e-3)

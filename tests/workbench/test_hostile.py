@@ -8,16 +8,9 @@ import shutil
 import pytest
 import yaml
 
+from tests.hostile import HOSTILE
+
 pytestmark = pytest.mark.chromium
-
-PAYLOADS = (
-    "<script>window.done=1</script>", "<img src=x onerror='window.done=1'>", "<svg onload=window.done=1>", "\"><b onclick=1>",
-    "javascript:window.done=1", "{{7*7}}", "${window.done=1}", "<iframe srcdoc='<script>parent.done=1</script>'>", "'-alert(1)-'",
-    "</script><script>window.done=1</script>", "<math><mtext><img src=x onerror=window.done=1>", "\u202egnp.exe",
-    "<a href=//evil.example>x",
-)  # fmt: skip
-HOSTILE = [f"{payload} {number}" for number, payload in enumerate(PAYLOADS * 4)][:50]
-
 
 @pytest.fixture(scope="module")
 def served(serve, fitted, tmp_path_factory):
