@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import yaml
 
 from benchmarks.damage.rows import ROWS, add_row, rows_of_this_code
 from benchmarks.kills import descendants
@@ -54,20 +55,14 @@ def thirty(folder: Path) -> list[Path]:
     return made
 
 
-def _first(campaign: Path, name: str) -> Path:
-    return next(campaign.glob(f"*/{name}"))
-
-
 def _hostile(campaign: Path) -> None:
     """It wants a file of the machine, code of its own, and a name that is markup."""
     spy = campaign / "spy.py"
     spy.write_text("from pathlib import Path\nPath(__file__).with_name('it-ran').write_text('yes')\n")
-    file = _first(campaign, "experiment.yaml")
-    lines = [line for line in file.read_text().splitlines() if not line.startswith(("track:", "name:"))]
-    file.write_text(
-        "\n".join([*lines, 'name: "<img src=x onerror=alert(1)>"', "track: {file: ../../../../../../etc/passwd}"])
-        + "\n"
-    )
+    for file in campaign.glob("*/experiment.yaml"):
+        content = yaml.safe_load(file.read_text())
+        name = f"<img src=x onerror=alert({len(file.parent.name)})>"
+        file.write_text(yaml.safe_dump({**content, "name": name, "track": {"file": "../../../../../../etc/passwd"}}))
     record = {
         "key": "fit/base",
         "digest": "0",

@@ -8,10 +8,11 @@ import io
 import os
 import re
 import socket
+import sys
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -147,10 +148,17 @@ def write_datasets(path: Path, groups: dict[str | None, xr.Dataset]) -> None:
             if variable.dtype.kind in "fiu" and variable.ndim > 0
         }
         ordered = dataset[sorted(dataset.variables, key=str)].drop_encoding()
-        ordered.to_netcdf(made, mode=mode, group=group, engine="h5netcdf", encoding=encoding)
+        with _without_cluster():
+            ordered.to_netcdf(made, mode=mode, group=group, engine="h5netcdf", encoding=encoding)
         mode = "a"
     with whole_file(path) as temporary:
         temporary.write_bytes(made.getbuffer())
+
+
+def _without_cluster() -> AbstractContextManager[object]:
+    """On a worker of a batch xarray would ask the scheduler for a lock on the file, and there is none on what is made in memory."""
+    dask = sys.modules.get("dask")
+    return nullcontext() if dask is None else dask.config.set(scheduler="synchronous")
 
 
 def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:

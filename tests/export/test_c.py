@@ -154,8 +154,8 @@ def test_what_hostile_campaigns_are_called_stays_in_a_comment(cc, tmp_path):
     assert ElementTree.fromstring(_description("tube", "{0}", 1e-3, text)).attrib["modelName"] == "tube"
 
 
-@pytest.mark.parametrize("name", ["a b", "1a", "", "a;b", "größe", "a\nb", "x/../y", "int"])
-def test_a_name_that_is_no_identifier_is_refused(name):
+def test_a_name_that_is_no_identifier_is_refused():
     model, par = _model("bare")
-    with pytest.raises(InputError, match="is no identifier in C"):
-        c_files(model, par, name, 1e-3)
+    for name in ("a b", "1a", "", "a;b", "größe", "a\nb", "x/../y", "int"):
+        with pytest.raises(InputError, match="is no identifier in C"):
+            c_files(model, par, name, 1e-3)
