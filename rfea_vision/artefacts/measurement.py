@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -210,7 +210,33 @@ def _check(dataset: xr.Dataset, noun: str) -> None:
 
 
 @dataclass(frozen=True)
-class Track:
+class _Frames:
+    """Labelled data with one row per frame, as a netCDF file holds it."""
+
+    dataset: xr.Dataset
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Times (frames,) in s."""
+        return self.dataset["time"].values
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Which frames (frames,) count."""
+        return self.dataset["valid"].values.astype(bool)
+
+    def save(self, path: Path) -> None:
+        """Write the file whole."""
+        write_dataset(path, self.dataset)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what `save` wrote; InputError where it is not there or not whole."""
+        return cls(read_dataset(path))
+
+
+@dataclass(frozen=True)
+class Track(_Frames):
     """The tube in every frame, on the camera's clock; one row per frame, none missing.
 
     ``dataset`` holds (lengths mm, angles deg, time s, curvature 1/mm, elongation as a ratio; NaN where ``valid`` is 0):
@@ -221,29 +247,12 @@ class Track:
     lack any but one of tip, midline and bend_angle.
     """
 
-    dataset: xr.Dataset
-
     def __post_init__(self) -> None:
         _check(self.dataset, "track")
 
-    @property
-    def time_s(self) -> FloatArray:
-        return self.dataset["time"].values
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        return self.dataset["valid"].values.astype(bool)
-
-    def save(self, path: Path) -> None:
-        write_dataset(path, self.dataset)
-
-    @classmethod
-    def load(cls, path: Path) -> Track:
-        return cls(read_dataset(path))
-
 
 @dataclass(frozen=True)
-class Recording:
+class Recording(_Frames):
     """A track and its pressure log on one clock, the log's.
 
     ``dataset`` is that of `Track` with ``time`` on the log's clock, plus ``log_time`` (s) and ``pressure`` (log_time)
@@ -257,8 +266,6 @@ class Recording:
     what each had.
     """
 
-    dataset: xr.Dataset
-
     def __post_init__(self) -> None:
         _check(self.dataset, "recording")
         if "pressure" not in self.dataset or self.dataset["pressure"].dims != ("log_time",):
@@ -271,18 +278,3 @@ class Recording:
     @property
     def role(self) -> str:
         return str(self.dataset.attrs["role"])
-
-    @property
-    def time_s(self) -> FloatArray:
-        return self.dataset["time"].values
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        return self.dataset["valid"].values.astype(bool)
-
-    def save(self, path: Path) -> None:
-        write_dataset(path, self.dataset)
-
-    @classmethod
-    def load(cls, path: Path) -> Recording:
-        return cls(read_dataset(path))

@@ -1,22 +1,23 @@
 """Least squares over lens and board poses together, with the full covariance of the lens and of one pose.
 
-The normal equations have an arrow shape: every photo couples its own six pose numbers to the lens only. The poses are
-eliminated photo by photo (Schur complement), so twenty photos cost no more than a 12 x 12 system.
+SciPy solves; the covariance has an arrow shape, as every photo couples its own six pose numbers to the lens only: there the
+poses are eliminated photo by photo (Schur complement).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.noise import slow_variance
 from rfea_vision.calibration.projection import rotation_matrix
-from rfea_vision.calibration.reprojection import board_pixels, jacobians
+from rfea_vision.calibration.reprojection import board_pixels, seen
 from rfea_vision.errors import DataError
 
 FloatArray = NDArray[np.float64]
@@ -86,7 +87,8 @@ def pose_and_lens_jacobians(
     lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the pixels by lens (2n, lens parameters) and pose (2n, 6)."""
-    return jacobians(lens.model == "fisheye", lens.vector, rotation, translation, board_mm)
+    move = np.concatenate([np.zeros(3), translation])
+    return seen(lens.model == "fisheye", lens.vector, rotation, move, board_mm)[1:]
 
 
 def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
@@ -112,18 +114,21 @@ def first_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray]:
     return rotation_matrix(rotation.ravel()), np.asarray(translation, dtype=float).ravel()
 
 
-def solve_pose(lens: Lens, view: BoardView, iterations: int = 15) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Board pose for a known lens by Gauss-Newton: rotation, translation in mm, residuals (n, 2)."""
+def solve_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Board pose of least squares for a known lens: rotation, translation in mm, residuals (n, 2)."""
     rotation, translation = first_pose(lens, view)
-    for _ in range(iterations):
-        residual = (view.pixels - project_board(lens, rotation, translation, view.board_mm)).ravel()
-        _, by_pose = pose_and_lens_jacobians(lens, rotation, translation, view.board_mm)
-        change = np.linalg.lstsq(by_pose, residual, rcond=None)[0]
-        rotation = rotation_matrix(change[:3]) @ rotation
-        translation = translation + change[3:]
-        if np.abs(change[:3]).max() < 1e-9 and np.abs(change[3:]).max() < 1e-6:
-            break
-    return rotation, translation, view.pixels - project_board(lens, rotation, translation, view.board_mm)
+
+    def at(move: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return seen(lens.model == "fisheye", lens.vector, rotation, move, view.board_mm)
+
+    move = least_squares(
+        lambda x: (at(x)[0] - view.pixels).ravel(),
+        np.concatenate([np.zeros(3), translation]),
+        lambda x: at(x)[2],  # type: ignore[arg-type]
+        method="lm",
+        x_scale="jac",
+    ).x
+    return rotation_matrix(move[:3]) @ rotation, move[3:], view.pixels - at(move)[0]
 
 
 def first_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> Lens:
@@ -181,7 +186,7 @@ def solve_bundle(
     start: Lens | None = None,
     reweight: bool = True,
 ) -> Bundle:
-    """Levenberg-Marquardt over lens and poses; each photo counts by its own noise, found in a first round.
+    """Least squares over lens and poses; each photo counts by its own noise, found in a first round.
 
     A board seen level or small is located less well than one seen large and turned, and the covariance must know it.
 
@@ -235,47 +240,31 @@ def _scales(views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose]) -> Fl
 
 
 def _descend(views: Sequence[BoardView], lens: Lens, poses: list[Pose], scales: FloatArray) -> tuple[Lens, list[Pose]]:
-    damping = 1e-4
-    for _ in range(60):
-        residuals = [e / scale for e, scale in zip(_residuals(views, lens, poses), scales, strict=True)]
-        cost = sum(float(np.sum(e**2)) for e in residuals)
-        blocks = _blocks(views, lens, poses, scales)
-        improved, change = False, np.inf
-        for _ in range(8):
-            new_lens, new_poses = _step(lens, poses, residuals, blocks, damping)
-            new_residuals = _residuals(views, new_lens, new_poses)
-            new_cost = sum(float(np.sum((e / s) ** 2)) for e, s in zip(new_residuals, scales, strict=True))
-            if np.isfinite(new_cost) and new_cost <= cost:
-                change = (cost - new_cost) / max(cost, 1e-30)
-                lens, poses, damping, improved = new_lens, new_poses, damping / 5, True
-                break
-            damping *= 8
-        if not improved or change < 1e-10:
-            break
-    return lens, poses
+    """Lens and poses of least squares (MINPACK's Levenberg-Marquardt), each view's residuals divided by its noise."""
+    size, fisheye = lens.vector.size, lens.model == "fisheye"
+    ends = np.cumsum([0, *(view.pixels.size for view in views)])
 
+    def each(x: FloatArray) -> Iterator[tuple[slice, slice, FloatArray, FloatArray, FloatArray]]:
+        for k, (view, (rotation, _), scale) in enumerate(zip(views, poses, scales, strict=True)):
+            rows, own = slice(ends[k], ends[k + 1]), slice(size + 6 * k, size + 6 * k + 6)
+            pixels, by_lens, by_pose = seen(fisheye, x[:size], rotation, x[own], view.board_mm)
+            yield rows, own, (pixels - view.pixels).ravel() / scale, by_lens / scale, by_pose / scale
 
-def _step(lens, poses, residuals, blocks, damping):
-    size = len(lens.vector)
-    schur, right, parts = np.zeros((size, size)), np.zeros(size), []
-    for residual, (a, b) in zip(residuals, blocks, strict=True):
-        e = residual.ravel()
-        bb = b.T @ b
-        bb[np.diag_indices(6)] *= 1 + damping
-        inverse = np.linalg.inv(bb)
-        ab = a.T @ b
-        schur += a.T @ a - ab @ inverse @ ab.T
-        right += a.T @ e - ab @ inverse @ (b.T @ e)
-        parts.append((inverse, ab, b.T @ e))
-    scale = np.sqrt(np.maximum(np.diag(schur), 1e-30))
-    scaled = schur / scale[:, None] / scale[None, :]
-    scaled[np.diag_indices(size)] += damping
-    change = np.linalg.lstsq(scaled, right / scale, rcond=1e-14)[0] / scale
-    new_poses = []
-    for (rotation, translation), (inverse, ab, be) in zip(poses, parts, strict=True):
-        move = inverse @ (be - ab.T @ change)
-        new_poses.append((rotation_matrix(move[:3]) @ rotation, translation + move[3:]))
-    return Lens.from_vector(lens.model, lens.vector + change), new_poses
+    def residual(x: FloatArray) -> FloatArray:
+        return np.concatenate([gap for _, _, gap, _, _ in each(x)])
+
+    def jacobian(x: FloatArray) -> FloatArray:
+        found = np.zeros((ends[-1], x.size))
+        for rows, own, _, by_lens, by_pose in each(x):
+            found[rows, :size], found[rows, own] = by_lens, by_pose
+        return found
+
+    start = np.concatenate([lens.vector, *(np.concatenate([np.zeros(3), t]) for _, t in poses)])
+    tight = {"ftol": 1e-10, "xtol": 1e-12, "gtol": 1e-12}
+    x = least_squares(residual, start, jacobian, method="lm", x_scale="jac", **tight).x  # type: ignore[arg-type]
+    moves = x[size:].reshape(-1, 6)
+    turned = [(rotation_matrix(m[:3]) @ rotation, m[3:]) for m, (rotation, _) in zip(moves, poses, strict=True)]
+    return Lens.from_vector(lens.model, x[:size]), turned
 
 
 def _finish(

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfea_vision.campaign.guess import Key, Seen, look
+from rfea_vision.campaign.guess import FileGuess, Key, look
 from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
 from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
@@ -25,8 +25,8 @@ class Run:
     """A film or track with the log that belongs to it; `why` says how they were brought together."""
 
     name: str
-    motion: Seen
-    log: Seen | None
+    motion: FileGuess
+    log: FileGuess | None
     why: str
 
 
@@ -97,20 +97,20 @@ def _stem(path: Path) -> str:
     return "-".join(words) or path.parent.name.lower()
 
 
-def _runs(found: Sequence[Seen]) -> tuple[list[Run], list[Seen]]:
+def _runs(found: Sequence[FileGuess]) -> tuple[list[Run], list[FileGuess]]:
     """Bring films and tracks together with logs: by name, then by folder, then in order where the numbers agree."""
     logs = [item for item in found if item.what == "log"]
     alone = [item for item in found if item.what == "unknown"]
     tracked = {_stem(item.path) for item in found if item.what in ("track", "both")}
-    pending: list[Seen] = []
+    pending: list[FileGuess] = []
     for item in found:
         if item.what == "film" and _stem(item.path) in tracked:
             alone.append(
-                Seen(item.path, "film", note="a track of the same run is there; name the film in its place if you like")
+                FileGuess(item.path, "film", note="a track of the same run is there; name the film in its place if you like")
             )
         elif item.what in ("film", "track", "both"):
             pending.append(item)
-    pairs: list[tuple[Seen, Seen | None, str]] = [(item, item, "") for item in pending if item.what == "both"]
+    pairs: list[tuple[FileGuess, FileGuess | None, str]] = [(item, item, "") for item in pending if item.what == "both"]
     pending = [item for item in pending if item.what != "both"]
     for same, why in ((_stem, "their names agree"), (lambda path: path.parent, "they lie in one folder, alone")):
         for item in list(pending):

@@ -39,7 +39,7 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Seen:
+class FileGuess:
     """One file: what it holds, and the keys that say how to read it."""
 
     path: Path
@@ -71,31 +71,31 @@ class _Columns:
         return [name for name in names if self.words(name) & set(words)]
 
 
-def look(path: Path) -> Seen:
+def look(path: Path) -> FileGuess:
     """Look at one file; whatever is wrong with it becomes its note."""
     ending = path.suffix.lower()
     if ending in FILMS:
-        return Seen(path, "film", motion=(Key("file", path),))
+        return FileGuess(path, "film", motion=(Key("file", path),))
     if ending in PICTURES:
-        return Seen(path, "picture")
+        return FileGuess(path, "picture")
     if ending not in endings():
-        return Seen(path, "unknown", note=f"no reader for '{ending}'")
+        return FileGuess(path, "unknown", note=f"no reader for '{ending}'")
     try:
         return _table(path)
     except RfeaError as error:
-        return Seen(path, "unknown", note=str(error).removeprefix(f"{path}: "))
+        return FileGuess(path, "unknown", note=str(error).removeprefix(f"{path}: "))
 
 
-def _table(path: Path) -> Seen:
+def _table(path: Path) -> FileGuess:
     columns = _Columns(read_table(path))
     time = _time(columns)
     motion, actuator = _motion(columns, time)
     pressure = _pressure(columns, time)
     if pressure is None and motion is None:
-        return Seen(path, "unknown", note="no column looks like a pressure, a tip or an angle")
+        return FileGuess(path, "unknown", note="no column looks like a pressure, a tip or an angle")
     what = "log" if motion is None else "track" if pressure is None else "both"
     file = (Key("file", path),)
-    return Seen(path, what, file + (pressure or ()), file + (motion or ()), actuator)
+    return FileGuess(path, what, file + (pressure or ()), file + (motion or ()), actuator)
 
 
 def _time(columns: _Columns) -> tuple[Key, ...]:

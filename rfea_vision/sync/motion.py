@@ -94,7 +94,7 @@ def align_by_motion(
             "use sync.method offset, led or trigger"
         )
     log_rate = 1.0 / float(np.median(np.diff(log_time_s)))
-    seen = Seen.of(motion, HIGHEST_OF_LOG_RATE * log_rate)
+    seen = FilteredMotion.of(motion, HIGHEST_OF_LOG_RATE * log_rate)
     target = Target(log_time_s, pressure_kPa, seen.rate, seen.high)
     offsets, shares, own = search(seen, target)
     best = int(np.argmax(shares))
@@ -121,7 +121,7 @@ def align_by_motion(
 
 
 @dataclass(frozen=True)
-class Seen:
+class FilteredMotion:
     """The motion on an even grid: times (n,), amplitudes (n, m) raw, `solid` where frames are near, band-passed terms."""
 
     motion: Motion
@@ -133,7 +133,7 @@ class Seen:
     terms: FloatArray
 
     @staticmethod
-    def of(motion: Motion, highest_Hz: float = np.inf) -> Seen:
+    def of(motion: Motion, highest_Hz: float = np.inf) -> FilteredMotion:
         """Resample, smooth, and form the terms; `highest_Hz` is what the log can follow."""
         time = motion.time_s
         rate = 1.0 / float(np.median(np.diff(time)))
@@ -148,7 +148,7 @@ class Seen:
         solid[:edge] = solid[len(grid) - edge :] = False
         smooth = gauss(raw, rate, 2 * high)
         formed = np.stack([band(section, rate, high) for section in terms(motion, smooth, rate)])
-        return Seen(motion, grid, raw, solid, rate, high, formed)
+        return FilteredMotion(motion, grid, raw, solid, rate, high, formed)
 
     def columns(self, raw: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
         """Terms and supplements (sections, samples of `use`, terms), without their slow part within `use`."""
@@ -242,7 +242,7 @@ class Target:
         return np.interp(times, self.time, self.values), self.inside(times)
 
 
-def search(seen: Seen, target: Target) -> tuple[FloatArray, FloatArray, FloatArray]:
+def search(seen: FilteredMotion, target: Target) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Every offset at which enough of the motion lies within the log; the share of the pressure that is explained.
 
     Twice: as a share of the whole motion, and of the part within the log.
@@ -284,7 +284,7 @@ def _projector(x: FloatArray) -> FloatArray:
     return q.reshape(sections, n, count).sum(axis=0)
 
 
-def refine(seen: Seen, target: Target, offset: float, curve: tuple[FloatArray, FloatArray]) -> Alignment:
+def refine(seen: FilteredMotion, target: Target, offset: float, curve: tuple[FloatArray, FloatArray]) -> Alignment:
     """Newton steps to the best offset, its standard error, and the drift."""
     use = seen.solid & target.inside(seen.grid + offset - COARSE_S) & target.inside(seen.grid + offset + COARSE_S)
     columns = seen.columns(seen.raw, use)
@@ -332,7 +332,7 @@ def _lag_of_one_angle(found: Moments) -> float:
 
 
 def _newton(
-    seen: Seen,
+    seen: FilteredMotion,
     target: Target,
     offset: float,
     use: NDArray[np.bool_],

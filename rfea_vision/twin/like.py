@@ -6,7 +6,6 @@ What the critique makes of such twins says what it would make of the recordings,
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -16,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Recording
-from rfea_vision.errors import DataError, InputError
+from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
 from rfea_vision.twin.draw import Run, build_plant, move, posture_at
 from rfea_vision.twin.excitation import GRID_S, Programme
 from rfea_vision.twin.options import BaseParameters, TwinOptions
-from rfea_vision.twin.writer import _truth, _write_campaign, _write_experiment, _write_track
+from rfea_vision.twin.writer import _truth, _write_campaign, _write_experiment, _write_track, whole_campaign
 
 FloatArray = NDArray[np.floating]
 
@@ -61,17 +60,12 @@ def simulate_like(
     DataError
         If there is no recording, or such a tube cannot be simulated.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: already there and not empty; choose another folder, or remove it first")
     if not recordings:
         raise DataError("simulate --like: the campaign has no recording to take after; run rfea sync first")
     _, base = build_plant(options)
-    work = out.with_name(f".{out.name}-unfinished")
-    shutil.rmtree(work, ignore_errors=True)
     runs: list[Run] = []
     noises: dict[str, float] = {}
-    try:
-        work.mkdir(parents=True)
+    with whole_campaign(out) as work:
         _write_campaign(work, options.name or out.name, options, None)
         for index, (name, recording) in enumerate(recordings.items()):
             run = _run_like(name, recording, options.hidden)
@@ -94,11 +88,6 @@ def simulate_like(
         truth.pop("noise_mm", None)  # each run has its own
         if options.write_truth:
             write_text(out.with_name(f"{out.name}-truth.json"), json.dumps(truth, indent=1) + "\n")
-        if out.exists():
-            out.rmdir()
-        work.rename(out)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
     return truth
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -64,17 +65,12 @@ def simulate(
         If such a tube cannot be simulated.
     """
     options = options or TwinOptions()
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"{out}: already there and not empty; choose another folder, or remove it first")
-    plant, base = build_plant(options)
-    runs = draw_runs(options, 0.0 if options.given is not None else highest_pressure(plant, options))
-    hidden = with_partners(options.hidden)
-    work = out.with_name(f".{out.name}-unfinished")
-    shutil.rmtree(work, ignore_errors=True)
-    report = progress or (lambda done, total: None)
-    total = 1000 * len(runs)
-    try:
-        work.mkdir(parents=True)
+    with whole_campaign(out) as work:
+        plant, base = build_plant(options)
+        runs = draw_runs(options, 0.0 if options.given is not None else highest_pressure(plant, options))
+        hidden = with_partners(options.hidden)
+        report = progress or (lambda done, total: None)
+        total = 1000 * len(runs)
         camera_s = camera_times(options)
         postures, told = [], []
         for index, run in enumerate(runs):
@@ -107,13 +103,25 @@ def simulate(
         truth = _truth(options, asdict(base), runs)
         if options.write_truth:
             write_text(out.with_name(f"{out.name}-truth.json"), json.dumps(truth, indent=1) + "\n")
+    report(total, total)
+    return truth
+
+
+@contextmanager
+def whole_campaign(out: Path) -> Iterator[Path]:
+    """A folder to write to, which becomes `out` once it is finished; InputError if that is already filled."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"{out}: already there and not empty; choose another folder, or remove it first")
+    work = out.with_name(f".{out.name}-unfinished")
+    shutil.rmtree(work, ignore_errors=True)
+    try:
+        work.mkdir(parents=True)
+        yield work
         if out.exists():
             out.rmdir()
         work.rename(out)
     finally:
         shutil.rmtree(work, ignore_errors=True)
-    report(total, total)
-    return truth
 
 
 def _truth(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dict[str, Any]:
