@@ -25,6 +25,7 @@ Pose = tuple[FloatArray, FloatArray]
 
 COEFFICIENTS = {"brown5": 5, "brown8": 8, "fisheye": 4}
 REWEIGHTINGS = 2
+MOST_LOOKS = 60  # evaluations of a least-squares problem; photos that do not determine the lens would have it creep for ever
 PRIOR_FREEDOM = 20  # a photo's own noise is pulled towards that of all photos as if by so many residuals
 WIDEST_RAD = 1.48  # between the optical axis and a ray: beyond, a board is seen edge on
 SCALE_LIMIT = 4.0  # between the noise of a photo and that of all photos
@@ -260,8 +261,8 @@ def _descend(views: Sequence[BoardView], lens: Lens, poses: list[Pose], scales: 
         return found
 
     start = np.concatenate([lens.vector, *(np.concatenate([np.zeros(3), t]) for _, t in poses)])
-    tight = {"ftol": 1e-10, "xtol": 1e-12, "gtol": 1e-12}
-    x = least_squares(residual, start, jacobian, method="lm", x_scale="jac", **tight).x  # type: ignore[arg-type]
+    asked = {"ftol": 1e-10, "xtol": 1e-12, "gtol": 1e-12, "max_nfev": MOST_LOOKS}
+    x = least_squares(residual, start, jacobian, method="lm", x_scale="jac", **asked).x  # type: ignore[arg-type]
     moves = x[size:].reshape(-1, 6)
     turned = [(rotation_matrix(m[:3]) @ rotation, m[3:]) for m, (rotation, _) in zip(moves, poses, strict=True)]
     return Lens.from_vector(lens.model, x[:size]), turned
