@@ -34,6 +34,9 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
     scene : with the hints that were given
     reasons : why each frame was refused, empty where it was measured
     """
+    gone = sum(reason.startswith("touches_border") for reason in reasons)
+    if 2 * gone > sum(bool(reason) for reason in reasons):  # no hint shows what is not in the picture
+        return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
     count = min(TRIED, len(reasons))
     before = sum(not reason for reason in reasons[:count])
     tried = [(_read(source, _with(scene, hints), count), words) for hints, words in _candidates(source, scene)]

@@ -30,7 +30,7 @@ EDGES_ENOUGH = 0.95  # of the frames read by the edges: below it the body is fol
 # Below this share the edges that are found may be another thing's: of the films of tests/measurement/phone.py one that was read
 # to 81 % held, and those read to 72 and 64 % were off by a tenth of the range.
 EDGES_ALONE = 0.8
-EDGES_TRIED = 120  # frames after which this is asked for the first time
+EDGES_TRIED = 30  # frames after which this is asked for the first time
 GIVE_UP_AFTER = 2400  # frames without any tube before the search is called off
 PIXELS_AHEAD = 16_000_000
 
