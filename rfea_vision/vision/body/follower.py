@@ -49,6 +49,7 @@ FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed
 FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
 LIGHT_GAIN = 0.08  # of the colours of the last frame
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
+JUMP = 2.0  # times what one frame may stretch it: an end that jumps farther may have been taken for another, and its error says so
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
 END_NEAR, CLEAR_END = (
     0.6,
@@ -94,6 +95,7 @@ class BodyFollower:
         self.work = fitted.new_workspace()
         self.start: Begin | None = None
         self.good, self.missed = 0, 0
+        self.jumped_px = 0.0  # by how much the end has jumped along the body, all in all
         self.refusal = ""
         self.frame = -1
         self.guide = guide_of(scene.hints, scene.clamp_px)
@@ -280,6 +282,9 @@ class BodyFollower:
         return found
 
     def _accept(self, lab: Picture, grey: NDArray[np.uint8], fit: Fit) -> None:
+        longer = fit.body.length - self.body.length
+        if self.good and abs(longer) > JUMP * STRETCH_SHARE * (1 + self.missed) * self.body.length:
+            self.jumped_px += longer
         self.body, self.covariance, self._grey = fit.body, fit.covariance, grey
         if self.good == 0:
             self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
@@ -330,6 +335,7 @@ class BodyFollower:
         work.covariance[np.diag_indices(len(work.covariance))] += floor
         along = float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1])
         numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
+        numbers[fitted.TIP_VARIANCE] += (self.jumped_px / self.px_per_mm) ** 2
 
 
 def lab_of(colour: tuple[int, int, int]) -> FloatArray:
