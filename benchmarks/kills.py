@@ -201,7 +201,8 @@ def _kill_once(command: str, number: int, folder: Path, wanted: dict[str, bytes]
 
 
 def _records(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in (folder / "rfea" / ".stages").glob("*@*.json")}
+    found = (folder / "rfea" / ".stages").glob("*@*.json")
+    return {path.name: path.read_bytes() for path in found if not path.name.startswith(".")}
 
 
 def _run(command: str, campaign: Path) -> None:

@@ -1,0 +1,48 @@
+"""Workers that are not what a batch needs are named in one sentence, before anything runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("distributed")
+
+from rfea_vision.distributed import cluster
+from rfea_vision.distributed.tasks import fingerprint
+from rfea_vision.errors import InputError
+
+
+class Scheduler:
+    """One worker, that gives this answer to the question which version it runs and which folders it does not see."""
+
+    def __init__(self, answer: Any) -> None:
+        self.answer = answer
+
+    def scheduler_info(self, n_workers: int) -> dict[str, Any]:
+        return {"workers": {"tcp://10.0.0.7:1": {}} if self.answer is not None else {}}
+
+    def run(self, look: Any, on_error: str) -> dict[str, Any]:
+        return {"tcp://10.0.0.7:1": self.answer if self.answer != "asked" else look()}
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (("0.5.0 (abc)", []), r"10\.0\.0\.7:1 runs rfea-vision 0\.5\.0 \(abc\), here it is .*; install the same"),
+        (("", []), "has no rfea-vision of this kind; install"),
+        ("asked", "does not see /nowhere/at/all; mount the folder there"),
+        (OSError("lost"), r"does not answer \(lost\)"),
+        (None, "it has no workers; start some with 'dask worker tcp://a:1'"),
+    ],
+)
+def test_a_worker_that_will_not_do_is_named(answer, says, monkeypatch):
+    monkeypatch.setattr(cluster, "_ANSWER_S", 0.2)
+    with pytest.raises(InputError, match=says):
+        cluster._check_workers(Scheduler(answer), "tcp://a:1", [Path("/nowhere/at/all")])  # type: ignore[arg-type]
+
+
+def test_one_that_will_do_is_taken(tmp_path):
+    cluster._check_workers(Scheduler((fingerprint(), [])), "tcp://a:1", [tmp_path])  # type: ignore[arg-type]
+    cluster._check_workers(Scheduler("asked"), "tcp://a:1", [tmp_path])  # type: ignore[arg-type]
