@@ -19,8 +19,10 @@ from rfea_vision.fitting.fit import Fitted, Problem, refit
 from rfea_vision.fitting.solver import ROUGH_FRAMES
 from rfea_vision.options import FitOptions
 
-#: Evaluations on thinned runs in long steps, and then on all frames. Work is counted, never timed.
-ROUGH_EVALUATIONS, FULL_EVALUATIONS = 15, 4
+#: Evaluations at most on thinned runs in long steps, and then on all frames; and the share of the cost that one more must still
+#: win. What has not converged is called worse than it is, so the share ends most of them. Work is counted, never timed.
+ROUGH_EVALUATIONS, FULL_EVALUATIONS = 25, 12
+ROUGH_GAIN, FULL_GAIN = 1e-4, 3e-4
 #: Where a refit starts again from the optimum of a smaller model: this share of the usual start of what is new.
 FAINT = 0.02
 #: An amplitude this near to a bound, as a share of its range, has run into it.
@@ -144,7 +146,7 @@ class Trials:
         try:
             near = refit(
                 self.problem, options, values, segments, clocks,
-                items=rough, most_evaluations=ROUGH_EVALUATIONS, tolerance=1e-4,
+                items=rough, most_evaluations=ROUGH_EVALUATIONS, tolerance=ROUGH_GAIN,
             )  # fmt: skip
             values = dict(zip(near.model.names, near.par.tolist(), strict=True))
             clocks = near.solution.clocks
@@ -152,7 +154,7 @@ class Trials:
             pass  # what a long step does not survive, that of the log may
         try:
             return refit(
-                self.problem, options, values, segments, clocks, most_evaluations=FULL_EVALUATIONS, tolerance=1e-5
+                self.problem, options, values, segments, clocks, most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN
             )
         except DataError:
             return None

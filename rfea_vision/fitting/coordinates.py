@@ -20,9 +20,9 @@ from rfea_vision.tube import inner_radius
 
 FloatArray = NDArray[np.float64]
 REACH = 1.5
-#: Stiffness and damping may differ from the reference by these factors: of a tube of rubber (the softest silicones have a sixtieth of
-#: the modulus of the paper's, 0.03 MPa, and at rest a fraction of what they have when bent), and of a beam of anything.
-TUBE_RANGE, BEAM_RANGE = (1e-3, 50.0), (1e-5, 1e6)
+#: Stiffness and damping may differ from the reference by these factors: of a tube of rubber, and of a beam of anything. The softest
+#: silicones have a sixtieth of the modulus of the paper's (0.03 MPa), and at rest a fraction of what they have when bent.
+STIFFNESS_RANGE, DAMPING_RANGE, BEAM_RANGE = (1e-3, 50.0), (0.02, 50.0), (1e-5, 1e6)
 BEAM_MODULUS = 1e6  # Pa
 #: A start is kept this far off its bounds at most.
 MARGIN = 5e-3
@@ -185,12 +185,12 @@ def build(
     for k, name in enumerate(names):
         offset[k] = pinned.get(name, offset[k])
     offset[free] = 0.0
-    usual = TUBE_RANGE if actuator.kind == "tube" else BEAM_RANGE
     axes = []
     for k in free:
         own = given.get(names[k])
         if k < 6:
             rest = k - k % 2
+            usual = BEAM_RANGE if actuator.kind != "tube" else STIFFNESS_RANGE if k < 2 else DAMPING_RANGE
             paired = rest in free and rest + 1 in free and names[rest + 1] not in given
             axes.append(_base_axis(k, reference[rest], reach, offset[rest], len(names), paired, own, usual))
         elif k == 6:

@@ -51,6 +51,10 @@ AGREEING_STARTS = 3
 STIFFER_STARTS = (1.5, 3.0, 6.0)
 #: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
 GOOD_STEADY = 50.0
+#: A start that ends with the tip this share of the length, or this many rad, off at some moment is not the only one to try.
+ASTRAY = 0.1
+#: A coarse solution whose mean square grows by more than this on the full chain has not been carried over.
+CARRIED_WORSE = 1.5
 Progress = Callable[[int, int], None] | None
 
 
@@ -141,8 +145,10 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
         record = record or steady
         solution = None
         for trial in (from_rest, evened(coordinates, from_rest), *_stiffer(guess)):
-            solution = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
-            if solution is not None:
+            found = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
+            if solution is None or (found is not None and found.cost < solution.cost):
+                solution = found
+            if solution is not None and not _astray(thin, solution, problem.actuator.length):
                 break
         label = f"r_hyd x {arm:.2f}, damping x {damping:.2f}"
         if solution is None:
@@ -172,18 +178,38 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
 
 
+def _astray(items: Sequence[Observed], solution: Solution, length_m: float) -> bool:
+    """Whether the modelled tube is somewhere else altogether now and then, as one is that was fitted onto the edge of buckling."""
+    gaps = [
+        np.linalg.norm(item.points[:, -1] - one.points[:, -1], axis=1) / length_m if item.has_tip else np.abs(item.angle - one.angle)
+        for item, one in zip(items, solution.evaluation.predicted, strict=True)
+    ]
+    return max(float(np.max(gap)) for gap in gaps) > ASTRAY
+
+
 def _refined(
     problem: Problem, options: FitOptions, model: Model, segments: int, solutions: Sequence[Solution]
 ) -> Fitted:
-    """Carry the best coarse solution that a finer chain can be started from over to the full one."""
+    """Carry the coarse solutions over to the full chain, best first, until one of them ends about as well there.
+
+    A chain on the edge of buckling with few segments may be beyond it with more.
+    """
     failure = DataError(f"model {options.name}: no solution")
+    best: Fitted | None = None
     for solution in sorted(solutions, key=lambda s: s.cost):
         known = dict(zip(model.names, solution.par, strict=True))
         try:
-            return refit(problem, options, known, segments, clocks=solution.clocks)
+            fitted = refit(problem, options, known, segments, clocks=solution.clocks)
         except DataError as error:
             failure = error
-    raise failure
+            continue
+        if best is None or fitted.solution.cost < best.solution.cost:
+            best = fitted
+        if best.solution.mean_square < CARRIED_WORSE * solution.mean_square:
+            break
+    if best is None:
+        raise failure
+    return best
 
 
 def effect_starts(model_effects: Sequence[Any], names: Sequence[str]) -> list[dict[str, float]]:

@@ -61,13 +61,14 @@ SLOW_FRAMES_S = 0.02
 def count_jumps(item: Observed, predicted: Predicted) -> int:
     """Frames at which a track leaves the model from one frame to the next: wrong points, not physics, which takes time.
 
-    None where the frames are so slow that the tube itself can go anywhere from one to the next.
+    A tube whose physics the model lacks moves otherwise, but about as smoothly: a jump is sharper than anything in the modelled
+    motion. None where the frames are so slow that the tube itself can go anywhere from one to the next.
     """
     if float(np.median(np.diff(item.time))) > SLOW_FRAMES_S:
         return 0
-    gap = (item.angle - predicted.angle)[:, None]
+    gap, motion = (item.angle - predicted.angle)[:, None], predicted.angle[:, None]
     if item.has_tip:
-        gap = (item.points - predicted.points).reshape(item.time.size, -1)
+        gap, motion = (points.reshape(item.time.size, -1) for points in (item.points - predicted.points, predicted.points))
     if gap.shape[0] < 12:
         return 0
     bend = np.diff(gap, n=2, axis=0)
@@ -75,7 +76,8 @@ def count_jumps(item: Observed, predicted: Predicted) -> int:
     noise = item.sigma[:, -1] if item.has_tip else item.angle_sigma
     scale = np.maximum(scatter(bend), np.sqrt(6) * float(np.median(noise)))
     # A step in position bends the curve one way and at once the other; a blow only bends it.
-    far = np.minimum(np.abs(bend[1:]), np.abs(bend[:-1])) > JUMP * scale
+    sharpest = float(np.max(np.abs(np.diff(motion, n=2, axis=0))))
+    far = np.minimum(np.abs(bend[1:]), np.abs(bend[:-1])) > np.maximum(JUMP * scale, sharpest)
     return int(np.sum(np.any(far & (bend[1:] * bend[:-1] < 0), axis=1) & near))
 
 

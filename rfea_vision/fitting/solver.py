@@ -49,6 +49,11 @@ class Solution:
     row_weight: FloatArray
 
     @property
+    def mean_square(self) -> float:
+        """Cost per row."""
+        return self.cost / max(self.evaluation.residual.size, 1)
+
+    @property
     def x(self) -> FloatArray:
         """What the optimiser turned: coordinates, then the free clocks."""
         return np.concatenate([self.y, self.clocks[list(self.clock_index)] / CLOCK_SCALE_S])
