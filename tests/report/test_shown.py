@@ -72,8 +72,8 @@ def test_an_angle_campaign_is_shown_in_degrees(small: Path, tmp_path: Path) -> N
     assert "Predicted, deg" in text
     assert "Held out, mm" not in text
     assert "Tip error" not in text
-    assert "0.042 deg" in text.replace("\N{NO-BREAK SPACE}", " ")
-    assert "off by 0.12 deg , the model of the paper by 4.56 deg" in text.replace("\N{NO-BREAK SPACE}", " ")
+    assert "0.0417 deg" in text.replace("\N{NO-BREAK SPACE}", " ")
+    assert "off by 0.123 deg , the model of the paper by 4.56 deg" in text.replace("\N{NO-BREAK SPACE}", " ")
     rungs = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", html, re.S)[1])["rungs"]  # type: ignore[index]
     assert [rung["unit"] for rung in rungs] == ["deg"] * 3
     assert rungs[0]["floor"] == 0.0417
