@@ -167,7 +167,7 @@ def observe_recording(
         angle_sigma=angle_sigma[keep],
         excitation=excitation,
         observe=wanted,
-        clock_sigma=_clock_sigma(recording, by_motion=method == "motion" or let_go),
+        clock_sigma=_clock_sigma(recording, method, float(np.median(np.diff(time[valid]))) if let_go else None),
         repeat_of=data.attrs.get("repeat_of") or None,
         tip_noise_mm=white_noise_mm(tip_mm),
         origin_sigma=_origin_sigma(data) if fractions.size > 1 else 0.0,
@@ -217,13 +217,16 @@ def _longest_step_s(log_time: FloatArray, time: FloatArray) -> float:
     return float(np.clip(period / STEPS_PER_PERIOD, LONGEST_STEP_S, SLOWEST_STEP_S))
 
 
-def _clock_sigma(recording: Recording, *, by_motion: bool) -> float:
+def _clock_sigma(recording: Recording, method: str, let_go_s: float | None) -> float:
     """Standard error (s) with which the clock of a run is known; 0 where it is better than the log's own step needs.
 
-    Motion shows log and tube together: what it says of the clock is off by as much as the tube lags.
+    Motion shows log and tube together: what it says of the clock is off by as much as the tube lags. The moment at which a
+    hand let go is seen to one frame, `let_go_s`.
     """
     found = float(recording.dataset.attrs.get("offset_stderr_s", 0.0) or 0.0)
-    if by_motion:
+    if let_go_s is not None:
+        return let_go_s
+    if method == "motion":
         return float(np.hypot(found if np.isfinite(found) else 0.0, TUBE_LAG_S))
     return found if np.isfinite(found) and found > LONGEST_STEP_S else 0.0
 
