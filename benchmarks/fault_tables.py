@@ -66,7 +66,9 @@ def faults() -> str:
 def batches() -> str:
     """The thirty campaigns, and foreign schedulers."""
     found = _of_latest_code("batches")
-    lines = [[row["what"], "right" if not row["wrong"] else f"**{', '.join(row['wrong'])}**", row["said"]] for row in found]
+    lines = [
+        [row["what"], "right" if not row["wrong"] else f"**{', '.join(row['wrong'])}**", row["said"]] for row in found
+    ]
     return f"{_code(found)}\n\n{_table(['what', 'ended', 'what was said'], lines)}"
 
 

@@ -184,7 +184,9 @@ def growing(tried: Tried) -> tuple[bool, str]:
     stop.set()
     writer.join()
     log.write_bytes(right)
-    return ended.in_a_sentence and "changed while it was read" in ended.said and tried.as_undisturbed(campaign), ended.said
+    return ended.in_a_sentence and "changed while it was read" in ended.said and tried.as_undisturbed(
+        campaign
+    ), ended.said
 
 
 def two_at_once(tried: Tried) -> tuple[bool, str]:
@@ -192,13 +194,18 @@ def two_at_once(tried: Tried) -> tuple[bool, str]:
     campaign = tried.copy(tried.folder / "two")
     processes = [begin(campaign, *_FIT), begin(campaign, *_FIT), begin(campaign, "sync", "CAMPAIGN")]
     ended = [end(process) for process in processes]
-    return [item.code for item in ended] == [0, 0, 0] and results_in(campaign) == tried.wanted, "each waited for the one before"
+    return [item.code for item in ended] == [0, 0, 0] and results_in(
+        campaign
+    ) == tried.wanted, "each waited for the one before"
 
 
 FAULTS: dict[str, Callable[[Tried], tuple[bool, str]]] = {
     **{f"full disk, {room} kB left": partial(full_disk, room_kB=room) for room in (0, 20, 60, 80, 100, 120, 160)},
     "folder that cannot be written to": read_only,
-    **{f"folder that goes away at {share:.0%} of a fit": partial(vanished, share=share) for share in (0.3, 0.6, 0.8, 0.9)},
+    **{
+        f"folder that goes away at {share:.0%} of a fit": partial(vanished, share=share)
+        for share in (0.3, 0.6, 0.8, 0.9)
+    },
     "clock that jumps back": clock_back,
     "raw file that grows while it is read": growing,
     "two fits and a sync at once": two_at_once,

@@ -70,7 +70,9 @@ def run_case(case: Case) -> dict[str, Any]:
     recordings, actuator = recordings_of(options)
     rungs: list[tuple[ModelFit, Diagnosis]] = []
 
-    def on_rung(model: ModelFit, _predictions: Any, _comparison: Comparison, diagnosis: Diagnosis, _pressure: Any) -> None:
+    def on_rung(
+        model: ModelFit, _predictions: Any, _comparison: Comparison, diagnosis: Diagnosis, _pressure: Any
+    ) -> None:
         rungs.append((model, diagnosis))
 
     started = time.perf_counter()

@@ -54,7 +54,11 @@ class Kill:
 def results_in(campaign: Path) -> dict[str, bytes]:
     """Every result in JSON or netCDF, by path; what is unfinished must not be there."""
     out = campaign / "rfea"
-    kept = [path for path in out.rglob("*") if path.is_file() and ".stages" not in path.parts and path.name != "timings.json"]
+    kept = [
+        path
+        for path in out.rglob("*")
+        if path.is_file() and ".stages" not in path.parts and path.name != "timings.json"
+    ]
     left = [path.name for path in kept if path.name.startswith(".") and path.suffix != ".npz"]
     if left:
         raise AssertionError(f"left unfinished: {left}")
@@ -131,7 +135,9 @@ def descendants(process: int) -> list[int]:
     parents: dict[int, list[int]] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError):
-            parents.setdefault(int((folder / "stat").read_text().rpartition(")")[2].split()[1]), []).append(int(folder.name))
+            parents.setdefault(int((folder / "stat").read_text().rpartition(")")[2].split()[1]), []).append(
+                int(folder.name)
+            )
     found, look = [], [process]
     while look:
         below = parents.get(look.pop(), [])
@@ -175,7 +181,12 @@ def kill_often(
 
 def _kill_once(command: str, number: int, folder: Path, wanted: dict[str, bytes], took_s: float) -> Kill:
     chance = random.Random(f"{command} {number}")
-    found = Kill(command, number, "worker" if command == "batch" and number % 2 else "command", chance.uniform(0.02, 1.0) * took_s)
+    found = Kill(
+        command,
+        number,
+        "worker" if command == "batch" and number % 2 else "command",
+        chance.uniform(0.02, 1.0) * took_s,
+    )
     process = Process(command, folder)
     code = process.wait(found.after_s)
     workers = descendants(process.pid) if found.what == "worker" and code is None else []
@@ -245,7 +256,10 @@ def kill_all(file: Path = ROWS) -> None:
             first = 1 + max((row["number"] for row in done), default=-1)
             while (left := share - sum(not row["too_late"] for row in done)) > 0:
                 made = kill_often(
-                    command, campaign, range(first, first + left), heard=lambda kill: add_row("kills", asdict(kill), file)
+                    command,
+                    campaign,
+                    range(first, first + left),
+                    heard=lambda kill: add_row("kills", asdict(kill), file),
                 )
                 done += [asdict(kill) for kill in made]
                 first += left

@@ -23,7 +23,12 @@ def third_difference_noise(values: FloatArray, stride: int = 1) -> FloatArray:
     They remove any motion that is smooth over four samples, `stride` apart, and have 1 + 9 + 9 + 1 times the variance of the noise.
     Rows that are not all numbers are passed over. Zero where fewer than eight differences are left.
     """
-    third = values[3 * stride :] - 3 * values[2 * stride : -stride] + 3 * values[stride : -2 * stride] - values[: -3 * stride]
+    third = (
+        values[3 * stride :]
+        - 3 * values[2 * stride : -stride]
+        + 3 * values[stride : -2 * stride]
+        - values[: -3 * stride]
+    )
     third = third[np.all(np.isfinite(third), axis=1)]
     if third.shape[0] < 8:
         return np.zeros(values.shape[1])

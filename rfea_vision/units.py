@@ -94,7 +94,9 @@ def split_quantity(value: object) -> tuple[float, str]:
     ValueError
         If there is no finite number, or the unit is unknown.
     """
-    match = _QUANTITY.match(str(value)) if isinstance(value, str | int | float) and not isinstance(value, bool) else None
+    match = (
+        _QUANTITY.match(str(value)) if isinstance(value, str | int | float) and not isinstance(value, bool) else None
+    )
     if match is None or not math.isfinite(float(match[1])):
         raise ValueError(f"'{value}' is not a number, with or without a unit; write for example 12 or '30 g'")
     if match[2]:

@@ -45,7 +45,9 @@ def test_what_was_asked_for_is_written_as_it_is_read():
     words = written("fit", asked)
     assert "--segments 8" in words and "--add maxwell --add coulomb" in words and "--leave-one-out" in words
     assert "--fix r_hyd=0.0036m" in words and "--pressure-zero 1000Pa" in words
-    assert written("improve", FitOptions(), CritiqueOptions(budget_s=300, stand_ins=True)) == "--stand-ins --budget 300s"
+    assert (
+        written("improve", FitOptions(), CritiqueOptions(budget_s=300, stand_ins=True)) == "--stand-ins --budget 300s"
+    )
     assert written("fit", FitOptions(segments="auto")) == "--segments auto"  # type: ignore[arg-type]
 
 

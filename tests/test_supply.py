@@ -15,7 +15,16 @@ import pytest
 from packaging.utils import canonicalize_name
 
 _BUILD = "import sys; from hatchling.build import build_wheel; print(build_wheel(sys.argv[1]))"
-_SOURCE = ("rfea_vision", "calib", "pipelines", "pyproject.toml", "README.md", "LICENSE", "requirements.txt", "hatch_build.py")
+_SOURCE = (
+    "rfea_vision",
+    "calib",
+    "pipelines",
+    "pyproject.toml",
+    "README.md",
+    "LICENSE",
+    "requirements.txt",
+    "hatch_build.py",
+)
 
 
 def _built(root: Path, folder: Path, mask: int) -> Path:
@@ -24,12 +33,19 @@ def _built(root: Path, folder: Path, mask: int) -> Path:
     source.mkdir(parents=True)
     for name in reversed(_SOURCE) if mask else _SOURCE:
         if (root / name).is_dir():
-            shutil.copytree(root / name, source / name, ignore=shutil.ignore_patterns("__pycache__"), copy_function=shutil.copyfile)
+            shutil.copytree(
+                root / name, source / name, ignore=shutil.ignore_patterns("__pycache__"), copy_function=shutil.copyfile
+            )
         else:
             shutil.copyfile(root / name, source / name)
     environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000", "TZ": "UTC" if mask else "Asia/Tokyo"}
     done = subprocess.run(
-        [sys.executable, "-c", _BUILD, str(folder)], cwd=source, env=environment, capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", _BUILD, str(folder)],
+        cwd=source,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     assert done.returncode == 0, done.stderr
     return folder / done.stdout.split()[-1]
@@ -50,7 +66,9 @@ def test_a_wheel_is_the_same_byte_by_byte_and_says_what_it_was_tested_with(root:
 def test_every_pin_has_its_hashes(root: Path, pins: str) -> None:
     """Names no host, and may be given to pip with --require-hashes; made again by the command in SECURITY.md."""
     lines = (root / f"{pins}.txt").read_text().splitlines()
-    wanted = {canonicalize_name(line.partition("==")[0]): line.partition("==")[2].split()[0] for line in lines if "==" in line}
+    wanted = {
+        canonicalize_name(line.partition("==")[0]): line.partition("==")[2].split()[0] for line in lines if "==" in line
+    }
     found: dict[str, str] = {}
     hashes: dict[str, int] = {}
     for line in (root / f"{pins}.lock").read_text().splitlines():

@@ -211,7 +211,9 @@ class Diagnosis(_Json):
     verdict: Literal["missing", "complete", "unexplained"]
     sentence: str = ""
     named: list[str] = Field(default_factory=list)
-    stand_ins: list[str] = Field(default_factory=list)  # what lowers the held-out error together, though hardly its cause
+    stand_ins: list[str] = Field(
+        default_factory=list
+    )  # what lowers the held-out error together, though hardly its cause
     tied: list[Tie] = Field(default_factory=list)
     candidates: list[Candidate] = Field(default_factory=list)
     sets: list[EffectSet] = Field(default_factory=list)

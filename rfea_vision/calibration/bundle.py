@@ -25,7 +25,9 @@ Pose = tuple[FloatArray, FloatArray]
 
 COEFFICIENTS = {"brown5": 5, "brown8": 8, "fisheye": 4}
 REWEIGHTINGS = 2
-MOST_LOOKS = 60  # evaluations of a least-squares problem; photos that do not determine the lens would have it creep for ever
+MOST_LOOKS = (
+    60  # evaluations of a least-squares problem; photos that do not determine the lens would have it creep for ever
+)
 PRIOR_FREEDOM = 20  # a photo's own noise is pulled towards that of all photos as if by so many residuals
 WIDEST_RAD = 1.48  # between the optical axis and a ray: beyond, a board is seen edge on
 SCALE_LIMIT = 4.0  # between the noise of a photo and that of all photos

@@ -101,7 +101,16 @@ def load_calibration(path: Path) -> Calibration:
     try:
         storage = text.startswith("%YAML") or text.lstrip().startswith(("<?xml", "<opencv_storage"))
         values = _with_usual_names(_read_opencv(path) if storage else _read_ros(text))
-    except (cv2.error, yaml.YAMLError, TypeError, ValueError, KeyError, SystemError, RecursionError, AttributeError) as error:
+    except (
+        cv2.error,
+        yaml.YAMLError,
+        TypeError,
+        ValueError,
+        KeyError,
+        SystemError,
+        RecursionError,
+        AttributeError,
+    ) as error:
         raise InputError(f"{path}: not an OpenCV or ROS camera file; calibrate from photos instead") from error
     if values.get("camera_matrix") is None:
         remedy = (

@@ -19,9 +19,14 @@ FloatArray = NDArray[np.float64]
 # Soft actuators are driven with 10 to 500 kPa: these leave a factor of six to both sides, and the usual slips are factors of
 # 1000 (Pa, ms, m) or 57 (radians), which no factor of six hides.
 _HIGH_KPA, _LOW_KPA = 3000.0, 0.5
-_AIR_kPa = (80.0, 110.0)  # of the atmosphere, from 2,000 m up to a high at the sea: what an absolute sensor reads at rest
+_AIR_kPa = (
+    80.0,
+    110.0,
+)  # of the atmosphere, from 2,000 m up to a high at the sea: what an absolute sensor reads at rest
 _UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
-_TOO_LONG = 50.0  # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
+_TOO_LONG = (
+    50.0  # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
+)
 # Of the pressure's variance, that a linear function of the tip's place, up to half a second later, gives again: 0.85 to 1.00 over the
 # runs of a twin and of a real finger, 0.26 for a staircase beside the log of a sum of sines.
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
@@ -91,7 +96,13 @@ def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_k
 
     `time_s` are those of the frames on the log's clock. Runs that are alike cannot be told apart by this.
     """
-    motion = track["tip"].values if "tip" in track else track["bend_angle"].values[:, None] if "bend_angle" in track else None
+    motion = (
+        track["tip"].values
+        if "tip" in track
+        else track["bend_angle"].values[:, None]
+        if "bend_angle" in track
+        else None
+    )
     if motion is None:
         return []
     seen = np.isfinite(motion).all(axis=1) & (time_s >= log_s[0]) & (time_s <= log_s[-1])
@@ -106,7 +117,9 @@ def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_k
             shares.append(1.0 - float(np.var(left) / np.var(pressure)))
     if not shares or max(shares) >= _FOLLOWS:
         return []
-    return [f"the motion follows this pressure to {100 * max(max(shares), 0.0):.0f} % only; is it the log of another run?"]
+    return [
+        f"the motion follows this pressure to {100 * max(max(shares), 0.0):.0f} % only; is it the log of another run?"
+    ]
 
 
 def alike(experiments: Sequence[ExperimentSpec]) -> list[tuple[ExperimentSpec, str]]:

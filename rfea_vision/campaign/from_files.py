@@ -106,7 +106,9 @@ def _runs(found: Sequence[FileGuess]) -> tuple[list[Run], list[FileGuess]]:
     for item in found:
         if item.what == "film" and _stem(item.path) in tracked:
             alone.append(
-                FileGuess(item.path, "film", note="a track of the same run is there; name the film in its place if you like")
+                FileGuess(
+                    item.path, "film", note="a track of the same run is there; name the film in its place if you like"
+                )
             )
         elif item.what in ("film", "track", "both"):
             pending.append(item)

@@ -353,13 +353,19 @@ def _rig(parsed: ExperimentFile, actuator: Actuator, finder: _Finder) -> RigSpec
     if isinstance(given, PlumbPart):
         plumb = given.plumb
         if plumb[0] == plumb[1]:
-            finder.complain("rig.gravity.plumb", "its two points are one; give two far apart on the line, upper one first")
+            finder.complain(
+                "rig.gravity.plumb", "its two points are one; give two far apart on the line, upper one first"
+            )
         if camera is None or isinstance(camera.vertical, PlumbPart):
-            finder.complain("rig.gravity.plumb", "needs pictures, and in camera.vertical the axis of the rig: board, rest or image")
+            finder.complain(
+                "rig.gravity.plumb", "needs pictures, and in camera.vertical the axis of the rig: board, rest or image"
+            )
     else:
         gravity = gravity_deg(given if isinstance(given, str) else given.angle, actuator.bends)
         if camera is not None and camera.vertical == "rest" and gravity is not None and gravity % 180 != 0:
-            finder.complain("camera.vertical", "a tube across gravity does not rest straight; use board, image or {plumb: ...}")
+            finder.complain(
+                "camera.vertical", "a tube across gravity does not rest straight; use board, image or {plumb: ...}"
+            )
     known: dict[str, float] = {}
     if parsed.conditions:
         from rfea_vision.options.given import read_conditions  # brings the effects with it
@@ -385,7 +391,9 @@ def _pressures(given: PressurePart | list[PressurePart] | None, finder: _Finder)
         finder.complain("pressure", "each of several needs the name of its chamber, such as 'chamber: left'")
     odd = next((name for name in names if name is not None and not re.fullmatch(CHAMBER, name)), None)
     if odd is not None:
-        finder.complain("pressure.chamber", f"'{odd}' must begin with a letter and have no . @ or = in it, such as 'left'")
+        finder.complain(
+            "pressure.chamber", f"'{odd}' must begin with a letter and have no . @ or = in it, such as 'left'"
+        )
     first, *further = (_pressure(part, finder) for part in given)
     return replace(first, further=tuple(further))
 
@@ -394,9 +402,7 @@ def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
     if part.value is not None:
         if part.file is not None or part.url is not None:
             finder.complain("pressure.value", "stands beside a log; keep the log, or the constant value")
-        return PressureSpec(
-            folder=finder.folders[0], value_kPa=part.value, chamber=part.chamber or "", sign=part.sign
-        )
+        return PressureSpec(folder=finder.folders[0], value_kPa=part.value, chamber=part.chamber or "", sign=part.sign)
     if (part.file is None) == (part.url is None):
         finder.complain(
             "pressure", "exactly one of 'file' and 'url' is needed; for example 'pressure: {file: pressure.csv}'"

@@ -65,7 +65,9 @@ def export_command(
             if crate:
                 say_next(f"open {files[0]}", "the list of what the crate holds, an RO-Crate 1.1")
             else:
-                say_next(f"python -c \"import xarray; print(xarray.open_dataset('{files[0]}'))\"", "movement opens it, too")
+                say_next(
+                    f"python -c \"import xarray; print(xarray.open_dataset('{files[0]}'))\"", "movement opens it, too"
+                )
         return
     target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
     with opened(campaign, out) as work:

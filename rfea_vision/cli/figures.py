@@ -42,7 +42,9 @@ def figures_command(
         print_json({"folder": str(files[0].parent), "files": [path.name for path in files]})
         return
     say(f"{files[0].parent}: {len({path.stem for path in files})} figures, {len(files)} files")
-    say_next(f"rfea export {campaign} --crate OUT", "the fit behind them, with its files and hashes, to publish beside them")
+    say_next(
+        f"rfea export {campaign} --crate OUT", "the fit behind them, with its files and hashes, to publish beside them"
+    )
 
 
 @click.command("reproduce")

@@ -100,7 +100,9 @@ def _worst(
             label, f"during a {label}"
         )
         norm = "RMS along the tube" if unit == "mm" and sigma.size > 1 else "RMS"
-        sentence = f"{name}: {rounded(rms)} {unit} {norm} between {start:.2f} and {stop:.2f} s {article}, {where}{times}."
+        sentence = (
+            f"{name}: {rounded(rms)} {unit} {norm} between {start:.2f} and {stop:.2f} s {article}, {where}{times}."
+        )
         places.append(
             WorstPlace(
                 experiment=name,

@@ -55,7 +55,9 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
     for item, gap in _gaps(problem, fitted):
         period = float(np.median(np.diff(item.time)))
         strides = range(1, max(1, int(NOISE_SPAN_S / period + 1e-6)) + 1)
-        seen.append(max((float(np.linalg.norm(third_difference_noise(gap, stride))) for stride in strides), default=0.0))
+        seen.append(
+            max((float(np.linalg.norm(third_difference_noise(gap, stride))) for stride in strides), default=0.0)
+        )
     raised = float(np.sqrt(np.mean(np.square(seen))))
     return float(np.clip(raised, known, MOST_RAISED * known))
 
@@ -123,10 +125,7 @@ def _shift(item: Observed, other: Observed) -> float:
     first = other.excitation.start_s - item.excitation.start_s
     grid, pressure = item.excitation.grid_s[::10], item.excitation.pressure[::10]
     shifts: FloatArray = first + np.arange(-SEARCHED_S, SEARCHED_S + 1e-9, 0.01)
-    costs = [
-        float(np.mean((other.excitation.at(grid + shift) - pressure) ** 2))
-        for shift in shifts
-    ]
+    costs = [float(np.mean((other.excitation.at(grid + shift) - pressure) ** 2)) for shift in shifts]
     return float(shifts[int(np.argmin(costs))])
 
 

@@ -173,7 +173,9 @@ class _Climb:
                 return False
             self.trials.stands(found)
             # a set of stand-ins helps together: what one of them does alone is no reason to drop it
-            fitted, gone = (found, set()) if step.grade == "stand-in" else _look_back(found, self.trials, self.floor, name)
+            fitted, gone = (
+                (found, set()) if step.grade == "stand-in" else _look_back(found, self.trials, self.floor, name)
+            )
         self.dropped |= gone
         self.before, self.fitted, self.last = self.fitted, fitted, step
         return True

@@ -52,7 +52,8 @@ def profiles(low: float, high: float, rate: float, seed: int) -> dict[str, Float
     shares = {
         "a fast step to full pressure, held, and back": (t > 0.5) & (t < 5),
         "a slow triangle to full pressure and back": np.interp(t, [0.3, 4.0, 7.7], [0, 1, 0]),
-        "fast and slow triangles to the same pressure": 0.8 * np.interp(t, [0.2, 0.7, 1.2, 1.7, 4.5, 7.5], there_and_back),
+        "fast and slow triangles to the same pressure": 0.8
+        * np.interp(t, [0.2, 0.7, 1.2, 1.7, 4.5, 7.5], there_and_back),
         "a staircase up and down with holds": np.interp(
             np.floor(t / 0.8), range(10), [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0]
         ),
@@ -67,7 +68,9 @@ def profiles(low: float, high: float, rate: float, seed: int) -> dict[str, Float
     sides = {name: side for name, side in (("", high), (" to the other side", low)) if side != rest}
     if high == rest:
         sides = {"": low}
-    targets = {name + where: rest + (side - rest) * share for where, side in sides.items() for name, share in shares.items()}
+    targets = {
+        name + where: rest + (side - rest) * share for where, side in sides.items() for name, share in shares.items()
+    }
     if len(sides) == 2:
         one, other = (np.interp(t, [at, at + 1.8, at + 3.6], [0, 1, 0]) for at in (0.3, 3.9))
         targets["triangles to one side and to the other"] = rest + (high - rest) * one + (low - rest) * other
@@ -104,7 +107,13 @@ class _Design:
             else f", {1 / self.pace:.2g} times as slow"
         )
         low, high = float(pressure.min()) / 1e3, float(pressure.max()) / 1e3
-        reach = f"up to {high:.0f}" if low >= -0.5 else f"down to {low:.0f}" if high <= 0.5 else f"from {low:.0f} to {high:.0f}"
+        reach = (
+            f"up to {high:.0f}"
+            if low >= -0.5
+            else f"down to {low:.0f}"
+            if high <= 0.5
+            else f"from {low:.0f} to {high:.0f}"
+        )
         return f"{self.shape}{how} ({reach} kPa)"
 
 

@@ -88,7 +88,9 @@ def refuse_shared_results(folders: Sequence[Path], out: Path | None) -> None:
     for folder in folders:
         where = results_of(folder, out)
         if where in seen:
-            raise InputError(f"{folder}: its results would go to {where}, as those of {seen[where]}; give each campaign once")
+            raise InputError(
+                f"{folder}: its results would go to {where}, as those of {seen[where]}; give each campaign once"
+            )
         seen[where] = folder
 
 
@@ -205,4 +207,6 @@ class _Batch:
         if self._workers():
             self.seen_workers = time.monotonic()
         elif time.monotonic() - self.seen_workers > _WITHOUT_WORKERS_S:
-            raise DataError("all workers have gone; start them and run the same command again: what was finished is kept")
+            raise DataError(
+                "all workers have gone; start them and run the same command again: what was finished is kept"
+            )

@@ -189,5 +189,7 @@ def generate_numpy(law: Law) -> str:
     written = [(name, name, values) for name, values in law.once.items()]
     for index, line in enumerate(law.lines.values()):
         written += [(f"{name}_{index}", name, values) for name, values in line.items()]
-    functions = (_numpy_function(name, law, values, laws.own_symbols(laws.ONCE[hook])) for name, hook, values in written)
+    functions = (
+        _numpy_function(name, law, values, laws.own_symbols(laws.ONCE[hook])) for name, hook, values in written
+    )
     return text + "".join("\n\n" + function for function in functions)

@@ -211,7 +211,9 @@ def compose(effects: Sequence[Effect]) -> Law:
         once={name: values(name, common) for name in ONCE},
         active=frozenset(name for name in ONCE if any(effect.overrides(name) for effect in common)),
         lines={
-            chamber: {name: values(name, [effect for effect in effects if effect.chamber == chamber]) for name in LINE_HOOKS}
+            chamber: {
+                name: values(name, [effect for effect in effects if effect.chamber == chamber]) for name in LINE_HOOKS
+            }
             for chamber in chambers
         },
     )

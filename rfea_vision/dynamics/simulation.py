@@ -198,8 +198,14 @@ class Model:
         pressure, derivative = excitation.pressure.copy(), np.zeros((excitation.pressure.size, par.size))
         for chamber in self.law.chambers:
             if chamber not in excitation.chambers:
-                there = f"the chambers are {', '.join(excitation.chambers)}" if excitation.chambers else "there is one chamber"
-                raise InputError(f"an effect stands @{chamber}, which is neither a joint's number nor a chamber; {there}")
+                there = (
+                    f"the chambers are {', '.join(excitation.chambers)}"
+                    if excitation.chambers
+                    else "there is one chamber"
+                )
+                raise InputError(
+                    f"an effect stands @{chamber}, which is neither a joint's number nor a chamber; {there}"
+                )
             sign, own = excitation.chambers[chamber]
             sense, constant = (self.law.line(hook, chamber) for hook in LINE_HOOKS)
             felt, slopes = self._behind(par, sense, constant, own, None, excitation.step_s, np.array([0.0, 1.0]))

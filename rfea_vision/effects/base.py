@@ -168,13 +168,14 @@ class Effect:
     source_text: ClassVar[str | None] = None  # of a user's file
     exactly_tied_to: ClassVar[tuple[str, ...]] = ()
     goes_with: ClassVar[tuple[str, ...]] = ()  # effects without which this one is no candidate
-    chamber: ClassVar[str] = ""  # of an effect of the line that acts on one of several chambers alone; asked for as id@chamber
+    chamber: ClassVar[str] = (
+        ""  # of an effect of the line that acts on one of several chambers alone; asked for as id@chamber
+    )
 
     def __init__(self) -> None:
         own = "".join(c if c.isalnum() else f"_{ord(c):x}_" for c in self.id) if self.chamber else self.id
         self._symbols = {
-            name: sp.Symbol(f"{own}__{name}", real=True)
-            for name in (*self.parameters, *self.states, *self.constants)
+            name: sp.Symbol(f"{own}__{name}", real=True) for name in (*self.parameters, *self.states, *self.constants)
         }
 
     def __getattr__(self, name: str) -> sp.Symbol:

@@ -62,7 +62,10 @@ class Coordinates:
         # small bound: a stiffness that is a fiftieth of the usual would come back a quarter larger.
         span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 1.0)
         margin = np.minimum(1e-4 * span, MARGIN)
-        low, high = (np.where(bound == 0, margin, np.minimum(margin, MARGIN * np.abs(bound))) for bound in (self.lower, self.upper))
+        low, high = (
+            np.where(bound == 0, margin, np.minimum(margin, MARGIN * np.abs(bound)))
+            for bound in (self.lower, self.upper)
+        )
         return np.clip(y, self.lower + low, self.upper - high).astype(np.float64)
 
 

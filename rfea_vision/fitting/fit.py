@@ -140,7 +140,10 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
             if name in model.names:
                 guess[model.names.index(name)] = value
         if not plateaus:  # no steady state tells the stiffness: the start that comes nearest at once is taken
-            guess = min(_stiffer(guess), key=lambda trial: _first_cost(solve(model, thin, coordinates, trial, most_evaluations=1)))
+            guess = min(
+                _stiffer(guess),
+                key=lambda trial: _first_cost(solve(model, thin, coordinates, trial, most_evaluations=1)),
+            )
         from_rest, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
         solution = None
@@ -181,7 +184,9 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
 def _astray(items: Sequence[Observed], solution: Solution, length_m: float) -> bool:
     """Whether the modelled tube is somewhere else altogether now and then, as one is that was fitted onto the edge of buckling."""
     gaps = [
-        np.linalg.norm(item.points[:, -1] - one.points[:, -1], axis=1) / length_m if item.has_tip else np.abs(item.angle - one.angle)
+        np.linalg.norm(item.points[:, -1] - one.points[:, -1], axis=1) / length_m
+        if item.has_tip
+        else np.abs(item.angle - one.angle)
         for item, one in zip(items, solution.evaluation.predicted, strict=True)
     ]
     return max(float(np.max(gap)) for gap in gaps) > ASTRAY

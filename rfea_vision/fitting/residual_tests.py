@@ -68,7 +68,9 @@ def count_jumps(item: Observed, predicted: Predicted) -> int:
         return 0
     gap, motion = (item.angle - predicted.angle)[:, None], predicted.angle[:, None]
     if item.has_tip:
-        gap, motion = (points.reshape(item.time.size, -1) for points in (item.points - predicted.points, predicted.points))
+        gap, motion = (
+            points.reshape(item.time.size, -1) for points in (item.points - predicted.points, predicted.points)
+        )
     if gap.shape[0] < 12:
         return 0
     bend = np.diff(gap, n=2, axis=0)

@@ -99,7 +99,9 @@ def read(kind: type[_Options], written: Mapping[str, object], command: str, *, n
         If a value is not what the option takes.
     """
     known = {option.key for option in asked_by(command, kind)}
-    return _adapter(kind).validate_python({key: written[key] for key in written if key in known}, context=_NAMED if named else _WRITTEN)
+    return _adapter(kind).validate_python(
+        {key: written[key] for key in written if key in known}, context=_NAMED if named else _WRITTEN
+    )
 
 
 def read_flags(kind: type[_Options], values: Mapping[str, object], command: str) -> _Options:

@@ -133,11 +133,15 @@ class _Process:
                 answer = receive(lambda count: self._read(process.stdout, count, ends))
             except TimeoutError as error:
                 self._end()
-                raise InputError(f"{path}: cannot be read within {ANSWER_S:g} s; it is damaged, or not what it says it is") from error
+                raise InputError(
+                    f"{path}: cannot be read within {ANSWER_S:g} s; it is damaged, or not what it says it is"
+                ) from error
             except (OSError, EOFError, ValueError, KeyError, TypeError, struct.error) as error:
                 self._end()
                 limit = f"{MOST_BYTES / 1e9:g} GB"
-                raise InputError(f"{path}: ended the process that read it, or needed more than {limit}; export it again") from error
+                raise InputError(
+                    f"{path}: ended the process that read it, or needed more than {limit}; export it again"
+                ) from error
             except BaseException:
                 self._end()
                 raise
@@ -150,7 +154,12 @@ class _Process:
             self._end()
         if self.process is None:
             paths = json.dumps([str(Path(entry).resolve()) for entry in sys.path if entry])
-            quiet = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system", "HDF5_PLUGIN_PATH": ""}
+            quiet = {
+                "OMP_NUM_THREADS": "1",
+                "OPENBLAS_NUM_THREADS": "1",
+                "ARROW_DEFAULT_MEMORY_POOL": "system",
+                "HDF5_PLUGIN_PATH": "",
+            }
             self.process = subprocess.Popen(
                 [sys.executable, "-P", "-c", _START, paths, str(MOST_BYTES)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=os.environ | quiet,

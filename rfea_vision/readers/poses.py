@@ -87,7 +87,9 @@ def nodes_of_points(
     else:
         clamp_mm = marks_mm[np.isfinite(marks_mm[:, 0]).all(axis=1), 0]
         if not len(clamp_mm):
-            raise InputError(f"{points.source}: track.points: the first, at the clamp, is seen in no frame; name another")
+            raise InputError(
+                f"{points.source}: track.points: the first, at the clamp, is seen in no frame; name another"
+            )
         marks_mm = marks_mm - np.median(clamp_mm, axis=0)
     time_s = _times(points, spec)
     if marks.shape[1] < 3:
@@ -152,7 +154,9 @@ def _times(points: Points, spec: TrackSpec) -> FloatArray:
     right = np.isfinite(points.time_s) & (np.diff(points.time_s, prepend=-np.inf) > 0)
     if not right.all():
         row = int(np.flatnonzero(~right)[0]) + 1
-        raise InputError(f"{points.source}: time, row {row}: is not finite or does not increase; correct or remove the row")
+        raise InputError(
+            f"{points.source}: time, row {row}: is not finite or does not increase; correct or remove the row"
+        )
     return points.time_s
 
 

@@ -85,7 +85,9 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
     begin, end = max(log.time_s[0] for log in read), min(log.time_s[-1] for log in read)
     common = (first.time_s >= begin) & (first.time_s <= end)
     if common.sum() < 2:
-        raise InputError(f"{spec.folder}: pressure: the logs of its chambers have no time in common; are their clocks the same?")
+        raise InputError(
+            f"{spec.folder}: pressure: the logs of its chambers have no time in common; are their clocks the same?"
+        )
     time_s = first.time_s[common]
     kept = {key: values[common] for key, values in first.channels.items()}
     return _summed(spec, time_s, logs, name, first.source, kept)
@@ -101,7 +103,9 @@ def _summed(
 ) -> PressureLog:
     """Bring the chambers' pressures to common times and add them up; None where a chamber has a constant pressure."""
     each = {
-        part.chamber: np.full(time_s.size, part.value_kPa) if log is None else np.interp(time_s, log.time_s, log.pressure_kPa)
+        part.chamber: np.full(time_s.size, part.value_kPa)
+        if log is None
+        else np.interp(time_s, log.time_s, log.pressure_kPa)
         for part, log in zip(spec.chambers, logs, strict=True)
     }
     total = np.sum([part.sign * each[part.chamber] for part in spec.chambers], axis=0)

@@ -84,6 +84,9 @@ def tell_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
 
 def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:
     """Sentences among the attributes; a remark with nothing to do about it is no doubt."""
-    said = [str(dataset.attrs.get(key, "")) for key in ("doubts", *(("sync_notes", "pressure_doubts") if after_sync else ()))]
+    said = [
+        str(dataset.attrs.get(key, ""))
+        for key in ("doubts", *(("sync_notes", "pressure_doubts") if after_sync else ()))
+    ]
     length = str(dataset.attrs.get("length_check", ""))
     return [text for text in (*said, length if ": " in length and not after_sync else "") if text]

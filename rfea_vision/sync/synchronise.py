@@ -70,7 +70,11 @@ def synchronise(
     dataset = dataset.assign_coords(log_time=("log_time", log_time, {"units": "s"}))
     dataset["pressure"] = (("log_time",), pressure, {"units": "kPa", "long_name": "gauge pressure"})
     if log.chambers:
-        each = (("chamber", "log_time"), np.stack(list(log.chambers.values())), {"units": "kPa", "long_name": "gauge pressure"})
+        each = (
+            ("chamber", "log_time"),
+            np.stack(list(log.chambers.values())),
+            {"units": "kPa", "long_name": "gauge pressure"},
+        )
         signs = ("chamber", [log.signs[name] for name in log.chambers])
         dataset = dataset.assign_coords(chamber=("chamber", list(log.chambers)), chamber_sign=signs)
         dataset["chamber_pressure"] = each

@@ -316,7 +316,9 @@ def test_an_experiment_may_stand_otherwise_than_its_campaign(tmp_path, above, be
 
 def test_gravity_is_read_from_a_plumb_line(tmp_path):
     plumb = "rig: {gravity: {plumb: [[10, 20], [12, 400]]}}\n"
-    rig = load_campaign(_rig(tmp_path / "c", "rig: {gravity: {angle: 30 deg}}\n", plumb, "board")).experiment("steps").rig
+    rig = (
+        load_campaign(_rig(tmp_path / "c", "rig: {gravity: {angle: 30 deg}}\n", plumb, "board")).experiment("steps").rig
+    )
     assert rig.plumb == ((10, 20), (12, 400)) and rig.gravity_deg == 0.0
     for place, (below, camera, says) in enumerate(
         [

@@ -24,7 +24,9 @@ RIVALS = ("payload", "gravity_tilt")
 def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign):
     recordings, actuator = campaign(TILT)
     whole: list[tuple[Any, Any]] = []
-    ladder = improve(recordings, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d, _: whole.append((m, d)))
+    ladder = improve(
+        recordings, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d, _: whole.append((m, d))
+    )
     again: list[str] = []
     resumed = improve(
         recordings,

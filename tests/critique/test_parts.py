@@ -109,7 +109,9 @@ def test_the_next_experiment_stays_within_what_the_rig_has_shown(campaign):
 
 def test_the_next_experiment_of_two_chambers_goes_to_both_sides(campaign):
     problem = make_problem(*campaign())
-    turned = [replace(o, excitation=replace(o.excitation, pressure=-0.6 * o.excitation.pressure)) for o in problem.train]
+    turned = [
+        replace(o, excitation=replace(o.excitation, pressure=-0.6 * o.excitation.pressure)) for o in problem.train
+    ]
     low, high, rate = limits(replace(problem, train=(*problem.train, *turned)))
     assert low == pytest.approx(-0.6 * high, rel=0.01)
     _within(low, high, rate)

@@ -147,7 +147,9 @@ def test_what_hostile_campaigns_are_called_stays_in_a_comment(cc, tmp_path):
     (tmp_path / "tube.h").write_text(header, encoding="utf-8")
     (tmp_path / "tube.c").write_text(source, encoding="utf-8")
     strict = ["-std=c99", "-trigraphs", "-fsyntax-only", "-Wall", "-Werror", "-Wno-bidi-chars"]
-    done = subprocess.run([cc, *strict, str(tmp_path / "tube.c")], capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(
+        [cc, *strict, str(tmp_path / "tube.c")], capture_output=True, text=True, check=False, timeout=120
+    )
     assert done.stderr == "" and done.returncode == 0
     bare = re.sub(r"/\*.*?\*/", "", header + source, flags=re.DOTALL)
     assert "evil" not in bare and "window" not in bare

@@ -93,7 +93,11 @@ def test_what_is_written_wrongly_is_said(given, says):
 
 
 def test_units_stop_at_the_door():
-    given = {"fix": ["maxwell.k1=3%"], "prior": ["payload.m=2g+-0.1g", "modulus=2MPa±0.3MPa"], "bound": ["r_hyd=3mm..4mm"]}
+    given = {
+        "fix": ["maxwell.k1=3%"],
+        "prior": ["payload.m=2g+-0.1g", "modulus=2MPa±0.3MPa"],
+        "bound": ["r_hyd=3mm..4mm"],
+    }
     options = FitOptions(**given)
     assert options.fixed == {"maxwell.k1": pytest.approx(0.03)}
     assert options.priors == {"payload.m": pytest.approx((2e-3, 1e-4)), "modulus": pytest.approx((2e6, 3e5))}

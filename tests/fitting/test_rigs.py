@@ -117,7 +117,9 @@ def _two_chambers(name, role, seed):
     left, right = (4e4 * np.abs(np.interp(time, np.linspace(0, 6, 8), wave)) for wave in waves)
     model = Model(Chain.tube(ROD, SEGMENTS), find_effects(OWN))
     par = np.append(base_reference(ROD, SEGMENTS), [OWN_TRUTH[name] for name in model.names[7:]])
-    excitation = Excitation.from_log(time, left - right, 0.0, 5.98, chambers_Pa={"left": (1.0, left), "right": (-1.0, right)})
+    excitation = Excitation.from_log(
+        time, left - right, 0.0, 5.98, chambers_Pa={"left": (1.0, left), "right": (-1.0, right)}
+    )
     frames = np.arange(0.1, 5.8, 0.04)
     angle = np.rad2deg(model.simulate(par, excitation, frames).phi[:, -1])
     data = xr.Dataset(

@@ -42,7 +42,9 @@ def test_a_beam_that_is_let_go_swings_at_the_frequency_of_a_cantilever():
     crossings = frames[1:][np.diff(np.sign(signal)) < 0]
     measured = 1 / np.mean(np.diff(crossings))
     # Euler and Bernoulli, less what rotatory inertia takes of so thick a beam (Rayleigh): about one part in forty.
-    slender = 1.8751**2 / (2 * np.pi) * np.sqrt(MODULUS * BEAM.bending_moment_of_area / BEAM.linear_density) / BEAM.length**2
+    slender = (
+        1.8751**2 / (2 * np.pi) * np.sqrt(MODULUS * BEAM.bending_moment_of_area / BEAM.linear_density) / BEAM.length**2
+    )
     assert 0.95 * slender < measured < slender
 
 
@@ -59,7 +61,9 @@ def test_mounting_turns_gravity_as_gravity_tilt_does(degrees):
 def test_hidden_states_of_a_held_tube_are_relaxed():
     model, par = _beam(4, effects=(catalogue()["maxwell"](),))
     held = np.array([0.02, 0.01, 0.0, -0.01])
-    motion = model.simulate(np.append(par, [0.5, 1.0]), Excitation(0.0, 1e-3, np.zeros(11)), np.array([1e-3]), held=held)
+    motion = model.simulate(
+        np.append(par, [0.5, 1.0]), Excitation(0.0, 1e-3, np.zeros(11)), np.array([1e-3]), held=held
+    )
     assert motion.ok and motion.states[0, :, 0] == pytest.approx(held, rel=1e-2, abs=1e-4)
 
 

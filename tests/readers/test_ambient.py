@@ -18,9 +18,13 @@ def _log(folder, **columns):
     return {"file": folder / "log.csv", "folder": folder, "reference": "absolute"}
 
 
-@pytest.mark.parametrize(("name", "air"), [("air_kPa", AIR_KPA), ("air_hPa", 10 * AIR_KPA), ("air [mbar]", 10 * AIR_KPA)])
+@pytest.mark.parametrize(
+    ("name", "air"), [("air_kPa", AIR_KPA), ("air_hPa", 10 * AIR_KPA), ("air [mbar]", 10 * AIR_KPA)]
+)
 def test_the_air_is_taken_off_in_its_own_unit(tmp_path, name, air):
-    spec = PressureSpec(**_log(tmp_path, p_bar=(GAUGE_KPA + AIR_KPA) / 100, **{name: air}), pressure="p_bar", ambient=name)
+    spec = PressureSpec(
+        **_log(tmp_path, p_bar=(GAUGE_KPA + AIR_KPA) / 100, **{name: air}), pressure="p_bar", ambient=name
+    )
     np.testing.assert_allclose(read_pressure(spec).pressure_kPa, GAUGE_KPA, atol=1e-9)
 
 

@@ -49,7 +49,9 @@ def test_tables_and_results_are_the_same(tmp_path):
 
 
 def test_films_and_pictures_are_the_same(tmp_path):
-    pictures = [np.roll(np.add.outer(np.arange(48), 3 * np.arange(64)).astype(np.uint8), shift, 1) for shift in range(60)]
+    pictures = [
+        np.roll(np.add.outer(np.arange(48), 3 * np.arange(64)).astype(np.uint8), shift, 1) for shift in range(60)
+    ]
     write(tmp_path / "a.mp4", pictures, range(0, 600, 10))
     (tmp_path / "frames.csv").write_text("file,time_s\n0.png,0\n1.png,0.5\n")
     for number in range(2):
@@ -61,7 +63,9 @@ def test_films_and_pictures_are_the_same(tmp_path):
         for own, others in ((mine, theirs), (mine.colours(0.5), theirs.colours(0.5))):
             for (time, picture), (other_time, other) in zip(own, others, strict=True):
                 assert time == other_time and np.array_equal(picture, other)
-    assert np.array_equal(open_video(tmp_path / "a.mp4").frame(55), _both(lambda: open_video(tmp_path / "a.mp4"))[1].frame(55))
+    assert np.array_equal(
+        open_video(tmp_path / "a.mp4").frame(55), _both(lambda: open_video(tmp_path / "a.mp4"))[1].frame(55)
+    )
     mine, theirs = _both(lambda: read_grey(tmp_path / "1.png"))
     assert np.array_equal(mine, theirs)
 

@@ -27,7 +27,11 @@ def test_whatever_a_file_holds_is_read_or_refused_in_a_sentence(tmp_path):
     became: list[str] = []
     for target in targets(tmp_path):
         bomb = random.Random(target.name).choice(NAMES)
-        for what in ("as it is", f"bomb {bomb}", *(f"{kind} {number}" for kind in ("bytes", "values") for number in range(2))):
+        for what in (
+            "as it is",
+            f"bomb {bomb}",
+            *(f"{kind} {number}" for kind in ("bytes", "values") for number in range(2)),
+        ):
             ended, fault = given(target, content_of(target, what, tmp_path, made_up), tmp_path)
             assert not fault, f"{target.name}, {what}: {fault}"
             assert what != "as it is" or ended == "accepted", target.name

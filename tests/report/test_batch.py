@@ -101,7 +101,9 @@ def test_many_tubes_on_one_page(sample):
     assert {plate.name.split("-over-")[1] for plate in plates} == {"turns"}  # the load is the same in all
     stiffness = next(plate for plate in plates if plate.name.startswith("k_ref"))
     fit = tubes[0].last.fit
-    assert stiffness.table()["k_ref [N m/rad]"].tolist() == pytest.approx([fit.parameters["k_ref"].value / fit.segments] * 3)
+    assert stiffness.table()["k_ref [N m/rad]"].tolist() == pytest.approx(
+        [fit.parameters["k_ref"].value / fit.segments] * 3
+    )
     assert parameters_of(tubes[0])["r_hyd"] == fit.parameters["r_hyd"]
     page = render_group(tubes)
     assert "<C>" not in page and "&lt;C&gt;" in page

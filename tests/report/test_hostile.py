@@ -54,7 +54,9 @@ def test_fifty_hostile_names_do_nothing(chromium: Browser, folder: Path, tmp_pat
     chromium.open(report)
     everything = "document.documentElement.textContent"
     shown = chromium.run(everything)
-    assert sum(text.replace("\x00", "\ufffd") in shown or text.replace("\x00", "") in shown for text in HOSTILE) == len(HOSTILE)
+    assert sum(text.replace("\x00", "\ufffd") in shown or text.replace("\x00", "") in shown for text in HOSTILE) == len(
+        HOSTILE
+    )
     made = "document.querySelectorAll('[onerror], [onload], [onclick], iframe, object, embed, [href*=evil], [href^=javascript]').length"
     assert chromium.run(made) == 0
     chromium.call("Page.navigate", url=index.resolve().as_uri())

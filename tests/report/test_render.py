@@ -50,7 +50,9 @@ def numbers_in(value: object) -> set[float]:
 
 def test_says_what_was_found(small: Path) -> None:
     text = words(page_of(small))
-    lacked = "The model of the paper lacked 2 things: visco-elastic relaxation (Maxwell branch); gravity tilted in the plane"
+    lacked = (
+        "The model of the paper lacked 2 things: visco-elastic relaxation (Maxwell branch); gravity tilted in the plane"
+    )
     assert f"{lacked}, or " in text  # never without what it cannot be told from
     assert "cannot be told apart by these data" in text
     assert "rfea improve tube-A" in text
@@ -75,7 +77,9 @@ def test_every_number_in_a_table_stands_in_an_artefact(small: Path) -> None:
         known |= numbers_in(json.loads(path.read_text()))
     for path in small.glob("*/recording.nc"):
         attributes = read_dataset(path).attrs
-        known |= {scale * v for v in attributes.values() if isinstance(v, float) for scale in (1, 1000)}  # s shown as ms
+        known |= {
+            scale * v for v in attributes.values() if isinstance(v, float) for scale in (1, 1000)
+        }  # s shown as ms
     known |= numbers_in(dict(collect(small).camera or {}))
     shown = [float(value) for value in re.findall(r"data-value=\"([-\d.e]+)\"", page_of(small))]
     assert len(shown) > 100

@@ -42,7 +42,10 @@ def held(tmp_path, root):
 
 def test_the_second_command_says_who_holds_the_first(held):
     path, process = held
-    with pytest.raises(DataError, match=rf"is held by '.*' \(process {process.pid} on .*, since 20"), locked(path, patience_s=0.2):
+    with (
+        pytest.raises(DataError, match=rf"is held by '.*' \(process {process.pid} on .*, since 20"),
+        locked(path, patience_s=0.2),
+    ):
         pass
 
 
@@ -132,7 +135,9 @@ def test_a_full_disk_keeps_what_was_there(tmp_path, monkeypatch):
     assert path.read_text() == "before" and len(list(tmp_path.iterdir())) == 1
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.ENOENT, errno.EIO, errno.ESTALE])
+@pytest.mark.parametrize(
+    "number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.ENOENT, errno.EIO, errno.ESTALE]
+)
 def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, capsys, monkeypatch):
     campaign = write_campaign(tmp_path / "campaign")
 
@@ -166,7 +171,16 @@ def test_a_raw_file_that_changes_while_it_is_read_is_not_taken(tmp_path, monkeyp
 
 
 @pytest.mark.parametrize(
-    "content", ["", "null", "[]", "{", "[" * 100_000, '{"key": "track/steps"}', '{"key": 1, "digest": [], "outputs": {"../../x": "y"}}']
+    "content",
+    [
+        "",
+        "null",
+        "[]",
+        "{",
+        "[" * 100_000,
+        '{"key": "track/steps"}',
+        '{"key": 1, "digest": [], "outputs": {"../../x": "y"}}',
+    ],
 )
 def test_damaged_records_are_done_again(tmp_path, content):
     campaign = write_campaign(tmp_path / "campaign")

@@ -12,6 +12,7 @@ from tests.hostile import HOSTILE
 
 pytestmark = pytest.mark.chromium
 
+
 @pytest.fixture(scope="module")
 def served(serve, fitted, tmp_path_factory):
     folder = shutil.copytree(fitted, tmp_path_factory.mktemp("hostile") / "tube-A")
