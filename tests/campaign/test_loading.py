@@ -191,10 +191,10 @@ def test_an_empty_campaign_is_said(tmp_path):
         load_campaign(tmp_path)
 
 
-@pytest.mark.parametrize("name", ["gone", "file.txt"])
-def test_no_folder_is_said(tmp_path, name):
+@pytest.mark.parametrize(("name", "said"), [("gone", "no such folder"), ("file.txt", "is a file; give the campaign folder")])
+def test_no_folder_is_said(tmp_path, name, said):
     (tmp_path / "file.txt").write_text("")
-    with pytest.raises(InputError, match="no such folder"):
+    with pytest.raises(InputError, match=said):
         load_campaign(tmp_path / name)
     with pytest.raises(InputError, match="holds neither"):
         load_campaign(tmp_path)

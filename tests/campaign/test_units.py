@@ -33,7 +33,7 @@ def test_quantities_are_converted(text, unit, value):
         ("mm", "not a number with a unit"),
         ("4 mmm", "unknown unit 'mmm'; did you mean 'mm'?"),
         ("4 kg", "'kg' is not a unit of the right kind"),
-        ("4,5 mm", "unknown unit"),
+        ("4,5 mm", "decimal comma; write '4.5 mm'"),
         ("nan mm", "not a number with a unit"),
         ("1e999 mm", "not a finite number"),
         (True, "expected a quantity"),

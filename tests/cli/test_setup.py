@@ -68,7 +68,7 @@ def test_help_is_quick_to_load():
         (["trak"], "Did you mean 'track'?"),
         (["fit"], "Missing argument 'CAMPAIGN'"),
         (["fit", "x", "--segmnts", "3"], "'--segments'"),
-        (["fit", "x", "--segments", "0"], "greater than or equal to 1"),
+        (["fit", "x", "--segments", "0"], "must be 1 or more"),
         (["fit", "x", "--observe", "toe"], "'toe' is not one of"),
         (["improve", "x", "--budget", "5"], "'5' has no unit; write for example '5min'"),
         (["improve", "x", "--budget", "5 kg"], "not a unit of the right kind"),
