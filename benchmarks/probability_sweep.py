@@ -1,0 +1,58 @@
+"""What another n_s would have said of campaigns that were run: all sets that were refitted stand in their lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from benchmarks.probability_tables import SURE, Claim, brier, calibration_error, claims
+from rfea_vision.critique.rule import Rule, posterior
+from rfea_vision.effects.catalogue import catalogue
+
+TRIED = (2, 3, 4, 5, 6, 8, 10, 14)
+
+
+def probabilities(line: dict[str, Any], rule: Rule) -> dict[str, float]:
+    """Of every effect of one campaign: that it, or a member of its tie, is there, as this rule weighs the refits."""
+    count = rule.count(line["independent"])
+    weights = []
+    for item in line["sets"]:
+        roles = dict.fromkeys(item["excess"], "train") | {list(item["excess"])[-1]: "validate"}  # the last run judges
+        price = rule.price(len(item["effects"]), item["parameters"], len(catalogue()), count)
+        weights.append(rule.evidence(item["excess"], roles, line["room"], count) - price)
+    each = posterior(weights)
+    mates = {name: set(tie) for tie in line["tied"] for name in tie}
+    found = {name for item in line["sets"] for name in item["effects"]}
+    return {
+        name: min(
+            1.0,
+            sum(
+                p for item, p in zip(line["sets"], each, strict=True) if mates.get(name, {name}) & set(item["effects"])
+            ),
+        )
+        for name in found
+    }
+
+
+def sweep(lines: Sequence[dict[str, Any]]) -> str:
+    """A table of n_s: calibration error, Brier score, names, wrong ones, and what was hidden and found."""
+    out = [
+        "| n_s | calibration error | Brier | named | wrong | above 0.9 | wrong | hidden | found |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for count in TRIED:
+        rule = Rule(independent=count)
+        rows: list[Claim] = [
+            one
+            for line in lines
+            if "sets" in line
+            for one in claims({**line, "probability": probabilities(line, rule)})
+        ]
+        named, sure = [r for r in rows if r[1] >= rule.likely], [r for r in rows if r[1] > SURE]
+        hidden = [r for r in rows if r[2]]
+        figures = [
+            f"{count}", f"{calibration_error(rows):.3f}", f"{brier(rows):.3f}", f"{len(named)}", f"{sum(not r[2] for r in named)}",
+            f"{len(sure)}", f"{sum(not r[2] for r in sure)}", f"{len(hidden)}", f"{sum(r[1] >= rule.likely for r in hidden)}",
+        ]  # fmt: skip
+        out.append("| " + " | ".join(figures) + " |")
+    return "\n".join(out)
