@@ -67,7 +67,8 @@ def document(lines: Sequence[Line]) -> str:
         "# Probabilities, counted\n",
         "Written by `python -m benchmarks.probabilities --tables` from `benchmarks/probabilities/results.jsonl` and nothing else.\n",
         f"{len(lines)} campaigns: far too few to call a probability calibrated. The one free number of the rule (n_s in\n"
-        "[critique.md](critique.md)) was chosen on the campaigns of `calibration.jsonl` (`--sweep`), not on these. The second plant (`other`) shares no code with\n"
+        "[critique.md](critique.md)) was chosen on the campaigns of `calibration.jsonl` (`--sweep`), not on these. The second plant\n"
+        "(`other`) shares no code with\n"
         "model or twin, and its laws have other forms than the catalogue's. A row speaks for the commit that it was run with.\n",
     ]
     for commit, plant in dict.fromkeys((line["commit"], line["plant"]) for line in lines):
