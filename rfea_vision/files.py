@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import hashlib
 import io
 import os
@@ -148,11 +149,23 @@ def write_datasets(path: Path, groups: dict[str | None, xr.Dataset]) -> None:
             if variable.dtype.kind in "fiu" and variable.ndim > 0
         }
         ordered = dataset[sorted(dataset.variables, key=str)].drop_encoding()
-        with _without_cluster():
+        with _without_cluster(), _without_collector():
             ordered.to_netcdf(made, mode=mode, group=group, engine="h5netcdf", encoding=encoding)
         mode = "a"
     with whole_file(path) as temporary:
         temporary.write_bytes(made.getbuffer())
+
+
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Where chunks come to lie in a file follows from when its datasets are closed: not when the garbage collector happens to run."""
+    ran = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if ran:
+            gc.enable()
 
 
 def _without_cluster() -> AbstractContextManager[object]:
