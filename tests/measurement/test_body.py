@@ -70,11 +70,13 @@ def test_key_points_and_masks_of_another_program_are_where_the_fit_begins(tmp_pa
         cv2.polylines(mask, [np.round(line).astype(np.int32)], False, 255, round(2 * arm.half_width * SMALL.px_per_mm))
         cv2.imwrite(str(tmp_path / "masks" / f"{number:03d}.png"), mask)
     swing = np.ptp(truth.tip_mm, axis=0).max()
-    for more in ({"keypoints": tmp_path / "points.csv"}, {"masks": tmp_path / "masks"}):
+    # The masks are drawn with round ends, half a width longer than the arm: so far off the tip may be, if it says so.
+    for more, share in (({"keypoints": tmp_path / "points.csv"}, 0.02), ({"masks": tmp_path / "masks"}, 0.08)):
         track = tracked(tmp_path / "film.mp4", truth, **more)
         assert track.valid.all(), track.dataset["reason_detail"].values
         off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
-        assert off.max() < 0.05 * swing
+        assert off.max() < share * swing
+        assert np.all(off < 2 * np.linalg.norm(track.dataset["tip_sigma"].values, axis=1))
 
 
 def test_the_line_does_not_slide_along_smooth_rubber(tmp_path):
