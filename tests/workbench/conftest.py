@@ -66,7 +66,7 @@ def serve() -> Iterator[Callable[..., Served]]:
     yield begin
     for process in open_ones:
         process.send_signal(signal.SIGINT)
-    assert [process.wait(timeout=20) for process in open_ones] == [0] * len(open_ones), "Ctrl-C did not end it cleanly"
+    assert [process.wait(timeout=60) for process in open_ones] == [0] * len(open_ones), "Ctrl-C did not end it cleanly"
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def visit(chromium: Any) -> Iterator[Callable[..., Any]]:
 
     def go(address: str, *, width: int = 1280, height: int = 900, wait: bool = True) -> Any:
         page = chromium.new_page(viewport={"width": width, "height": height})
-        page.set_default_timeout(30_000)
+        page.set_default_timeout(60_000)
         complaints: list[str] = []
         requests: list[str] = []
         # a refusal that the page says in a sentence (422) stands in the console, too

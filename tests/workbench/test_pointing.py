@@ -41,7 +41,7 @@ def point(page, at, until=None) -> None:
 def idle(page) -> None:
     """Wait until no command is under way."""
     time.sleep(0.3)
-    page.wait_for_selector("#job", state="hidden", timeout=90_000)
+    page.wait_for_selector("#job", state="hidden", timeout=300_000)
     assert page.locator("#fault").is_hidden(), page.text_content("#fault")
 
 
@@ -70,7 +70,7 @@ def test_a_tube_is_found_where_one_points(film, served, visit):
     assert "Hints have changed" in page.text_content("#next-say")
 
     page.click("#try")
-    page.wait_for_selector("#tool-say:has-text('first 60 frames')", timeout=90_000)
+    page.wait_for_selector("#tool-say:has-text('first 60 frames')", timeout=300_000)
     idle(page)
     page.click("#measure")
     idle(page)
