@@ -119,8 +119,10 @@ def test_one_points_with_keys_too(film, served, visit):
     page.focus('[data-tool="tip"]')
     page.keyboard.press("Enter")
     page.wait_for_selector("#frame:focus")
+    page.wait_for_timeout(1000)  # the frame is drawn, and listens
     for key in ("ArrowDown", "ArrowRight", "Enter"):
         page.keyboard.press(key)
+        page.wait_for_timeout(300)
     page.wait_for_selector("#tool-say:has-text('written')")
     tip = load_campaign(folder).experiments[0].camera.hints.tip
     assert tip == pytest.approx((180 + 5, 320 + 5), abs=1)
