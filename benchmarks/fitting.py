@@ -21,7 +21,7 @@ from rfea_vision.dynamics.parameters import PUBLISHED
 from rfea_vision.fitting import residuals
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.fit import Problem, _steady_start, make_model, make_problem
-from rfea_vision.fitting.solver import Solution, solve_from_afar
+from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.steady_fit import find_plateaus
 from rfea_vision.options import FitOptions
 from rfea_vision.stages import open_campaign
@@ -54,7 +54,10 @@ def fit_from(problem: Problem, start: np.ndarray, effects: tuple[str, ...] = ())
     guess = start
     if not effects:
         guess, _ = _steady_start(model, problem, options, start, find_plateaus(problem.train))
-    solution = solve_from_afar(model, problem.train, coordinates, guess)
+    thin = [item.rough(ROUGH_FRAMES) for item in problem.train]
+    rough = solve(model, thin, coordinates, guess, most_evaluations=40, tolerance=1e-4)
+    begin, clocks = (guess, None) if rough is None else (rough.par, rough.clocks)
+    solution = solve(model, problem.train, coordinates, begin, clocks)
     return time.process_time() - begun, solution
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -37,7 +38,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Plate:
+class Plate(ABC):
     """What all figures have: the name of their file, a title for lists, and a caption."""
 
     name: str
@@ -45,9 +46,9 @@ class Plate:
     caption: str = field(default="", kw_only=True)
     wide: bool = field(default=False, kw_only=True)
 
+    @abstractmethod
     def table(self) -> pd.DataFrame:
         """The data drawn, one column per quantity, units in the names."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

@@ -132,22 +132,6 @@ def metrics_by_role(problem: Problem, scores: dict[str, ExperimentScore], parts:
     return out
 
 
-def comparable_runs(candidates: Sequence[Mapping[str, ExperimentScore]], role: str) -> tuple[str, ...]:
-    """Runs of a role on which every candidate could be simulated: the only ones on which candidates may be compared."""
-    names = [name for name, one in candidates[0].items() if one.role == role] if candidates else []
-    return tuple(name for name in names if all(name in c and c[name].frames_used > 0 for c in candidates))
-
-
-def error_over(
-    scores: Mapping[str, ExperimentScore], names: Sequence[str], metric: str = "tip_rmse_mm"
-) -> float | None:
-    """Root mean square error over some runs, every frame with the same weight; None where one of them does not have it."""
-    pairs = [(getattr(scores[name], metric), scores[name].frames_used) for name in names]
-    if not pairs or any(value is None for value, _ in pairs):
-        return None
-    return float(np.sqrt(sum(value**2 * count for value, count in pairs) / sum(count for _, count in pairs)))
-
-
 def _message(fitted: Fitted) -> str:
     solution = fitted.solution
     runs = f"{solution.evaluations} evaluations"

@@ -212,21 +212,6 @@ def solve(
     )
 
 
-def solve_from_afar(
-    model: Model,
-    items: Sequence[Observed],
-    coordinates: Coordinates,
-    start: FloatArray,
-    clocks: FloatArray | None = None,
-) -> Solution | None:
-    """As `solve`, with the first way gone in longer steps on fewer frames; None as there."""
-    thin = [o.rough(ROUGH_FRAMES) for o in items]
-    rough = solve(model, thin, coordinates, start, clocks, most_evaluations=40, tolerance=1e-4)
-    if rough is None:
-        return solve(model, items, coordinates, start, clocks)
-    return solve(model, items, coordinates, rough.par, rough.clocks) or solve(model, items, coordinates, start, clocks)
-
-
 def _largest_clock(item: Observed) -> float:
     return min(LARGEST_CLOCK_SIGMAS * item.clock_sigma, LARGEST_CLOCK_S)
 

@@ -40,6 +40,10 @@ EffectFiles = Annotated[
 ]
 
 
+def _standard_error(unit: str) -> Asked:
+    return Asked(_MODEL, "SD", write=lambda value, _: [f"{value:g}{unit}"])
+
+
 @dataclass(frozen=True, kw_only=True, config=CLOSED)
 class FitOptions:
     """What to fit and how. Values of parameters are in SI; those of k and b are per joint of a chain of `segments`."""
@@ -106,17 +110,13 @@ class FitOptions:
         default="auto",
         description="huber: for tracks with wrong frames; auto takes it where a track leaves the model in jumps.",
     )
-    pressure_zero_sd: Annotated[
-        float, quantity("Pa", "1kPa"), Asked(_MODEL, "SD", write=lambda value, _: [f"{value:g}Pa"])
-    ] = Field(
+    pressure_zero_sd: Annotated[float, quantity("Pa", "1kPa"), _standard_error("Pa")] = Field(
         default=0.0,
         ge=0,
         validation_alias=AliasChoices("pressure_zero", "pressure_zero_sd"),
         description="Standard error of the pressure sensor's zero, then found for every run, such as 1kPa.",
     )
-    angle_zero_sd: Annotated[
-        float, quantity("rad", "2deg"), Asked(_MODEL, "SD", write=lambda value, _: [f"{value:g}rad"])
-    ] = Field(
+    angle_zero_sd: Annotated[float, quantity("rad", "2deg"), _standard_error("rad")] = Field(
         default=0.0,
         ge=0,
         validation_alias=AliasChoices("angle_zero", "angle_zero_sd"),

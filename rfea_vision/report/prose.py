@@ -136,10 +136,6 @@ def _shows(step: Step) -> str:
     return f"; it shows {100 * places[0].from_sigma:.0f} to {100 * places[0].to_sigma:.0f} % along the tube"
 
 
-def _added(evidence: Evidence) -> list[str]:
-    return [rung.added for rung in evidence.ladder.rungs if rung.added] if evidence.ladder else []
-
-
 def findings(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Finding]:
     """What the artefacts say in sentences, each with the place of its evidence."""
     for finding in _findings(evidence):

@@ -39,7 +39,7 @@ def set_keys(file: Path, values: Mapping[Keys, Any]) -> None:
             text = with_key(text, keys, value)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(f"{file}: cannot be changed ({' '.join(str(error).split())}); set the key by hand") from error
-    except NotImplementedError as error:
+    except ValueError as error:
         raise InputError(f"{file}: {error}; set the key by hand") from error
     with whole_file(file) as temporary:
         temporary.write_bytes(text.encode("utf-8"))  # no line end is translated
@@ -50,7 +50,7 @@ def with_key(text: str, keys: Keys, value: Any) -> str:
 
     Raises
     ------
-    NotImplementedError
+    ValueError
         If it cannot be set without touching what stands around it (an alias, a list where a mapping is expected).
     """
     before = yaml.safe_load(text)
@@ -63,7 +63,7 @@ def with_key(text: str, keys: Keys, value: Any) -> str:
         place = place[key]
     place[keys[-1]] = value
     if yaml.safe_load(changed) != wanted:
-        raise NotImplementedError(f"{'.'.join(keys)} cannot be set without changing something else")
+        raise ValueError(f"{'.'.join(keys)} cannot be set without changing something else")
     return changed
 
 
@@ -88,12 +88,12 @@ def _changed(text: str, keys: Keys, value: Any) -> str:
         node = entry[1]
         if depth == len(keys) - 1:
             return _replaced(text, entry[0], node, value)
-    raise NotImplementedError("no key was given")
+    raise ValueError("no key was given")
 
 
 def _replaced(text: str, key: yaml.Node, node: yaml.Node, value: Any) -> str:
     if node.start_mark.index < key.end_mark.index:
-        raise NotImplementedError(f"{key.value} is an alias of another part")
+        raise ValueError(f"{key.value} is an alias of another part")
     start = node.start_mark.index
     end = _end(node)
     lead = "" if text[start - 1] in " \t" else " "

@@ -191,7 +191,9 @@ def test_an_empty_campaign_is_said(tmp_path):
         load_campaign(tmp_path)
 
 
-@pytest.mark.parametrize(("name", "said"), [("gone", "no such folder"), ("file.txt", "is a file; give the campaign folder")])
+@pytest.mark.parametrize(
+    ("name", "said"), [("gone", "no such folder"), ("file.txt", "is a file; give the campaign folder")]
+)
 def test_no_folder_is_said(tmp_path, name, said):
     (tmp_path / "file.txt").write_text("")
     with pytest.raises(InputError, match=said):

@@ -24,6 +24,21 @@ TRUTH = np.array([0.75, 0.0, 2.2e-3, 0.0, 1.4e-3, 0.0, 0.015])
 LET_GO_S = 0.3047
 
 
+def _captured(time, tip, **attrs):
+    """A recording of motion capture: the path of the tip (mm) and a log of no pressure."""
+    data = xr.Dataset(
+        {
+            "valid": ("time", np.ones(time.size, np.int8)),
+            "reason": ("time", np.full(time.size, "", dtype=object)),
+            "tip": (("time", "xy"), tip),
+            "pressure": ("log_time", np.zeros(400)),
+        },
+        coords={"time": time, "log_time": np.arange(400) * 0.01 - 0.5},
+        attrs={"bends": "left", **attrs},
+    )
+    return Recording(data)
+
+
 def _let_go(name, role, load_kg, *, known=None, seed=0):
     """A beam that hangs across gravity, held straight and let go, with or without a load, as motion capture sees it."""
     model = Model(Chain.tube(BEAM, SEGMENTS), (catalogue()["payload"](),), mounting=np.pi / 2)
@@ -34,19 +49,8 @@ def _let_go(name, role, load_kg, *, known=None, seed=0):
     tip = np.tile([0.0, -100.0], (time.size, 1))
     tip[time >= LET_GO_S] = model.centre_line(motion, np.array([1.0]))[0][:, 0] * 1e3
     tip += np.random.default_rng(seed).normal(0, 0.02, tip.shape)
-    data = xr.Dataset(
-        {
-            "valid": ("time", np.ones(time.size, np.int8)),
-            "reason": ("time", np.full(time.size, "", dtype=object)),
-            "tip": (("time", "xy"), tip),
-            "pressure": ("log_time", np.zeros(400)),
-        },
-        coords={"time": time, "log_time": np.arange(400) * 0.01 - 0.5},
-        attrs={"experiment": name, "role": role, "bends": "left", "gravity_deg": 90.0, "held_until_s": np.nan},
-    )
-    if known is not None:
-        data.attrs["conditions"] = json.dumps({"payload.m": known})
-    return Recording(data)
+    conditions = {} if known is None else {"conditions": json.dumps({"payload.m": known})}
+    return _captured(time, tip, experiment=name, role=role, gravity_deg=90.0, held_until_s=np.nan, **conditions)
 
 
 @pytest.fixture(scope="module")
@@ -193,18 +197,8 @@ def _pulled(load_N, seed):
     tip[time >= CUT_S] = model.centre_line(motion, np.array([1.0]))[0][:, 0] * 1e3
     tip[time < CUT_S] = tip[time >= CUT_S][0]
     tip += np.random.default_rng(seed).normal(0, 0.01, tip.shape)
-    data = xr.Dataset(
-        {
-            "valid": ("time", np.ones(time.size, np.int8)),
-            "reason": ("time", np.full(time.size, "", dtype=object)),
-            "tip": (("time", "xy"), tip),
-            "pressure": ("log_time", np.zeros(400)),
-        },
-        coords={"time": time, "log_time": np.arange(400) * 0.01 - 0.5},
-        attrs={"experiment": "string", "role": "train", "bends": "left", "held_until_s": CUT_S}
-        | {"pulled_N": load_N, "pulled_deg": 90.0, "offset_s": 0.0},
-    )
-    return Recording(data)
+    attrs = {"held_until_s": CUT_S, "pulled_N": load_N, "pulled_deg": 90.0, "offset_s": 0.0}
+    return _captured(time, tip, experiment="string", role="train", **attrs)
 
 
 def test_a_string_that_is_cut_tells_the_stiffness_without_a_measured_shape():
