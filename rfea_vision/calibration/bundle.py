@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.noise import slow_variance
 from rfea_vision.calibration.projection import rotation_matrix
@@ -23,7 +24,6 @@ from rfea_vision.errors import DataError
 FloatArray = NDArray[np.float64]
 Pose = tuple[FloatArray, FloatArray]
 
-COEFFICIENTS = {"brown5": 5, "brown8": 8, "fisheye": 4}
 REWEIGHTINGS = 2
 MOST_LOOKS = (
     60  # evaluations of a least-squares problem; photos that do not determine the lens would have it creep for ever
@@ -40,6 +40,10 @@ class Lens:
     model: str
     matrix: FloatArray
     distortion: FloatArray
+
+    @property
+    def is_fisheye(self) -> bool:
+        return LENSES[self.model].fisheye
 
     @property
     def vector(self) -> FloatArray:
@@ -83,7 +87,7 @@ class Bundle:
 
 def project_board(lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray) -> FloatArray:
     """Pixels (n, 2) of board points (n, 2) mm."""
-    return board_pixels(lens.model == "fisheye", lens.vector, rotation, translation, board_mm)
+    return board_pixels(lens.is_fisheye, lens.vector, rotation, translation, board_mm)
 
 
 def pose_and_lens_jacobians(
@@ -91,13 +95,13 @@ def pose_and_lens_jacobians(
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of the pixels by lens (2n, lens parameters) and pose (2n, 6)."""
     move = np.concatenate([np.zeros(3), translation])
-    return seen(lens.model == "fisheye", lens.vector, rotation, move, board_mm)[1:]
+    return seen(lens.is_fisheye, lens.vector, rotation, move, board_mm)[1:]
 
 
 def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
     """Normalised image coordinates (n, 2) of pixels (n, 2)."""
     points = np.ascontiguousarray(pixels, dtype=float).reshape(-1, 1, 2)
-    if lens.model == "fisheye":
+    if lens.is_fisheye:
         flat = cv2.fisheye.undistortPoints(points, lens.matrix, lens.distortion.reshape(-1, 1))
         return np.asarray(flat, dtype=float).reshape(-1, 2)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-12)
@@ -122,7 +126,7 @@ def solve_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray, Flo
     rotation, translation = first_pose(lens, view)
 
     def at(move: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return seen(lens.model == "fisheye", lens.vector, rotation, move, view.board_mm)
+        return seen(lens.is_fisheye, lens.vector, rotation, move, view.board_mm)
 
     move = least_squares(
         lambda x: (at(x)[0] - view.pixels).ravel(),
@@ -157,7 +161,7 @@ def first_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> Lens:
 
 def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) -> Lens:
     """OpenCV's closed-form start, polished with few coefficients."""
-    if model == "fisheye":
+    if LENSES[model].fisheye:
         return first_fisheye(views, size)
     objects = [np.column_stack([v.board_mm, np.zeros(len(v.board_mm))]).astype(np.float32) for v in views]
     images = [v.pixels.astype(np.float32).reshape(-1, 1, 2) for v in views]
@@ -175,7 +179,7 @@ def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) ->
         raise DataError(
             "camera.photos: the photos do not determine the lens; add some with the board turned by 20 to 40 deg"
         ) from error
-    coefficients = np.zeros(COEFFICIENTS[model])
+    coefficients = np.zeros(LENSES[model].coefficients)
     coefficients[0] = float(np.ravel(distortion)[0])
     return Lens(model, np.asarray(matrix, dtype=float), coefficients)
 
@@ -197,7 +201,7 @@ def solve_bundle(
     ----------
     views : board corners, at least three views
     size : picture width and height in px
-    model : ``brown5``, ``brown8`` or ``fisheye``
+    model : one of `LENSES`
     joint_view : view whose pose shares the joint covariance with the lens
     start : lens to start from
     reweight : estimate the noise of every photo by itself
@@ -207,9 +211,11 @@ def solve_bundle(
     DataError
         If the photos do not determine the lens.
     """
-    if start is None and model == "brown8":  # the rational model has valleys of its own: start on the plain one
-        plain = solve_bundle(views, size, "brown5").lens
-        start = Lens(model, plain.matrix, np.concatenate([plain.distortion, np.zeros(3)]))
+    poorer = LENSES[model].richer_than
+    if start is None and poorer is not None:  # a rich model has valleys of its own: start on the plain one
+        plain = solve_bundle(views, size, poorer).lens
+        more = np.zeros(LENSES[model].coefficients - plain.distortion.size)
+        start = Lens(model, plain.matrix, np.concatenate([plain.distortion, more]))
     lens = start or first_lens(views, size, model)
     poses = [first_pose(lens, view) for view in views]
     scales = np.ones(len(views))
@@ -244,7 +250,7 @@ def _scales(views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose]) -> Fl
 
 def _descend(views: Sequence[BoardView], lens: Lens, poses: list[Pose], scales: FloatArray) -> tuple[Lens, list[Pose]]:
     """Lens and poses of least squares (MINPACK's Levenberg-Marquardt), each view's residuals divided by its noise."""
-    size, fisheye = lens.vector.size, lens.model == "fisheye"
+    size, fisheye = lens.vector.size, lens.is_fisheye
     ends = np.cumsum([0, *(view.pixels.size for view in views)])
 
     def each(x: FloatArray) -> Iterator[tuple[slice, slice, FloatArray, FloatArray, FloatArray]]:

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Calibration
+from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.board import Board
-from rfea_vision.calibration.bundle import COEFFICIENTS, Bundle, Lens, first_fisheye, solve_bundle, solve_pose
+from rfea_vision.calibration.bundle import Bundle, Lens, first_fisheye, solve_bundle, solve_pose
 from rfea_vision.calibration.corners import BoardView, Refused, find_corners
 from rfea_vision.calibration.misfits import doubt_of_plane, same_picture, without_misfits
 from rfea_vision.calibration.photos import Photo, read_photo, reference_photo
@@ -58,7 +59,7 @@ def calibrate(
     board : what is printed
     vertical : carried along for the track stage (``board``, ``rest``, ``image`` or ``plumb``)
     board_offset_mm : how far the board's printed face lies in front (towards the camera) of the tube's axis
-    lens : ``auto`` (cross-validation), ``brown5``, ``brown8`` or ``fisheye``
+    lens : ``auto`` (cross-validation), or one of `LENSES`
     clamp_px : pixels of the clamp, to say the quality where the tube is; else around the middle of the picture
     tube_length_mm : to say the quality over the reach of the tube, and as a share of its length
     progress : called with (done, total) photos
@@ -70,8 +71,8 @@ def calibrate(
     DataError
         If fewer than three photos show the board, or they do not determine the lens.
     """
-    if lens != "auto" and lens not in COEFFICIENTS:
-        raise InputError(f"camera.lens: '{lens}' is unknown; use auto, brown5, brown8 or fisheye")
+    if lens != "auto" and lens not in LENSES:
+        raise InputError(f"camera.lens: '{lens}' is unknown; use auto, {' or '.join(LENSES)}")
     like = reference_photo(photos, plane)
     views, refused, size = find_views(photos, board, progress, like)
     if len(views) < MINIMUM_PHOTOS:
@@ -264,7 +265,7 @@ def _choose_from_few(
 
 def _candidates(views: Sequence[BoardView], size: tuple[int, int]) -> list[str]:
     """Lens models worth trying; a narrow picture cannot tell a fisheye from another lens."""
-    return [model for model in COEFFICIENTS if model != "fisheye" or _is_wide(views, size)]
+    return [model for model, lens in LENSES.items() if lens.tried and (not lens.fisheye or _is_wide(views, size))]
 
 
 def _is_wide(views: Sequence[BoardView], size: tuple[int, int]) -> bool:

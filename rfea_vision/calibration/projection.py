@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from rfea_vision.artefacts import Calibration
+from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.errors import InputError
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +38,7 @@ def pack_camera(
 ) -> FloatArray:
     """Pack lens and pose for compiled code, (25,)."""
     packed = np.zeros(CAMERA_SIZE)
-    packed[0] = 1.0 if model == "fisheye" else 0.0
+    packed[0] = float(LENSES[model].fisheye)
     packed[1:5] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
     coefficients = np.asarray(distortion, dtype=float).ravel()[:8]
     packed[5 : 5 + len(coefficients)] = coefficients

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from rfea_vision.artefacts import Calibration
-from rfea_vision.calibration.bundle import COEFFICIENTS
+from rfea_vision.artefacts.lenses import LENSES, lens_of
 from rfea_vision.calibration.scale import assumed_pose_covariance
 from rfea_vision.campaign.yaml_file import parse_yaml, read_text
 from rfea_vision.errors import InputError
@@ -25,8 +25,6 @@ _ARRAYS = (
     "intrinsics_covariance",
     "joint_covariance",
 )
-
-_ROS_MODELS = {"brown5": "plumb_bob", "brown8": "rational_polynomial", "fisheye": "equidistant"}
 _ALIASES = {  # as OpenCV's samples, ROS 2 messages and common scripts write them
     "camera_matrix": ("cameramatrix", "intrinsic_matrix", "mtx", "k", "m1"),
     "distortion_coefficients": ("distcoeffs", "dist_coeffs", "distortion", "dist", "d", "d1"),
@@ -43,7 +41,7 @@ def save_calibration(path: Path, calibration: Calibration) -> None:
         storage.write("image_height", calibration.image_height)
         storage.write("camera_matrix", calibration.camera_matrix)
         storage.write("distortion_coefficients", np.asarray(calibration.distortion).reshape(-1, 1))
-        storage.write("distortion_model", _ROS_MODELS[calibration.model])
+        storage.write("distortion_model", LENSES[calibration.model].names[0])
         storage.write("model", calibration.model)
         storage.write("rms", calibration.rms_px)
         storage.write("avg_reprojection_error", calibration.rms_px)
@@ -78,7 +76,7 @@ def save_ros(path: Path, calibration: Calibration, camera_name: str = "camera") 
         "image_height": int(calibration.image_height),
         "camera_name": camera_name,
         "camera_matrix": matrix(calibration.camera_matrix),
-        "distortion_model": _ROS_MODELS[calibration.model],
+        "distortion_model": LENSES[calibration.model].names[0],
         "distortion_coefficients": matrix(np.ravel(calibration.distortion)),
         "rectification_matrix": matrix(np.eye(3)),
         "projection_matrix": matrix(np.column_stack([calibration.camera_matrix, np.zeros(3)])),
@@ -166,14 +164,19 @@ def _read_ros(text: str) -> dict[str, Any]:
 def _from_values(path: Path, values: dict[str, Any]) -> Calibration:
     matrix = _matrix(path, values["camera_matrix"])
     coefficients = _coefficients(path, values)
-    model = values.get("model") or _model_of(path, str(values.get("distortion_model") or ""), coefficients)
-    if model not in COEFFICIENTS:
-        raise InputError(f"{path}: model '{model}' is not supported; use brown5, brown8 or fisheye")
-    count = COEFFICIENTS[model]
-    if np.any(coefficients[count:] != 0):
-        more = "thin prism and tilt coefficients are not supported; calibrate with at most 8 coefficients"
+    used = int(np.max(np.flatnonzero(coefficients), initial=-1)) + 1
+    named = str(values.get("distortion_model") or "")
+    model = values.get("model") or lens_of(named, used)
+    if model is None:
+        known = ", ".join(lens.names[0] for lens in LENSES.values())
+        raise InputError(f"{path}: distortion_model '{named}' is not supported; use one of {known}")
+    if model not in LENSES:
+        raise InputError(f"{path}: model '{model}' is not supported; use {' or '.join(LENSES)}")
+    count, most = LENSES[model].coefficients, max(lens.coefficients for lens in LENSES.values())
+    if used > count:
+        more = f"no lens model here has {used} coefficients; calibrate with at most {most}"
         few = f"distortion_coefficients has {len(coefficients)} numbers, {model} has {count}; correct distortion_model"
-        raise InputError(f"{path}: {more if count == 8 or len(coefficients) > 8 else few}")
+        raise InputError(f"{path}: {more if used > most else few}")
     distortion = np.zeros(count)
     distortion[: min(count, len(coefficients))] = coefficients[:count]
     width, height = (_pixels(path, values, name) for name in ("image_width", "image_height"))
@@ -242,13 +245,3 @@ def _pixels(path: Path, values: dict[str, Any], name: str) -> int:
     if found <= 0:
         raise InputError(f"{path}: {name} is '{values[name]}'; write the size of the picture in pixels")
     return found
-
-
-def _model_of(path: Path, name: str, coefficients: np.ndarray) -> str:
-    if name in ("equidistant", "fisheye", "kannala_brandt"):
-        return "fisheye"
-    if name not in ("", "plumb_bob", "rational_polynomial", "radtan", "brown_conrady"):
-        raise InputError(
-            f"{path}: distortion_model '{name}' is not supported; use plumb_bob, rational_polynomial or equidistant"
-        )
-    return "brown8" if name == "rational_polynomial" or np.any(coefficients[5:8] != 0) else "brown5"

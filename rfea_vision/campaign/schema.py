@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema
 
+from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.units import conversion_factor, parse_quantity, pressure_unit, split_quantity
 
 
@@ -126,6 +127,7 @@ Ambient = Annotated[float | str, BeforeValidator(_pressure_or_column), _shown("1
 Axis = Annotated[Literal["x", "y", "z", "-x", "-y", "-z"], BeforeValidator(_text)]
 PixelPair = tuple[tuple[float, float], tuple[float, float]]
 PixelBox = tuple[float, float, Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
+LensName = Literal["auto", *LENSES]  # type: ignore[valid-type]
 Role = Literal["train", "validate", "test", "ignore"]
 
 
@@ -237,7 +239,7 @@ class CameraPart(_Part):
     board_offset: Offset = 0.0
     file: str | None = None
     profile: Annotated[str | None, BeforeValidator(_camera_profile)] = None
-    lens: Literal["auto", "brown5", "brown8", "fisheye"] | None = None
+    lens: LensName | None = None
     vertical: Literal["board", "rest", "image"] | PlumbPart = "board"
     scale: Literal["tube"] | ScalePart | None = None
     clamp: PixelPair | None = None

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
 
+from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.units import rounded
 
 _REASONS = {
@@ -21,11 +22,6 @@ _REASONS = {
     "touches_border": "the tube leaves the picture",
     "tip_hidden": "the tip was hidden",
     "no_fit": "the curve did not settle",
-}
-_LENSES = {
-    "brown5": "pinhole with Brown distortion, 5 coefficients",
-    "brown8": "pinhole with rational distortion, 8 coefficients",
-    "fisheye": "fisheye with 4 coefficients",
 }
 MINUS = "\N{MINUS SIGN}"
 
@@ -63,7 +59,7 @@ def inner_title(title: str) -> str:
 
 def lens_words(model: str | None) -> str:
     """A lens model as people call it."""
-    return _LENSES.get(str(model), f"lens model {model}" if model else "lens model of OpenCV")
+    return LENSES[model].title if model in LENSES else f"lens model {model}" if model else "lens model of OpenCV"
 
 
 def unit_text(unit: str) -> str:

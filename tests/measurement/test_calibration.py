@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import yaml
 
+from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration import (
     Board,
     calibrate,
@@ -156,19 +157,23 @@ def test_charuco_boards_may_be_cut_off(tmp_path):
     assert 8 <= len(partial.pixels) < 40
 
 
-@pytest.mark.parametrize("model", ["brown8", "fisheye"])
-def test_every_lens_model_fits_points_made_with_it(model):
-    from rfea_vision.calibration.bundle import COEFFICIENTS, Lens, project_board, solve_bundle
+TRUE_COEFFICIENTS = {
+    "brown5": [-0.25, 0.08, 1e-3, -5e-4, 0.01],
+    "brown8": [-0.25, 0.08, 1e-3, -5e-4, 0.01, 0.02, -0.01, 0.0],
+    "fisheye": [-0.02, 0.01, -0.004, 0.001],
+}
+
+
+@pytest.mark.parametrize("model", LENSES)
+def test_every_lens_model_fits_points_made_with_it_and_is_the_same_compiled(model):
+    from rfea_vision.calibration.bundle import Lens, project_board, solve_bundle
     from rfea_vision.calibration.corners import BoardView
-    from rfea_vision.calibration.projection import rotation_matrix
+    from rfea_vision.calibration.projection import pack_camera, project, rotation_matrix
 
     rng = np.random.default_rng(2)
-    coefficients = {
-        "brown8": [-0.25, 0.08, 1e-3, -5e-4, 0.01, 0.02, -0.01, 0.0],
-        "fisheye": [-0.02, 0.01, -0.004, 0.001],
-    }[model]
-    assert len(coefficients) == COEFFICIENTS[model]
-    lens = Lens(model, np.array([[520.0, 0, 640], [0, 522, 360], [0, 0, 1]]), np.array(coefficients))
+    coefficients = np.array(TRUE_COEFFICIENTS[model])
+    assert len(coefficients) == LENSES[model].coefficients
+    lens = Lens(model, np.array([[520.0, 0, 640], [0, 522, 360], [0, 0, 1]]), coefficients)
     board = Board("checkerboard", (9, 6), 0.02)
     views = []
     while len(views) < 16:
@@ -177,6 +182,8 @@ def test_every_lens_model_fits_points_made_with_it(model):
         pixels = project_board(lens, rotation, translation, board.corners_mm)
         if pixels.min() < 0 or np.any(pixels.max(axis=0) > [1280, 720]):
             continue
+        compiled = project(pack_camera(model, lens.matrix, coefficients, rotation, translation), board.corners_mm)
+        np.testing.assert_allclose(compiled, pixels, atol=1e-9)
         views.append(BoardView(None, board.corners_mm, pixels + rng.normal(0, 0.02, pixels.shape)))
     bundle = solve_bundle(views, (1280, 720), model, joint_view=0)
     assert bundle.sigma_px < 0.03

@@ -25,7 +25,7 @@ BROKEN = {
     "no size": (GOOD.replace("image_height: 480\n", ""), "image_height is missing"),
     "no distortion": (GOOD.split("distortion_model")[0], "write five zeros for a lens without distortion"),
     "unknown lens": (GOOD.replace("plumb_bob", "mystery"), "distortion_model 'mystery' is not supported"),
-    "many coefficients": (GOOD.replace("0, 0, 0]}", "0, 0, 0, 0, 0, 0, 0.1]}"), "thin prism"),
+    "many coefficients": (GOOD.replace("0, 0, 0]}", "0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0.1]}"), "at most"),
     "coefficients in words": (GOOD.replace("-0.28", "much"), "must be a list of numbers"),
 }  # fmt: skip
 
