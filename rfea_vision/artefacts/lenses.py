@@ -34,6 +34,13 @@ LENSES: dict[str, LensModel] = {
     "brown8": LensModel(
         8, "pinhole with rational distortion, 8 coefficients", ("rational_polynomial",), richer_than="brown5"
     ),
+    "brown12": LensModel(
+        12,
+        "pinhole with rational and thin prism distortion, 12 coefficients",
+        ("rational_polynomial",),
+        richer_than="brown8",
+        tried=False,
+    ),
     "fisheye": LensModel(4, "fisheye with 4 coefficients", ("equidistant", "fisheye", "kannala_brandt"), fisheye=True),
 }
 

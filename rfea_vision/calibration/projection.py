@@ -1,10 +1,11 @@
 """Pixels to millimetres on the plane of motion, and back.
 
 Pixel origin: the centre of the top left pixel is (0, 0). Plane frame: x along the board's rows to the camera's right,
-y up, z towards the camera; mm. Distortion in OpenCV's order: (k1, k2, p1, p2, k3[, k4, k5, k6]) or fisheye (k1..k4).
+y up, z towards the camera; mm. Distortion in OpenCV's order: (k1, k2, p1, p2, k3[, k4, k5, k6[, s1, s2, s3, s4]]) or fisheye
+(k1..k4).
 
-Compiled code takes a camera as one vector of 25 numbers:
-[kind (0 Brown, 1 fisheye), fx, fy, cx, cy, distortion (8), rotation (9, row by row), translation in mm (3)].
+Compiled code takes a camera as one vector of 29 numbers: [kind (0 Brown, 1 fisheye), fx, fy, cx, cy, the first 8 of the
+distortion, rotation (9, row by row), translation in mm (3), thin prism (4)].
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.errors import InputError
 
 FloatArray = NDArray[np.float64]
-CAMERA_SIZE = 25
+CAMERA_SIZE = 29
 
 
 def camera_vector(calibration: Calibration) -> FloatArray:
-    """Pack lens and plane pose for compiled code, (25,)."""
+    """Pack lens and plane pose for compiled code, (29,)."""
     return pack_camera(
         calibration.model,
         calibration.camera_matrix,
@@ -36,12 +37,13 @@ def camera_vector(calibration: Calibration) -> FloatArray:
 def pack_camera(
     model: str, matrix: FloatArray, distortion: FloatArray, rotation: FloatArray, translation_mm: FloatArray
 ) -> FloatArray:
-    """Pack lens and pose for compiled code, (25,)."""
+    """Pack lens and pose for compiled code, (29,)."""
     packed = np.zeros(CAMERA_SIZE)
     packed[0] = float(LENSES[model].fisheye)
     packed[1:5] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-    coefficients = np.asarray(distortion, dtype=float).ravel()[:8]
-    packed[5 : 5 + len(coefficients)] = coefficients
+    coefficients = np.zeros(12)
+    coefficients[: np.size(distortion)] = np.ravel(distortion)
+    packed[5:13], packed[25:29] = coefficients[:8], coefficients[8:]
     packed[13:22] = np.asarray(rotation).ravel()
     packed[22:25] = np.asarray(translation_mm).ravel()
     return packed
@@ -66,8 +68,8 @@ def project_point(camera, x, y):
         radial = (1.0 + q * (camera[5] + q * (camera[6] + q * camera[9]))) / (
             1.0 + q * (camera[10] + q * (camera[11] + q * camera[12]))
         )
-        u = a * radial + 2.0 * camera[7] * a * b + camera[8] * (q + 2.0 * a * a)
-        v = b * radial + camera[7] * (q + 2.0 * b * b) + 2.0 * camera[8] * a * b
+        u = a * radial + 2.0 * camera[7] * a * b + camera[8] * (q + 2.0 * a * a) + q * (camera[25] + q * camera[26])
+        v = b * radial + camera[7] * (q + 2.0 * b * b) + 2.0 * camera[8] * a * b + q * (camera[27] + q * camera[28])
     return camera[1] * u + camera[3], camera[2] * v + camera[4]
 
 
@@ -154,7 +156,7 @@ def pixels_to_plane_mm(calibration: Calibration, pixels: ArrayLike) -> FloatArra
 
 
 def perturbed_cameras(calibration: Calibration) -> FloatArray:
-    """Cameras moved by one standard error along each principal axis of their joint covariance, (k, 25).
+    """Cameras moved by one standard error along each principal axis of their joint covariance, (k, 29).
 
     A quantity's covariance from the calibration is the sum over k of the outer product of its change with itself
     (first order).

@@ -3,6 +3,7 @@
 import pytest
 
 from rfea_vision.calibration import load_calibration
+from rfea_vision.calibration.storage import save_ros
 from rfea_vision.errors import InputError
 
 GOOD = """image_width: 640
@@ -44,3 +45,13 @@ def test_the_same_file_unbroken_is_read(tmp_path):
     file = tmp_path / "camera.yaml"
     file.write_text(GOOD)
     assert load_calibration(file).distortion.tolist() == [-0.28, 0.05, 0, 0, 0]
+
+
+def test_a_file_with_thin_prism_coefficients_is_read_and_written_back(tmp_path):
+    file, ros = tmp_path / "camera.yaml", tmp_path / "ros.yaml"
+    coefficients = [-0.28, 0.05, 0, 0, 0, 0, 0, 0, 1e-3, 0, -2e-3, 0]
+    file.write_text(GOOD.replace("[-0.28, 0.05, 0, 0, 0]", str(coefficients)))
+    found = load_calibration(file)
+    save_ros(ros, found)
+    assert found.model == load_calibration(ros).model == "brown12"
+    assert found.distortion.tolist() == load_calibration(ros).distortion.tolist() == coefficients
