@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from rfea_vision.artefacts import Parameter
 from rfea_vision.errors import RfeaError
 from rfea_vision.report import methods, prose
 from rfea_vision.report.collect import Evidence, Step, collect
-from rfea_vision.report.formatting import number
+from rfea_vision.report.formatting import unit_text, with_unit
 from rfea_vision.report.pack import Pack, nearest, stride
 from rfea_vision.report.page import environment, safe_json, static
 from rfea_vision.report.series import MOST_SAMPLES, rung_name
-from rfea_vision.report.shown import errors_of
+from rfea_vision.report.shown import PER_JOINT, errors_of, of_the_tube
 
 PAIR_SCRIPTS = ("data", "pen", "plot", "pair")
 
@@ -86,7 +87,7 @@ def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, A
         "unit": unit,
         "why": next(iter(evidence.absent.values()), "") if not steps else "",
         "headline": prose.headline(evidence, titles),
-        "verdict": last.diagnosis.verdict if last and last.diagnosis else "",
+        "verdict": last.verdict if last else "",
         "floor": shown.floor if shown else None,
         "link": Path(os.path.relpath(page, beside)).as_posix() if beside is not None and page.exists() else None,
         "steps": [rung_name(step, titles) for step in steps],
@@ -131,13 +132,14 @@ def render_comparison(first: Path, second: Path, *, names: tuple[str, str] | Non
     sides = [
         {
             "name": name,
+            "absent": side["absent"],
             "headline": prose.headline(evidence, prose.effect_titles(evidence)),
             "last": prose.last_step(evidence),
             "evidence": evidence,
             "shown": [errors_of(step, evidence) for step in evidence.steps],
             "names": [rung_name(step, prose.effect_titles(evidence)) for step in evidence.steps],
         }
-        for name, evidence in zip(called, both, strict=True)
+        for name, evidence, side in zip(called, both, manifest["pair"], strict=True)
     ]
     return environment().get_template("pair.html.j2").render(
         title=f"{called[0]} and {called[1]}", sides=sides, parameters=manifest["parameters"], style=static("style.css"),
@@ -151,23 +153,29 @@ def _name_of(folder: Path) -> str:
 
 
 def _parameters(both: Sequence[Evidence]) -> list[dict[str, Any]]:
-    """One row per parameter of either final model: value and 95 % interval on both sides."""
-    fits: list[Mapping[str, Any]] = []
-    for evidence in both:
-        last = prose.last_step(evidence)
-        fits.append(last.fit.parameters if last else {})
-    rows = []
-    for key in dict.fromkeys([*fits[0], *fits[1]]):
-        found = [fit.get(key) for fit in fits]
-        unit = next(p.unit for p in found if p is not None)
-        sides = [
-            {"value": p.value, "interval": list(p.interval_95) if p.interval_95 else None, "text": number(p.value, 4)}
-            if p is not None and p.unit == unit
-            else None
-            for p in found
-        ]
-        rows.append({"name": key, "unit": unit, "sides": sides})
-    return rows
+    """One row per parameter of either final model: value and 95 % interval on both sides, or why there is none."""
+    steps = [prose.last_step(evidence) for evidence in both]
+    fits = [of_the_tube(step.fit) if step else {} for step in steps]
+    units = {key: item.unit for fit in reversed(fits) for key, item in fit.items()}
+    names = dict.fromkeys(name for fit in fits for name in fit)
+    return [
+        {
+            "name": f"{key}, whole tube" if key.startswith(PER_JOINT) else key,
+            "unit": unit_text(units[key]),
+            "sides": [
+                _of_side(fit.get(key), units[key], fitted=bool(step)) for fit, step in zip(fits, steps, strict=True)
+            ],
+        }
+        for key in names
+    ]
+
+
+def _of_side(item: Parameter | None, unit: str, *, fitted: bool) -> dict[str, Any]:
+    if item is None:
+        return {"value": None, "interval": None, "text": "not in its model" if fitted else "no model"}
+    if item.unit != unit:
+        return {"value": None, "interval": None, "text": with_unit(item.value, item.unit, 4)}
+    return {"value": item.value, "interval": item.interval_95, "text": with_unit(item.value, unit, 4)}
 
 
 def _side(evidence: Evidence, pack: Pack) -> dict[str, Any]:
@@ -184,8 +192,16 @@ def _side(evidence: Evidence, pack: Pack) -> dict[str, Any]:
             "name": experiment.name, "role": experiment.role, "pressure": pack.add(data["pressure"].values[at]),
             "angle": pack.add(np.asarray(data["bend_angle"].values)[rows]),
         })  # fmt: skip
-    return {
-        "steady": last.fit.steady_state if last else {},
-        "profiles": (last.comparison.elongation.get("profiles") or []) if last and last.comparison else [],
-        "loops": loops,
+    steady = last.fit.steady_state if last else {}
+    profiles = (last.comparison.elongation.get("profiles") or []) if last and last.comparison else []
+    absent = {
+        "intervals": "" if last else "no model has been fitted, so it has no parameters.",
+        "loops": "" if loops else "no run has bend angle and pressure on one clock: run `rfea sync`.",
+        "steady": ""
+        if steady.get("pressure_kPa")
+        else "its model has no steady state: no rest at a pressure was found.",
+        "profiles": ""
+        if any(row.get("measured") for row in profiles)
+        else "no elongation along the tube was measured.",
     }
+    return {"steady": steady, "profiles": profiles, "loops": loops, "absent": absent}

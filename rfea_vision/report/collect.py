@@ -46,6 +46,11 @@ class Step:
     absent: Mapping[str, str]
     study_seconds: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def verdict(self) -> str:
+        """What was said of this model; the ladder remembers it where the diagnosis cannot be read."""
+        return self.diagnosis.verdict if self.diagnosis else self.rung.verdict
+
 
 @dataclass(frozen=True)
 class Evidence:

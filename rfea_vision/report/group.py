@@ -15,12 +15,11 @@ from rfea_vision.figures.plates import Axis
 from rfea_vision.figures.saving import as_svg
 from rfea_vision.report import prose
 from rfea_vision.report.collect import Evidence, Step
-from rfea_vision.report.formatting import unit_text
+from rfea_vision.report.formatting import listing, unit_text
 from rfea_vision.report.page import environment, static
-from rfea_vision.report.shown import errors_of
+from rfea_vision.report.shown import PER_JOINT, errors_of, of_the_tube
 
 Design = Mapping[str, tuple[float, str]]
-_PER_JOINT = ("k_", "b_")
 
 
 @dataclass(frozen=True)
@@ -39,44 +38,66 @@ class Tube:
 
 
 def parameters_of(tube: Tube) -> dict[str, Parameter]:
-    """The parameters of a tube's last model; stiffness and damping of the whole tube, so that chains can be compared."""
-    if tube.last is None:
-        return {}
-    fit = tube.last.fit
-    return {
-        name: _whole(item, fit.segments) if name.startswith(_PER_JOINT) else item
-        for name, item in fit.parameters.items()
-    }
-
-
-def _whole(item: Parameter, segments: int) -> Parameter:
-    interval = None if item.interval_95 is None else (item.interval_95[0] / segments, item.interval_95[1] / segments)
-    stderr = None if item.stderr is None else item.stderr / segments
-    return item.model_copy(update={"value": item.value / segments, "interval_95": interval, "stderr": stderr})
+    """The parameters of a tube's last model; stiffness and damping of the whole tube."""
+    return of_the_tube(tube.last.fit) if tube.last is not None else {}
 
 
 def group_plates(tubes: Sequence[Tube]) -> list[Plate]:
     """Each parameter that two tubes share, over each design variable of which they have different values."""
-    found: list[Plate] = []
+    return [plate for plate, _ in _drawn(tubes)]
+
+
+def _drawn(tubes: Sequence[Tube]) -> list[tuple[Plate, str]]:
+    """Each plate, and a sentence about the tubes that are not in it."""
+    found: list[tuple[Plate, str]] = []
     values = {tube.name: parameters_of(tube) for tube in tubes}
     names = dict.fromkeys(name for item in values.values() for name in item)
     for variable in dict.fromkeys(key for tube in tubes for key in tube.design):
         having = [tube for tube in tubes if variable in tube.design]
         unit = having[0].design[variable][1]
-        if len({tube.design[variable][0] for tube in having}) < 2 or any(t.design[variable][1] != unit for t in having):
+        if len({tube.design[variable][0] for tube in having}) < 2 or _units(having, variable) != {unit}:
             continue
         for name in names:
             there = sorted((t.design[variable][0], t.name) for t in having if name in values[t.name])
             if len(there) > 1:
-                found.append(_plate(variable, unit, name, [(x, values[tube][name]) for x, tube in there]))
+                plate = _plate(variable, unit, name, [(x, values[tube][name]) for x, tube in there])
+                found.append((plate, _left_out(tubes, variable, name, values)))
     return found
+
+
+def _left_out(tubes: Sequence[Tube], variable: str, name: str, values: Mapping[str, Mapping[str, Parameter]]) -> str:
+    """Which tubes a plate does not show, and why."""
+    reasons = {
+        "no model": [t.name for t in tubes if t.last is None],
+        f"no {variable} in its design": [t.name for t in tubes if t.last is not None and variable not in t.design],
+        f"no {name} in its model": [
+            t.name for t in tubes if t.last is not None and variable in t.design and name not in values[t.name]
+        ],
+    }
+    said = [f"{listing(names)} ({why})" for why, names in reasons.items() if names]
+    return f"Not in it: {'; '.join(said)}." if said else ""
+
+
+def _units(tubes: Sequence[Tube], variable: str) -> set[str]:
+    return {tube.design[variable][1] for tube in tubes if variable in tube.design}
+
+
+def _not_drawn(tubes: Sequence[Tube]) -> list[str]:
+    """Design variables over which nothing can be drawn, as their units differ."""
+    variables = dict.fromkeys(key for tube in tubes for key in tube.design)
+    units = {variable: sorted(_units(tubes, variable)) for variable in variables}
+    return [
+        f"{variable} is given in {listing(unit or 'plain numbers' for unit in found)}: write it in one unit."
+        for variable, found in units.items()
+        if len(found) > 1
+    ]
 
 
 def _plate(variable: str, unit: str, name: str, points: Sequence[tuple[float, Parameter]]) -> Plate:
     x = np.array([place for place, _ in points])
     y = np.array([item.value for _, item in points])
     half = np.array([_half(item) for _, item in points])
-    whole = ", whole tube" if name.startswith(_PER_JOINT) else ""
+    whole = ", whole tube" if name.startswith(PER_JOINT) else ""
     title = f"{name}{whole} over {variable}"
     dots = Series(name, "dots", x, y, half)
     file = f"{name.replace('.', '-')}-over-{variable}"
@@ -98,10 +119,13 @@ def render_group(tubes: Sequence[Tube], *, title: str = "Tubes") -> str:
     cells = {tube.name: _effects(tube) for tube in tubes}
     effects = list(dict.fromkeys(effect for row in cells.values() for effect in row))
     rows = [_row(tube) for tube in tubes]
-    plates = [{"title": plate.title, "name": plate.name, "svg": Markup(as_svg(plate))} for plate in group_plates(tubes)]
+    plates = [
+        {"title": plate.title, "svg": Markup(as_svg(plate)), "left_out": left_out} for plate, left_out in _drawn(tubes)
+    ]
     parameters = {tube.name: parameters_of(tube) for tube in tubes}
     return environment().get_template("group.html.j2").render(
         title=title, rows=rows, cells=cells, effects=effects, titles=titles, plates=plates, parameters=parameters,
+        not_drawn=_not_drawn(tubes),
         variables=list(dict.fromkeys(key for tube in tubes for key in tube.design)),
         shared=list(dict.fromkeys(name for item in parameters.values() for name in item)), style=static("style.css"),
     )  # fmt: skip
@@ -110,7 +134,7 @@ def render_group(tubes: Sequence[Tube], *, title: str = "Tubes") -> str:
 def _row(tube: Tube) -> dict[str, Any]:
     step = tube.last
     shown = errors_of(step, tube.evidence) if step is not None else None
-    verdict = step.diagnosis.verdict if step is not None and step.diagnosis is not None else ""
+    verdict = step.verdict if step is not None else ""
     absent = tube.evidence.absent.get("models", "") if step is None else ""
     return {"name": tube.name, "design": tube.design, "shown": shown, "verdict": verdict, "absent": absent,
             "model": step.rung.model if step is not None else ""}  # fmt: skip

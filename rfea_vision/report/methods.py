@@ -31,6 +31,13 @@ BIBTEX = r"""@misc{kelageri2018kinematics,
   journal = {The Annals of Statistics},
   volume  = {6}, number = {2}, pages = {461--464}, year = {1978},
   doi     = {10.1214/aos/1176344136}
+}
+@article{kennedy2001bayesian,
+  title   = {Bayesian Calibration of Computer Models},
+  author  = {Kennedy, Marc C. and O'Hagan, Anthony},
+  journal = {Journal of the Royal Statistical Society: Series B},
+  volume  = {63}, number = {3}, pages = {425--464}, year = {2001},
+  doi     = {10.1111/1467-9868.00294}
 }"""
 
 _PACKAGES = (
@@ -133,11 +140,17 @@ def _selection(evidence: Evidence, titles: Mapping[str, str]) -> str:
         f"In this way {listing(added)} {'was' if len(added) == 1 else 'were'} added. " if added else "None was added. "
     )
     text = (
-        "Effects were added one at a time. One was accepted if it lowered the error on the held-out runs by at "
-        "least 10 % and by at "
-        f"least 0.2 noise floors with physically admissible values; the Bayesian information criterion (Schwarz "
-        f"1978) is given beside it. {chosen}"
+        "Effects were added one at a time. Sets of up to four of them were weighed by the squared error that they leave on "
+        "training and on held-out runs, under a model that admits a structured remainder (Kennedy and O'Hagan 2001), against "
+        "a price for every effect and parameter (Schwarz 1978). An effect was accepted if its probability was a half at least and "
+        "it lowered the held-out error by at least 10 % and by at least 0.2 noise floors with physically admissible values. "
+        f"{chosen}"
     )
+    helping = [
+        inner_title(titles[rung.added]) for rung in evidence.ladder.rungs if rung.added and rung.grade == "stand-in"
+    ]
+    if helping:
+        text += f"Not so {listing(helping)}: added because the held-out error falls, not as a likely cause. "
     if evidence.ladder.test:
         text += "Test runs took no part in fitting or choosing and were scored once, at the end."
     return text.strip()

@@ -97,9 +97,9 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     diagnosis = step.diagnosis
     added = [_inner(with_rivals(one, titles)) for one in evidence.steps if one.on_ladder and one.rung.added]
     unsure = any(one.rung.tied for one in evidence.steps if one.on_ladder)
-    if diagnosis is None:
+    if not step.verdict:
         return "The model is fitted; what it lacks has not been looked for yet."
-    if diagnosis.verdict == "complete":
+    if step.verdict == "complete":
         if not added:
             return "The model of the paper is complete here: nothing that matters is missing."
         if len(added) == 1:
@@ -111,10 +111,11 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
         return (
             f"The model of the paper lacked {len(added)} things: {things}. With them, nothing that matters is missing."
         )
-    if diagnosis.verdict == "unexplained":
+    if step.verdict == "unexplained":
         so_far = f" after {listing(added)} had been added" if added else ""
         return f"Something is missing that no effect in the catalogue explains{so_far}{_shows(step)}."
-    named = [_inner(_or(effect, diagnosis.rivals_of(effect), titles)) for effect in diagnosis.named]
+    told = [(effect, diagnosis.rivals_of(effect)) for effect in diagnosis.named] if diagnosis else []
+    named = [_inner(_or(effect, rivals, titles)) for effect, rivals in told]
     return f"The model still lacks something: {'; '.join(named)}." if named else "The model still lacks an effect."
 
 
@@ -228,7 +229,7 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     if ladder and climbed:
         rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added]
         added = [with_rivals(one, titles).split(":")[0] for one in rungs]
-        yield _missing(added, step.diagnosis.verdict if step and step.diagnosis else "", _shows(step) if step else "")
+        yield _missing(added, step.verdict if step else "", _shows(step) if step else "")
         first, last = climbed[0], climbed[-1]
         which = "held-out" if first.validate is not None else "training"
         before = number(first.best) if len(climbed) > 1 else ""

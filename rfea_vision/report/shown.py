@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from rfea_vision.artefacts import ModelFit, Parameter
 from rfea_vision.report.collect import Evidence, Step
+
+PER_JOINT = ("k_", "b_")
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,20 @@ def errors_of(step: Step, evidence: Evidence) -> Shown:
         floors = (*floors, step.fit.noise_floor_deg)
         return Shown("deg", "Angle error", *angle, next((floor for floor in floors if floor), None))
     return Shown("mm", "Tip error", *tip, step.fit.noise_floor_mm)
+
+
+def of_the_tube(fit: ModelFit) -> dict[str, Parameter]:
+    """Parameters of a model, with stiffness and damping of the whole tube, so that chains of any number of segments can be compared."""
+    return {
+        name: _in_series(item, fit.segments) if name.startswith(PER_JOINT) else item
+        for name, item in fit.parameters.items()
+    }
+
+
+def _in_series(item: Parameter, segments: int) -> Parameter:
+    interval = None if item.interval_95 is None else (item.interval_95[0] / segments, item.interval_95[1] / segments)
+    stderr = None if item.stderr is None else item.stderr / segments
+    return item.model_copy(update={"value": item.value / segments, "interval_95": interval, "stderr": stderr})
 
 
 def of_candidate(candidate: object, name: str, unit: str) -> float | None:

@@ -70,6 +70,26 @@ def test_pair_without_models(tube_a: Path, tmp_path: Path) -> None:
     html = render_comparison(tube_a, other)
     assert "tube-C" in html
     assert "is named in ladder.json but is not there" in html
+    absent = [re.sub(r"<[^>]+>", "", text) for text in re.findall(r'<p class="absent">(.*?)</p>', html)]
+    for why in ("no model has been fitted", "has no steady state", "no elongation along the tube"):
+        assert len([text for text in absent if text.startswith("tube-C is not drawn: ") and why in text]) == 1, absent
+    assert not [text for text in absent if text.startswith("tube-A is not drawn")]
+
+
+def test_parameters_are_compared_by_tube_and_a_missing_one_is_said(tube_a: Path, tmp_path: Path) -> None:
+    other = tmp_path / "tube-C" / "rfea"
+    shutil.copytree(tube_a, other)
+    last = other / "models" / RUNGS[-1] / "model.json"
+    model = json.loads(last.read_text())
+    model["segments"] *= 2
+    del model["parameters"]["r_hyd"]
+    last.write_text(json.dumps(model))
+    html = render_comparison(tube_a, other)
+    manifest = json.loads(re.search(r'id="manifest">(.*?)</script>', html, re.DOTALL)[1])
+    rows = {row["name"]: row["sides"] for row in manifest["parameters"]}
+    stiffness = rows["k_ref, whole tube"]
+    assert stiffness[0]["value"] == pytest.approx(2 * stiffness[1]["value"])
+    assert rows["r_hyd"][1] == {"value": None, "interval": None, "text": "not in its model"}
 
 
 @pytest.mark.chromium
@@ -109,3 +129,8 @@ def test_many_tubes_on_one_page(sample):
     assert "<C>" not in page and "&lt;C&gt;" in page
     assert all(effect in page for effect in ("in the model", "36", "30 g"))
     assert page.count("<svg") == len(plates) and "http://" not in page.replace("http://www.w3.org", "")
+    assert "Not in it" not in page
+    lacking = Tube("D", {"load": (3.0, "mm")}, evidence)
+    page = render_group([*tubes, lacking])
+    assert page.count("Not in it: D (no turns in its design).") == len(plates)
+    assert "load is given in g and mm: write it in one unit" in page

@@ -188,3 +188,10 @@ def test_films_beyond_the_size_limit_are_left_out_with_a_word(
     html = page_of(sample)
     assert len(html) < page.SIZE_LIMIT_BYTES
     assert "was left out to keep this page below" in html
+
+
+def test_the_ladder_remembers_its_verdict(copy: Path) -> None:
+    headline = re.search(r"<h1>(.*?)</h1>", page_of(copy))[1]
+    (copy / "models" / RUNGS[-1] / "diagnosis.json").write_text("of an older version")
+    assert re.search(r"<h1>(.*?)</h1>", page_of(copy))[1] == headline
+    assert "lacked" in headline

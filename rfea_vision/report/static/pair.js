@@ -7,13 +7,13 @@ plots.intervals = {
   draw(pen) {
     const c = pen.colours, rows = manifest.parameters, pitch = pen.height / rows.length, left = Math.min(200, pen.width * 0.32), right = pen.width - 150;
     rows.forEach((row, i) => {
-      const y = (i + 0.5) * pitch, known = row.sides.filter(Boolean), range = padded(extent(known.flatMap(s => s.interval ?? [s.value])), 0.25), x = scale(...range, left, right);
+      const y = (i + 0.5) * pitch, known = row.sides.filter(s => s.value !== null), range = known.length ? padded(extent(known.flatMap(s => s.interval ?? [s.value])), 0.25) : [0, 1], x = scale(...range, left, right);
       pen.text(row.name, left - 14, y, {align: "right", colour: c.ink}); pen.line([left, right], [y, y], c.grid, 1);
       row.sides.forEach((side, k) => {
-        if (!side) return;
         const at = y + (k - 0.5) * pitch * 0.36, colour = pairColours(c)[k];
+        pen.text(side.text, right + 10, at, {colour});
         if (side.interval) pen.line(side.interval.map(x), [at, at], colour, 2);
-        pen.dot(x(side.value), at, 3.6, colour, c.paper); pen.text(`${side.text} ${row.unit === "1" ? "" : row.unit.replaceAll("*", " ")}`, right + 10, at, {colour});
+        if (side.value !== null) pen.dot(x(side.value), at, 3.6, colour, c.paper);
       });
     });
   },
@@ -32,7 +32,7 @@ function pairPlot(xLabel, yLabel, need, curves) {
     },
   };
 }
-plots.loops = pairPlot("pressure in kPa", "bend angle in deg", () => manifest.pair.every(s => s.loops.length) ? undefined : "One of the campaigns has no run with bend angle and pressure on one clock.",
+plots.loops = pairPlot("pressure in kPa", "bend angle in deg", () => manifest.pair.some(s => s.loops.length) ? undefined : "Neither campaign has a run with bend angle and pressure on one clock.",
   c => manifest.pair.flatMap((side, k) => { const loop = side.loops[chosen[k]]; return loop ? [{x: series(loop.pressure), y: series(loop.angle), colour: pairColours(c)[k]}] : []; }));
 plots.steady = pairPlot("pressure in kPa", "bend angle at rest in deg", () => manifest.pair.some(s => s.steady.pressure_kPa?.length) ? undefined : "Neither model carries a steady state.",
   c => manifest.pair.flatMap((side, k) => {
