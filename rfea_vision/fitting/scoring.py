@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
 from rfea_vision.fitting.rules import CONSTANT_PA, held_by_rule, pushed
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.options import FitOptions
+from rfea_vision.options.asking import as_record, asked_by
 
 FloatArray = NDArray[np.float64]
 
@@ -236,37 +236,18 @@ def _about_runs(problem: Problem, fitted: Fitted) -> list[str]:
 
 
 def _given(options: FitOptions) -> dict[str, Any]:
-    """What was given beforehand, in SI, so that the fit can be taken up again from the artefact."""
-    out: dict[str, Any] = {}
-    for key in ("fixed", "bounds", "priors"):
-        values = getattr(options, key)
-        if values:
-            out[key] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
-    for key in ("pressure_zero_sd", "angle_zero_sd"):
-        if getattr(options, key):
-            out[key] = getattr(options, key)
-    if options.loss != "auto":
-        out["loss"] = options.loss
-    return out
+    """What else was asked that holds for further fits, in SI, so that the fit can be taken up again from the artefact."""
+    lasting = {option.name for option in asked_by("improve", FitOptions)} - set(ModelFit.model_fields)
+    return {name: value for name, value in as_record(options).items() if name in lasting}
 
 
 def options_of(artefact: ModelFit) -> FitOptions:
     """The options with which a `model.json` was fitted."""
-    given = artefact.given
-    return FitOptions(
-        name=artefact.name,
-        segments=artefact.segments,
-        joints=artefact.joints,
-        effects=tuple(artefact.effects),
-        observe=artefact.observe,  # type: ignore[arg-type]
-        effect_files=tuple(Path(p) for p in artefact.effect_files),
-        fixed={name: p.value for name, p in artefact.parameters.items() if p.fixed},
-        bounds={name: (float(v[0]), float(v[1])) for name, v in given.get("bounds", {}).items()},
-        priors={name: (float(v[0]), float(v[1])) for name, v in given.get("priors", {}).items()},
-        loss=given.get("loss", "auto"),
-        pressure_zero_sd=float(given.get("pressure_zero_sd", 0.0)),
-        angle_zero_sd=float(given.get("angle_zero_sd", 0.0)),
-    )
+    own: dict[str, Any] = {
+        name: getattr(artefact, name) for name in ("name", "segments", "joints", "effects", "observe", "effect_files")
+    }
+    fixed = {name: p.value for name, p in artefact.parameters.items() if p.fixed}
+    return FitOptions(**{**artefact.given, **own, "fixed": fixed})
 
 
 def rebuild(artefact: ModelFit) -> tuple[Model, FloatArray]:
