@@ -65,7 +65,8 @@ def make_problem(
     for recording in used.values():
         own = wanted if _offers(recording, wanted) else default_observe([recording])
         item = observe_recording(recording, wanted if recording.role == "train" else own)
-        items.append(with_zeros(item, options))
+        every = 1 if options.frames is None else -(-item.time.size // options.frames)
+        items.append(with_zeros(item.thinned(every), options))
     _refuse_nonsense([o for o in items if o.role == "train"], actuator)
     groups = {role: tuple(o for o in items if o.role == role) for role in ("train", "validate", "test")}
     return Problem(actuator, groups["train"], groups["validate"], groups["test"], dict(used), largest_bend(items))

@@ -122,6 +122,9 @@ class FitOptions:
         validation_alias=AliasChoices("angle_zero", "angle_zero_sd"),
         description="Standard error of an angle sensor's zero, then found for every run without a tip, such as 2deg.",
     )
+    frames: Annotated[int | None, Asked(_MODEL, "COUNT")] = Field(
+        default=None, ge=10, description="At most so many frames of each run, evenly chosen; by default all."
+    )
     study_segments: Annotated[bool, Asked(("fit",))] = Field(
         default=False, description="Try 2, 4, 8, 16 and 32 segments too: errors, path of the tip, seconds."
     )

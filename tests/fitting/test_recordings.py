@@ -204,3 +204,13 @@ def test_one_training_run_alone_will_do(runs):
     model = fit_model({name: recordings[name]}, actuator, OPTIONS)
     assert model.parameters["k_ref"].value == pytest.approx(truth["k_ref"], rel=3e-3)
     assert list(model.metrics) == ["train"] and any("validate" in warning for warning in model.warnings)
+
+
+def test_fewer_frames_tell_the_same_with_wider_intervals(runs):
+    recordings, actuator, _ = runs
+    every, few = (fit_model(recordings, actuator, replace(OPTIONS, frames=frames)) for frames in (None, 100))
+    assert few.experiments.keys() == every.experiments.keys()
+    assert all(score.frames_used == 100 for score in few.experiments.values()) and few.given["frames"] == 100
+    for name, one in few.parameters.items():
+        assert one.value == pytest.approx(every.parameters[name].value, abs=3 * one.stderr)
+        assert one.stderr > every.parameters[name].stderr
