@@ -23,7 +23,7 @@ _COMMA = re.compile(r"^[+-]?(\d{1,3}(\.\d{3})+|\d+|),\d+([eE][+-]?\d+)?$")
 _UNIT_CELL = re.compile(r"^\s*[\[(]?\s*([^\d\s\[\]()]{1,8}|m/s\^?2)?\s*[\])]?\s*$")
 
 
-def _decoded(path: Path) -> str:
+def decoded(path: Path) -> str:
     """Return the text: UTF-8, UTF-16 with its mark, or the Windows code page of western Europe."""
     refuse_too_much(path, path.stat().st_size / _BYTES_PER_VALUE)
     raw = path.read_bytes()
@@ -75,7 +75,7 @@ def _header(lines: list[str], separator: str) -> tuple[int, int] | None:
 
 def read_text(path: Path) -> Table:
     """Read one table of text."""
-    every = [line for line in _decoded(path).splitlines() if line.strip() and not line.startswith("#")]
+    every = [line for line in decoded(path).splitlines() if line.strip() and not line.startswith("#")]
     found = {sep: place for sep in _SEPARATORS if (place := _header(every, sep)) is not None}
     if found:
         separator = max(found, key=lambda sep: len(_cells(every[found[sep][0]], sep)))
