@@ -6,10 +6,18 @@ from pathlib import Path
 
 from rfea_vision.errors import InputError
 from rfea_vision.readers.apart import ask, isolated, serving
-from rfea_vision.readers.kinds import capture, columns, matlab, poses, ros, text
+from rfea_vision.readers.kinds import capture, columns, labview, matlab, poses, ros, text
 from rfea_vision.readers.kinds.base import Kind, Points, Table
 
-KINDS: tuple[Kind, ...] = (*poses.KINDS, *text.KINDS, *columns.KINDS, *matlab.KINDS, *capture.KINDS, *ros.KINDS)
+KINDS: tuple[Kind, ...] = (
+    *poses.KINDS,
+    *text.KINDS,
+    *columns.KINDS,
+    *matlab.KINDS,
+    *labview.KINDS,
+    *capture.KINDS,
+    *ros.KINDS,
+)
 """Of kinds that share an ending, the first that recognises the file's content reads it."""
 
 

@@ -73,6 +73,26 @@ def write_mat73(folder):
     return PressureSpec(file=folder / "log.mat", time="log.t", pressure="runs(2).p", unit="bar")
 
 
+def write_lvm(folder):
+    """As LabVIEW saves two channels in pieces, without times and with decimal commas."""
+    lines = [
+        "LabVIEW Measurement\t",
+        "Separator\tTab",
+        "Decimal_Separator\t,",
+        "X_Columns\tNo",
+        "***End_of_Header***\t",
+        "",
+    ]
+    for part in np.split(np.arange(TIME_S.size), 3):
+        steps = "\t".join(["0,01"] * 2)
+        first = "\t".join([str(TIME_S[part[0]]).replace(".", ",")] * 2)
+        lines += ["Channels\t2", "Y_Unit_Label\tbar\tV", f"X0\t{first}", f"Delta_X\t{steps}", "***End_of_Header***\t\t"]
+        lines += ["X_Value\tPressure\tValve\tComment"]
+        lines += [f"\t{float(value)!r}\t0".replace(".", ",") for value in PRESSURE_kPa[part] / 100.0] + [""]
+    (folder / "log.lvm").write_text("\n".join(lines), encoding="cp1252")
+    return PressureSpec(file=folder / "log.lvm", pressure="Pressure")
+
+
 def write_bag(folder):
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -164,5 +184,5 @@ def write_c3d(folder):
     return TrackSpec(folder / "run.c3d", axes=("x", "z"))
 
 
-LOGS = [write_csv, write_parquet, write_mdf, write_mat, write_mat73, write_bag]
+LOGS = [write_csv, write_parquet, write_mdf, write_mat, write_mat73, write_lvm, write_bag]
 POSES = [write_dlc_text, write_dlc, write_sleap, write_tierpsy, write_movement, write_c3d]
