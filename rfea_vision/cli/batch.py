@@ -188,13 +188,13 @@ def _held_out(rung: dict[str, Any]) -> str | None:
 @click.command("table")
 @click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=click.Path(path_type=Path))
 @click.option(
-    "--format", "kind", type=click.Choice(["parquet", "csv"]), default="parquet", show_default=True, help="Of the file."
+    "--format", "kind", type=click.Choice(["parquet", "csv"]), help="Of the file; default as its name ends, or parquet."
 )
 @click.option(
     "-o", "--output", type=click.Path(path_type=Path), help="File to write; default rfea-table.parquet or .csv."
 )
 @output_options
-def table_command(folders: tuple[Path, ...], kind: str, output: Path | None, as_json: bool, debug: bool) -> int:
+def table_command(folders: tuple[Path, ...], kind: str | None, output: Path | None, as_json: bool, debug: bool) -> int:
     """Results of many campaigns as one table.
 
     One row per campaign and model: parameters with their intervals, verdicts, errors in mm and deg, and versions. The
@@ -211,6 +211,7 @@ def table_command(folders: tuple[Path, ...], kind: str, output: Path | None, as_
             empty[str(folder)] = str(error)
     if not rows:
         raise InputError(f"{next(iter(empty.values()), 'no campaign')}; nothing to write")
+    kind = kind or ("csv" if output is not None and output.suffix.lower() == ".csv" else "parquet")
     path = output or Path(f"rfea-table.{kind}")
     columns = write_table(path, rows, kind)
     if as_json:

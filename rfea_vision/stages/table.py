@@ -17,6 +17,7 @@ from rfea_vision.stages.cache import StageCache
 _Artefact = TypeVar("_Artefact", ModelFit, Diagnosis, Ladder)
 _ERRORS = ("tip_rmse_mm", "midline_rmse_mm", "angle_rmse_deg")
 _ROLES = ("train", "validate")
+_RUNG = ("added", "grade", "probability", "share")
 
 
 def campaign_rows(folder: Path) -> list[dict[str, Any]]:
@@ -41,7 +42,8 @@ def campaign_rows(folder: Path) -> list[dict[str, Any]]:
     if not files:
         raise InputError(f"{folder}: holds no model; run 'rfea improve {folder}' first")
     ladder = _load(Ladder, out / Ladder.FILE)
-    order = [rung.model for rung in ladder.rungs] if ladder is not None else []
+    rungs = {rung.model: rung for rung in ladder.rungs} if ladder is not None else {}
+    order = list(rungs)
     cache = StageCache(out)
     rows = []
     for file in sorted(files, key=lambda path: (_place(path.parent.name, order), path.parent.name)):
@@ -55,6 +57,7 @@ def campaign_rows(folder: Path) -> list[dict[str, Any]]:
                 "model": model.name,
                 "rung": order.index(model.name) + 1 if model.name in order else None,
                 "last_rung": bool(order) and model.name == order[-1],
+                **{key: getattr(rungs.get(model.name), key, None) for key in _RUNG},
                 **_facts(model, _load(Diagnosis, file.with_name("diagnosis.json"))),
                 "made_with": (record.version if record is not None else "") or None,
                 **_parameters(model),
@@ -64,13 +67,25 @@ def campaign_rows(folder: Path) -> list[dict[str, Any]]:
 
 
 def write_table(path: Path, rows: Sequence[dict[str, Any]], kind: str) -> list[str]:
-    """Write rows as ``parquet`` or ``csv`` and return the names of the columns; what a row lacks is empty."""
-    frame = pd.DataFrame(list(rows)).convert_dtypes(convert_string=True, convert_floating=False)
+    """Write rows as ``parquet`` or ``csv`` and return the names of the columns; what a row lacks is empty.
+
+    Raises
+    ------
+    InputError
+        If the extra that writes Parquet is not installed.
+    """
+    frame = pd.DataFrame(list(rows)).astype({"rung": "Int64"})
+    for name in frame.columns[frame.isna().all()]:  # a column of which nothing is known is one of numbers
+        frame[name] = frame[name].astype(float)
     with whole_file(path) as temporary:
         if kind == "csv":
             frame.to_csv(temporary, index=False)
-        else:
+            return [str(name) for name in frame.columns]
+        try:
             frame.to_parquet(temporary, index=False)
+        except ImportError as error:
+            remedy = "pip install 'rfea-vision[parquet]', or give --format csv"
+            raise InputError(f"{path}: Parquet needs the Python module 'pyarrow'; {remedy}") from error
     return [str(name) for name in frame.columns]
 
 
@@ -89,7 +104,7 @@ def _facts(model: ModelFit, diagnosis: Diagnosis | None) -> dict[str, Any]:
         "named": " ".join(diagnosis.named) if diagnosis is not None else None,
         **errors,
         "noise_floor_mm": model.noise_floor_mm,
-        "noise_floor_deg": diagnosis.noise_floor_deg if diagnosis is not None else None,
+        "noise_floor_deg": model.noise_floor_deg,
     }
 
 
