@@ -70,6 +70,7 @@ def _said(judgement: Judgement) -> dict[str, Any]:
                 "effects": list(item.added),
                 "excess": {name: float(f"{v:.5g}") for name, v in item.trial.errors.excess(search.floor).items()},
                 "parameters": item.trial.free - now.free,
+                "at_bound": item.trial.at_bound,
             }
             for item in judgement.verdict.weighed
         ],

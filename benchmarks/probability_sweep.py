@@ -18,7 +18,7 @@ def probabilities(line: dict[str, Any], rule: Rule) -> dict[str, float]:
     weights = []
     for item in line["sets"]:
         roles = dict.fromkeys(item["excess"], "train") | {list(item["excess"])[-1]: "validate"}  # the last run judges
-        price = rule.price(len(item["effects"]), item["parameters"], len(catalogue()), count)
+        price = rule.price(len(item["effects"]), len(catalogue()))
         weights.append(rule.evidence(item["excess"], roles, line["room"], count) - price)
     each = posterior(weights)
     mates = {name: set(tie) for tie in line["tied"] for name in tie}

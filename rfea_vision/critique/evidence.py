@@ -21,11 +21,6 @@ def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
     """Every effect that was screened, those that were refitted alone first; p values allow for the number of effects tried."""
     tests = len({item.effect for item in search.screened})
     alone = {item.added[0]: item.trial for item in verdict.weighed if len(item.added) == 1}
-    refused = {
-        next(iter(key - search.present.effects)): trial
-        for key, trial in search.trials.done.items()
-        if trial is not None and not trial.allowed and len(key - search.present.effects) == 1
-    }
     rows = []
     for name in dict.fromkeys([*(item.effect for item in search.screened), *alone]):
         own = [item for item in search.screened if item.effect == name]
@@ -36,11 +31,11 @@ def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
             shown[f"predicted_rmse_{unit}"] = search.present.errors.train * float(
                 np.sqrt(max(1 - own[0].explained, 0.0))
             )
-        done = alone.get(name) or refused.get(name)
+        done = alone.get(name)
         if done is not None:
             shown |= _refitted(search, name, done)
         shown["form"] = form_of(name, verdict)
-        shown["probability"] = verdict.probability.get(name, 0.0 if done is not None else None)
+        shown["probability"] = verdict.probability.get(name)
         rows.append(Candidate(effect=name, title=title(search, name), **shown))
 
     def error(row: Candidate) -> float:
@@ -68,7 +63,7 @@ def _refitted(search: Search, name: str, done: Trial) -> dict[str, Any]:
         "parameters": effect_parameters(problem, done.fitted, name),
         "refitted": True,
         "matters": matters(before.errors.on(names), done.errors.on(names), search.floor),
-        "note": "" if done.allowed else "ended at a bound: not a value that physics allows",
+        "note": "ended at a bound of what physics allows" if done.at_bound else "",
     }
 
 

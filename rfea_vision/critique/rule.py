@@ -48,14 +48,9 @@ class Rule:
         """Independent values of a discrepancy, of which `correlated` could be told apart in the record."""
         return 1 / (1 / correlated + 1 / self.independent)
 
-    def price(self, effects: int, parameters: int, catalogue: int, count: float) -> float:
-        """Log of the prior odds against so many effects of the catalogue's, and of the room that their parameters have.
-
-        Half a log of the independent values per parameter beyond the first of each effect (Schwarz 1978,
-        doi:10.1214/aos/1176344136); the room of the first is in the odds.
-        """
-        odds = catalogue / self.expected
-        return effects * float(np.log(odds)) + 0.5 * max(parameters - effects, 0) * float(np.log(count))
+    def price(self, effects: int, catalogue: int) -> float:
+        """Log of the prior odds against so many effects of the catalogue's."""
+        return effects * float(np.log(catalogue / self.expected))
 
     def evidence(self, excess: Mapping[str, float], roles: Mapping[str, str], room: float, count: float) -> float:
         """Log evidence before the price: excess is the squared error above the floor by run, of which room^2 is not told apart."""

@@ -109,15 +109,35 @@ def _vector(model: Model, fitted: Fitted, point: dict[str, float]) -> FloatArray
     return par
 
 
-def _step(effect: Effect, gradient: FloatArray, hessian: FloatArray, names: list[str]) -> tuple[FloatArray, float]:
-    """Best step of the amplitudes within their bounds, and the fall of the squared error that it predicts."""
+def room(effect: Effect, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """How far each amplitude may step down and up from its absent value."""
+    specs = [effect.parameters[name] for name in names]
+    zero = np.array([spec.absent or 0.0 for spec in specs])
+    return np.array([spec.lower for spec in specs]) - zero, np.array([spec.upper for spec in specs]) - zero
+
+
+def bounded_step(
+    gradient: FloatArray, hessian: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, float]:
+    """Best step (amplitudes,) within bounds, and the fall of the squared error that it predicts.
+
+    Where the free step leaves its bounds, the amplitude that is farthest out is held at its bound and the others step again.
+    """
     scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    normed = hessian / np.outer(scale, scale) + 1e-8 * np.eye(len(names))
-    step = np.linalg.solve(normed, gradient / scale) / scale
-    for i, name in enumerate(names):
-        spec = effect.parameters[name]
-        absent = spec.absent or 0.0
-        step[i] = float(np.clip(step[i], spec.lower - absent, spec.upper - absent))
+    normed = hessian / np.outer(scale, scale) + 1e-8 * np.eye(scale.size)
+    slope, least, most = gradient / scale, low * scale, high * scale
+    step, free = np.zeros(scale.size), np.ones(scale.size, dtype=bool)
+    while free.any():
+        step[free] = np.linalg.solve(
+            normed[np.ix_(free, free)], slope[free] - normed[np.ix_(free, ~free)] @ step[~free]
+        )
+        beyond = np.where(free, np.maximum(least - step, step - most), 0.0)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] <= 0:
+            break
+        step[worst] = np.clip(step[worst], least[worst], most[worst])
+        free[worst] = False
+    step = step / scale
     return step, float(2 * gradient @ step - step @ hessian @ step)
 
 
@@ -237,7 +257,7 @@ def screened_rows(rows: Sequence[Sensitivity], effects: Sequence[Effect]) -> lis
     for row in rows:
         # The residual is measured minus modelled; its Jacobian has the sign of minus the model's.
         gradient, hessian = -row.jacobian.T @ row.residual, row.jacobian.T @ row.jacobian
-        step, fall = _step(row.effect, gradient, hessian, row.names)
+        step, fall = bounded_step(gradient, hessian, *room(row.effect, row.names))
         found.append(
             Screened(
                 row.effect.id,

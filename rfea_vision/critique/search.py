@@ -86,8 +86,7 @@ class Search:
         """
         self._settled()
         now = self.present.effects
-        tried = [t for k, t in self.trials.done.items() if t is not None and k >= now and (t.allowed or k == now)]
-        tried = [t for t in tried if self._offered(t)]
+        tried = [t for k, t in self.trials.done.items() if t is not None and k >= now and self._offered(t)]
         names = common_runs(t.errors for t in tried)
         forms: dict[frozenset[str], list[tuple[float, Trial]]] = {}
         for trial in tried:
@@ -119,16 +118,15 @@ class Search:
         errors = trial.errors.on(names)
         roles = {name: run.role for name, run in errors.runs.items()}
         evidence = self.rule.evidence(errors.excess(self.floor), roles, self._room, self.count)
-        return evidence - self._price(trial.effects, trial.free)
+        return evidence - self._price(trial.effects)
 
     @property
     def _room(self) -> float:
         """What is never told apart, in the unit of the floor."""
         return float(np.hypot(self.rule.resolution * self.floor, self.floors.calibration or 0.0))
 
-    def _price(self, effects: frozenset[str], free: int) -> float:
-        added = len(effects - self.present.effects)
-        return self.rule.price(added, free - self.present.free, len(catalogue()), self.count)
+    def _price(self, effects: frozenset[str]) -> float:
+        return self.rule.price(len(effects - self.present.effects), len(catalogue()))
 
     # -- the search ----------------------------------------------------------------------------------------------------
 
@@ -172,32 +170,41 @@ class Search:
             return True
         best = self.weigh()[0]
         added = centre.effects | set(proposal.effects)
-        parameters = centre.free + sum(name.partition(".")[0] in proposal.effects for name in proposal.start)
-        price = self._price(added, parameters)
+        price = self._price(added)
         perfect = -self.count * float(np.log(self._room))
         if perfect - price <= best.weight and best.trial is not self.present:
             return False
         gain = -0.5 * self.count * float(np.log(max(1 - proposal.fall, 1e-6)))
-        return LENIENT * gain >= price - self._price(centre.effects, centre.free)
+        return LENIENT * gain >= price - self._price(centre.effects)
 
     def _forms(self) -> None:
-        """Where the best set leaves something, its members in their other forms, one at a time, from the fit so far."""
+        """Members of the best set in their other forms, one at a time: where it leaves something, or stands at a bound.
+
+        Another form of one may also do for two: it is tried without those that the effect is said to be mistaken for.
+        """
         for own in self.weigh()[0].added:
             best = self.weigh()[0]
-            if self.structure(best.trial) < STRUCTURE_FLOORS:
-                return
-            now = next((one for one in best.trial.effects if plain(one) == own), own)
-            for form in forms_of(own):
-                rest = tuple(one for one in best.trial.effects - self.present.effects if one != now)
-                values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
-                start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
-                self.trials.refit(self.present, (*rest, form), start)
+            done = self.structure(best.trial) < STRUCTURE_FLOORS and not best.trial.at_bound
+            rest = [one for one in best.trial.effects - self.present.effects if plain(one) != own]
+            alike = look_alikes(self.effects, own)
+            without = [[one for one in rest if plain(one) not in alike]]
+            values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
+            for others in without if done else [rest, *without]:
+                start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, others)}
+                for form in forms_of(own) if len(others) < len(rest) or not done else ():
+                    self.trials.refit(self.present, (*others, form), start)
 
     def _rivals(self) -> None:
-        """Nobody is named without the rivals that are said to be mistaken for it: they are refitted in its place."""
+        """Nobody is named without its rivals refitted in its place: those said to be mistaken for it, and those that look like it.
+
+        An effect looks like another that is named alone where its linear step would remove half as much, as a refit may turn out.
+        """
         best = self.weigh()[0]
         for own in best.added:
             others = [one for one in look_alikes(self.effects, own) if one not in best.added]
+            if len(best.added) == 1:
+                least = max((row.explained for row in self.screened if row.effect == own), default=np.inf) / LENIENT
+                others += [row.effect for row in self.screened if row.effect != own and row.explained >= least]
             base = self.without(best, own)
             rows = [row for row in self.screened if row.effect in others]
             for row in {r.effect: r for r in reversed(rows)}.values():

@@ -13,15 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.critique.screening import Sensitivity
+from rfea_vision.critique.screening import Sensitivity, bounded_step, room
 
 FloatArray = NDArray[np.float64]
 MOST_TOGETHER = 4
 #: Pairs, and triples, from which larger sets are built. With the sixty columns of the catalogue: some 8,000 small solves.
 BEAM = 60
-#: A step of an amplitude this far on the wrong side of none at all, as a share of its own size, is not noise: the effect would
-#: have to be there with the wrong sign.
-WRONG_SIDE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -52,8 +49,6 @@ class Combinations:
         self._columns: list[_Column] = []
         at = 0
         for row in rows:
-            specs = [row.effect.parameters[name] for name in row.names]
-            zero = [spec.absent or 0.0 for spec in specs]
             self._columns.append(
                 _Column(
                     row.effect.id,
@@ -61,8 +56,7 @@ class Combinations:
                     {f"{row.effect.id}.{k}": v for k, v in row.grid.items()},
                     tuple(f"{row.effect.id}.{name}" for name in row.names),
                     np.arange(at, at + len(row.names)),
-                    np.array([spec.lower - z for spec, z in zip(specs, zero, strict=True)]),
-                    np.array([spec.upper - z for spec, z in zip(specs, zero, strict=True)]),
+                    *room(row.effect, row.names),
                 )
             )
             at += len(row.names)
@@ -70,7 +64,6 @@ class Combinations:
         # The residual is measured minus modelled; its Jacobian has the sign of minus the model's.
         self._gradient = -wide.T @ rows[0].residual if rows else np.zeros(0)
         self._hessian = wide.T @ wide
-        self._scale = np.sqrt(np.maximum(np.diag(self._hessian), 1e-300))
         self._cost = float(rows[0].residual @ rows[0].residual) if rows else 1.0
 
     def best(self, present: frozenset[str], size: int, most: int) -> list[list[Proposal]]:
@@ -104,20 +97,16 @@ class Combinations:
         """The joint step, within its bounds; None where an effect would have the wrong sign: the set without it is as good."""
         columns = [self._columns[i] for i in picks]
         place = np.concatenate([column.place for column in columns])
-        scale = self._scale[place]
-        normed = self._hessian[np.ix_(place, place)] / np.outer(scale, scale) + 1e-8 * np.eye(place.size)
-        step = np.linalg.solve(normed, self._gradient[place] / scale) / scale
         low, high = (np.concatenate([getattr(c, side) for c in columns]) for side in ("low", "high"))
-        inside = np.clip(step, low, high)
+        step, fall = bounded_step(self._gradient[place], self._hessian[np.ix_(place, place)], low, high)
         begin = 0
         for column in columns:
             own = slice(begin, begin + column.place.size)
             begin = own.stop
-            if np.all(np.abs(inside[own]) <= WRONG_SIDE * np.abs(step[own])):
+            if not step[own].any():
                 return None
-        fall = float(2 * self._gradient[place] @ inside - inside @ self._hessian[np.ix_(place, place)] @ inside)
         start = {name: value for column in columns for name, value in column.grid.items()}
-        start |= dict(zip([name for column in columns for name in column.names], inside.tolist(), strict=True))
+        start |= dict(zip([name for column in columns for name in column.names], step.tolist(), strict=True))
         return Proposal(tuple(column.effect for column in columns), start, fall / self._cost)
 
 

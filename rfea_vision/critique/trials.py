@@ -31,12 +31,12 @@ AT_BOUND = 2e-3
 
 @dataclass(frozen=True)
 class Trial:
-    """A set of effects that was fitted; `effects` are all that the model then has, `allowed` that none sits on a bound."""
+    """A set of effects that was fitted; `effects` are all that the model then has, `at_bound` that one of them ran into a bound."""
 
     effects: frozenset[str]
     fitted: Fitted
     errors: Errors
-    allowed: bool = True
+    at_bound: bool = False
 
     @property
     def cost(self) -> float:
@@ -72,7 +72,7 @@ class Trials:
             fitted = self._segments(base) if SEGMENTS in added else self._solved(base, key, start)
             trial = None
             if fitted is not None:
-                trial = Trial(key, fitted, errors_of(self.problem, fitted), _within_bounds(fitted, key))
+                trial = Trial(key, fitted, errors_of(self.problem, fitted), _at_bound(fitted, key))
             self.done[key] = trial
             self.progress()
         return self.done[key]
@@ -167,19 +167,19 @@ def _values(trial: Trial) -> dict[str, float]:
     return {name: value for name, value in pairs if "." not in name or name.partition(".")[0] in own}
 
 
-def _within_bounds(fitted: Fitted, effects: frozenset[str]) -> bool:
-    """Whether all amplitudes stayed off their bounds (other than the bound at which an effect is absent)."""
+def _at_bound(fitted: Fitted, effects: frozenset[str]) -> bool:
+    """Whether an amplitude ran into a bound (other than that at which its effect is absent)."""
     own = {plain(one) for one in effects}
-    return all(_effect_within(fitted, effect) for effect in fitted.model.effects if effect.id in own)
+    return any(_effect_at_bound(fitted, effect) for effect in fitted.model.effects if effect.id in own)
 
 
-def _effect_within(fitted: Fitted, effect: Effect) -> bool:
+def _effect_at_bound(fitted: Fitted, effect: Effect) -> bool:
     for name in effect.amplitudes():
         spec = effect.parameters[name]
         value, span = fitted.value(f"{effect.id}.{name}"), spec.upper - spec.lower
         if spec.upper - value < AT_BOUND * span or (value - spec.lower < AT_BOUND * span and spec.lower != spec.absent):
-            return False
-    return True
+            return True
+    return False
 
 
 __all__ = ["Trial", "Trials", "plain"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from rfea_vision.effects.base import Effect, EffectParameter
+from rfea_vision.effects.base import Effect, EffectParameter, Joint
 
 
 class PressureLag(Effect):
@@ -21,3 +21,20 @@ class PressureLag(Effect):
 
     def line_time_constant(self) -> sp.Expr:
         return self.T
+
+
+class TwiceLaggedPressure(PressureLag):
+    """T^2 p_tube'' + 2 T p_tube' = p - p_tube, two equal lags in series: water of some mass, or a volume at each end."""
+
+    form = "second_order"
+    states = {"p_tube": "Pa"}
+    constants = {"follow": ("s", 0.0002)}  # what is left where T is 0, so that the law has no 0/0
+
+    def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
+        return {"p_tube": (joint.pressure - self.p_tube) / (self.T + self.follow)}
+
+    def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
+        return {"p_tube": joint.pressure}
+
+    def hydraulic_torque(self, joint: Joint, torque: sp.Expr) -> sp.Expr:
+        return torque.subs(joint.pressure, self.p_tube)

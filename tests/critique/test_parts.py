@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.optimize import lsq_linear
 
 from benchmarks.probability_tables import brier, calibration_error, claims
 from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
@@ -175,8 +176,7 @@ def test_one_rule_weighs_shares_and_not_samples():
         count = RULE.count(correlated)
         weights = [RULE.evidence(dict.fromkeys(roles, 1.0), roles, room, count)]
         weights += [
-            RULE.evidence(dict.fromkeys(roles, 1 - share), roles, room, count) - RULE.price(1, 1, 33, count)
-            for share in shares
+            RULE.evidence(dict.fromkeys(roles, 1 - share), roles, room, count) - RULE.price(1, 33) for share in shares
         ]
         return posterior(weights)
 
@@ -184,7 +184,19 @@ def test_one_rule_weighs_shares_and_not_samples():
     halves = odds([0.5, 0.5], 100)
     assert halves[1] == pytest.approx(halves[2]) and halves[1] < 0.5
     assert odds([0.3], 1e6)[1] < 0.5 and odds([0.3], 1e6)[1] == pytest.approx(odds([0.3], 1e3)[1], abs=0.05)
-    assert RULE.price(2, 4, 33, 10.0) > RULE.price(2, 2, 33, 10.0) > RULE.price(1, 1, 33, 10.0)
+    assert RULE.price(2, 33) == 2 * RULE.price(1, 33) > 0
+
+
+def test_a_step_within_bounds_lets_the_other_amplitudes_make_up_for_the_one_that_is_held():
+    """Clipping every amplitude by itself leaves a third of the fall behind here; the truth is from a general solver."""
+    hessian = np.array([[1.0, 0.9], [0.9, 1.0]])
+    gradient = np.array([1.9, 1.7])  # the free step is (1.95, -0.05)
+    step, fall = screening.bounded_step(gradient, hessian, np.array([0.0, 0.0]), np.array([1.0, 5.0]))
+    root = np.linalg.cholesky(hessian).T
+    truth = lsq_linear(root, np.linalg.solve(root.T, gradient), ([0, 0], [1.0, 5.0])).x
+    assert step == pytest.approx(truth, abs=1e-6) and step[0] == 1.0
+    clipped = np.array([1.0, 0.0])
+    assert fall > 2 * gradient @ clipped - clipped @ hessian @ clipped + 0.5
 
 
 def test_a_pair_is_found_whose_members_are_too_weak_alone():
