@@ -28,7 +28,7 @@ def jax_rows(
     try:
         import jax
 
-        from benchmarks import _in_jax as in_jax
+        from testing import in_jax
     except ImportError:
         note = "JAX is not installed; pip install jax, then make benchmarks ONLY=engine"
         return [{"name": name, "value": "not run", "unit": "", "target": TARGET_TIMES_JAX, "against": note}]

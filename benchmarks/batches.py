@@ -24,8 +24,8 @@ import pandas as pd
 import yaml
 
 from benchmarks.damage.rows import ROWS, add_row, rows_of_this_code
-from benchmarks.kills import descendants
 from rfea_vision.twin import TwinOptions, simulate
+from testing.kills import descendants
 
 GOOD = 24
 MOST_S = 3000.0

@@ -12,8 +12,8 @@ import numpy as np
 
 from rfea_vision.calibration import Board, calibrate
 from rfea_vision.calibration.projection import perturbed_cameras, pixels_to_plane_mm, unproject
-from tests.measurement.board_photos import RayCamera, photo, poses, texture_of
-from tests.measurement.scenes import Lens
+from testing.board_photos import RayCamera, photo, poses, texture_of
+from testing.scenes import Lens
 
 SCENES = 40
 RIG_MM = np.array([[0.0, 0.0], [-30.0, -150.0], [-110.0, -90.0], [-118.0, -40.0], [0.0, -155.0], [-75.0, -130.0]])

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.damage.rows import ROWS, add_row, rows_of_this_code
-from benchmarks.kills import MOST_S, results_in, small_campaign
+from testing.kills import MOST_S, results_in, small_campaign
 
 _RFEA = [sys.executable, "-c", "from rfea_vision.cli import main; main()"]
 _FIT = ("fit", "CAMPAIGN", "--segments", "2")

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from benchmarks.dense import DenseTube
 from benchmarks.engine import pressure_Pa
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED
@@ -26,6 +25,7 @@ from rfea_vision.fitting.steady_fit import find_plateaus
 from rfea_vision.options import FitOptions
 from rfea_vision.stages import open_campaign
 from rfea_vision.twin import TwinOptions, simulate
+from testing.dense import DenseTube
 
 SEGMENTS = 8
 STARTS = 20

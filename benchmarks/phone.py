@@ -1,6 +1,6 @@
 """Films as phones take them: share of the frames tracked, error, honesty, and speed of the tracker of the whole body.
 
-Sixty scenes of the renderer in tests/measurement/phone.py. The even ones were looked at while the tracker was written, and of the
+Sixty scenes of the renderer in testing/phone.py. The even ones were looked at while the tracker was written, and of the
 odd ones the first six; the other odd ones (``unseen``) were not.
 Each film is given what a person points at: the clamp's two edges (1 px of error), the
 tip (1.5 px), and a ruler of 100 mm.
@@ -22,7 +22,7 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
-from tests.measurement.phone import film, scene
+from testing.phone import film, scene
 
 SCENES = 60
 SPENT = 12  # scenes below this were all looked at

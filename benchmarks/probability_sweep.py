@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.probability_tables import SURE, Claim, brier, calibration_error, claims
+from benchmarks.probability_tables import SURE
 from rfea_vision.critique.rule import Rule, posterior
 from rfea_vision.effects.catalogue import catalogue
+from testing.claims import Claim, brier, calibration_error, claims
 
 TRIED = (2, 3, 4, 5, 6, 8, 10, 14)
 

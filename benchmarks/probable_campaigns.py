@@ -15,37 +15,17 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from benchmarks.hidden_campaigns import AMPLITUDES, NOISE_MM, OUTSIDE, PARTNERS, SIGNED
-from benchmarks.other_plant import OtherTube, centre_line, simulate
 from rfea_vision import open_campaign
 from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.twin import TwinOptions
 from rfea_vision.twin import simulate as simulate_twin
+from testing.claims import LAWS
+from testing.other_plant import OtherTube, centre_line, simulate
 
 FloatArray = NDArray[np.float64]
 ROLES = ("train", "train", "validate")
 DURATION_S, RATE_HZ, ANGLE_NOISE_DEG = 6.0, 60.0, 0.2
 FRACTIONS = np.linspace(0, 1, 9)
-#: Of the second plant: law, the effect of the catalogue that it is a form of, and the range of its amplitude.
-LAWS: dict[str, tuple[tuple[str, ...], float, float]] = {
-    "soften_capped": (("mullins",), 0.05, 0.35),
-    "soften_root": (("mullins",), 0.03, 0.15),
-    "spot": (("stiffness_profile",), 0.2, 0.7),
-    "stepped": (("stiffness_profile",), 0.03, 0.25),
-    "play": (("hysteresis",), 1e-4, 2e-3),
-    "stribeck": (("coulomb",), 5e-5, 1e-3),
-    "spectrum": (("maxwell", "maxwell_2"), 0.005, 0.06),
-    "stiffer_abs": (("nonlinear_stiffness",), 0.03, 0.3),
-    "damping_root": (("nonlinear_damping",), 0.1, 1.0),
-    "payload": (("payload",), 2e-4, 3e-3),
-    "tilt": (("gravity_tilt",), 0.02, 0.2),
-    "curl_root": (("rest_curvature", "rest_curvature_profile"), 0.03, 0.4),
-    "line": (("pressure_lag",), 0.05, 0.4),
-    "latency": (("time_offset",), 0.005, 0.1),
-    "stiffer_pressure": (("pressure_stiffening",), 2e-7, 2e-6),
-    "drag": (("drag",), 200.0, 2000.0),
-    "clamp": (("base_rotation",), 0.03, 0.6),
-    "damping_stepped": (("damping_profile",), 0.3, 0.8),
-}
 UNKNOWN: dict[str, tuple[float, float]] = {
     "fan": (0.003, 0.05),
     "shake": (1e-4, 1e-3),

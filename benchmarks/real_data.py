@@ -6,35 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.chain_diagnosis import diagnose_chain, low_pass
-from benchmarks.pressure_tip import PressureTipFit, fit_pressure_tip
-from benchmarks.real_records import SHARED, PressureTable, pressure_tables, two_links
-from rfea_vision.artefacts import Actuator
+from testing.chain_diagnosis import diagnose_chain
+from testing.pressure_tip import fit_table
+from testing.real_records import SHARED, pressure_tables, published_friction, two_links
 
-RADII_M = (0.008, 0.012, 0.016, 0.020, 0.024)
 #: From the best bender to one that hardly bends but grows.
 CONFIGURATIONS = ("DS10-DS10-0-1", "EF30-DS30-6-6", "DS30-DS30-0-1", "DS30-EF30-6-1", "DS30-DS10-3-3", "DS10-DS10-3-2")
-
-
-def fit_table(table: PressureTable) -> tuple[float, PressureTipFit]:
-    """Fit the steady state for several effective radii (the actuator is no tube) and keep the best: (radius m, fit).
-
-    The pressure's unit is not stated; it is read as kPa, which scales the stiffness and nothing else. Which way the rig
-    stood is not stated either: gravity is left out.
-    """
-    fits = []
-    for radius in RADII_M:
-        actuator = Actuator(outer_radius=radius, inner_radius=0.75 * radius, length=0.135)
-        fits.append((radius, fit_pressure_tip(table.pressure * 1e3, table.tip_mm, actuator, gravity=0.0)))
-    return min(fits, key=lambda pair: pair[1].rms_mm)
-
-
-def published_friction(links: Any, run: str, joint: int) -> np.ndarray:
-    """Friction torque of the published model along a run: b v + cf atan(100 v), after the same low-pass (N m)."""
-    motion = links.motions[run]
-    rate, p = motion.rate[:, joint - 1], links.published
-    torque = p[f"b{joint}"] * rate + p[f"cf{joint}"] * np.arctan(100 * rate)
-    return low_pass(torque, motion.step_s, motion.cutoff_Hz)
 
 
 def run() -> list[dict[str, Any]]:

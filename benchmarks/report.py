@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rfea_vision.report import render
-from tests.report.browser import Browser, find_chromium
-from tests.report.sample import write_sample
+from testing.report.browser import Browser, find_chromium
+from testing.report.sample import write_sample
 
 RUNS = ("steps-270kPa", "ramps-220kPa", "steps-180kPa", "mixed-250kPa", "ramps-150kPa", "steps-120kPa")
 SECONDS = 20.0

@@ -9,8 +9,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.kills import small_campaign
 from rfea_vision.distributed import dask_client, run_batch
+from testing.kills import small_campaign
 
 CAMPAIGNS, WORKERS = 10_000, (1, 2, 4, 16, 64)
 RUNS_PER_CAMPAIGN = 6

@@ -20,8 +20,8 @@ from rfea_vision.calibration import Board, calibrate
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
-from tests.measurement.scenes import Lens, Look, Shape, bending, board_pictures, film, picture, plane_picture, shape
-from tests.measurement.sources import memory_source, true_calibration
+from testing.scenes import Lens, Look, Shape, bending, board_pictures, film, picture, plane_picture, shape
+from testing.sources import memory_source, true_calibration
 
 NOISE = 3.0
 POSTURES = (3.0, 45.0, 110.0)
@@ -226,7 +226,7 @@ from itertools import cycle, islice
 from pathlib import Path
 import numpy as np
 from benchmarks.tracking import Actuator, Lens, Look, bending, film, memory_source, track_frames, true_calibration
-from tests.measurement.sources import MemorySource
+from testing.sources import MemorySource
 
 class Long(MemorySource):
     def frames(self, start_frame=0):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -31,6 +32,15 @@ def test_only_the_command_line_prints(root: Path) -> None:
         if line.strip().startswith("print(")
     ]
     assert found == []
+
+
+@pytest.mark.parametrize(
+    ("room", "others"), [("tests", "benchmarks"), ("benchmarks", "tests"), ("testing", "tests|benchmarks")]
+)
+def test_tests_and_benchmarks_share_a_room_and_not_each_other(root: Path, room: str, others: str) -> None:
+    found = re.compile(rf"^\s*(from|import) ({others})\b", re.MULTILINE)
+    files = [path for path in (root / room).rglob("*.py") if found.search(path.read_text(encoding="utf-8"))]
+    assert files == []
 
 
 def _pins(root: Path) -> list[str]:

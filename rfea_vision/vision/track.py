@@ -27,7 +27,7 @@ Progress = Callable[[int, int], None] | None
 
 LEAST_SHARE = 0.5  # of the frames: a film of which less was measured tells more of what disturbs than of the tube
 EDGES_ENOUGH = 0.95  # of the frames read by the edges: below it the body is followed, too, where it was pointed at
-# Below this share the edges that are found may be another thing's: of the films of tests/measurement/phone.py one that was read
+# Below this share the edges that are found may be another thing's: of the films of testing/phone.py one that was read
 # to 81 % held, and those read to 72 and 64 % were off by a tenth of the range.
 EDGES_ALONE = 0.8
 EDGES_TRIED = 30  # frames after which this is asked for the first time

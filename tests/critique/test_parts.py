@@ -10,7 +10,6 @@ import pytest
 import xarray as xr
 from scipy.optimize import lsq_linear
 
-from benchmarks.probability_tables import brier, calibration_error, claims
 from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
 from rfea_vision.critique import screening
 from rfea_vision.critique.floors import binding, floors_of, measurement
@@ -29,6 +28,7 @@ from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions
 from rfea_vision.stages.products import rung_of
+from testing.claims import brier, calibration_error, claims
 
 
 def test_phases_of_a_trapezium():

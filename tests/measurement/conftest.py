@@ -9,9 +9,8 @@ import pytest
 from rfea_vision.artefacts import Actuator
 from rfea_vision.calibration import Board, calibrate
 from rfea_vision.vision import track_frames
-
-from .scenes import Lens, Look, bending, board_pictures, film, plane_picture
-from .sources import memory_source, true_calibration
+from testing.scenes import Lens, Look, bending, board_pictures, film, plane_picture
+from testing.sources import memory_source, true_calibration
 
 SMALL = 0.5
 

@@ -11,8 +11,7 @@ from rfea_vision.calibration.noise import slow_variance
 from rfea_vision.calibration.photos import read_photo
 from rfea_vision.calibration.projection import perturbed_cameras, unproject
 from rfea_vision.errors import DataError
-
-from .board_photos import RayCamera, photo, poses, texture_of
+from testing.board_photos import RayCamera, photo, poses, texture_of
 
 BOARD = Board("checkerboard", (9, 6), 0.012)
 CHARUCO = Board("charuco", (9, 6), 0.012, 0.009, "DICT_5X5_100")

@@ -15,8 +15,7 @@ from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.rules import First, elsewhere
 from rfea_vision.vision.track import make_scene
-
-from .phone import Arm, Room, film
+from testing.phone import Arm, Room, film
 
 SMALL = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clutter=3, seed=4)
 LEFT = -np.concatenate([np.linspace(0.05, 0.9, 20), np.linspace(0.9, 0.3, 12)])

@@ -7,9 +7,8 @@ import pytest
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import DataError
 from rfea_vision.vision import track_frames
-
-from .scenes import Look, bending, film, smeared_film
-from .sources import memory_source, true_calibration
+from testing.scenes import Look, bending, film, smeared_film
+from testing.sources import memory_source, true_calibration
 
 DARK = {"tube": 40.0, "background": 200.0, "clamp": 120.0}
 ANGLES = bending(np.arange(12) / 100 + 0.08)

@@ -6,9 +6,8 @@ import pytest
 from rfea_vision.artefacts import Actuator
 from rfea_vision.calibration import Board, calibrate
 from rfea_vision.vision import track_frames
-
-from .scenes import Look, bending, film
-from .sources import memory_source
+from testing.scenes import Look, bending, film
+from testing.sources import memory_source
 
 
 @pytest.fixture(scope="module")

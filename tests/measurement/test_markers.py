@@ -5,9 +5,8 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.vision import track_frames
-
-from .scenes import Lens, Look, picture, shape
-from .sources import memory_source, true_calibration
+from testing.scenes import Lens, Look, picture, shape
+from testing.sources import memory_source, true_calibration
 
 SEGMENTS = 8
 

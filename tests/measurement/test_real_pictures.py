@@ -14,10 +14,10 @@ from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.midline import Midline, Refusal, midline_from_mask
+from testing.sources import memory_source
 
 from .masks import clamped_midline, mask_by_colour, mask_by_light, tip_angle_deg
 from .rebent import rebent_film
-from .sources import memory_source
 
 
 def test_board_photos_of_1280_x_720(shared_data: Path):

@@ -14,9 +14,8 @@ from rfea_vision.calibration.storage import load_calibration, save_calibration
 from rfea_vision.campaign import load_campaign
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.vision import track_frames
-
-from .scenes import Look, film
-from .sources import memory_source, true_calibration
+from testing.scenes import Look, film
+from testing.sources import memory_source, true_calibration
 
 SIZE = (1280, 720)
 CORNERS = np.array([[0.0, 0.0], [180.0, 0.0], [180.0, 120.0], [0.0, 120.0]])

@@ -9,9 +9,8 @@ import numpy as np
 from rfea_vision.artefacts import Actuator
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
-
-from .scenes import Look, bending, film, picture, shape
-from .sources import memory_source, true_calibration
+from testing.scenes import Look, bending, film, picture, shape
+from testing.sources import memory_source, true_calibration
 
 
 def tracked(pictures, times, lens):

@@ -8,9 +8,8 @@ import pytest
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.vision import track_frames
-
-from .scenes import Lens, Look, bending, film, picture, shape
-from .sources import memory_source, true_calibration
+from testing.scenes import Lens, Look, bending, film, picture, shape
+from testing.sources import memory_source, true_calibration
 
 
 def even(line: np.ndarray, count: int) -> np.ndarray:

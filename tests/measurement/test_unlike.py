@@ -13,9 +13,8 @@ from rfea_vision.vision.edges.edgels import SIDE, U
 from rfea_vision.vision.edges.sides import gaps
 from rfea_vision.vision.follow.bump import CameraWatch
 from rfea_vision.vision.follow.judge import RULES, Tube
-
-from .scenes import Lens, Look, bending, film, smeared_film
-from .sources import memory_source, true_calibration
+from testing.scenes import Lens, Look, bending, film, smeared_film
+from testing.sources import memory_source, true_calibration
 
 LIGHT = Look()
 DARK = Look(tube=40.0, background=200.0, clamp=120.0)

@@ -11,9 +11,8 @@ from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import InputError
 from rfea_vision.readers.video import open_frames, open_video
 from rfea_vision.vision import make_clip, preview_video, track_frames
-
-from .scenes import Look, bending, film
-from .sources import memory_source, true_calibration
+from testing.scenes import Look, bending, film
+from testing.sources import memory_source, true_calibration
 
 
 def write(path, pictures, stamps_ms, rate=1000):

@@ -145,7 +145,7 @@ def test_sensitivities_are_those_of_dual_numbers(actuator):
 
 def test_sensitivities_are_those_of_jax(actuator, published):
     pytest.importorskip("jax", reason="JAX is not installed (pip install jax); dual numbers prove the same above")
-    from benchmarks import _in_jax as in_jax
+    from testing import in_jax
 
     step, model = 1e-3, Model(Chain.tube(actuator, 8), tolerance=1e-14)
     pressure = np.interp(np.arange(201) * step, [0, 0.1, 0.15, 0.2], [20e3, 150e3, 150e3, 60e3])

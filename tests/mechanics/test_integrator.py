@@ -6,11 +6,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from benchmarks.dense import DenseTube
-from benchmarks.robustness import failures
 from rfea_vision.dynamics.parameters import scaled
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Chain, Excitation, Model
 from rfea_vision.effects.base import Effect, EffectParameter
+from testing.dense import DenseTube
+from testing.random_runs import failures
 
 # A tube with one constant damper: smooth, so that orders show.
 SMOOTH = np.array([0.17, 0.0, 1.5e-3, 0.0, 1.5e-3, 0.0, 0.0036])

@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from benchmarks.chain_diagnosis import ChainRecord, diagnose_chain, residual_torque
-from benchmarks.pressure_tip import fit_pressure_tip
-from benchmarks.real_data import fit_table, published_friction
-from benchmarks.real_records import pressure_tables, two_links
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.parameters import scaled
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.errors import InputError
 from rfea_vision.steady import steady_curve
+from testing.chain_diagnosis import ChainRecord, diagnose_chain, residual_torque
+from testing.pressure_tip import fit_pressure_tip, fit_table
+from testing.real_records import pressure_tables, published_friction, two_links
 
 
 @pytest.mark.parametrize("bends", ["left", "right"])

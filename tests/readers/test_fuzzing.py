@@ -7,18 +7,17 @@ import random
 import numpy as np
 import pytest
 
-from benchmarks.damage.bombs import NAMES, bombs
-from benchmarks.damage.files import targets
-from benchmarks.damage.worker import content_of, given
-from benchmarks.fuzzing import Shard, Watched
 from rfea_vision.campaign import read_campaign
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.readers.video import open_frames
 from rfea_vision.stages.cache import StageCache
-
-from .written import MARKS, write_movement, write_sleap
+from testing.damage.bombs import NAMES, bombs
+from testing.damage.files import targets
+from testing.damage.watched import Shard, Watched
+from testing.damage.worker import content_of, given
+from testing.written import MARKS, write_movement, write_sleap
 
 
 def test_whatever_a_file_holds_is_read_or_refused_in_a_sentence(tmp_path):

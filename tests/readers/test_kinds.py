@@ -13,8 +13,7 @@ from rfea_vision.errors import InputError
 from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tables import KINDS, kind_of, read_table
 from rfea_vision.readers.tracks import read_track
-
-from .written import (
+from testing.written import (
     LOGS,
     MARKS,
     POSES,

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from rfea_vision.report import render
-from tests.report.browser import Browser, find_chromium
-from tests.report.sample import write_sample
+from testing.report.browser import Browser, find_chromium
+from testing.report.sample import write_sample
 
 COMMANDS = ("rfea improve tube-A", "rfea report tube-A")
 

@@ -11,8 +11,8 @@ import pytest
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.report import render_comparison, render_index, render_notebook
-from tests.report.browser import Browser
-from tests.report.sample import RUNGS, write_sample
+from testing.report.browser import Browser
+from testing.report.sample import RUNGS, write_sample
 
 TWO = ("steps-270kPa", "steps-180kPa")
 

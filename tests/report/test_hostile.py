@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from rfea_vision.report import render, render_index
+from testing.report.browser import Browser
+from testing.report.sample import write_sample
 from tests.hostile import HOSTILE
-from tests.report.browser import Browser
-from tests.report.sample import write_sample
 
 NAMED = ("effect", "effects", "named", "at", "title", "unit")
 

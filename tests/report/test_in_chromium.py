@@ -14,8 +14,8 @@ from skimage.io import imread
 from rfea_vision.artefacts import Recording
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import render
-from tests.report.browser import Browser
-from tests.report.sample import RUNGS, write_sample
+from testing.report.browser import Browser
+from testing.report.sample import RUNGS, write_sample
 
 pytestmark = pytest.mark.chromium
 

@@ -15,7 +15,7 @@ from rfea_vision.artefacts import Recording, Track
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import render
 from rfea_vision.report.collect import collect
-from tests.report.sample import RUNGS, write_sample
+from testing.report.sample import RUNGS, write_sample
 
 TWO = ("steps-270kPa", "steps-180kPa")
 

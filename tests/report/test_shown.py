@@ -19,7 +19,7 @@ from rfea_vision.report import page, render, render_index
 from rfea_vision.report.collect import collect
 from rfea_vision.report.films import fit_films
 from rfea_vision.report.prose import effect_titles, how_it_ended, in_words
-from tests.report.sample import RUNGS, write_sample
+from testing.report.sample import RUNGS, write_sample
 from tests.report.test_render import page_of, words
 
 TWO = ("steps-270kPa", "steps-180kPa")

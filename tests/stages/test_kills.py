@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.kills import kill_often
+from testing.kills import kill_often
 from tests.campaign.campaigns import write_campaign
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from measurement.scenes import Lens, Look, film
+
+from testing.scenes import Lens, Look, film
 
 APART_MM = 70.0
 FRAMES, RATE_HZ = 60, 60.0

@@ -13,7 +13,7 @@ from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, STATIONS
 
 FloatArray = NDArray[np.float64]
 
-# Limits of the table at the end, set on the even scenes of tests/measurement/phone.py,
+# Limits of the table at the end, set on the even scenes of testing/phone.py,
 # that of the last body width on scene 7.
 LEAST_BACKING = 0.65  # of the inside must look like the body,
 LEAST_SEPARATION = 0.25  # of the colours of the first frame: below it a wall of noise would do

@@ -15,6 +15,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, build
 from rfea_vision.fitting.steady_fit import Plateau, fit_steady
 from rfea_vision.steady import steady_curve
+from testing.real_records import PressureTable
 
 FloatArray = NDArray[np.float64]
 TIP = np.array([1.0])
@@ -155,3 +156,19 @@ def _standard_errors(
 
 
 __all__ = ["PressureTipFit", "fit_pressure_tip"]
+
+
+RADII_M = (0.008, 0.012, 0.016, 0.020, 0.024)
+
+
+def fit_table(table: PressureTable) -> tuple[float, PressureTipFit]:
+    """Fit the steady state for several effective radii (the actuator is no tube) and keep the best: (radius m, fit).
+
+    The pressure's unit is not stated; it is read as kPa, which scales the stiffness and nothing else. Which way the rig
+    stood is not stated either: gravity is left out.
+    """
+    fits = []
+    for radius in RADII_M:
+        actuator = Actuator(outer_radius=radius, inner_radius=0.75 * radius, length=0.135)
+        fits.append((radius, fit_pressure_tip(table.pressure * 1e3, table.tip_mm, actuator, gravity=0.0)))
+    return min(fits, key=lambda pair: pair[1].rms_mm)

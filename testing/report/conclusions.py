@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator, Calibration, Comparison, Diagnosis, ModelFit
-from tests.report.plant import LENGTH_MM, RADIUS_MM, ROLES, RUNGS, SEGMENTS
+from testing.report.plant import LENGTH_MM, RADIUS_MM, ROLES, RUNGS, SEGMENTS
 
 
 def error_of(predicted: xr.Dataset) -> np.ndarray:

@@ -2,7 +2,7 @@
 """A made-up `rfea/` folder with everything a report can show: four experiments, three rungs, clips.
 
 What matters is that every file has the shape, the names and the size of a real one.
-``python -m tests.report.sample DIR`` writes one to look at.
+``python -m testing.report.sample DIR`` writes one to look at.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import xarray as xr
 from rfea_vision.artefacts import Ladder, Recording, Track
 from rfea_vision.calibration.storage import save_calibration
 from rfea_vision.files import write_datasets
-from tests.report.conclusions import calibration, comparison, diagnosis, model_fit
-from tests.report.plant import (
+from testing.report.conclusions import calibration, comparison, diagnosis, model_fit
+from testing.report.plant import (
     LENGTH_MM,
     NODES,
     NOISE_MM,

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 
-@njit  # not cached: benchmarks and tests import this file by different names
+@njit(cache=True)
 def _accumulate(edges, area):
     """Signed area to the right of every polygon edge, per pixel cell; pixel (i, j) covers [j, j+1] x [i, i+1]."""
     height, width = area.shape

@@ -1,6 +1,6 @@
 """The process that reads: it is told which inputs to make of which file, and says of each what became of it.
 
-``python -m benchmarks.damage.worker`` takes jobs ``{"target", "apart", "inputs": [...]}`` on its standard input, one a line. Every
+``python -m testing.damage.worker`` takes jobs ``{"target", "apart", "inputs": [...]}`` on its standard input, one a line. Every
 input is named by how it is made: ``as it is``, ``bomb NAME``, ``bytes NUMBER`` or ``values NUMBER``, so that each can be
 made again by itself.
 """
@@ -19,9 +19,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from benchmarks.damage.bombs import bombs
-from benchmarks.damage.changes import mutated, spoilt
-from benchmarks.damage.files import Target, targets
+from testing.damage.bombs import bombs
+from testing.damage.changes import mutated, spoilt
+from testing.damage.files import Target, targets
 
 
 def content_of(target: Target, what: str, folder: Path, made_up: dict[str, bytes]) -> bytes:

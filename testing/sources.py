@@ -9,8 +9,7 @@ import numpy as np
 
 from rfea_vision.artefacts import Calibration
 from rfea_vision.readers.video import FrameSource
-
-from .scenes import Lens
+from testing.scenes import Lens
 
 
 @dataclass(frozen=True)

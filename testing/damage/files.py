@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from benchmarks.damage import reading
+from testing.damage import reading
 
 
 @dataclass
@@ -99,7 +99,7 @@ def _database(table: pd.DataFrame, path: Path) -> None:
 
 def _of_other_tools(folder: Path) -> Iterator[Target]:
     """MATLAB 7.3, bags, motion capture and poses, as the tests of the readers write them."""
-    from tests.readers import written
+    from testing import written
 
     for write in (written.write_mat73, written.write_bag):
         spec = write(_new(folder / write.__name__))

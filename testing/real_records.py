@@ -10,8 +10,8 @@ import pandas as pd
 import scipy.io
 import yaml
 
-from benchmarks.chain_diagnosis import ChainMotion, ChainRecord, residual_torque
 from rfea_vision.dynamics.simulation import Chain
+from testing.chain_diagnosis import ChainMotion, ChainRecord, low_pass, residual_torque
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -48,6 +48,14 @@ def two_links(data: Path = SHARED) -> TwoLinks:
         rotor = p["Ir"] * p["gr"] ** 2
         motions[run] = residual_torque(chain, records[run], rotor_inertia=[rotor, rotor], gravity=p["g"])
     return TwoLinks(chain, p, records, motions)
+
+
+def published_friction(links: TwoLinks, run: str, joint: int) -> np.ndarray:
+    """Friction torque of the published model along a run: b v + cf atan(100 v), after the same low-pass (N m)."""
+    motion = links.motions[run]
+    rate, p = motion.rate[:, joint - 1], links.published
+    torque = p[f"b{joint}"] * rate + p[f"cf{joint}"] * np.arctan(100 * rate)
+    return low_pass(torque, motion.step_s, motion.cutoff_Hz)
 
 
 @dataclass(frozen=True)

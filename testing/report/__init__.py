@@ -1,0 +1,1 @@
+"""A sample of results for the report, and a browser to open it with."""
