@@ -11,18 +11,6 @@ from markupsafe import Markup, escape
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.units import rounded
 
-_REASONS = {
-    "no_tube": "no tube was found",
-    "occluded": "something stood in front of the tube",
-    "edge_lost": "an edge of the tube was not to be seen",
-    "off_hints": "what was found was not where the hints point",
-    "blurred": "the picture is blurred",
-    "width_off": "the width is not that of the tube",
-    "length_off": "the length is not that of the tube",
-    "touches_border": "the tube leaves the picture",
-    "tip_hidden": "the tip was hidden",
-    "no_fit": "the curve did not settle",
-}
 MINUS = "\N{MINUS SIGN}"
 
 
@@ -82,11 +70,6 @@ def law(latex: str) -> Markup:
         return Markup("").join(Markup(convert(line.strip(), display="block")) for line in lines if line.strip())
     except Exception:  # the converter raises many kinds; the page must not fall with it
         return Markup("<code>{}</code>").format(latex)
-
-
-def reason_words(code: str) -> str:
-    """Why a frame was set aside, in words; a reason that is not a known code stays as it is."""
-    return _REASONS.get(code, code)
 
 
 def listing(words: Iterable[str], last: str = "and") -> str:

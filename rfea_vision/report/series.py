@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.report.collect import Evidence, Experiment, Step
-from rfea_vision.report.formatting import inner_title, listing, reason_words
+from rfea_vision.report.formatting import inner_title, listing
 from rfea_vision.report.pack import Pack, nearest
 from rfea_vision.report.shown import errors_of
 
@@ -130,7 +131,7 @@ def _gaps(data: xr.Dataset) -> list[dict[str, Any]]:
                     "from": float(time[a]),
                     "to": float(time[b - 1]),
                     "frames": int(b - a),
-                    "reason": reason_words(str(reason[a])),
+                    "reason": reason_of(str(reason[a])).words,
                 }
             )
     return out

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Recording, Track
+from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.campaign import ExperimentSpec, doubts
 
 if TYPE_CHECKING:
@@ -18,18 +19,6 @@ if TYPE_CHECKING:
 
 #: With less than this share of its frames measured, a run is not what was asked for.
 LEAST_MEASURED = 0.5
-
-_REMEDIES = {
-    "no_tube": "check actuator.outer_radius and the board's square, or give camera.clamp and camera.tip in pixels",
-    "occluded": "keep the view free, or give camera.clamp and camera.tip in pixels",
-    "blurred": "use a shorter exposure, more light, or a sharper focus",
-    "width_off": "check actuator.outer_radius and the board's square",
-    "length_off": "check actuator.length and the board's square",
-    "touches_border": "keep all of the tube in the picture",
-    "tip_hidden": "keep the free end in view",
-    "no_fit": "look at the preview; a calmer background helps",
-    "not_tracked": "the rows without numbers in the track's file are left out",
-}
 
 
 def reasons_of(track: Track) -> dict[str, int]:
@@ -43,8 +32,7 @@ def few_frames(track: Track) -> str:
     if measured >= LEAST_MEASURED * frames:
         return ""
     reason, count = next(iter(reasons_of(track).items()))
-    remedy = _REMEDIES.get(reason, "'rfea track --preview' shows what was seen")
-    return f"only {measured} of {frames} frames were measured ({count} {reason}); {remedy}"
+    return f"only {measured} of {frames} frames were measured ({count} {reason}); {reason_of(reason).remedy}"
 
 
 def doubts_of(measured: Track | Recording) -> list[str]:

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 
 from rfea_vision.artefacts import Track
+from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.calibration import load_calibration
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.campaign import Campaign, ExperimentSpec, VideoSpec
 from rfea_vision.errors import InputError
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.report.formatting import reason_words
 from rfea_vision.stages.measurement import open_source
 from rfea_vision.vision.show.clip import rig_to_plane
 from rfea_vision.vision.track import matched_to
@@ -112,7 +112,7 @@ def outline(campaign: Campaign, experiment: ExperimentSpec, frame: int) -> dict[
     if found is None or not 0 <= frame < len(found.reasons):
         return {"line": None, "reason": "", "words": ""}
     line, reason, detail = found.lines[frame], str(found.reasons[frame]), str(found.details[frame])
-    words = ": ".join(filter(None, (reason_words(reason), detail)))
+    words = ": ".join(filter(None, (reason_of(reason).words, detail)))
     return {"line": None if reason else line.round(1).tolist(), "reason": reason, "words": words}
 
 

@@ -11,10 +11,10 @@ from typing import Any
 import h5netcdf
 import numpy as np
 
+from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.campaign import Campaign, ExperimentSpec, read_campaign
 from rfea_vision.options.fit import SEGMENTS
 from rfea_vision.report.camera import read_camera
-from rfea_vision.report.formatting import reason_words
 from rfea_vision.stages.cache import StageCache, plain
 from rfea_vision.workbench.guide import mend, next_step
 
@@ -88,7 +88,14 @@ def _track(file: Path) -> dict[str, Any] | None:
 def _counted(reasons: list[str]) -> list[dict[str, Any]]:
     """Refused frames by reason, most frequent first."""
     return [
-        {"reason": one, "words": reason_words(one), "frames": count} for one, count in Counter(reasons).most_common()
+        {
+            "reason": code,
+            "frames": count,
+            "words": (why := reason_of(code)).words,
+            "tool": why.tool,
+            "button": why.button,
+        }
+        for code, count in Counter(reasons).most_common()
     ]
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.video import FrameSource, Luma
-from rfea_vision.report.formatting import reason_words
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.measurement import follow, open_source
 from rfea_vision.vision.show.clip import rig_to_plane
@@ -74,7 +74,7 @@ def try_hints(
             lines = project(camera, rig_to_plane(track, track.dataset["midline"].values)).round(1)
             reasons = track.dataset["reason"].values.astype(str)
             frames = [
-                {"frame": number, "reason": reason_words(str(reason)), "line": None if reason else line.tolist()}
+                {"frame": number, "reason": reason_of(str(reason)).words, "line": None if reason else line.tolist()}
                 for number, (reason, line) in enumerate(zip(reasons, lines, strict=True))
             ]
             good = int(track.valid.sum())

@@ -12,11 +12,6 @@ const tools = {
   region: {label: "Region", box: true, say: "Drag a box around wherever the tube goes."},
   exclude: {label: "Leave out", box: true, many: true, say: "Drag a box over a hose, a hand or a label that is not the tube."},
 };
-// What may mend a frame that was refused: a tool, and what it is called then.
-const mends = {
-  no_tube: ["clamp", "Point at the clamp"], off_hints: ["clamp", "Point again"], width_off: ["clamp", "Point at both edges"], occluded: ["exclude", "Leave out what hides it"], edge_lost: ["exclude", "Leave out what hides it"],
-  length_off: ["tip", "Point at the tip"], tip_hidden: ["tip", "Point at the tip"], no_fit: ["region", "Say where the tube is"],
-};
 const filmed = () => campaign.state.experiments.filter(e => e.pictures);
 const run = () => filmed()[seen.run];
 const numberOf = e => campaign.state.experiments.indexOf(e);
@@ -193,10 +188,8 @@ function showHints() {
 function showRefused() {
   const found = run().tracked?.reasons ?? [], count = run().tracked;
   one("#refused").replaceChildren(...(count ? [h("li", {class: "muted"}, `${count.frames - count.good} of ${count.frames} frames${run().changed ? "; the hints have changed since" : ""}.`)] : [h("li", {class: "muted"}, "Not measured yet.")]),
-    ...found.map(({reason, words, frames}) => {
-      const [tool, remedy] = mends[reason.split(":")[0]] ?? [];
-      return h("li", {}, h("b", {}, String(frames)), ` ${words} `, h("button", {type: "button", class: "plain", onclick: () => nextRefused(reason)}, "show"), campaign.state.pointable.includes(tool) ? h("button", {type: "button", class: "plain remedy", onclick: () => take(tool)}, remedy) : null);
-    }));
+    ...found.map(({reason, words, frames, tool, button}) =>
+      h("li", {}, h("b", {}, String(frames)), ` ${words} `, h("button", {type: "button", class: "plain", onclick: () => nextRefused(reason)}, "show"), campaign.state.pointable.includes(tool) ? h("button", {type: "button", class: "plain remedy", onclick: () => take(tool)}, button) : null)));
 }
 async function nextRefused(reason) {
   const {frames} = await get(`refused/${numberOf(run())}?reason=${encodeURIComponent(reason)}`);
