@@ -58,6 +58,10 @@ REASONS: dict[str, Reason] = {
         "region",
         "Say where the tube is",
     ),
+    "low_confidence": Reason(
+        "the tracker did not trust a point of the tube",
+        "lower track.confidence if they look right, or train the tracker on such frames",
+    ),
     "not_tracked": Reason("the row has no numbers", "the rows without numbers in the track's file are left out"),
 }
 

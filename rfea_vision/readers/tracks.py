@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.errors import InputError
 from rfea_vision.readers.columns import in_unit
-from rfea_vision.readers.kinds.base import Table
+from rfea_vision.readers.kinds.base import Points, Table
 from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
 from rfea_vision.readers.tables import read_table
 from rfea_vision.scatter import third_difference_noise
@@ -45,7 +45,8 @@ def read_track(
     Returns
     -------
     Track
-        Rows with a gap are kept as not valid, with the reason ``not_tracked``. Where no sigma is given, the noise is
+        Rows with a gap are kept as not valid, with the reason ``not_tracked``, or ``low_confidence`` where a point was seen and
+        not trusted. Where no sigma is given, the noise is
         estimated from the track's own high frequencies; the attribute ``sigma_source`` says which.
 
     Raises
@@ -78,7 +79,7 @@ def read_track(
     dataset = xr.Dataset(
         {
             "valid": ("time", valid.astype(np.int8)),
-            "reason": ("time", np.where(valid, "", "not_tracked").astype(object)),
+            "reason": ("time", np.where(valid, "", _why_not(points, spec)).astype(object)),
         },
         coords={"time": ("time", time_s, {"units": "s"}), "xy": ["x", "y"]},
         attrs={
@@ -98,6 +99,15 @@ def read_track(
         sigma = sigma_deg if sigma_deg is not None else np.full(len(time_s), noise_of(angle[valid, None]))
         _add(dataset, "bend_angle_sigma", ("time",), sigma, valid, "deg")
     return Track(dataset)
+
+
+def _why_not(points: Points | None, spec: TrackSpec | None) -> NDArray[np.str_]:
+    """Reasons (time,), or one for all, for which rows lack a number."""
+    if points is None or spec is None or points.confidence is None:
+        return np.array("not_tracked")
+    asked = {name for group in spec.points for name in group}
+    chosen = [place for place, name in enumerate(points.names) if name in asked or asked == {"all"}]
+    return np.where((points.confidence[:, chosen] < spec.confidence).any(axis=1), "low_confidence", "not_tracked")
 
 
 def noise_of(values: FloatArray) -> float:

@@ -187,3 +187,12 @@ def test_an_ambient_column_that_is_not_there(tmp_path):
     spec = write_csv(tmp_path)
     with pytest.raises(InputError, match=r"no column 'room' \(pressure.ambient\)"):
         read_pressure(PressureSpec(file=spec.file, reference="absolute", ambient="room"))
+
+
+def test_frames_of_an_unsure_tracker_say_so(tmp_path):
+    spec = write_sleap(tmp_path)
+    with h5py.File(spec.file, "r+") as file:
+        file["point_scores"][0, 1, 7] = 0.2
+        file["tracks"][0, :, 2, 9] = np.nan
+    track = read_track(spec.file, spec=TrackSpec(**{**vars(spec), "points": tuple((name,) for name in MARKS)}))
+    assert list(track.dataset["reason"].values[6:10]) == ["", "low_confidence", "", "not_tracked"]
