@@ -45,7 +45,7 @@ def one_long_run(tmp_path_factory) -> Path:
     options = TwinOptions(
         hidden=SOFTENING,
         seed=4,
-        joints=6,
+        joints=4,
         duration_s=2 * CUT_S,
         rate_Hz=120,
         roles=("train",),
@@ -73,7 +73,7 @@ def test_carried_memory_explains_the_run_that_follows(one_long_run, tmp_path):
     left = {}
     for memory in ("carried", "fresh"):
         work = open_campaign(_halves(one_long_run, tmp_path / memory, memory))
-        model = work.fit(name="soft", add=["mullins"], segments=6, joints="middle")
+        model = work.fit(name="soft", add=["mullins"], segments=4, joints="middle", starts=0)
         left[memory] = model.metrics["train"].tip_rmse_mm
     floor = 0.02 * np.sqrt(2)
     assert left["carried"] < 2 * floor
