@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfea_vision.campaign import doubts
+from rfea_vision.campaign import plausibility
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import Problem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
@@ -55,9 +55,9 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
         if progress is not None:
             progress(done + 1, total)
     for experiment in active:
-        if text := doubts.beside_others(experiment.name, highest):
+        if text := plausibility.beside_others(experiment.name, highest):
             problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
-    for experiment, text in doubts.alike(active):
+    for experiment, text in plausibility.alike(active):
         problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     return Checked({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
@@ -168,7 +168,7 @@ def _experiment_problems(
                 to_rig_mm=(lambda pixels: pixels) if by_camera else None,  # lengths are not what is looked at here
             )
             track_s = track.time_s
-            said = [] if by_camera else doubts.of_track(track.dataset, 1e3 * experiment.actuator.length)
+            said = [] if by_camera else plausibility.of_track(track.dataset, 1e3 * experiment.actuator.length)
             problems += [_warning(file, experiment, "track", text) for text in said]
     except RfeaError as error:
         key = "track" if experiment.track is not None else "video"
@@ -186,13 +186,13 @@ def _experiment_problems(
         problems.append(Problem(file, str(error), "pressure", experiment=experiment.name))
         return problems
     highest[experiment.name] = float(abs(log.pressure_kPa).max())
-    said = doubts.of_pressure(log.pressure_kPa)
+    said = plausibility.of_pressure(log.pressure_kPa)
     seconds = pictures_s if pictures_s is not None else track_s
     if seconds is not None and len(seconds) > 1:
-        said += doubts.of_times(log.time_s, seconds)
+        said += plausibility.of_times(log.time_s, seconds)
         if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
             shifted = track.time_s + (experiment.sync.value_s or 0.0)
-            said += doubts.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa)
+            said += plausibility.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa)
     problems += [_warning(file, experiment, "pressure", text) for text in said]
     return problems
 

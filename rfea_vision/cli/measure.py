@@ -103,7 +103,7 @@ def track_command(
 
     Centre line, edges, width, curvature, tip, bend angle and elongation go to track.nc.
     """
-    from rfea_vision.stages.doubts import few_frames, reasons_of
+    from rfea_vision.stages.warnings import few_frames, reasons_of
 
     with opened(campaign, out, force=("track", "clip") if force else ()) as work:
         tracks = work.track(names)

@@ -24,7 +24,7 @@ from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.rules import under_rules
 from rfea_vision.fitting.scoring import as_artefact
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
-from rfea_vision.fitting.starts import evened, seen_scale
+from rfea_vision.fitting.starts import observed_scale, without_vanishing_ends
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
 from rfea_vision.fitting.studies import leave_one_out, with_study
 from rfea_vision.options import FitOptions
@@ -51,8 +51,8 @@ AGREEING_STARTS = 3
 STIFFER_STARTS = (1.5, 3.0, 6.0)
 #: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
 GOOD_STEADY = 50.0
-#: A start that ends with the tip this share of the length, or this many rad, off at some moment is not the only one to try.
-ASTRAY = 0.1
+#: A start whose tip is off by this share of the length, or this many rad, at some moment is not the only one to try.
+FAR_OFF = 0.1
 #: A coarse solution whose mean square grows by more than this on the full chain has not been carried over.
 CARRIED_WORSE = 1.5
 Progress = Callable[[int, int], None] | None
@@ -123,7 +123,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     thin = [o.rough(ROUGH_FRAMES) for o in problem.train]
     plateaus = find_plateaus(problem.train)
     reference = start_vector(model, problem.actuator, coarse.segments)
-    reference[:6] *= seen_scale(problem.train, problem.actuator)
+    reference[:6] *= observed_scale(problem.train, problem.actuator)
     coordinates = coordinates_for(problem, coarse, model)
     rng = np.random.default_rng(options.seed)
     shapes = [(1.0, 1.0), (0.9, 2.0), (1.2, 0.5)]
@@ -147,11 +147,11 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
         from_rest, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
         solution = None
-        for trial in (from_rest, evened(coordinates, from_rest), *_stiffer(guess)):
+        for trial in (from_rest, without_vanishing_ends(coordinates, from_rest), *_stiffer(guess)):
             found = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
             if solution is None or (found is not None and found.cost < solution.cost):
                 solution = found
-            if solution is not None and not _astray(thin, solution, problem.actuator.length):
+            if solution is not None and not _far_off(thin, solution, problem.actuator.length):
                 break
         label = f"r_hyd x {arm:.2f}, damping x {damping:.2f}"
         if solution is None:
@@ -181,7 +181,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
 
 
-def _astray(items: Sequence[Observed], solution: Solution, length_m: float) -> bool:
+def _far_off(items: Sequence[Observed], solution: Solution, length_m: float) -> bool:
     """Whether the modelled tube is somewhere else altogether now and then, as one is that was fitted onto the edge of buckling."""
     gaps = [
         np.linalg.norm(item.points[:, -1] - one.points[:, -1], axis=1) / length_m
@@ -189,7 +189,7 @@ def _astray(items: Sequence[Observed], solution: Solution, length_m: float) -> b
         else np.abs(item.angle - one.angle)
         for item, one in zip(items, solution.evaluation.predicted, strict=True)
     ]
-    return max(float(np.max(gap)) for gap in gaps) > ASTRAY
+    return max(float(np.max(gap)) for gap in gaps) > FAR_OFF
 
 
 def _refined(
@@ -275,8 +275,8 @@ def fit_added(
     if best is None:
         raise DataError(f"model {options.name}: none of its starts could be simulated")
     values = dict(zip(best.model.names, best.par, strict=True))
-    hopeless = worth > 0 and best.solution.cost > (1 - worth) * _cost(previous, thin)
-    most = 1 if hopeless else 60
+    not_worth_it = worth > 0 and best.solution.cost > (1 - worth) * _cost(previous, thin)
+    most = 1 if not_worth_it else 60
     final = refit(problem, options, values, options.segments, best.solution.clocks, most_evaluations=most)
     return replace(
         final,
@@ -317,7 +317,7 @@ def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fit
     if options.start:
         fitted = _without_jumps(problem, refit(problem, options, options.start, options.segments))
     else:
-        fitted = _told_apart(problem, fit_base(problem, replace(options, effects=()), progress))
+        fitted = _with_lever_held(problem, fit_base(problem, replace(options, effects=()), progress))
         fitted = _without_jumps(problem, fitted)
         options = replace(options, loss=fitted.options.loss, fixed=fitted.options.fixed)
         fitted = replace(fitted, options=options)
@@ -328,7 +328,7 @@ def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fit
     return fitted
 
 
-def _told_apart(problem: Problem, fitted: Fitted) -> Fitted:
+def _with_lever_held(problem: Problem, fitted: Fitted) -> Fitted:
     """Hold the lever at its usual value where the runs tell no more than its ratio to the stiffness."""
     if not only_ratio(fitted, problem.train):
         return fitted
@@ -356,7 +356,7 @@ def _without_jumps(problem: Problem, fitted: Fitted) -> Fitted:
     return replace(fitted, options=options, solution=robust.solution, jumps=jumps)
 
 
-def _know_all(model: Model, options: FitOptions) -> None:
+def _refuse_unknown_names(model: Model, options: FitOptions) -> None:
     """Refuse what is given of parameters that the model does not have."""
     given = {*options.fixed, *options.start, *options.bounds, *options.priors, *options.profile} - {"modulus"}
     unknown = sorted(given - set(model.names))
@@ -383,7 +383,7 @@ def fit_model(
     """
     chosen = options or FitOptions()
     problem = make_problem(recordings, actuator, chosen)
-    _know_all(make_model(actuator, chosen, problem.mirror), chosen)
+    _refuse_unknown_names(make_model(actuator, chosen, problem.mirror), chosen)
     fitted = fit(problem, chosen, progress)
     model = as_artefact(problem, fitted)
     if not (chosen.profile or chosen.leave_one_out):

@@ -76,7 +76,7 @@ def unknowns_of(excitation: Excitation, pressure_zero_sd: float, unknown_before_
     return Unknowns(tuple(names), np.array(sizes)[:, None] * np.array(waves), np.array(sizes))
 
 
-def settle(
+def eliminate(
     count: int, look: Callable[[FloatArray], FloatArray | None], weigh: Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray, FloatArray] | None:
     """Amplitudes (count,) that fit a run best, and the derivative of what is seen for each, stacked along the first axis.

@@ -12,10 +12,10 @@ from rfea_vision.artefacts.measurement import Recording, bend_sign
 from rfea_vision.dynamics.excitation import LONGEST_STEP_S
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.letting_go import Held, letting_go, when_let_go
 from rfea_vision.fitting.noise import white_noise_mm
 from rfea_vision.fitting.nuisance import BEFORE_S
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.release import Held, release_frame, release_time_s
 from rfea_vision.options.fit import Observe
 
 FloatArray = NDArray[np.float64]
@@ -245,10 +245,10 @@ def _held(
     signal = (points[:, -1] if points.shape[1] else angle[:, None])[keep]
     until_s = float(attributes["held_until_s"])
     told = until_s * (1 + 1e-6 * float(attributes.get("drift_ppm", 0.0))) + float(attributes.get("offset_s", 0.0))
-    first = letting_go(recording.name, time[keep], signal, told)
+    first = release_frame(recording.name, time[keep], signal, told)
     shown = np.flatnonzero(keep)[:first]
     if not np.isfinite(until_s):
-        told = when_let_go(time[keep], signal, first)
+        told = release_time_s(time[keep], signal, first)
     line = points[shown].mean(axis=0) if points.shape[1] else np.zeros((0, 2))
     free = keep & (time >= told)
     force = None

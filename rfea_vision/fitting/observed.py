@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
-from rfea_vision.fitting.letting_go import Held
 from rfea_vision.fitting.nuisance import FORGOTTEN_S, Unknowns, unknowns_of
+from rfea_vision.fitting.release import Held
 from rfea_vision.options.fit import Observe
 
 FloatArray = NDArray[np.float64]
@@ -60,8 +60,8 @@ class Observed:
         return unknowns_of(self.excitation, self.pressure_zero_sd, self.unknown_before_s)
 
     @cached_property
-    def telling(self) -> Observed:
-        """The part of the run that tells of its unknowns: all of it, or where only the start is unknown its beginning."""
+    def informative(self) -> Observed:
+        """The part of the run that depends on its unknowns: all of it, or where only the start is unknown its beginning."""
         early = int(np.searchsorted(self.time, self.time[0] + FORGOTTEN_S))
         if self.pressure_zero_sd > 0 or early >= self.time.size:
             return self

@@ -16,7 +16,7 @@ from rfea_vision.fitting.coordinates import Coordinates, build
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem, make_model, start_vector
 from rfea_vision.fitting.solver import Solution, solve
-from rfea_vision.fitting.starts import evened
+from rfea_vision.fitting.starts import without_vanishing_ends
 from rfea_vision.fitting.steady_fit import Plateau
 from rfea_vision.options import FitOptions
 
@@ -95,7 +95,7 @@ def refit(
     used = list(items) if items is not None else list(problem.train)
     solution = None
     # A misfit may push a damper or a spring to nothing at one end of the reach, which a finer chain does not survive.
-    for first in (start, evened(coordinates, start)):
+    for first in (start, without_vanishing_ends(coordinates, start)):
         solution = solve(
             model,
             used,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.dynamics.simulation import Model, Motion
-from rfea_vision.fitting.nuisance import settle
+from rfea_vision.fitting.nuisance import eliminate
 from rfea_vision.fitting.observed import Observed
 
 FloatArray = NDArray[np.float64]
@@ -48,20 +48,20 @@ def predict_observed(
     unknowns = item.unknowns
     if unknowns is None:
         return _predict(model, par, item, free, clock_s, fractions)
-    telling = item.telling
-    plain = _predict(model, par, telling, (), clock_s)
+    informative = item.informative
+    plain = _predict(model, par, informative, (), clock_s)
     if plain is None:
         return None
 
     def look(amplitude: FloatArray) -> FloatArray | None:
-        driven = replace(telling, excitation=unknowns.driven(telling.excitation, amplitude))
+        driven = replace(informative, excitation=unknowns.driven(informative.excitation, amplitude))
         one = _predict(model, par, driven, (), clock_s)
         return None if one is None else _flat(one.points, one.angle)
 
     def weigh(seen: FloatArray) -> FloatArray:
-        return rows(telling, _unflat(plain, seen[..., None]), jacobian=False)[0]
+        return rows(informative, _unflat(plain, seen[..., None]), jacobian=False)[0]
 
-    found = settle(unknowns.sizes.size, look, weigh)
+    found = eliminate(unknowns.sizes.size, look, weigh)
     if found is None:
         return None
     amplitude, slopes = found
@@ -87,7 +87,7 @@ def predict_observed(
 def why_not(model: Model, par: FloatArray, item: Observed, clock_s: float = 0.0) -> str:
     """Why an experiment cannot be simulated: when, where in the log, and why. Empty where it can."""
     frames = np.clip(item.time + clock_s, item.excitation.start_s, item.excitation.end_s)
-    rigged, values = _as_set_up(model, par, item)
+    rigged, values = _as_rigged(model, par, item)
     start = {} if item.held is None else item.held.start(model.chain)
     message = rigged.simulate(values, item.excitation, frames, **start).message
     if message or predict_observed(model, par, item, (), clock_s) is not None:
@@ -118,7 +118,7 @@ def _predict(
     fractions: FloatArray | None = None,
 ) -> Predicted | None:
     """Simulate an experiment whose excitation is all known."""
-    model, par = _as_set_up(model, par, item)
+    model, par = _as_rigged(model, par, item)
     row = model.law.time_shift(par, model._constants, item.time - item.middle_s)[0]
     shift = np.broadcast_to(np.asarray(row[0], dtype=float), item.time.shape)
     frames = np.clip(item.time + shift + clock_s, item.excitation.start_s, item.excitation.end_s)
@@ -153,7 +153,7 @@ def _predict(
     return Predicted(motion, points + shift, dpoints, angle, dangle, zero)
 
 
-def _as_set_up(model: Model, par: FloatArray, item: Observed) -> tuple[Model, FloatArray]:
+def _as_rigged(model: Model, par: FloatArray, item: Observed) -> tuple[Model, FloatArray]:
     """The model as the rig of this run stands, with what is known of the run in place of what is fitted."""
     model = model.rigged(item.gravity, item.mounting, item.conditions)
     if not item.conditions:
@@ -172,8 +172,8 @@ def seen_by_camera(
     """Points on the centre line as the camera reports them, with their derivatives; pressure (frames,) at the sensor in Pa."""
     points, dpoints = model.centre_line(seen, fractions)
     if model.law.changes("line_shift"):
-        aside, daside = _aside(model, par, seen, fractions, free, pressure)
-        points, dpoints = points + aside, dpoints + daside
+        shift_out, dshift_out = _shifted_line(model, par, seen, fractions, free, pressure)
+        points, dpoints = points + shift_out, dpoints + dshift_out
     if not model.law.changes("observed_position"):
         return points, dpoints
     rows = model.law.observed_position(par, model._constants, points[..., 0], points[..., 1])
@@ -188,7 +188,7 @@ def seen_by_camera(
     return moved, np.einsum("...ab,...bp->...ap", jacobian, dpoints) + explicit
 
 
-def _aside(
+def _shifted_line(
     model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: list[int], pressure: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Shift of the centre line (frames, m, 2) away from the inextensible side, as against its first cross-section's."""

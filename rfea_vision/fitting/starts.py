@@ -22,7 +22,7 @@ EVEN = 0.5
 START_DAMPING_RATIO = 0.05
 
 
-def seen_scale(items: Sequence[Observed], actuator: Actuator) -> FloatArray:
+def observed_scale(items: Sequence[Observed], actuator: Actuator) -> FloatArray:
     """How many times the paper's (at this size) the six stiffnesses and dampings are, judged by what the runs show.
 
     By how far the tube bends under which pressure; weight and motion are left out: a rough value to start from, for a tube of
@@ -70,7 +70,7 @@ def _scale_of_swing(items: Sequence[Observed], actuator: Actuator) -> FloatArray
     return scale
 
 
-def evened(coordinates: Coordinates, par: FloatArray) -> FloatArray:
+def without_vanishing_ends(coordinates: Coordinates, par: FloatArray) -> FloatArray:
     """The same parameters with no spring and no damper that all but vanishes at one end of the reach."""
     y = coordinates.coordinates(par)
     for rest in ("k_ref", "b_pos_ref", "b_neg_ref"):

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
-from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec, doubts
+from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec, plausibility
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
-from rfea_vision.stages.doubts import doubts_of_log, few_frames, reasons_of, tell_alike, tell_doubts
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
+from rfea_vision.stages.warnings import few_frames, log_warnings, reasons_of, say_warnings, warn_of_equal_logs
 
 if TYPE_CHECKING:
     from rfea_vision.readers.pressure import PressureLog
@@ -142,7 +142,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)
         found.save(path)
-        tell_doubts(work, experiment, found)
+        say_warnings(work, experiment, found)
         return found, [path], describe_track(found)
 
     tracked = work.run(
@@ -287,9 +287,11 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
             to_rig_mm = rig_axes_mm(calibration, camera.vertical, gravity_deg, bends)
         found = read_track(source.file, bends=experiment.actuator.bends, spec=source, to_rig_mm=to_rig_mm)
         if camera is None:
-            found.dataset.attrs["doubts"] = "; ".join(doubts.of_track(found.dataset, 1e3 * experiment.actuator.length))
+            found.dataset.attrs["doubts"] = "; ".join(
+                plausibility.of_track(found.dataset, 1e3 * experiment.actuator.length)
+            )
         found.save(path)
-        tell_doubts(work, experiment, found)
+        say_warnings(work, experiment, found)
         return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
 
     return work.run(
@@ -350,12 +352,10 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
                 raise DataError(f"{experiment.name}: track: {few}") from error
             raise
         recording = with_earlier_pressure(recording, work.campaign, experiment)
-        recording.dataset.attrs |= rig_attributes(experiment) | (
-            {} if spec.constant else doubts_of_log(recording, used)
-        )
+        recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else log_warnings(recording, used))
         recording.save(path)
-        tell_doubts(work, experiment, recording)
-        tell_alike(work, [experiment])
+        say_warnings(work, experiment, recording)
+        warn_of_equal_logs(work, [experiment])
         return recording, [path], describe_recording(recording)
 
     return work.run(

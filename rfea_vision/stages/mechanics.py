@@ -13,7 +13,6 @@ from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record
 from rfea_vision.progress import Progress
 from rfea_vision.stages import measurement
-from rfea_vision.stages.doubts import tell_of_fitted
 from rfea_vision.stages.naming import climb_apart, fit_apart, fitted_with
 from rfea_vision.stages.products import (
     compiling,
@@ -27,6 +26,7 @@ from rfea_vision.stages.products import (
 )
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored, values
+from rfea_vision.stages.warnings import warn_of_fitted
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,7 +79,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
 
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
         work.tell(compiling("dynamics"))
-        tell_of_fitted(work, recordings)
+        warn_of_fitted(work, recordings)
         model = _fitted(values(recordings), actuator, options, work.raw_inputs(), folder, progress)
         return model, [folder / "model.json", folder / "prediction.nc"], describe_fit(model)
 

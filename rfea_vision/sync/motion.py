@@ -20,7 +20,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
-from rfea_vision.sync.doubts import check_direction, gaps_of, log_notes, outside_gaps, repeat_notes, repetition
+from rfea_vision.sync.ambiguity import check_direction, gaps_of, log_notes, outside_gaps, repeat_notes, repetition
 from rfea_vision.sync.regression import (
     DRIFT,
     FIRST_TERM,
@@ -35,7 +35,7 @@ from rfea_vision.sync.sections import (
     ANGLE_INERTIA,
     ANGLE_STIFFNESS,
     SUPPLEMENTS,
-    Motion,
+    ObservedMotion,
     motion_of,
     noise_covariance,
     supplements,
@@ -124,7 +124,7 @@ def align_by_motion(
 class FilteredMotion:
     """The motion on an even grid: times (n,), amplitudes (n, m) raw, `solid` where frames are near, band-passed terms."""
 
-    motion: Motion
+    motion: ObservedMotion
     grid: FloatArray
     raw: FloatArray
     solid: NDArray[np.bool_]
@@ -133,7 +133,7 @@ class FilteredMotion:
     terms: FloatArray
 
     @staticmethod
-    def of(motion: Motion, highest_Hz: float = np.inf) -> FilteredMotion:
+    def of(motion: ObservedMotion, highest_Hz: float = np.inf) -> FilteredMotion:
         """Resample, smooth, and form the terms; `highest_Hz` is what the log can follow."""
         time = motion.time_s
         rate = 1.0 / float(np.median(np.diff(time)))

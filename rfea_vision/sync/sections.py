@@ -47,7 +47,7 @@ MOST_RADIUS = 0.15  # of the length: what the centre line may grow per radian
 
 
 @dataclass(frozen=True)
-class Motion:
+class ObservedMotion:
     """Amplitudes (n, m) of the motion at times (n,) s: of modes of the tangent angle, or one angle alone.
 
     `length_m` is the length of the line that keeps it; `modal` tells whether the whole shape is known,
@@ -71,8 +71,8 @@ class Motion:
         return float(np.ptp(self.bend_rad))
 
 
-def motion_of(track: Track, bends: str) -> Motion:
-    """Valid frames of a track as a `Motion`; midline, bend angle or tip, whichever is the first there."""
+def motion_of(track: Track, bends: str) -> ObservedMotion:
+    """Valid frames of a track as an `ObservedMotion`; midline, bend angle or tip, whichever is the first there."""
     dataset, valid = track.dataset, track.valid
     time = track.time_s[valid]
     sign = bend_sign(bends)
@@ -92,7 +92,7 @@ def motion_of(track: Track, bends: str) -> Motion:
     time = time[first]
     found = np.asarray(found[first] if modal else np.unwrap(found[first], axis=0), dtype=float)
     new = ~repeated(time, found)
-    return Motion(time[new], found[new], length, modal, int(np.sum(~new)))
+    return ObservedMotion(time[new], found[new], length, modal, int(np.sum(~new)))
 
 
 def repeated(time_s: FloatArray, amplitudes: FloatArray) -> NDArray[np.bool_]:
@@ -158,12 +158,12 @@ def derivative(values: FloatArray, rate: float) -> FloatArray:
     return (padded[:-4] - 8 * padded[1:-3] + 8 * padded[3:-1] - padded[4:]) * (rate / 12)
 
 
-def terms(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+def terms(motion: ObservedMotion, amplitudes: FloatArray, rate: float) -> FloatArray:
     """Terms (sections, n, terms) from smooth, evenly sampled amplitudes (n, m)."""
     return _section_terms(motion, amplitudes, rate) if motion.modal else _angle_terms(amplitudes[:, 0], rate)[None]
 
 
-def supplements(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+def supplements(motion: ObservedMotion, amplitudes: FloatArray, rate: float) -> FloatArray:
     """Terms (sections, n, 6) of `SUPPLEMENTS`, in their order; 0 where one angle cannot show them."""
     if motion.modal:
         angle = amplitudes @ _legendre(np.linspace(0, 1, SECTIONS + 1)).T
@@ -206,7 +206,7 @@ def _angle_terms(angle: FloatArray, rate: float) -> FloatArray:
     return np.column_stack([angle, angle**2, angle**3, up, down, angle * speed, push, angle * push, speed**2])
 
 
-def _places(motion: Motion, amplitudes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+def _places(motion: ObservedMotion, amplitudes: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Angles (n, k) and places (n, k, 2) m at the ends of all pieces, and the length of a piece."""
     count = SECTIONS * PIECES
     angle = amplitudes @ _legendre(np.linspace(0, 1, count + 1)).T
@@ -222,7 +222,7 @@ def _moment(arm: FloatArray, force: FloatArray) -> FloatArray:
     return -np.sum(arm[..., 0] * force[..., 1] - arm[..., 1] * force[..., 0], axis=1)
 
 
-def _drag(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+def _drag(motion: ObservedMotion, amplitudes: FloatArray, rate: float) -> FloatArray:
     """Moment (n, sections) of a drag that grows with the square of the speed of everything beyond a section."""
     _, place, piece = _places(motion, amplitudes)
     speed = derivative(place, rate)
@@ -231,7 +231,7 @@ def _drag(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
     return np.column_stack([_moment(place[:, k:] - place[:, k : k + 1], force[:, k:]) * piece for k in middles])
 
 
-def _section_terms(motion: Motion, amplitudes: FloatArray, rate: float) -> FloatArray:
+def _section_terms(motion: ObservedMotion, amplitudes: FloatArray, rate: float) -> FloatArray:
     angle, place, piece = _places(motion, amplitudes)
     pull = derivative(derivative(place, rate), rate)
     pull[..., 1] += GRAVITY

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.reasons import reason_of
-from rfea_vision.campaign import ExperimentSpec, doubts
+from rfea_vision.campaign import ExperimentSpec, plausibility
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -35,39 +35,39 @@ def few_frames(track: Track) -> str:
     return f"only {measured} of {frames} frames were measured ({count} {reason}); {reason_of(reason).remedy}"
 
 
-def doubts_of(measured: Track | Recording) -> list[str]:
+def warnings_of(measured: Track | Recording) -> list[str]:
     """Every doubt that a track or recording carries, each as a sentence."""
     found = [few_frames(measured)] if isinstance(measured, Track) else []
     return [*filter(None, found), *_written(measured.dataset, after_sync=isinstance(measured, Recording))]
 
 
-def doubts_of_log(recording: Recording, log: PressureLog) -> dict[str, str]:
+def log_warnings(recording: Recording, log: PressureLog) -> dict[str, str]:
     """What makes one doubt that a log is what it is said to be, as an attribute of the recording."""
     seen_s = recording.time_s
-    said = doubts.of_pressure(log.pressure_kPa) + doubts.of_times(log.time_s, seen_s)
-    said = said or doubts.of_pair(recording.dataset, seen_s, log.time_s, log.pressure_kPa)
+    said = plausibility.of_pressure(log.pressure_kPa) + plausibility.of_times(log.time_s, seen_s)
+    said = said or plausibility.of_pair(recording.dataset, seen_s, log.time_s, log.pressure_kPa)
     return {"pressure_doubts": "; ".join(f"pressure {text}" for text in said)} if said else {}
 
 
-def tell_doubts(work: Runner, experiment: ExperimentSpec, measured: Track | Recording) -> None:
+def say_warnings(work: Runner, experiment: ExperimentSpec, measured: Track | Recording) -> None:
     """Say every doubt that a track or recording carries, once in a session."""
-    for doubt in doubts_of(measured):
+    for doubt in warnings_of(measured):
         work.tell(f"warning: {experiment.name}: {doubt}")
 
 
-def tell_alike(work: Runner, about: Sequence[ExperimentSpec]) -> None:
+def warn_of_equal_logs(work: Runner, about: Sequence[ExperimentSpec]) -> None:
     """Say of these runs whether their log stands in another one, too."""
-    for experiment, text in doubts.alike(work.active()):
+    for experiment, text in plausibility.alike(work.active()):
         if experiment in about or any(f"'{item.name}'" in text for item in about):
             work.tell(f"warning: {experiment.name}: pressure {text}")
 
 
-def tell_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) -> None:
+def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) -> None:
     """Say what makes one doubt the runs that a model is fitted to."""
     experiments = [work.campaign.experiment(name) for name in recordings]
     for experiment in experiments:
-        tell_doubts(work, experiment, recordings[experiment.name].value)
-    tell_alike(work, experiments)
+        say_warnings(work, experiment, recordings[experiment.name].value)
+    warn_of_equal_logs(work, experiments)
 
 
 def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:

@@ -78,7 +78,7 @@ def _angle_to(tip_x: float, share: FloatArray, chain: Chain) -> float:
     return float(np.interp(-tip_x, -across, angles))
 
 
-def letting_go(name: str, time: FloatArray, signal: FloatArray, until_s: float) -> int:
+def release_frame(name: str, time: FloatArray, signal: FloatArray, until_s: float) -> int:
     """Index of the first frame after the tube was let go; `until_s` NaN: when it is seen to move.
 
     Raises
@@ -108,7 +108,7 @@ def letting_go(name: str, time: FloatArray, signal: FloatArray, until_s: float) 
     return first
 
 
-def when_let_go(time: FloatArray, signal: FloatArray, first: int) -> float:
+def release_time_s(time: FloatArray, signal: FloatArray, first: int) -> float:
     """Time (s) of the release: where the first frames after it, as they fall freely, meet the held place."""
     held = np.median(signal[:first], axis=0)
     seen = slice(first - 1, min(first + 3, time.size))
