@@ -127,7 +127,7 @@ Ambient = Annotated[float | str, BeforeValidator(_pressure_or_column), _shown("1
 Axis = Annotated[Literal["x", "y", "z", "-x", "-y", "-z"], BeforeValidator(_text)]
 PixelPair = tuple[tuple[float, float], tuple[float, float]]
 PixelBox = tuple[float, float, Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
-LensName = Literal["auto", *LENSES]  # type: ignore[valid-type]
+LensName = Literal["auto", *LENSES]  # the names of a table, which the type checker cannot read
 Role = Literal["train", "validate", "test", "ignore"]
 
 
@@ -239,7 +239,7 @@ class CameraPart(_Part):
     board_offset: Offset = 0.0
     file: str | None = None
     profile: Annotated[str | None, BeforeValidator(_camera_profile)] = None
-    lens: LensName | None = None
+    lens: LensName | None = None  # pyright: ignore[reportInvalidTypeForm]
     vertical: Literal["board", "rest", "image"] | PlumbPart = "board"
     scale: Literal["tube"] | ScalePart | None = None
     clamp: PixelPair | None = None
