@@ -297,6 +297,11 @@ class Effect:
         """What must be added to the recording's time (s; zero in the middle of the recording) to get the log's."""
         return sp.Integer(0)
 
+    @hook("rad", latex=r"\vartheta' = \vartheta + {0}", of=("time",))
+    def angle_drift(self, time: sp.Symbol) -> sp.Expr:
+        """What an angle sensor shows beside the angle (rad) at the recording's time (s; zero in its middle)."""
+        return sp.Integer(0)
+
     def law(self) -> str:
         """LaTeX of the law, for the report; built from the hooks unless a subclass knows better."""
         return ""

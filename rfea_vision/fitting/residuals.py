@@ -142,6 +142,12 @@ def _predict(
         model, par, seen, item.fractions if fractions is None else fractions, free, pressure
     )
     angle, dangle = motion.phi[:, -1], extended[:, -1, :]
+    if model.law.changes("angle_drift") and not item.has_tip:
+        drift = model.law.angle_drift(par, model._constants, item.time - item.middle_s)[0]
+        angle = angle + drift[0]
+        dangle = dangle.copy()
+        for column, k in enumerate(free):
+            dangle[:, column] += drift[2 + k]
     zero = {}
     if item.angle_zero_sd > 0 and not item.has_tip:
         offset, doffset = angle_zero(item, angle, dangle)

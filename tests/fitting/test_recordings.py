@@ -106,6 +106,41 @@ def test_the_zero_of_a_sensor_is_found_for_each_run(runs):
     assert model.parameters["r_hyd"].interval_95 is not None
 
 
+def angles_alone(recordings):
+    return {
+        name: Recording(r.dataset.drop_vars([v for v in r.dataset.data_vars if v.startswith(("tip", "midline"))]))
+        for name, r in recordings.items()
+    }
+
+
+GYROSCOPE = """
+from rfea_vision.effects.base import Effect, EffectParameter
+
+class Gyroscope(Effect):
+    id = "gyroscope"
+    title = "A rate gyroscope whose integral drifts"
+    reference = "none"
+    kind = "measurement"
+    parameters = {"rate": EffectParameter("rad/s", 0.0, -1.0, 1.0, 0.01, "drift")}
+
+    def angle_drift(self, time):
+        return self.rate * time
+"""
+
+
+def test_an_angle_sensor_that_drifts_is_an_effect_of_ones_own(runs, tmp_path):
+    recordings, actuator, _ = runs
+    (tmp_path / "gyroscope.py").write_text(GYROSCOPE)
+
+    def drifting(data):
+        data["bend_angle"] = data["bend_angle"] + 3.0 * (data["time"] - data["time"].mean())
+
+    own = replace(OPTIONS, effects=("gyroscope",), effect_files=(tmp_path / "gyroscope.py",))
+    model = fit_model(angles_alone(changed(recordings, drifting)), actuator, own)
+    assert model.parameters["gyroscope.rate"].value == pytest.approx(np.deg2rad(3.0), rel=0.01)
+    assert model.metrics["validate"].angle_rmse_deg < 0.1
+
+
 def test_each_run_has_the_zero_of_its_inclinometer(runs):
     recordings, actuator, truth = runs
     off = dict(zip(recordings, (2.0, -1.5, 1.0), strict=True))
@@ -113,10 +148,7 @@ def test_each_run_has_the_zero_of_its_inclinometer(runs):
     def inclined(data):
         data["bend_angle"] = data["bend_angle"] + off[data.attrs["experiment"]]
 
-    angles = {
-        name: Recording(r.dataset.drop_vars([v for v in r.dataset.data_vars if v.startswith(("tip", "midline"))]))
-        for name, r in changed(recordings, inclined).items()
-    }
+    angles = angles_alone(changed(recordings, inclined))
     model = fit_model(angles, actuator, replace(OPTIONS, angle_zero_sd=np.deg2rad(5)))
     for name, degrees in off.items():
         assert model.experiments[name].nuisance["angle_zero_deg"] == pytest.approx(degrees, abs=0.1)
