@@ -1,16 +1,15 @@
-"""From the keys of a file to specifications: paths are found, combinations of keys are checked."""
+"""From the keys of a file to specifications: combinations of keys are checked, paths are found (`finding`)."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
-from glob import has_magic
 from math import pi
-from pathlib import Path
 
 from rfea_vision.artefacts import Actuator, Hints
-from rfea_vision.campaign.problems import Problem, problem_at
-from rfea_vision.campaign.reach import REMEDY, Reach
+from rfea_vision.campaign.finding import Files, Finder, Folders
+from rfea_vision.campaign.problems import Problem
+from rfea_vision.campaign.reach import Reach
 from rfea_vision.campaign.schema import (
     ActuatorPart,
     CameraPart,
@@ -33,123 +32,19 @@ from rfea_vision.campaign.specs import (
     VideoSpec,
     gravity_deg,
 )
-from rfea_vision.campaign.yaml_file import YamlFile
 from rfea_vision.data import read_camera_profile
 from rfea_vision.errors import InputError
-from rfea_vision.files import is_file, is_folder
 
 #: Names of chambers stand after the @ of an effect, before the point of a parameter.
 CHAMBER = r"[^\W\d_][^.@=,]*"
 SCALE_EXAMPLE = "scale: {points: [[212, 80], [230, 640]], distance: 155 mm}"
-Folders = tuple[Path, ...]
-Files = tuple[YamlFile, ...]
-
-
-class _Finder:
-    """Looks for files in the experiment's folder, then in the campaign's, and notes what is not there, or out of reach."""
-
-    def __init__(self, reach: Reach, folders: Folders, files: Files, experiment: str | None) -> None:
-        self.reach, self.folders, self.files, self.experiment = reach, folders, files, experiment
-        self.problems: list[Problem] = []
-
-    def complain(self, key: str, message: str) -> None:
-        self.problems.append(problem_at(self.files, key, message, experiment=self.experiment))
-
-    def file(self, key: str, name: str | None, *, folder: bool = False) -> Path | None:
-        """Return the path behind `name`, or note under `key` that it does not exist."""
-        if name is None:
-            return None
-        refusals: list[str] = []
-        for base in self.folders:
-            path = self.reach.path(base, name)
-            refusal = None if path is None else self.reach.refusal(path)
-            if refusal is not None:
-                refusals.append(refusal)
-            elif path is not None and (is_folder(path) if folder else is_file(path)):
-                return path
-        if refusals:
-            self.complain(key, f"'{name}' {refusals[0]}")
-            return None
-        kind = "folder" if folder else "file"
-        there = _nearby(self.folders[0], name)
-        self.complain(key, f"no {kind} '{name}' in {self.folders[0]}{there}; correct the name or put the {kind} there")
-        return None
-
-    def photos(self, key: str, patterns: str | list[str] | None) -> tuple[Path, ...]:
-        """Return the photos that the patterns match, each once, in order of name."""
-        found: dict[Path, None] = {}
-        for pattern in [patterns] if isinstance(patterns, str) else patterns or []:
-            if not has_magic(pattern):
-                path = self.file(key, pattern)
-                found |= {path: None} if path is not None else {}
-                continue
-            matches = self._matches(key, pattern)
-            if matches is None:
-                continue
-            if not matches:
-                self.complain(
-                    key,
-                    f"no photo matches '{pattern}' in {self.folders[0]}; correct the pattern or put the photos there",
-                )
-            found |= dict.fromkeys(matches)
-        return tuple(found)
-
-    def _matches(self, key: str, pattern: str) -> list[Path] | None:
-        """Return the files that a pattern matches, in the first folder where it does; None if it may not be looked for."""
-        absolute = pattern.startswith("/")
-        if not self.reach.trusted and (absolute or ".." in Path(pattern).parts):
-            self.complain(key, f"'{pattern}' leads out of the folder that it is written in; {REMEDY}")
-            return None
-        for base in self.folders:
-            where, relative = (Path("/"), pattern.lstrip("/")) if absolute else (base, pattern)
-            try:
-                matches = sorted(path.resolve() for path in where.glob(relative) if path.is_file())
-            except (OSError, RuntimeError, ValueError, NotImplementedError) as error:
-                self.complain(key, f"'{pattern}' is no pattern for files ({error}); write for example 'board_*.png'")
-                return None
-            refusal = next((text for path in matches if (text := self.reach.refusal(path)) is not None), None)
-            if refusal is not None:
-                self.complain(key, f"'{pattern}' {refusal}")
-                return None
-            if matches:
-                return matches
-        return []
-
-    def database(self, url: str | None) -> str | None:
-        """Return a database's URL, if the campaign may read it: a file below its folder, read with SQLite."""
-        if url is None or self.reach.trusted:
-            return url
-        kind, separator, rest = url.partition(":///")
-        if not separator or kind not in ("sqlite", "sqlite+pysqlite") or set("?$") & set(rest):
-            said = "only SQLite files below the campaign's folder are read unasked, written 'sqlite:///log.db'"
-            self.complain("pressure.url", f"'{_hidden(url)}': {said}; {REMEDY}")
-            return None
-        path = self.reach.path(self.folders[0], rest)
-        refusal = "is no path" if path is None else self.reach.refusal(path)
-        if refusal is not None:
-            self.complain("pressure.url", f"'{rest}' {refusal}")
-        return url if refusal is None else None
-
-
-def _hidden(url: str) -> str:
-    """A URL without its password."""
-    return re.sub(r"(//[^:/@]*):[^@]*@", r"\1:***@", url)
-
-
-def _nearby(folder: Path, name: str) -> str:
-    """Name the files of the same kind that do lie in the folder."""
-    suffix = Path(name).suffix.lower()
-    others = sorted(
-        path.name for path in folder.glob("*") if path.is_file() and suffix and path.suffix.lower() == suffix
-    )
-    return f" (there is {', '.join(others[:4])})" if others else ""
 
 
 def resolve_camera(
     part: CameraPart, reach: Reach, folders: Folders, files: Files, experiment: str | None = None
 ) -> tuple[CameraSpec | None, list[Problem]]:
     """Return the camera, or what is wrong with it."""
-    finder = _Finder(reach, folders, files, experiment)
+    finder = Finder(reach, folders, files, experiment)
     photographed = part.board is not None and part.photos is not None
     if part.file is None and part.scale is None and not photographed:
         lacking = "board" if part.board is None else "photos"
@@ -194,7 +89,7 @@ def resolve_camera(
     return (None if finder.problems else camera), finder.problems
 
 
-def _scale(part: CameraPart, finder: _Finder) -> ScaleSpec | None:
+def _scale(part: CameraPart, finder: Finder) -> ScaleSpec | None:
     scale = part.scale
     if scale is None:
         return None
@@ -218,7 +113,7 @@ def _scale(part: CameraPart, finder: _Finder) -> ScaleSpec | None:
     )
 
 
-def _hints(part: CameraPart, finder: _Finder) -> Hints:
+def _hints(part: CameraPart, finder: Finder) -> Hints:
     if part.clamp is not None and part.clamp[0] == part.clamp[1]:
         finder.complain("camera.clamp", "its two points are one; give the two edges of the first visible cross-section")
     return Hints(
@@ -242,7 +137,7 @@ def resolve_experiment(
 ) -> tuple[ExperimentSpec, list[Problem]]:
     """Return the experiment as far as it can be resolved, and what is wrong with it."""
     role = parsed.role or "train"
-    finder = _Finder(reach, folders, files, name)
+    finder = Finder(reach, folders, files, name)
     video, track = _source(parsed, finder)
     camera, problems = None, []
     if parsed.camera is not None:
@@ -272,7 +167,7 @@ def resolve_experiment(
     return experiment, problems + finder.problems
 
 
-def _source(parsed: ExperimentFile, finder: _Finder) -> tuple[VideoSpec | None, TrackSpec | None]:
+def _source(parsed: ExperimentFile, finder: Finder) -> tuple[VideoSpec | None, TrackSpec | None]:
     """Return the one source of the track; an experiment's own source wins over one that the campaign shares."""
     given = {
         "video": parsed.video is not None and parsed.video.file is not None,
@@ -302,7 +197,7 @@ def _source(parsed: ExperimentFile, finder: _Finder) -> tuple[VideoSpec | None, 
     return VideoSpec(finder.file("video.file", parsed.video.file), rate_Hz=parsed.video.rate), None
 
 
-def _track(part: TrackPart, finder: _Finder) -> TrackSpec | None:
+def _track(part: TrackPart, finder: Finder) -> TrackSpec | None:
     path = finder.file("track.file", part.file)
     if path is None:
         return None
@@ -345,7 +240,7 @@ def resolve_actuator(part: ActuatorPart) -> Actuator:
     return Actuator(**values, **more, material=part.material or "")
 
 
-def _rig(parsed: ExperimentFile, actuator: Actuator, finder: _Finder) -> RigSpec:
+def _rig(parsed: ExperimentFile, actuator: Actuator, finder: Finder) -> RigSpec:
     """Return how the run was set up."""
     gravity, plumb = 0.0, None
     given = "down" if parsed.rig is None else parsed.rig.gravity
@@ -380,7 +275,7 @@ def _rig(parsed: ExperimentFile, actuator: Actuator, finder: _Finder) -> RigSpec
     return RigSpec(gravity, plumb, start is not None, until, pulled, known)
 
 
-def _pressures(given: PressurePart | list[PressurePart] | None, finder: _Finder) -> PressureSpec:
+def _pressures(given: PressurePart | list[PressurePart] | None, finder: Finder) -> PressureSpec:
     """Return the one pressure, or those of all chambers."""
     if given is None:
         return PressureSpec(folder=finder.folders[0])
@@ -398,7 +293,7 @@ def _pressures(given: PressurePart | list[PressurePart] | None, finder: _Finder)
     return replace(first, further=tuple(further))
 
 
-def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
+def _pressure(part: PressurePart, finder: Finder) -> PressureSpec:
     if part.value is not None:
         if part.file is not None or part.url is not None:
             finder.complain("pressure.value", "stands beside a log; keep the log, or the constant value")
@@ -428,7 +323,7 @@ def _pressure(part: PressurePart, finder: _Finder) -> PressureSpec:
     )
 
 
-def _sync(part: SyncPart, finder: _Finder) -> SyncSpec:
+def _sync(part: SyncPart, finder: Finder) -> SyncSpec:
     if part.method == "offset" and part.value is None:
         finder.complain(
             "sync.value",

@@ -17,6 +17,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rfea_vision.dynamics.integration import STAGES, Stages, keep_stage, start_stage
+from rfea_vision.dynamics.line import scalar
 from rfea_vision.dynamics.newton import linearise, move, newton_step
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.simulation import TABLEAUX, Model
@@ -137,7 +138,7 @@ class Stepper:
         self.model, self.par, self.step_s = model, np.asarray(par, dtype=float), float(step_s)
         self._iterations = int(newton_iterations)
         self._system = model.system(self.par)
-        self._lag_s = max(model._scalar(model.law.line_time_constant, self.par)[0], 0.0)
+        self._lag_s = max(scalar(model.law.line_time_constant, self.par, model._constants)[0], 0.0)
         self._tableau = TABLEAUX[2]
         self._nodes = self._tableau.sum(axis=1)
         module = model.law.module

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from rfea_vision.dynamics.chain import Chain
 from rfea_vision.dynamics.compilation import CompiledLaw, compile_law, constants
 from rfea_vision.dynamics.equilibrium import equilibrium
-from rfea_vision.dynamics.excitation import Excitation, lagged
+from rfea_vision.dynamics.excitation import Excitation
 from rfea_vision.dynamics.integration import Course, Trace, integrate
+from rfea_vision.dynamics.line import felt_pressure, pressure_of_chambers, scalar, sensed
 from rfea_vision.dynamics.motion import Motion, Steady
 from rfea_vision.dynamics.pulled import steady_under_force
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
-from rfea_vision.effects.base import LINE_HOOKS
-from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
@@ -138,16 +137,12 @@ class Model:
                 derivative[:, index, k] = row[1 + own + k]
         return np.ascontiguousarray(columns), derivative
 
-    def _scalar(self, function: object, par: FloatArray) -> tuple[float, FloatArray]:
-        row = function(par, self._constants)[0]  # type: ignore[operator]
-        return float(row[0]), np.array([float(v) for v in row[1:]])
-
     def _environment(self, par: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         law = self.law
         line, dline = np.zeros(4), np.zeros((4, par.size))
         functions = (law.flow_resistance, law.flow_inertance, law.base_compliance, law.base_pivot)
         for index, function in enumerate(functions):
-            line[index], dline[index] = self._scalar(function, par)
+            line[index], dline[index] = scalar(function, par, self._constants)
         rows = law.gravity(par, self._constants, self.gravity)
         gravity = np.array([float(row[0]) for row in rows])
         dgravity = np.array([[float(v) for v in row[2:]] for row in rows])
@@ -184,70 +179,8 @@ class Model:
         )
 
     def combined(self, par: FloatArray, excitation: Excitation) -> tuple[FloatArray, FloatArray | None]:
-        """Pressure (Pa) on the grid (grid,) with the effects that chambers have of their own, and its derivative (grid, parameters).
-
-        Without such effects it is the sum that the excitation has; the derivative is then None.
-
-        Raises
-        ------
-        InputError
-            An effect names a chamber that the run does not have.
-        """
-        if not self.law.chambers:
-            return excitation.pressure, None
-        pressure, derivative = excitation.pressure.copy(), np.zeros((excitation.pressure.size, par.size))
-        for chamber in self.law.chambers:
-            if chamber not in excitation.chambers:
-                there = (
-                    f"the chambers are {', '.join(excitation.chambers)}"
-                    if excitation.chambers
-                    else "there is one chamber"
-                )
-                raise InputError(
-                    f"an effect stands @{chamber}, which is neither a joint's number nor a chamber; {there}"
-                )
-            sign, own = excitation.chambers[chamber]
-            sense, constant = (self.law.line(hook, chamber) for hook in LINE_HOOKS)
-            felt, slopes = self._behind(par, sense, constant, own, None, excitation.step_s, np.array([0.0, 1.0]))
-            pressure += sign * (np.append(felt[:1, 0], felt[:, 1]) - own)
-            derivative += sign * np.concatenate([slopes[:1, 0], slopes[:, 1]])
-        return pressure, derivative
-
-    def _sensed(
-        self, par: FloatArray, sense: Callable[..., Any], pressure: FloatArray, change: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
-        """True pressures (k,) for sensed ones, and their derivative (k, parameters); `change` is that of the sensed ones."""
-        row = sense(par, self._constants, pressure)[0]
-        values, slope, *own = (np.broadcast_to(np.asarray(value, dtype=float), pressure.shape) for value in row)
-        slopes = np.stack(own, axis=-1)
-        return values.copy(), slopes if change is None else slopes + slope[:, None] * change
-
-    def _behind(
-        self,
-        par: FloatArray,
-        sense: Callable[..., Any],
-        constant: Callable[..., Any],
-        pressure: FloatArray,
-        change: FloatArray | None,
-        step_s: float,
-        nodes: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Pressure (steps, stages) behind a sensor and a line with a lag, and its derivative (steps, stages, parameters)."""
-        values, slopes = self._sensed(par, sense, pressure, change)
-        lag, dlag = self._scalar(constant, par)
-        felt, slope = lagged(values, step_s, nodes, max(lag, 0.0))
-        derivative = slope[..., None] * dlag
-        for k in np.flatnonzero(slopes.any(axis=0)):
-            derivative[..., k] += lagged(slopes[:, k].copy(), step_s, nodes, max(lag, 0.0))[0]
-        return felt, derivative
-
-    def _felt(self, par: FloatArray, excitation: Excitation, nodes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pressure in the tube at the stage times, and its derivative per parameter (no rows if there is none)."""
-        pressure, change = self.combined(par, excitation)
-        if change is None and not self.law.changes(*LINE_HOOKS):
-            return lagged(pressure, excitation.step_s, nodes, 0.0)[0], np.zeros((0, 0, 0))
-        hooks = (self.law.felt_pressure, self.law.line_time_constant)
-        return self._behind(par, *hooks, pressure, change, excitation.step_s, nodes)
+        """Pressure (Pa) on the grid, with the effects that chambers have of their own: see `pressure_of_chambers`."""
+        return pressure_of_chambers(self.law, par, self._constants, excitation)
 
     def steady(
         self,
@@ -271,8 +204,8 @@ class Model:
         module, system = self.law.module, self.system(par)
         index = np.asarray(free, dtype=np.int64)
         given = None if change is None else change[None]
-        sensed, slopes = self._sensed(par, self.law.felt_pressure, np.array([float(pressure)]), given)
-        target, dpressure = float(sensed[0]), slopes[0]
+        actual, slopes = sensed(self.law.felt_pressure, par, self._constants, np.array([float(pressure)]), given)
+        target, dpressure = float(actual[0]), slopes[0]
         torque = np.zeros(n) if drive is None else np.asarray(drive, dtype=float)
         phi = np.zeros(n + 1) if start is None else start.copy()
         states = np.zeros((n, m))
@@ -312,7 +245,7 @@ class Model:
         """The excitation at the stage times, and where the frames fall."""
         tableau = TABLEAUX[self.order]
         nodes = np.concatenate([[0.0], tableau.sum(axis=1)])
-        felt, dfelt = self._felt(par, excitation, nodes)
+        felt, dfelt = felt_pressure(self.law, par, self._constants, excitation, nodes)
         drive = np.zeros((0, 0, self.chain.bodies))
         if excitation.drive is not None:
             a, b = excitation.drive[:-1, None, :], excitation.drive[1:, None, :]
@@ -348,7 +281,12 @@ class Model:
         out_S = np.zeros((count, n + 1, p))
         pivot = self.pivot(par, index)
         if held is not None:
-            begin = self._held(par, np.asarray(held, dtype=float), float(self.combined(par, excitation)[0][0]), index)
+            begin = self._held(
+                par,
+                np.asarray(held, dtype=float),
+                float(self.combined(par, excitation)[0][0]),
+                index,
+            )
         elif start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
             pressure, change = self.combined(par, excitation)
@@ -403,7 +341,7 @@ class Model:
 
     def pivot(self, par: FloatArray, free: Sequence[int] | NDArray[np.int64] = ()) -> FloatArray:
         """Where the clamp turns (m outside the hinge line), followed by the derivatives by the free parameters."""
-        value, slope = self._scalar(self.law.base_pivot, np.asarray(par, dtype=float))
+        value, slope = scalar(self.law.base_pivot, np.asarray(par, dtype=float), self._constants)
         return np.concatenate([[value], slope[list(free)]])
 
     def centre_line(self, motion: Motion, fractions: FloatArray) -> tuple[FloatArray, FloatArray]:

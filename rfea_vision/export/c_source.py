@@ -15,6 +15,7 @@ from sympy.printing.c import C99CodePrinter
 from rfea_vision.dynamics import laws
 from rfea_vision.dynamics.generation import KINEMATIC, force_columns, joint_columns, relaxed_columns
 from rfea_vision.dynamics.laws import Law, compose
+from rfea_vision.dynamics.line import scalar
 from rfea_vision.dynamics.realtime import NEWTON_ITERATIONS
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import InputError
@@ -160,7 +161,7 @@ def filled(text: str, words: Mapping[str, str]) -> str:
 def _tables(model: Model, par: FloatArray, step_s: float, laws_text: str) -> str:
     """The chain's numbers, as far as they are used."""
     system, chain = model.system(par), model.chain
-    lag = max(model._scalar(model.law.line_time_constant, par)[0], 0.0)
+    lag = max(scalar(model.law.line_time_constant, par, model._constants)[0], 0.0)
     whole = {"N": chain.bodies, "M": system.states, "WITH_FORCE": int(system.with_force)}
     whole |= {"WITH_BASE": int(system.with_base), "WITH_LINE": int(system.with_line)}
     whole |= {"WITH_ADDED": int(system.with_added), "POLYGON": int(chain.polygon)}

@@ -1,20 +1,20 @@
-"""The stages left of the waist: photos to a calibration, pictures to a track, track and log to a recording."""
+"""The stages from pictures to a track, and from track and log to a recording."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
-from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec, plausibility
+from rfea_vision.campaign import ExperimentSpec, plausibility
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
+from rfea_vision.stages.cameras import calibration_of, calibration_path, open_source, pictures_of
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
@@ -23,103 +23,6 @@ from rfea_vision.stages.warnings import few_frames, log_warnings, reasons_of, sa
 
 if TYPE_CHECKING:
     from rfea_vision.readers.pressure import PressureLog
-
-
-def calibration_path(work: Runner, experiment: ExperimentSpec | None) -> Path:
-    """Return where a calibration is kept: the campaign's, or an experiment's own where its camera differs."""
-    if experiment is None or experiment.camera == work.campaign.camera:
-        return work.out / "calibration" / "camera.yaml"
-    return work.out / experiment.name / "camera.yaml"
-
-
-def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str) -> Stored[Calibration]:
-    """Calibrate one camera from its photos, or take over an earlier calibration."""
-    inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
-    size = _picture_size(work, camera) if camera.scale is not None else None
-    scaled = (camera.hints, size, work.campaign.actuator.length) if camera.scale is not None else None
-
-    def load(file: Path) -> Calibration:
-        from rfea_vision.calibration import load_calibration
-
-        return load_calibration(file)
-
-    def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
-        from rfea_vision.calibration import calibrate as calibrate_camera
-        from rfea_vision.calibration import save_calibration
-        from rfea_vision.calibration.placing import place_in_plane
-        from rfea_vision.calibration.thumbnails import save_thumbnails
-
-        vertical = camera.vertical if isinstance(camera.vertical, str) else "plumb"
-        if size is not None:
-            calibration = _scaled(camera, size, 1e3 * work.campaign.actuator.length)
-            save_calibration(path, calibration)
-            return calibration, [path], str(calibration.quality["note"])
-        if camera.file is not None:
-            calibration = load(camera.file)
-            if camera.plane is not None and camera.board is not None:
-                offset_mm = camera.board_offset_mm
-                calibration = place_in_plane(
-                    calibration, camera.plane, camera.board, board_offset_mm=offset_mm, vertical=vertical
-                )
-        else:
-            assert camera.board is not None
-            calibration = calibrate_camera(
-                camera.photos,
-                camera.plane,
-                camera.board,
-                vertical=vertical,
-                board_offset_mm=camera.board_offset_mm,
-                lens=camera.lens,
-                clamp_px=camera.hints.clamp,
-                tube_length_mm=1e3 * work.campaign.actuator.length,
-                progress=progress,
-            )
-        save_calibration(path, calibration)
-        if path.parent.name == "calibration":  # the campaign's own camera is the one that the report shows
-            save_thumbnails(path.parent / "photos", camera.photos, camera.plane)
-        used = sum(bool(photo.get("used")) for photo in calibration.photos)
-        sentence = f"{calibration.model}, RMS {calibration.rms_px:.3f} px, {used} of {len(calibration.photos)} photos"
-        if camera.file is not None:
-            sentence = f"{calibration.model}, taken from {camera.file.name}"
-        return calibration, [path], sentence
-
-    return work.run(
-        Stage(
-            "calibrate",
-            subject,
-            inputs=inputs,
-            options={"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled},
-        ),
-        make=make,
-        load=lambda: load(path),
-    )
-
-
-def _picture_size(work: Runner, camera: CameraSpec) -> tuple[int, int]:
-    """Width and height of the first pictures that were taken with a camera."""
-    for experiment in work.campaign.experiments:
-        if experiment.video is not None and experiment.camera == camera:
-            return open_source(experiment.video).size
-    raise InputError(
-        f"{work.campaign.root / 'campaign.yaml'}: camera.scale: no experiment has a video of this camera; give one, "
-        "or write the scale into the experiment.yaml whose video it belongs to"
-    )
-
-
-def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Calibration:
-    """Calibration by `camera.scale`."""
-    from rfea_vision.calibration.scale import TUBE_SPREAD, scaled_by_distance, scaled_by_places
-
-    scale, hints = camera.scale, camera.hints
-    assert scale is not None
-    if scale.places_mm:
-        return scaled_by_places(size, scale.points, scale.places_mm, error_mm=scale.error_mm)
-    if scale.distance_mm is not None:
-        return scaled_by_distance(size, scale.points, scale.distance_mm, error_mm=scale.error_mm)
-    assert hints.clamp is not None and hints.tip is not None
-    (ax, ay), (bx, by) = hints.clamp
-    line = [((ax + bx) / 2, (ay + by) / 2), *hints.centre_line, hints.tip]
-    return scaled_by_distance(size, line, length_mm, error_mm=TUBE_SPREAD * length_mm)
 
 
 def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
@@ -149,7 +52,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         Stage(
             "track",
             experiment.name,
-            inputs=[*_pictures(video), *_hint_files(camera.hints)],
+            inputs=[*pictures_of(video), *_hint_files(camera.hints)],
             earlier=[work.cache.sha256(calibration_file)],
             options={
                 "actuator": experiment.actuator,
@@ -397,24 +300,6 @@ def rig_attributes(experiment: ExperimentSpec) -> dict[str, Any]:
     return found
 
 
-def open_source(video: VideoSpec) -> Any:
-    """Open a video or a folder of frames."""
-    from rfea_vision.readers.video import open_frames, open_video
-
-    if video.file is not None:
-        return open_video(video.file, video.rate_Hz)
-    assert video.frames is not None and video.times is not None
-    return open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
-
-
-def _pictures(video: VideoSpec) -> list[Path]:
-    if video.file is not None:
-        return [video.file]
-    assert video.frames is not None
-    files = sorted(path for path in video.frames.iterdir() if path.is_file())
-    return [*files, *([video.times] if video.times is not None else [])]
-
-
 def _hint_files(hints: Hints) -> list[Path]:
     """The files that hints name: what other programs saw."""
     masks = sorted(path for path in hints.masks.iterdir() if path.is_file()) if hints.masks is not None else []
@@ -434,20 +319,6 @@ def describe_recording(recording: Recording) -> str:
     attributes = recording.dataset.attrs
     offset, error = float(attributes["offset_s"]) * 1e3, float(attributes["offset_stderr_s"]) * 1e3
     return f"{attributes['sync_method']}: log clock minus camera clock {offset:.2f} ms (standard error {error:.2f} ms)"
-
-
-def calibration_of(work: Runner, experiment: ExperimentSpec) -> Stored[Calibration]:
-    """Calibrate the camera that an experiment's pictures need.
-
-    Raises
-    ------
-    InputError
-        If the experiment names no camera.
-    """
-    if experiment.camera is None:
-        raise InputError(f"{experiment.folder / 'experiment.yaml'}: camera: is missing; pictures need it")
-    subject = work.campaign.name if experiment.camera == work.campaign.camera else experiment.name
-    return calibrate(work, experiment.camera, calibration_path(work, experiment), subject)
 
 
 def recordings(work: Runner, *roles: str) -> dict[str, Stored[Recording]]:

@@ -11,7 +11,7 @@ from rfea_vision.campaign import ExperimentSpec, load_campaign
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import declares, from_keywords
 from rfea_vision.progress import Listener
-from rfea_vision.stages import measurement, mechanics, publishing
+from rfea_vision.stages import cameras, measurement, mechanics, publishing
 from rfea_vision.stages.runner import Runner
 from rfea_vision.stages.stored import Stored, values
 
@@ -52,8 +52,8 @@ class Workspace(Runner):
         camera = self.campaign.camera
         # A scale without a board belongs to the film it was read from.
         if camera is not None and (camera.scale is None or any(item.camera == camera for item in self.active())):
-            path = measurement.calibration_path(self, None)
-            found.append(measurement.calibrate(self, camera, path, self.campaign.name))
+            path = cameras.calibration_path(self, None)
+            found.append(cameras.calibrate(self, camera, path, self.campaign.name))
         found += [self.calibration_of(item) for item in self.active() if item.video is not None]
         return found[0].value if found else None
 
@@ -72,7 +72,7 @@ class Workspace(Runner):
 
     def calibration_of(self, experiment: ExperimentSpec) -> Stored[Calibration]:
         """Return the calibration that an experiment's pictures need."""
-        return measurement.calibration_of(self, experiment)
+        return cameras.calibration_of(self, experiment)
 
     def track_of(self, experiment: ExperimentSpec) -> Stored[Track]:
         """Return the track of one experiment."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rfea_vision.stages import code, measurement, mechanics, publishing
+from rfea_vision.stages import cameras, code, measurement, mechanics, publishing
 
 
 def made_by(stage: Callable[..., Any]) -> Callable[..., Any]:
@@ -29,7 +29,7 @@ def modules(stage: Callable[..., Any]) -> set[str]:
     ("stage", "needs", "not_"),
     [
         (measurement.synchronise, {"stages.earlier", "readers.pressure", "sync.motion"}, {"vision", "fitting"}),
-        (measurement.calibrate, {"calibration.bundle", "calibration.thumbnails"}, {"vision", "sync", "dynamics"}),
+        (cameras.calibrate, {"calibration.bundle", "calibration.thumbnails"}, {"vision", "sync", "dynamics"}),
         (mechanics._fitted, {"fitting.solver", "effects.maxwell", "dynamics.system", "critique.torque"}, {"vision", "report"}),
         (publishing.report, {"report.page"}, {"vision", "dynamics", "fitting"}),
     ],

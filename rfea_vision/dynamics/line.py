@@ -1,0 +1,94 @@
+"""From the sensors to the tube: what effects make of the pressure on its way, with the derivatives.
+
+`con` is the vector of constants of a model, in the order of `laws.CONSTANTS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.dynamics.compilation import CompiledLaw
+from rfea_vision.dynamics.excitation import Excitation, lagged
+from rfea_vision.effects.base import LINE_HOOKS
+from rfea_vision.errors import InputError
+
+FloatArray = NDArray[np.float64]
+
+
+def scalar(function: Callable[..., Any], par: FloatArray, con: FloatArray) -> tuple[float, FloatArray]:
+    """Value of a hook that depends on parameters alone, and its derivatives (parameters,)."""
+    row = function(par, con)[0]
+    return float(row[0]), np.array([float(v) for v in row[1:]])
+
+
+def pressure_of_chambers(
+    law: CompiledLaw, par: FloatArray, con: FloatArray, excitation: Excitation
+) -> tuple[FloatArray, FloatArray | None]:
+    """Pressure (Pa) on the grid (grid,) with the effects that chambers have of their own, and its derivative (grid, parameters).
+
+    Without such effects it is the sum that the excitation has; the derivative is then None.
+
+    Raises
+    ------
+    InputError
+        An effect names a chamber that the run does not have.
+    """
+    if not law.chambers:
+        return excitation.pressure, None
+    pressure, derivative = excitation.pressure.copy(), np.zeros((excitation.pressure.size, par.size))
+    for chamber in law.chambers:
+        if chamber not in excitation.chambers:
+            there = (
+                f"the chambers are {', '.join(excitation.chambers)}" if excitation.chambers else "there is one chamber"
+            )
+            raise InputError(f"an effect stands @{chamber}, which is neither a joint's number nor a chamber; {there}")
+        sign, own = excitation.chambers[chamber]
+        sense, constant = (law.line(hook, chamber) for hook in LINE_HOOKS)
+        felt, slopes = _behind(par, con, (sense, constant), own, None, excitation.step_s, np.array([0.0, 1.0]))
+        pressure += sign * (np.append(felt[:1, 0], felt[:, 1]) - own)
+        derivative += sign * np.concatenate([slopes[:1, 0], slopes[:, 1]])
+    return pressure, derivative
+
+
+def sensed(
+    sense: Callable[..., Any], par: FloatArray, con: FloatArray, pressure: FloatArray, change: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """True pressures (k,) for sensed ones, and their derivative (k, parameters); `change` is that of the sensed ones."""
+    row = sense(par, con, pressure)[0]
+    values, slope, *own = (np.broadcast_to(np.asarray(value, dtype=float), pressure.shape) for value in row)
+    slopes = np.stack(own, axis=-1)
+    return values.copy(), slopes if change is None else slopes + slope[:, None] * change
+
+
+def _behind(
+    par: FloatArray,
+    con: FloatArray,
+    hooks: tuple[Callable[..., Any], Callable[..., Any]],
+    pressure: FloatArray,
+    change: FloatArray | None,
+    step_s: float,
+    nodes: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Pressure (steps, stages) behind a sensor and a line with a lag, and its derivative (steps, stages, parameters)."""
+    values, slopes = sensed(hooks[0], par, con, pressure, change)
+    lag, dlag = scalar(hooks[1], par, con)
+    felt, slope = lagged(values, step_s, nodes, max(lag, 0.0))
+    derivative = slope[..., None] * dlag
+    for k in np.flatnonzero(slopes.any(axis=0)):
+        derivative[..., k] += lagged(slopes[:, k].copy(), step_s, nodes, max(lag, 0.0))[0]
+    return felt, derivative
+
+
+def felt_pressure(
+    law: CompiledLaw, par: FloatArray, con: FloatArray, excitation: Excitation, nodes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Pressure in the tube at the stage times, and its derivative per parameter (no rows if there is none)."""
+    pressure, change = pressure_of_chambers(law, par, con, excitation)
+    if change is None and not law.changes(*LINE_HOOKS):
+        return lagged(pressure, excitation.step_s, nodes, 0.0)[0], np.zeros((0, 0, 0))
+    hooks = (law.felt_pressure, law.line_time_constant)
+    return _behind(par, con, hooks, pressure, change, excitation.step_s, nodes)

@@ -1,0 +1,143 @@
+"""The camera of a campaign: its pictures, and the calibration that turns them into millimetres."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from rfea_vision.artefacts import Calibration, Hints
+from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
+from rfea_vision.errors import InputError
+from rfea_vision.progress import Progress
+from rfea_vision.stages.runner import Runner, Stage
+from rfea_vision.stages.stored import Stored
+
+
+def calibration_path(work: Runner, experiment: ExperimentSpec | None) -> Path:
+    """Return where a calibration is kept: the campaign's, or an experiment's own where its camera differs."""
+    if experiment is None or experiment.camera == work.campaign.camera:
+        return work.out / "calibration" / "camera.yaml"
+    return work.out / experiment.name / "camera.yaml"
+
+
+def calibration_of(work: Runner, experiment: ExperimentSpec) -> Stored[Calibration]:
+    """Calibrate the camera that an experiment's pictures need.
+
+    Raises
+    ------
+    InputError
+        If the experiment names no camera.
+    """
+    if experiment.camera is None:
+        raise InputError(f"{experiment.folder / 'experiment.yaml'}: camera: is missing; pictures need it")
+    subject = work.campaign.name if experiment.camera == work.campaign.camera else experiment.name
+    return calibrate(work, experiment.camera, calibration_path(work, experiment), subject)
+
+
+def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str) -> Stored[Calibration]:
+    """Calibrate one camera from its photos, or take over an earlier calibration."""
+    inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
+    size = _picture_size(work, camera) if camera.scale is not None else None
+    scaled = (camera.hints, size, work.campaign.actuator.length) if camera.scale is not None else None
+
+    def load(file: Path) -> Calibration:
+        from rfea_vision.calibration import load_calibration
+
+        return load_calibration(file)
+
+    def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
+        from rfea_vision.calibration import calibrate as calibrate_camera
+        from rfea_vision.calibration import save_calibration
+        from rfea_vision.calibration.placing import place_in_plane
+        from rfea_vision.calibration.thumbnails import save_thumbnails
+
+        vertical = camera.vertical if isinstance(camera.vertical, str) else "plumb"
+        if size is not None:
+            calibration = _scaled(camera, size, 1e3 * work.campaign.actuator.length)
+            save_calibration(path, calibration)
+            return calibration, [path], str(calibration.quality["note"])
+        if camera.file is not None:
+            calibration = load(camera.file)
+            if camera.plane is not None and camera.board is not None:
+                offset_mm = camera.board_offset_mm
+                calibration = place_in_plane(
+                    calibration, camera.plane, camera.board, board_offset_mm=offset_mm, vertical=vertical
+                )
+        else:
+            assert camera.board is not None
+            calibration = calibrate_camera(
+                camera.photos,
+                camera.plane,
+                camera.board,
+                vertical=vertical,
+                board_offset_mm=camera.board_offset_mm,
+                lens=camera.lens,
+                clamp_px=camera.hints.clamp,
+                tube_length_mm=1e3 * work.campaign.actuator.length,
+                progress=progress,
+            )
+        save_calibration(path, calibration)
+        if path.parent.name == "calibration":  # the campaign's own camera is the one that the report shows
+            save_thumbnails(path.parent / "photos", camera.photos, camera.plane)
+        used = sum(bool(photo.get("used")) for photo in calibration.photos)
+        sentence = f"{calibration.model}, RMS {calibration.rms_px:.3f} px, {used} of {len(calibration.photos)} photos"
+        if camera.file is not None:
+            sentence = f"{calibration.model}, taken from {camera.file.name}"
+        return calibration, [path], sentence
+
+    return work.run(
+        Stage(
+            "calibrate",
+            subject,
+            inputs=inputs,
+            options={"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled},
+        ),
+        make=make,
+        load=lambda: load(path),
+    )
+
+
+def _picture_size(work: Runner, camera: CameraSpec) -> tuple[int, int]:
+    """Width and height of the first pictures that were taken with a camera."""
+    for experiment in work.campaign.experiments:
+        if experiment.video is not None and experiment.camera == camera:
+            return open_source(experiment.video).size
+    raise InputError(
+        f"{work.campaign.root / 'campaign.yaml'}: camera.scale: no experiment has a video of this camera; give one, "
+        "or write the scale into the experiment.yaml whose video it belongs to"
+    )
+
+
+def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Calibration:
+    """Calibration by `camera.scale`."""
+    from rfea_vision.calibration.scale import TUBE_SPREAD, scaled_by_distance, scaled_by_places
+
+    scale, hints = camera.scale, camera.hints
+    assert scale is not None
+    if scale.places_mm:
+        return scaled_by_places(size, scale.points, scale.places_mm, error_mm=scale.error_mm)
+    if scale.distance_mm is not None:
+        return scaled_by_distance(size, scale.points, scale.distance_mm, error_mm=scale.error_mm)
+    assert hints.clamp is not None and hints.tip is not None
+    (ax, ay), (bx, by) = hints.clamp
+    line = [((ax + bx) / 2, (ay + by) / 2), *hints.centre_line, hints.tip]
+    return scaled_by_distance(size, line, length_mm, error_mm=TUBE_SPREAD * length_mm)
+
+
+def open_source(video: VideoSpec) -> Any:
+    """Open a video or a folder of frames."""
+    from rfea_vision.readers.video import open_frames, open_video
+
+    if video.file is not None:
+        return open_video(video.file, video.rate_Hz)
+    assert video.frames is not None and video.times is not None
+    return open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
+
+
+def pictures_of(video: VideoSpec) -> list[Path]:
+    if video.file is not None:
+        return [video.file]
+    assert video.frames is not None
+    files = sorted(path for path in video.frames.iterdir() if path.is_file())
+    return [*files, *([video.times] if video.times is not None else [])]
