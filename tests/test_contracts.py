@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -41,6 +43,34 @@ def test_tests_and_benchmarks_share_a_room_and_not_each_other(root: Path, room: 
     found = re.compile(rf"^\s*(from|import) ({others})\b", re.MULTILINE)
     files = [path for path in (root / room).rglob("*.py") if found.search(path.read_text(encoding="utf-8"))]
     assert files == []
+
+
+def _unexplained(path: Path) -> Iterator[str]:
+    """Numbers that a module names without a word on what they are: beside them, above them, or above their group."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for node in ast.parse("\n".join(lines)).body:
+        if not isinstance(node, ast.Assign) or not ast.unparse(node.targets[0]).strip("(_").split("_")[0].isupper():
+            continue
+        if any(isinstance(part, ast.Call | ast.Lambda) for part in ast.walk(node)):
+            continue
+        numbers = [
+            part for part in ast.walk(node) if isinstance(part, ast.Constant) and type(part.value) in (int, float)
+        ]
+        group = node.lineno - 1
+        while group > 0 and lines[group - 1].strip():
+            group -= 1
+        if (
+            numbers
+            and not any("#" in line for line in lines[group : node.end_lineno])
+            and '"""' not in lines[node.end_lineno]
+        ):
+            yield f"{path.name}:{node.lineno}: {lines[node.lineno - 1]}"
+
+
+@pytest.mark.parametrize("room", ["calibration", "campaign", "distributed", "drive", "dynamics", "figures", "fitting", "options",
+                                  "readers", "report", "stages", "sync", "twin"])  # fmt: skip
+def test_every_number_with_a_name_says_what_it_is(root: Path, room: str) -> None:
+    assert [found for path in (root / "rfea_vision" / room).rglob("*.py") for found in _unexplained(path)] == []
 
 
 def _pins(root: Path) -> list[str]:

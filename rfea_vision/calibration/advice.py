@@ -10,9 +10,9 @@ import numpy as np
 from rfea_vision.calibration.bundle import Bundle
 from rfea_vision.calibration.corners import BoardView
 
-ENOUGH_PHOTOS = 8
+ENOUGH_PHOTOS = 8  # fewer are said to be few
 LEAST_TURN_DEG = 15.0  # between two of the boards' normals; below, focal length and distance look alike
-FOCAL_UNSURE = 0.02
+FOCAL_UNSURE = 0.02  # standard error over value
 POOR_PHOTO = 3.0  # times the median residual
 
 _ROWS = ("top", "upper part", "middle", "middle", "lower part", "bottom")

@@ -24,7 +24,7 @@ from rfea_vision.errors import DataError
 FloatArray = NDArray[np.float64]
 Pose = tuple[FloatArray, FloatArray]
 
-REWEIGHTINGS = 2
+REWEIGHTINGS = 2  # rounds in which the noise of every photo is estimated again
 MOST_LOOKS = (
     60  # evaluations of a least-squares problem; photos that do not determine the lens would have it creep for ever
 )

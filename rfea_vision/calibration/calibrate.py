@@ -25,7 +25,7 @@ from rfea_vision.errors import DataError, InputError
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
-MINIMUM_PHOTOS = 3
+MINIMUM_PHOTOS = 3  # three orientations determine a camera matrix (Zhang 2000, doi:10.1109/34.888718)
 # A richer lens must predict unseen photos this much better: less, and it may be modelling an uneven print;
 BETTER_BY = 0.2
 # and the gain must stand out of its scatter over the photos by so many standard errors.

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.saddle import fit_corners
 
-MINIMUM_CORNERS = 8
-NEIGHBOURS = 6
+MINIMUM_CORNERS = 8  # twice the four that a homography needs
+NEIGHBOURS = 6  # nearest corners that say the size of a square
 SMOOTHING = 0.17  # of the window's reach
-BLURRED_RISE_OF_SQUARE = 0.33
+BLURRED_RISE_OF_SQUARE = 0.33  # an edge that rises over a third of a square is blurred
 LEAST_CONTRAST = 12.0  # grey levels
 MOST_WHITE = 0.3  # of the picture
 

@@ -22,7 +22,7 @@ from rfea_vision.errors import DataError
 FloatArray = NDArray[np.float64]
 FEWEST = 4  # photos: of fewer, nobody knows which is the bad one
 POOR_PHOTO, POOR_PX = 3.0, 0.1  # times the median distance, and at least so much
-STARTS, START_WITH, ROUNDS = 6, 5, 4
+STARTS, START_WITH, ROUNDS = 6, 5, 4  # random sets of photos, photos in each, and rounds of leaving out
 WORSE, EXPLAINED = 1.5, 0.5  # times the median distance before, and what is left of it once the photo is turned back
 _TURNS = {"turned by half": (True, True), "mirrored": (True, False), "mirrored upside down": (False, True)}
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-DEGREE = 3
-LEAST_FREEDOM = 20.0
+DEGREE = 3  # of the polynomials over the board that slow errors are fitted with
+LEAST_FREEDOM = 20.0  # a photo with few corners is pulled towards the plain noise
 
 
 def slow_variance(

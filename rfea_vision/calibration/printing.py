@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from rfea_vision.calibration.board import Board
 
-_PAPERS_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1": (594.0, 841.0)}
-_MARGIN_MM = 10.0
-_POINTS_PER_MM = 72.0 / 25.4
+_PAPERS_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1": (594.0, 841.0)}  # ISO 216
+_MARGIN_MM = 10.0  # that printers leave white
+_POINTS_PER_MM = 72.0 / 25.4  # of PDF
 _PIXELS_PER_SQUARE = 840  # a multiple of most marker grids at 3/4 of a square; what is left is 0.1 % of a square
 
 

@@ -20,7 +20,7 @@ from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.errors import InputError
 
 FloatArray = NDArray[np.float64]
-CAMERA_SIZE = 29
+CAMERA_SIZE = 29  # see above
 
 
 def camera_vector(calibration: Calibration) -> FloatArray:

@@ -23,9 +23,9 @@ from rfea_vision.errors import DataError
 from rfea_vision.units import rounded
 
 FloatArray = NDArray[np.float64]
-LARGEST_INFLATION = 10.0
-SPLITS = 3
-CHANCE = 0.99
+LARGEST_INFLATION = 10.0  # of standard errors, at most
+SPLITS = 3  # into halves, at random
+CHANCE = 0.99  # level at which halves differ by more than chance
 MODE_SHARE = 0.02  # of the largest mode's variance: smaller ones are below what matters and above rounding
 
 

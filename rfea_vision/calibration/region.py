@@ -17,7 +17,7 @@ from rfea_vision.calibration.projection import (
 )
 
 FloatArray = NDArray[np.float64]
-MOST_FRAMES = 40
+MOST_FRAMES = 40  # of a track: the region that it visits changes slowly
 
 
 def place_covariance_mm2(calibration: Calibration, points_mm: FloatArray, origin_mm: FloatArray) -> FloatArray:

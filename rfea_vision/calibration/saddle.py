@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 _COUNT = 9  # x, y, two angles, blur, level, contrast, slope of the light in x and y
-_STEPS = 30
-_LEAST_BLUR_PX = 0.2
-_FIRST_BLUR_PX = 0.8
+_STEPS = 30  # of Levenberg-Marquardt, at most
+_LEAST_BLUR_PX = 0.2  # standard deviation of the blur: pixels show none sharper
+_FIRST_BLUR_PX = 0.8  # where the fit begins
 
 
 def fit_corners(

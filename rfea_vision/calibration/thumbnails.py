@@ -10,8 +10,8 @@ import cv2
 from rfea_vision.calibration.photos import read_photo, reference_photo
 from rfea_vision.files import whole_file
 
-LONGEST_SIDE_PX = 360
-QUALITY = 60
+LONGEST_SIDE_PX = 360  # twelve beside one another on a page
+QUALITY = 60  # of JPEG
 
 
 def save_thumbnails(folder: Path, photos: Sequence[Path], plane: Path | None) -> list[Path]:

@@ -16,7 +16,8 @@ from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 
-_MOST_FILES = 1000
+_MOST_FILES = 1000  # more is a whole disk, not a campaign
+#: Boards as they are sold and printed, the usual ones first.
 _SIZES = ((9, 6), (8, 6), (7, 6), (7, 5), (8, 5), (10, 7), (11, 8), (6, 5), (7, 4), (6, 4), (5, 4), (6, 9), (5, 7))
 
 

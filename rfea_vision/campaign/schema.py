@@ -84,6 +84,7 @@ def _named_board(value: object) -> object:
     return read_board(value)
 
 
+#: Red, green and blue of what people call by these names.
 _COLOURS = {
     "red": (200, 40, 40),
     "orange": (240, 140, 30),

@@ -18,7 +18,7 @@ from rfea_vision.cli.console import print_error
 from rfea_vision.errors import DataError, RfeaError
 from rfea_vision.files import storage_sentence
 
-INTERRUPTED = 130
+INTERRUPTED = 130  # 128 + SIGINT, as shells count
 _KEPT = "interrupted; everything finished so far is kept"
 _interrupted: list[int] = []  # signals that have come
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 _AHEAD = 4  # campaigns begun per worker: enough to keep all busy, few enough for a scheduler with 10,000 to come
-_LOOK_EVERY_S = 2.0
-_WITHOUT_WORKERS_S = 30.0
+_LOOK_EVERY_S = 2.0  # between looks at workers
+_WITHOUT_WORKERS_S = 30.0  # after which it is said that no worker came
 
 
 @dataclass

@@ -21,7 +21,7 @@ from rfea_vision.errors import InputError
 if TYPE_CHECKING:
     from distributed import Client
 
-DEFAULT_WORKERS = 2
+DEFAULT_WORKERS = 2  # on the machine that the batch is started on
 _ANSWER_S = 5.0  # a scheduler that is there answers within milliseconds
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "MALLOC_ARENA_MAX"), "1"

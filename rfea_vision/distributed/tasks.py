@@ -17,7 +17,7 @@ from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import storage_sentence
 from rfea_vision.readers.apart import isolate
 
-_PATIENCE_S = 60.0
+_PATIENCE_S = 60.0  # for a lock that another worker holds
 
 
 @dataclass(frozen=True)

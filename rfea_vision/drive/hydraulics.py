@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from rfea_vision.drive.constants import DriveConstants
 
-LONGEST_STEP_S = 2.5e-4
+LONGEST_STEP_S = 2.5e-4  # longest step of the explicit integration of volumes and valves
 
 
 def orifice_flow(drop_Pa: float, opening: float, constants: DriveConstants) -> float:

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-LONGEST_STEP_S = 1e-3
+LONGEST_STEP_S = 1e-3  # the second-order method then rings slower by 3e-5 (fitting/refine.py)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from rfea_vision.dynamics.system import (
     joint_angles,
 )
 
-NEWTON_STEPS = 1000
+NEWTON_STEPS = 1000  # so that no step goes on for ever
 PATIENCE = 6  # full Newton steps before the residual is watched
 SMALLEST_PART = 1e-7  # a kink that turns within 1e-3 rad/s is that narrow
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-PER_DEGREE = 180 / np.pi
+PER_DEGREE = 180 / np.pi  # degrees per radian
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from rfea_vision.dynamics.system import (
 from rfea_vision.errors import DataError
 
 FloatArray = NDArray[np.float64]
-NEWTON_ITERATIONS = 3
+NEWTON_ITERATIONS = 3  # default: every step takes as long as any other
 SETTLED = 1e-5  # rad; a last change above it is no solution
 
 

@@ -44,7 +44,7 @@ from rfea_vision.dynamics.system import (
     E,
 )
 
-LANES = 8
+LANES = 8  # doubles in a vector register of AVX-512; narrower ones take two
 # Rows of `lanes` (n + 2, ROWS * LANES), per body: at the start of the step; in the stage; earlier stages; the answer;
 # explicit changes of the torque, of added mass, of centre of mass and inertia, of residual and force passed on.
 S_PHI_OLD, S_OM_OLD, S_PHI, S_OM, S_OM_0, S_OM_1, S_AL_0, S_AL_1 = range(0, 8 * LANES, LANES)

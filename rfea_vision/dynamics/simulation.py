@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from rfea_vision.dynamics.chain import Chain
 from rfea_vision.dynamics.compilation import CompiledLaw, compile_law, constants
@@ -25,12 +26,13 @@ if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
 
 FloatArray = NDArray[np.float64]
-STANDARD_GRAVITY = 9.80665
 
+STANDARD_GRAVITY = g
+
+#: L-stable, stiffly accurate tableaux (Alexander 1977, doi:10.1137/0714068), by order.
 _GAMMA2 = 1 - np.sqrt(0.5)
 _GAMMA3 = 0.435866521508458999416019451194
 _B3 = 1.5 * _GAMMA3**2 - 5 * _GAMMA3 + 1.25
-#: L-stable, stiffly accurate tableaux (Alexander 1977, doi:10.1137/0714068), by order.
 TABLEAUX: dict[int, FloatArray] = {
     1: np.array([[1.0]]),
     2: np.array([[_GAMMA2, 0.0], [1 - _GAMMA2, _GAMMA2]]),

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import boolean, float64, int64, njit, types, void
 
+# Arrays of compiled code, row by row
 VECTOR = float64[::1]
 MATRIX = float64[:, ::1]
 CUBE = float64[:, :, ::1]
@@ -27,7 +28,7 @@ STIFF, TAU_P, Z_TORQUE, STEP, LINE_RHS, LINE_STEP, KX, GAMMA, E, K = 14, 15, 16,
 ADX, ADY = 58, 59
 BODY_COLUMNS = 60
 
-OK, NOT_CONVERGED, BLOWN_UP = 0, 1, 2
+OK, NOT_CONVERGED, BLOWN_UP = 0, 1, 2  # statuses of the engine
 OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 # The parts of a step are compiled into the entry points (`integrate`, `equilibrium`, `advance`, `joint_torques`), and only
 # these are kept in Numba's cache. The cache looks at the age of their own files alone: after a change to a part, touch them.

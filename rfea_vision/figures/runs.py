@@ -12,7 +12,7 @@ from rfea_vision.figures.plates import Axis, FloatArray, Lines, Map, Plate, Seri
 from rfea_vision.report.collect import Experiment, Step
 from rfea_vision.report.pack import nearest
 
-MOST_ROWS, MOST_COLUMNS = 4000, 600
+MOST_ROWS, MOST_COLUMNS = 4000, 600  # more points than a page has dots
 TIME, ALONG = Axis("time", "s"), Axis("place along the tube, clamp 0, tip 1")
 
 

@@ -19,7 +19,7 @@ from rfea_vision.files import whole_file, write_text
 FORMATS = ("pdf", "svg", "png")
 COLUMN_IN, TEXT_IN = 3.5, 7.16
 """Widths of one and of two columns of a journal page (IEEE: 88.9 and 181.9 mm)."""
-_PAPER_PT, _SCREEN_PT = 8.0, 10.0
+_PAPER_PT, _SCREEN_PT = 8.0, 10.0  # size of text in a paper and on a screen
 
 # Okabe and Ito's palette, told apart by people who do not see all colours (https://jfly.uni-koeln.de/color/).
 _BLUE, _ORANGE, _GREEN, _GREY, _PURPLE, _SKY = "#0072B2", "#D55E00", "#009E73", "#777777", "#CC79A7", "#56B4E9"

@@ -19,6 +19,7 @@ from rfea_vision.fitting.observed import Observed
 from rfea_vision.tube import inner_radius
 
 FloatArray = NDArray[np.float64]
+#: The law must hold to so many times the largest bend of the runs: springs and dampers stay positive to there.
 REACH = 1.5
 #: Stiffness and damping may differ from the reference by these factors: of a tube of rubber, and of a beam of anything. The softest
 #: silicones have a sixtieth of the modulus of the paper's (0.03 MPa), and at rest a fraction of what they have when bent.

@@ -47,8 +47,8 @@ __all__ = [
 ]
 
 FloatArray = NDArray[np.float64]
-AGREEING_STARTS = 3
-STIFFER_STARTS = (1.5, 3.0, 6.0)
+AGREEING_STARTS = 3  # starts that end within 0.1 % of one cost leave no doubt; two could agree by chance
+STIFFER_STARTS = (1.5, 3.0, 6.0)  # factors on the stiffness, tried in turn until the tube has a steady state
 #: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
 GOOD_STEADY = 50.0
 #: A start whose tip is off by this share of the length, or this many rad, at some moment is not the only one to try.

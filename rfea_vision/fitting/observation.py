@@ -20,8 +20,8 @@ from rfea_vision.options.fit import Observe
 
 FloatArray = NDArray[np.float64]
 
-FITTED_NODES = 8
-ORIGIN_SIGMA_MM = 0.1
+FITTED_NODES = 8  # of the centre line, evenly spaced, beside that at the clamp
+ORIGIN_SIGMA_MM = 0.1  # of a track that does not say it, see `residuals.origin_shift`
 #: Nobody reads a tube better than this; keeps a file that claims zero error from ruling the fit.
 SMALLEST_SIGMA_MM = 0.005
 SMALLEST_SIGMA_DEG = 0.005

@@ -15,7 +15,7 @@ from rfea_vision.fitting.release import Held
 from rfea_vision.options.fit import Observe
 
 FloatArray = NDArray[np.float64]
-MM = 1e-3
+MM = 1e-3  # in m
 
 
 @dataclass(frozen=True)

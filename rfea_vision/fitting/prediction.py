@@ -17,7 +17,7 @@ from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
 from rfea_vision.fitting.scoring import options_of, rebuild
 from rfea_vision.fitting.solver import fit_clocks
 
-NODES = 33
+NODES = 33  # of the predicted centre line, as many as a track from pictures has
 
 
 def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, xr.Dataset]:

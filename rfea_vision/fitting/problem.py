@@ -19,7 +19,7 @@ from rfea_vision.fitting.rules import CONSTANT_PA, pushed
 from rfea_vision.options.fit import FitOptions, Observe
 
 FloatArray = NDArray[np.float64]
-WRONG_SIDE_RAD = 0.3
+WRONG_SIDE_RAD = 0.3  # median bend to the other side under pressure at which a run is refused
 #: Twice the modulus of a stiff rubber (10 MPa): a thin wall of it has burst long before.
 BURSTS_PA = 2e7
 

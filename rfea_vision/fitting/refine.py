@@ -19,7 +19,7 @@ from rfea_vision.fitting.residuals import Predicted, evaluate
 from rfea_vision.fitting.solver import CLOCK_SCALE_S
 
 FloatArray = NDArray[np.float64]
-EXACT_ORDER = 3
+EXACT_ORDER = 3  # of the integrator, see above
 WEAKEST = 1e-4  # singular values below this share of the largest carry too little
 
 

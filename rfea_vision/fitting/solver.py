@@ -16,7 +16,7 @@ from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residuals import Evaluation, evaluate
 
 FloatArray = NDArray[np.float64]
-CLOCK_SCALE_S = 0.005
+CLOCK_SCALE_S = 0.005  # a clock in units of order one for the optimiser; no result depends on it
 #: A clock is moved by at most so many of its standard errors, and never further than runs are ever late.
 LARGEST_CLOCK_SIGMAS, LARGEST_CLOCK_S = 4.0, 2.0
 #: Robust standard deviations beyond which the Huber loss is linear.

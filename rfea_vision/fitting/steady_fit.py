@@ -14,7 +14,7 @@ from rfea_vision.fitting.coordinates import Coordinates
 from rfea_vision.fitting.observed import MM, Observed
 
 FloatArray = NDArray[np.float64]
-SHORTEST_PLATEAU_S = 0.25
+SHORTEST_PLATEAU_S = 0.25  # a shorter hold is a step on a ramp
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residual_tests import autocorrelation, correlation_time
 
 FloatArray = NDArray[np.float64]
-BLOCK_S = 0.4
+BLOCK_S = 0.4  # a block may be this long, however short the run
 #: A residual that forgets itself within this many frames counts as white.
 WHITE_FRAMES = 0.75
 #: Length of a block in correlation times; cutting a memory at the blocks' ends loses about one part in this many.

@@ -14,7 +14,7 @@ from typing import Any
 from rfea_vision.errors import RfeaError
 from rfea_vision.readers.apart import begin_serving, receive, send
 
-_MOST_WRITTEN_BYTES = 1 << 30
+_MOST_WRITTEN_BYTES = 1 << 30  # a reader that writes more unpacks a bomb
 
 
 def serve(most_bytes: int) -> None:

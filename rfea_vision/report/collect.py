@@ -15,7 +15,7 @@ from rfea_vision.errors import RfeaError
 from rfea_vision.files import dataset_groups, read_dataset
 from rfea_vision.report.camera import read_camera
 
-_ROLE_ORDER = {"train": 0, "validate": 1, "test": 2}
+_ROLE_ORDER = {"train": 0, "validate": 1, "test": 2}  # as runs are shown
 _Artefact = TypeVar("_Artefact")
 
 

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from rfea_vision.report.collect import Experiment
 
-LEAST_SIDE_PX = 120
+LEAST_SIDE_PX = 120  # a tube is still seen
 KEY_FRAME_EVERY = 6  # as in the clip itself, so that the page can jump anywhere
 
 

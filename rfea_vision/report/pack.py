@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 MISSING = -32768  # what the page reads as "no value"
-_STEPS = 65000.0
+_STEPS = 65000.0  # of a 16-bit number; the rest of its range says that there is none
 
 
 class Pack:

@@ -21,12 +21,12 @@ from rfea_vision.report.pack import Pack
 from rfea_vision.report.series import pack_experiment, pack_step, rung_name
 from rfea_vision.report.shown import Shown, errors_of, of_candidate
 
-SIZE_LIMIT_BYTES = 10_000_000
-SERIES_LIMIT_BYTES = 5_500_000
+SIZE_LIMIT_BYTES = 10_000_000  # so that the page can be mailed
+SERIES_LIMIT_BYTES = 5_500_000  # of it for series; the rest is for films and text
 TEXT_BYTES = 600_000  # style, scripts, sentences and tables of a long ladder
 DETAILS = (1.0, 0.6, 0.35, 0.2, 0.1)  # shares of the usual number of samples
-MOST_PHOTOS = 12
-MOST_CORNERS = 120
+MOST_PHOTOS = 12  # as a contact sheet shows
+MOST_CORNERS = 120  # arrows of one photo
 # The page reaches nothing: what it draws lies in it, and no form, frame, object or address is opened by it.
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; media-src data: blob:; "

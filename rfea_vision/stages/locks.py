@@ -28,7 +28,7 @@ except ImportError:  # Windows: the touched file alone
     fcntl = None
 
 BEAT_S, SILENT_S = 2.0, 15.0  # several beats, and the few seconds that network folders keep a file's time for
-_POLL_S = 0.1
+_POLL_S = 0.1  # between looks at a lock that somebody holds
 _UNWRITABLE = (errno.EROFS, errno.EACCES, errno.EPERM)
 
 _held: dict[Path, int] = {}  # in this process: how many blocks hold each lock

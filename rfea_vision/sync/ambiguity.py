@@ -9,13 +9,13 @@ from rfea_vision.errors import DataError
 
 FloatArray = NDArray[np.float64]
 
-GAP_STEPS = 4.0
-LEAST_GAP_S = 0.03
+GAP_STEPS = 4.0  # a step so many times the usual one is a gap,
+LEAST_GAP_S = 0.03  # and no shorter than a frame at 33 Hz
 APART_S = 0.12  # two offsets nearer than this are one peak
 ALIKE = 1.6  # a rival explains as well if it leaves at most so much more unexplained,
 ALIKE_SHARE = 0.004  # plus this share of the pressure,
 ALIKE_AT_MOST = 0.02  # and no more than this share of the motion: wind or a missing effect makes no excitation repeat
-SLOW_LOG_HZ = 30.0
+SLOW_LOG_HZ = 30.0  # four samples to a period of `HIGH_HZ`
 
 
 def gaps_of(log_time_s: FloatArray) -> FloatArray:

@@ -23,9 +23,9 @@ FloatArray = NDArray[np.float64]
 OFFSET, DRIFT, FIRST_TERM = 0, 1, 2  # columns
 LEAST_GAIN = 0.05  # of what is unexplained
 NOISE_ACCOUNTS = 1.15  # a rest at most so many times the noise needs no supplement
-STRETCH_S = 0.3
+STRETCH_S = 0.3  # residuals of neighbouring stretches are taken for independent
 FEWEST, MOST = 6, 20  # stretches
-TINY = 1e-11
+TINY = 1e-11  # of the largest eigenvalue: rounding
 
 
 @dataclass(frozen=True)

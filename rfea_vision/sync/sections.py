@@ -24,6 +24,7 @@ from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import constants
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
@@ -32,13 +33,13 @@ from rfea_vision.artefacts import Track, bend_sign
 FloatArray = NDArray[np.float64]
 
 MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry little but noise
-SECTIONS = 4
+SECTIONS = 4  # cross-sections at which the balance is written, one more than MODES
 PIECES = 4  # pieces per section, for the integrals
-GRAVITY = 9.81
+GRAVITY = constants.g
 SUPPLEMENTS = ("profile", "friction", "quadratic damping", "creep", "hysteresis", "drag")
 FRICTION_WIDTH = 0.15  # of the speed's root mean square
 HYSTERESIS_WIDTH = 0.1  # of the swing
-CREEP_S = 0.5
+CREEP_S = 0.5  # of the creep supplement: between the swing and the run
 ANGLE_STIFFNESS, ANGLE_INERTIA = 0, 6  # places among the terms of one angle
 DIFFERENCE = 8  # order of the differences in time that hold noise and hardly any motion
 REPEAT_SMOOTHING = 2.0  # frames

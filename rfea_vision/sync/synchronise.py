@@ -17,7 +17,7 @@ from rfea_vision.sync.pulses import align_by_lamp, align_by_trigger
 FloatArray = NDArray[np.float64]
 
 METHODS = ("motion", "led", "trigger", "offset", "common_clock")
-LEAST_SWING_KPA = 1.0
+LEAST_SWING_KPA = 1.0  # a log that moves by less is flat
 
 
 def synchronise(

@@ -17,7 +17,7 @@ from rfea_vision.twin.stress import frame_times
 
 FloatArray = NDArray[np.floating]
 
-LOG_STEP_S = 0.001
+LOG_STEP_S = 0.001  # 1 kHz
 BEFORE_S, AFTER_S = 0.5, 0.6  # the log outlasts the video on both sides
 
 

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 FloatArray = NDArray[np.floating]
 
-GRID_S = 0.00025
+GRID_S = 0.00025  # a quarter of the log's step
 
 # order in which experiments take them: two runs for training should already differ in kind
 KINDS = ("steps", "multisine", "mixed", "staircase", "ramps")

@@ -24,7 +24,7 @@ from rfea_vision.twin.writer import _truth, _write_campaign, _write_experiment, 
 
 FloatArray = NDArray[np.floating]
 
-LEAST_NOISE_MM, LEAST_NOISE_DEG = 1e-3, 1e-3
+LEAST_NOISE_MM, LEAST_NOISE_DEG = 1e-3, 1e-3  # of recordings that claim none
 BEFORE_S = 3.0  # log before the first frame that is played
 
 

@@ -23,11 +23,11 @@ FloatArray = NDArray[np.floating]
 Picture = NDArray[np.floating]
 
 SAMPLES = 400  # of each edge of the tube: chords 0.4 mm long, 0.002 px from the arc
-NOISE_FRAMES = 31
-HOSE_LEVEL = 95.0
-SLEEVE_WIDE = 1.4
-BAND_MM = 2.0
-SHUTTER_STEPS = 7
+NOISE_FRAMES = 31  # pictures of noise, drawn once and shown in random order
+HOSE_LEVEL = 95.0  # grey levels of 255
+SLEEVE_WIDE = 1.4  # times the tube
+BAND_MM = 2.0  # along the tube
+SHUTTER_STEPS = 7  # exposures that are added up to a blurred one
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from rfea_vision.errors import InputError
 FloatArray = NDArray[np.floating]
 
 MAINS_HZ = 100.0  # lamps on 50 Hz mains
-SLOW_MOTION_HZ = 30.0
+SLOW_MOTION_HZ = 30.0  # at which phones play 240 frames/s back
 VFR_JITTER = 0.3  # of the time between frames
 
 
@@ -60,6 +60,7 @@ class Stress:
     sleeve: float = 0.0
 
 
+#: What a word alone stands for.
 _USUAL = {"busy": 12.0, "uneven": 0.3, "flicker": 0.05, "hose": 6.0, "dropped": 0.02, "duplicated": 0.02}
 _USUAL |= {"highlight": 60.0, "shadow": 0.5, "bright": 1.5, "shutter": 0.5, "band": 1.0, "sleeve": 8.0}
 _MOST: dict[str, float] = {"uneven": 0.5, "flicker": 0.5, "dropped": 0.5, "duplicated": 0.5}

@@ -37,7 +37,7 @@ from rfea_vision.twin.studio import Studio
 
 FloatArray = NDArray[np.floating]
 
-NODES = 33
+NODES = 33  # of an exact track, as many as the tracker writes
 
 
 def simulate(
