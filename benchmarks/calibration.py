@@ -10,7 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from rfea_vision.calibration import Board, calibrate
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.projection import perturbed_cameras, pixels_to_plane_mm, unproject
 from testing.board_photos import RayCamera, photo, poses, texture_of
 from testing.scenes import Lens

@@ -16,7 +16,8 @@ import numpy as np
 from skimage.morphology import skeletonize
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.calibration import Board, calibrate
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix

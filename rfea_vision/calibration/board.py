@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +39,8 @@ class Board:
         if self.kind == "charuco":
             if self.marker_m is None or not 0 < self.marker_m < self.square_m:
                 raise InputError("camera.board.marker: a charuco board needs a marker side smaller than its square")
+            import cv2  # a quarter of a second that campaigns with a checkerboard need not pay
+
             if not hasattr(cv2.aruco, self.dictionary_name):
                 raise InputError(
                     f"camera.board.dictionary: '{self.dictionary}' is unknown; use one such as DICT_5X5_100"
@@ -65,6 +66,8 @@ class Board:
 
     def charuco(self, *, legacy: bool = False) -> Any:
         """OpenCV's ChArUco board with the same numbers, in mm; `legacy` as printed before OpenCV 4.6."""
+        import cv2
+
         columns, rows = self.inner_corners
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary_name))
         marker_mm = 1000.0 * (self.marker_m or 0.0)

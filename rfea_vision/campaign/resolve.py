@@ -7,6 +7,7 @@ from dataclasses import replace
 from math import pi
 
 from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.calibration.board import Board
 from rfea_vision.campaign.finding import Files, Finder, Folders
 from rfea_vision.campaign.problems import Problem
 from rfea_vision.campaign.reach import Reach
@@ -66,8 +67,6 @@ def resolve_camera(
             example = "marker: 15 mm" if lacking == "marker" else "dictionary: DICT_5X5_100"
             finder.complain(f"camera.board.{lacking}", f"is missing; a charuco board needs it, for example '{example}'")
         else:
-            from rfea_vision.calibration.board import Board  # brings OpenCV with it
-
             keys = part.board
             try:
                 board = Board(keys.kind, keys.inner_corners, keys.square, keys.marker, keys.dictionary)

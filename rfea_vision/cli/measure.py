@@ -51,7 +51,7 @@ def calibrate_command(
             "quality": calibration.quality,
         }
     if calibration is not None and ros is not None:
-        from rfea_vision.calibration import save_ros
+        from rfea_vision.calibration.storage import save_ros
 
         save_ros(ros, calibration)
         summary["ros"] = str(ros)

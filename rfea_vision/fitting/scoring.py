@@ -82,7 +82,7 @@ def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
         tip_rmse_mm=tip,
         tip_x_rmse_mm=root("tip_x", "the track has no tip", "tip_x_rmse_mm"),
         tip_y_rmse_mm=root("tip_y", "the track has no tip", "tip_y_rmse_mm"),
-        midline_rmse_mm=root("midline", "the track has no midline", "midline_rmse_mm"),
+        midline_rmse_mm=root("midline", "the track has no centre line", "midline_rmse_mm"),
         angle_rmse_deg=root("angle", "the track has no bend angle", "angle_rmse_deg"),
         tip_rmse_percent_of_length=None if tip is None else 100 * tip / length_mm,
         normalised_fit_percent=fit_percent,

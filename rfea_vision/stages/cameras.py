@@ -42,14 +42,14 @@ def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str) -> Sto
     scaled = (camera.hints, size, work.campaign.actuator.length) if camera.scale is not None else None
 
     def load(file: Path) -> Calibration:
-        from rfea_vision.calibration import load_calibration
+        from rfea_vision.calibration.storage import load_calibration
 
         return load_calibration(file)
 
     def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
-        from rfea_vision.calibration import calibrate as calibrate_camera
-        from rfea_vision.calibration import save_calibration
+        from rfea_vision.calibration.calibrate import calibrate as calibrate_camera
         from rfea_vision.calibration.placing import place_in_plane
+        from rfea_vision.calibration.storage import save_calibration
         from rfea_vision.calibration.thumbnails import save_thumbnails
 
         vertical = camera.vertical if isinstance(camera.vertical, str) else "plumb"

@@ -72,9 +72,13 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
 
 def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:
     """Sentences among the attributes; a remark with nothing to do about it is no doubt."""
-    said = [
-        str(dataset.attrs.get(key, ""))
-        for key in ("doubts", *(("sync_notes", "pressure_doubts") if after_sync else ()))
-    ]
-    length = str(dataset.attrs.get("length_check", ""))
-    return [text for text in (*said, length if ": " in length and not after_sync else "") if text]
+    if after_sync:
+        from rfea_vision.sync.motion import REMARKS
+
+        notes = str(dataset.attrs.get("sync_notes", "")).split("; ")
+        clock = "; ".join(note for note in notes if note not in REMARKS)
+        said = [dataset.attrs.get("doubts", ""), clock, dataset.attrs.get("pressure_doubts", "")]
+    else:
+        length = str(dataset.attrs.get("length_check", ""))
+        said = [dataset.attrs.get("doubts", ""), length if ": " in length else ""]
+    return [str(text) for text in said if text]

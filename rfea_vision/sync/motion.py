@@ -55,7 +55,9 @@ LEAST_EXPLAINED = 0.5  # of the pressure's variance
 SLOWEST_RAD_S = 10.0  # first mode of a slow tube, where the angle alone does not tell it
 #: 12,000 samples tell a variance to 1 %.
 MOST_REPLICATES, REPLICATED_SAMPLES = 8, 12_000
-ONE_ANGLE = "one angle does not show the tube's shape: the bend's own delay along the tube is within the error"
+ONE_ANGLE = "tip or angle alone do not show the tube's shape: the bend's own delay along the tube is within the error"
+COUNTED_DRIFT = "drift taken into account"
+REMARKS = frozenset({ONE_ANGLE, COUNTED_DRIFT})  # what a person need do nothing about
 QUIET_S = 0.12  # of a stretch in which noise just above the band is measured
 LEAST_ERROR_S = 5e-5  # four modes and the filters' own errors
 
@@ -309,7 +311,7 @@ def refine(seen: FilteredMotion, target: Target, offset: float, curve: tuple[Flo
     change = found.solve(both)[:2] / found.scale[:2]
     middle, drift, note = float(seen.grid[use].mean()), 0.0, ""
     if abs(change[1]) > 4 * drift_error and abs(change[1]) > 20e-6 and drift_error < 50e-6:
-        drift, note = float(change[1]), "drift taken into account"
+        drift, note = float(change[1]), COUNTED_DRIFT
         offset = offset + float(change[0]) - drift * middle
         error = float(np.sqrt(standard_error(found, both, extra) ** 2 + (middle * drift_error) ** 2 + doubt**2))
     if not seen.motion.modal:

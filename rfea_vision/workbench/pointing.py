@@ -13,8 +13,8 @@ import numpy as np
 
 from rfea_vision.artefacts import Track
 from rfea_vision.artefacts.reasons import reason_of
-from rfea_vision.calibration import load_calibration
 from rfea_vision.calibration.projection import camera_vector, project
+from rfea_vision.calibration.storage import load_calibration
 from rfea_vision.campaign import Campaign, ExperimentSpec, VideoSpec
 from rfea_vision.errors import InputError
 from rfea_vision.readers.video import FrameSource

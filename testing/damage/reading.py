@@ -82,7 +82,7 @@ def picture(path: Path) -> None:
 
 
 def camera(path: Path) -> None:
-    from rfea_vision.calibration import load_calibration
+    from rfea_vision.calibration.storage import load_calibration
 
     found = load_calibration(path)
     _in_order(np.zeros(1), found.camera_matrix, found.distortion)

@@ -62,6 +62,21 @@ def test_help_is_quick_to_load():
     assert result.stdout.strip().endswith("[]")
 
 
+def test_a_campaign_with_a_board_is_quick_to_read(tmp_path):
+    folder = write_campaign(tmp_path / "tube")
+    with (folder / "campaign.yaml").open("a") as file:
+        file.write("camera: {board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}, photos: 'photo_*.png'}\n")
+    (folder / "photo_1.png").write_bytes(b"not looked at yet")
+    code = (
+        "import sys; from rfea_vision.campaign import load_campaign; campaign = load_campaign(sys.argv[1]); "
+        "print(campaign.camera.board, {'cv2', 'numba', 'pandas', 'xarray'} & set(sys.modules))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code, folder], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert "inner_corners=(9, 6)" in result.stdout and result.stdout.strip().endswith("set()")
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

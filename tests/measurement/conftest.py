@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.calibration import Board, calibrate
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.vision import track_frames
 from testing.scenes import Lens, Look, bending, board_pictures, film, plane_picture
 from testing.sources import memory_source, true_calibration

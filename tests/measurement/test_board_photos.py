@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 import yaml
 
-from rfea_vision.calibration import Board, calibrate, load_calibration, pixels_to_plane_mm, save_ros
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.corners import find_corners
 from rfea_vision.calibration.noise import slow_variance
 from rfea_vision.calibration.photos import read_photo
-from rfea_vision.calibration.projection import perturbed_cameras, unproject
+from rfea_vision.calibration.projection import perturbed_cameras, pixels_to_plane_mm, unproject
+from rfea_vision.calibration.storage import load_calibration, save_ros
 from rfea_vision.errors import DataError
 from testing.board_photos import RayCamera, photo, poses, texture_of
 

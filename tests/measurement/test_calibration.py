@@ -6,15 +6,10 @@ import pytest
 import yaml
 
 from rfea_vision.artefacts.lenses import LENSES
-from rfea_vision.calibration import (
-    Board,
-    calibrate,
-    load_calibration,
-    pixels_to_plane_mm,
-    plane_mm_to_pixels,
-    save_calibration,
-)
-from rfea_vision.calibration.projection import projection_covariance_mm2
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
+from rfea_vision.calibration.projection import pixels_to_plane_mm, plane_mm_to_pixels, projection_covariance_mm2
+from rfea_vision.calibration.storage import load_calibration, save_calibration
 from rfea_vision.errors import DataError, InputError
 
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from rfea_vision.calibration import load_calibration
-from rfea_vision.calibration.storage import save_ros
+from rfea_vision.calibration.storage import load_calibration, save_ros
 from rfea_vision.errors import InputError
 
 GOOD = """image_width: 640

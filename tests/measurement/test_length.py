@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.calibration import Board, calibrate
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.vision import track_frames
 from testing.scenes import Look, bending, film
 from testing.sources import memory_source

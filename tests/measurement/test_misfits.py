@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from rfea_vision.calibration import Board, calibrate
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.errors import DataError
 
 BOARD = Board("checkerboard", (9, 6), 0.025)

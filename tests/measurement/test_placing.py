@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rfea_vision.calibration import calibrate
 from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.placing import place_in_plane
 from rfea_vision.calibration.projection import pixels_to_plane_mm, projection_covariance_mm2
 

@@ -8,7 +8,8 @@ import pytest
 from scipy.interpolate import splev, splprep
 
 from rfea_vision.artefacts import Actuator, Hints
-from rfea_vision.calibration import Board, calibrate
+from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video

@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
+from rfea_vision.stages.warnings import warnings_of
 from rfea_vision.sync import synchronise
 
 
@@ -50,8 +51,9 @@ def test_motion_finds_the_offset_within_a_millisecond(offset_s):
 
 def test_one_angle_says_what_it_cannot_show():
     track, log = made(0.05, noise_deg=0.05)
-    found = synchronise(track, log, experiment="a", role="train", bends="left").dataset.attrs
-    assert "one angle does not show the tube's shape" in found["sync_notes"]
+    recording = synchronise(track, log, experiment="a", role="train", bends="left")
+    assert "tip or angle alone do not show the tube's shape" in recording.dataset.attrs["sync_notes"]
+    assert warnings_of(recording) == []  # nobody need do anything about it
 
 
 def test_offset_common_clock_and_trigger():
