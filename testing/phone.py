@@ -38,6 +38,7 @@ class Arm:
     swell: float = 0.2  # growth of the width at the greatest bend
     stretch: float = 0.08  # growth of the length
     texture: float = 6.0
+    shadow: float = 0.0  # that it throws on the wall beside it
     heading_deg: float = 0.0  # of the arm at its clamp: 0 hangs down, 90 points to the camera's right
 
 
@@ -237,6 +238,11 @@ def _shaded(arm, room, wall, skin, notches, points, heading, fullness) -> np.nda
             (along > length - arm.tape_end)[:, None], 0.75 * np.array([225, 215, 190]) + 0.25 * colour, colour
         )
     out = wall.copy()
+    if arm.shadow:
+        thrown, beside = np.zeros((h, w), dtype=np.float32), arm.half_width * scale * np.array([0.5, 0.35])
+        place = np.round((line[::5] + beside) * 16).astype(np.int32)
+        cv2.polylines(thrown, [place], False, 1.0, round(1.8 * arm.half_width * scale), cv2.LINE_AA, 4)
+        out *= (1 - arm.shadow * cv2.GaussianBlur(thrown, (0, 0), 0.35 * arm.half_width * scale))[..., None]
     rows, columns = pixels[:, 1].astype(int), pixels[:, 0].astype(int)
     out[rows, columns] += inside[:, None] * (colour - out[rows, columns])
     block = np.array([[-14.0, -16], [14, -16], [14, 0], [-14, 0]])
@@ -293,3 +299,51 @@ def scene(number: int) -> tuple[Arm, Room, np.ndarray]:
     wave = np.clip(0.5 - 0.5 * np.cos(2 * np.pi * t * float(rng.choice([1, 2]))), 0, 1)
     course = steps if rng.random() < 0.6 else wave
     return arm, room, 0.03 + most * course
+
+
+def clear_scene(number: int) -> tuple[Arm, Room, np.ndarray]:
+    """Scene `number` of any count: translucent blue-grey silicone on ruled paper of nearly its colour, which swells."""
+    rng = np.random.default_rng(7000 + number)
+    heading = float(rng.choice([0.0, 0.0, 90.0, -90.0]))
+    size, clamp = {
+        0.0: ((480, 480), (240.0, 70.0)),
+        90.0: ((480, 400), (70.0, 190.0)),
+        -90.0: ((480, 400), (410.0, 190.0)),
+    }[heading]
+    paper = float(rng.uniform(185, 230))
+    grey = float(rng.uniform(0.72, 0.97))
+    arm = Arm(
+        length=float(rng.uniform(55, 90)),
+        half_width=float(rng.uniform(4.5, 7.0)),
+        taper=float(rng.choice([0.0, 0.0, 0.15])),
+        opacity=float(rng.uniform(0.25, 0.65)),
+        rgb=(0.9 * grey * paper, 0.97 * grey * paper, 1.03 * grey * paper),
+        glare=float(rng.choice([0.15, 0.3, 0.45])),
+        marks=int(rng.choice([0, 1, 2, 4])),
+        tape_end=float(rng.choice([0.0, 0.0, 5.0, 8.0])),
+        ragged=float(rng.choice([0.3, 1.0, 2.0])),
+        swell=float(rng.uniform(0.1, 0.5)),
+        stretch=float(rng.uniform(0.03, 0.22)),
+        texture=float(rng.uniform(2.0, 5.0)),
+        shadow=float(rng.choice([0.0, 0.1, 0.2])),
+        heading_deg=heading,
+    )
+    room = Room(
+        size=size,
+        px_per_mm=3.4,
+        clamp=clamp,
+        paper=paper,
+        ruled=float(rng.choice([0.0, 5.0, 7.0, 8.0])),
+        clutter=int(rng.integers(0, 5)),
+        shade=float(rng.uniform(0.0, 0.3)),
+        noise=float(rng.uniform(2.0, 5.0)),
+        drift=float(rng.uniform(0.0, 0.04)),
+        blur=float(rng.uniform(0.7, 1.3)),
+        tilt_deg=float(rng.uniform(0.0, 2.0)),
+        seed=100 + number,
+    )
+    t = np.linspace(0, 1, 160)
+    most = float(rng.uniform(0.5, 2.2)) * float(rng.choice([-1, 1]))
+    steps = np.interp(t, [0, 0.06, 0.3, 0.42, 0.6, 0.68, 0.92, 1.0], [0, 0, 0.6, 0.6, 1.0, 1.0, 0.05, 0.0])
+    wave = 0.5 - 0.5 * np.cos(2 * np.pi * t * float(rng.choice([1, 2])))
+    return arm, room, 0.03 + most * (steps if rng.random() < 0.6 else wave)

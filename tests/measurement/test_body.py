@@ -15,7 +15,7 @@ from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.rules import First, elsewhere
 from rfea_vision.vision.track import make_scene
-from testing.phone import Arm, Room, film
+from testing.phone import Arm, Room, clear_scene, film
 
 SMALL = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clutter=3, seed=4)
 LEFT = -np.concatenate([np.linspace(0.05, 0.9, 20), np.linspace(0.9, 0.3, 12)])
@@ -53,6 +53,17 @@ def test_a_film_that_edges_cannot_read_is_read_by_the_body(arm, tmp_path):
     assert abs(width[:4, -3].mean() / width[:4, 2].mean() - (1 - 0.9 * arm.taper)) < 0.15
 
 
+def test_clear_silicone_before_a_cable_on_ruled_paper(tmp_path):
+    """A translucent arm of nearly the paper's colour, which swells and swings across a cable that shows through it."""
+    arm, room, bends = clear_scene(0)
+    truth = film(tmp_path / "film.mp4", arm, room, bends[:136:2])
+    track = tracked(tmp_path / "film.mp4", truth)
+    assert track.valid.mean() >= 0.95, track.dataset["reason_detail"].values
+    off = track.dataset["tip"].values - truth.tip_mm
+    assert np.sqrt(np.nanmean(np.sum(off**2, axis=1))) < 0.05 * np.ptp(truth.tip_mm, axis=0).max()
+    assert np.nanmean(np.abs(off / track.dataset["tip_sigma"].values) < 2.0) > 0.9
+
+
 def test_key_points_and_masks_of_another_program_are_where_the_fit_begins(tmp_path):
     """An arm that jumps from frame to frame farther than any flow follows: with points, or masks, it is found."""
     arm = Arm(rgb=(90.0, 150.0, 120.0), marks=3)
@@ -88,7 +99,7 @@ def test_the_line_does_not_slide_along_smooth_rubber(tmp_path):
     assert track.valid[-10:].all() and not track.valid[15:17].any()
     assert set(track.dataset["reason"].values[~track.valid]) == {"touches_border"}
     assert "film a wider view" in track.dataset.attrs["advice"]
-    assert np.nanmax(off) < 3.0
+    assert np.nanmax(off) < 3.3
 
 
 @pytest.mark.parametrize(

@@ -108,11 +108,11 @@ def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatAr
 
 def smooth_line(points: FloatArray) -> FloatArray:
     """A smooth line of stations through points, with its ends where theirs are."""
-    ends = points[[0, -1]]
     coefficients = fit_curve(points, min(FIRST_COEFFICIENTS, 4 + len(points) // 2))
-    line = basis_matrix(np.linspace(0, 1, STATIONS), len(coefficients)) @ coefficients
-    line[0], line[-1] = ends
-    return line
+    share = np.linspace(0, 1, STATIONS)
+    line = basis_matrix(share, len(coefficients)) @ coefficients
+    first, last = points[[0, -1]] - line[[0, -1]]
+    return line + np.outer(1 - share, first) + np.outer(share, last)
 
 
 def separation(body: Body) -> float:
@@ -125,5 +125,5 @@ def separation(body: Body) -> float:
 def first_body(picture: Picture, line: FloatArray, half_px: float) -> Body:
     """A body on a line of stations, with the colours that it has there."""
     body = new_body(line, np.full(STATIONS, half_px))
-    learn_colours(picture, body, 1.0)
+    learn_colours(picture, body)
     return body

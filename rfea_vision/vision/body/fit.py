@@ -23,7 +23,8 @@ from rfea_vision.vision.body.model import (
     Picture,
     frame_of,
 )
-from rfea_vision.vision.body.sampling import RAYS, match_texture, measure_edges, measure_end, support
+from rfea_vision.vision.body.sampling import RAYS, match_skin, measure_edges, measure_end, support
+from rfea_vision.vision.body.wall import Wall
 
 FloatArray = NDArray[np.float64]
 
@@ -31,23 +32,15 @@ NORMAL, ALONG, WIDTH = slice(0, 11), slice(11, 17), slice(17, 25)
 UNKNOWNS = 25
 TURNS = 3
 CORRELATED = 3.0  # edges of so many neighbouring stations err alike
-CLAMP_PX = 0.4  # the clamp stays where it is
+CLAMP_PX = 0.4  # where the body begins stays where it was pointed at
 SHAPE_PX = 1.5  # second differences of a frame's displacement across the body
 BENDS_GRADUALLY = 0.06  # third differences of the line, over the spacing of its coefficients
 SWELLS = 0.15  # of the half width, 1 s.d.: edges that are seen easily outweigh it
-STRETCHES_GRADUALLY = 0.05  # second differences of the places along it, likewise
+STRETCHES_GRADUALLY = 0.02  # second differences of the places along it, likewise
 THIRD, SECOND = np.diff(np.eye(11), n=3, axis=0), np.diff(np.eye(6), n=2, axis=0)
 TO_NORMAL, TO_ALONG, TO_WIDTH = (np.linalg.pinv(basis) for basis in (NORMAL_BASIS, ALONG_BASIS, WIDTH_BASIS))
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
-
-
-@dataclass
-class Wall:
-    """What is known of the still wall: mean colour (h, w, 3), and how often each pixel was seen (h, w)."""
-
-    colour: NDArray[np.float32]
-    times: NDArray[np.int32]
 
 
 @dataclass
@@ -78,54 +71,58 @@ def fit_body(
     picture: Picture,
     wall: Wall,
     predicted: Body,
-    texture: FloatArray | None,
+    skin: tuple[FloatArray, FloatArray] | None,
     end_offsets: FloatArray | None,
     prior: FloatArray,
     clamp: FloatArray,
     rest_half: FloatArray,
     reach: float,
+    *,
+    outline: bool = True,
 ) -> Fit:
     """Fit the body to a picture.
 
     Parameters
     ----------
     predicted : where the flow has put it
-    texture : (S, V, 3) of the first frame; None while it is being learnt
+    skin : colours (S, V, 3) of an earlier frame, and their variances; None while they are being learnt
     end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
     prior : (25, 25) information of the prediction
     clamp : (2,) px where the body begins
     rest_half : (S,) px half width in the first frame
     reach : px to either side in which edges are looked for
+    outline : whether edges are looked for, or the skin alone is followed
     """
-    body = predicted.copy()
-    edges = np.empty((STATIONS, 2, 2))
+    body, cleared = predicted.copy(), wall.cleared(picture)
     rays = np.empty((RAYS, 2))
-    information, pull, alike = np.zeros((STATIONS, 3)), np.zeros((STATIONS, 2)), np.zeros(STATIONS)
+    information, pull, alike = np.zeros((STATIONS, 6)), np.zeros((STATIONS, 3)), np.zeros(STATIONS)
+    edges = np.full((STATIONS, 2, 2), np.inf)
     total = np.zeros(UNKNOWNS)
     normal_matrix = np.eye(UNKNOWNS)
     shape = np.diff(np.eye(11), n=2, axis=0) / SHAPE_PX
     moved, backing = 0.0, np.ones(STATIONS)
     for turn in range(TURNS):
         tangents, normals = frame_of(body.points)
-        support(picture, wall.colour, wall.times, body.points, normals, body.half, body.inside, body.outside, backing)
         span = reach if turn == 0 else max(0.5 * reach, 4.0)
-        measure_edges(
-            picture, wall.colour, wall.times, body.points, normals, body.half, body.inside, body.outside, span, edges
-        )
+        if outline:
+            around = wall.colour, wall.times, wall.relief, body.points, normals, body.half, body.inside, body.outside
+            support(picture, *around, backing)
+            measure_edges(picture, *around, span, edges)
         matrix = prior.copy()
         vector = -prior @ total
         matrix[NORMAL, NORMAL] += shape.T @ shape
         vector[NORMAL] -= shape.T @ shape @ total[NORMAL]
         _add_shape(matrix, vector, body, normals, rest_half)
-        _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0))
-        if texture is not None:
-            match_texture(picture, body.points, normals, body.half, ACROSS_TEXTURE, texture, information, pull, alike)
-            _add_texture(matrix, vector, information, pull, alike)
+        if outline:
+            _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0))
+        if skin is not None:
+            match_skin(cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin, information, pull, alike)
+            _add_skin(matrix, vector, information, pull, alike)
         end = np.full(RAYS, np.nan)
         if end_offsets is not None:
             last = slice(STATIONS - 3, STATIONS)
             measure_end(
-                picture, wall.colour, wall.times, body.points[-1], tangents[-1], body.half[-4:].mean(),
+                picture, wall.colour, wall.times, wall.relief, body.points[-1], tangents[-1], body.half[-4:].mean(),
                 body.inside[last].mean(axis=0), body.outside[last].mean(axis=(0, 1)), 2.0 * span, rays,
             )  # fmt: skip
             end = np.where(np.isfinite(rays[:, 1]), rays[:, 0] - end_offsets, np.nan)
@@ -192,19 +189,19 @@ def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_
         vector[part] += rows.T @ (weight * value)
 
 
-def _add_texture(
+def _add_skin(
     matrix: FloatArray, vector: FloatArray, information: FloatArray, pull: FloatArray, alike: FloatArray
 ) -> None:
-    """The skin of the first frame, where enough of it is recognised."""
+    """The skin of an earlier frame, where enough of it is recognised."""
     share = np.clip((alike - 0.4) / 0.4, 0.0, 1.0)
-    nn, nt, tt = (information[:, k] * share for k in range(3))
-    matrix[NORMAL, NORMAL] += NORMAL_BASIS.T @ (nn[:, None] * NORMAL_BASIS)
-    cross = NORMAL_BASIS.T @ (nt[:, None] * ALONG_BASIS)
-    matrix[NORMAL, ALONG] += cross
-    matrix[ALONG, NORMAL] += cross.T
-    matrix[ALONG, ALONG] += ALONG_BASIS.T @ (tt[:, None] * ALONG_BASIS)
-    vector[NORMAL] += NORMAL_BASIS.T @ (pull[:, 0] * share)
-    vector[ALONG] += ALONG_BASIS.T @ (pull[:, 1] * share)
+    parts = ((NORMAL, NORMAL_BASIS), (ALONG, ALONG_BASIS), (WIDTH, WIDTH_BASIS))
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
+        block = parts[i][1].T @ ((information[:, k] * share)[:, None] * parts[j][1])
+        matrix[parts[i][0], parts[j][0]] += block
+        if i != j:
+            matrix[parts[j][0], parts[i][0]] += block.T
+    for k, (part, basis) in enumerate(parts):
+        vector[part] += basis.T @ (pull[:, k] * share)
 
 
 def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.vision.body.begin import first_body, hinted_lines, like_colour, separation, smooth_line
-from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, Wall, fit_body
+from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, fit_body
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
@@ -21,11 +21,13 @@ from rfea_vision.vision.body.model import (
     WIDTH_BASIS,
     Body,
     Picture,
+    follow_colours,
     frame_of,
     learn_colours,
 )
 from rfea_vision.vision.body.rules import First, elsewhere, refused
-from rfea_vision.vision.body.sampling import RAYS, learn_wall, measure_end, read_strip
+from rfea_vision.vision.body.sampling import RAYS, measure_end, read_strip
+from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.curve import (
     COEFFICIENTS,
     WIDTH_COEFFICIENTS,
@@ -47,14 +49,14 @@ FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_WINDOW = (17, 17)
 FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
 FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
-LIGHT_GAIN = 0.08  # of the colours of the last frame
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 JUMP = 2.0  # times what one frame may stretch it: an end that jumps farther may have been taken for another, and its error says so
+# Grey levels by which the same skin differs from that of the first frame, and of the last one.
+SKIN_SCATTER, FLOW_SCATTER = 5.0, 4.0
+SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
-END_NEAR, CLEAR_END = (
-    0.6,
-    0.4,
-)  # half widths: an end so near the hint is believed in; farther off its rays must agree so well
+# Half widths: an end so near the hint is believed in; farther off its rays must agree so well.
+END_NEAR, CLEAR_END = 0.6, 0.4
 POINTED_PX = 1.0  # how well a person points, in px of the film
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
 SYSTEMATIC = 0.02  # of the half width: rims, glare and shadows that move an edge alike in many frames
@@ -90,6 +92,7 @@ class BodyFollower:
         self.camera[1:3] *= scale
         self.camera[3:5] = (self.camera[3:5] + 0.5) * scale - 0.5
         self.clamp = (scene.clamp_px + 0.5) * scale - 0.5
+        self.foot = self.clamp.mean(axis=0)
         self.line = (scene.line_px + 0.5) * scale - 0.5
         self.state: fitted.State | None = None
         self.work = fitted.new_workspace()
@@ -106,26 +109,25 @@ class BodyFollower:
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
         lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
-        grey = np.ascontiguousarray(lab[:, :, 0])
         self.frame += 1
         guided = self._guided()
         if self.good == 0:
             if self.missed == FIRST_TRIES:
                 return self.refusal
             self._begin(lab, guided)
-            fit = self._fit(lab, self.body, 0.8)
-        elif self.missed == 0 and np.array_equal(grey, self._grey):
+            fit = self._fit(lab, self.body, self._spread(), 0.8)
+        elif self.missed == 0 and np.array_equal(lab, self._lab):
             return "duplicate"
         else:
-            fit = self._fit(lab, self._foretold(grey), 0.8 if self.missed == 0 else 1.5)
+            fit = self._fit(lab, *self._foretold(lab), 0.8 if self.missed == 0 else 1.5)
             if guided is not None:
                 body = self.body.copy()
                 body.points = guided
-                both = fit, self._fit(lab, body, 0.8)
+                both = fit, self._fit(lab, body, self._spread(), 0.8)
                 fit = max(both, key=lambda found: (not self._refused(found), _likeness(found)))
         reason = self._refused(fit)
         if self.good and reason and self.missed and self.missed % 5 == 0:
-            fit = self._fit(lab, self._swung(lab), 1.2)
+            fit = self._fit(lab, self._swung(lab), self._spread(), 1.2)
             reason = self._refused(fit)
         if reason:
             self.missed += 1
@@ -134,7 +136,7 @@ class BodyFollower:
             self.refusal = reason
             return reason
         self.refusal = ""
-        self._accept(lab, grey, fit)
+        self._accept(lab, fit)
         return ""
 
     def _refused(self, fit: Fit) -> str:
@@ -160,7 +162,7 @@ class BodyFollower:
         """Outline, colours, texture and end in the first frame."""
         self.first.shape = lab.shape[:2]
         self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)
-        self.wall = Wall(np.zeros(lab.shape, dtype=np.float32), np.zeros(lab.shape[:2], dtype=np.int32))
+        self.wall = Wall(lab.shape)
         half = 0.5 * float(np.linalg.norm(self.clamp[1] - self.clamp[0]))
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
@@ -173,14 +175,13 @@ class BodyFollower:
         if len(seen) > RAYS // 2 and (np.abs(np.median(seen)) < END_NEAR * half or np.ptp(seen) < CLEAR_END * half):
             self.body.points[-1] += np.median(seen) * frame_of(self.body.points)[0][-1]
             self.body.points = _even(self.body.points)
-            learn_colours(lab, self.body, 1.0)
+            learn_colours(lab, self.body)
             offsets = self._end_seen(lab, half)
         self.end_offsets = offsets if np.isfinite(offsets).sum() > RAYS // 2 else None
-        _, normals = frame_of(self.body.points)
-        self.texture = np.empty((STATIONS, len(ACROSS_TEXTURE), 3))
-        read_strip(lab, self.body.points, normals, self.body.half, ACROSS_TEXTURE, self.texture)
+        self.skin = self._strip(lab, self.body), np.full((STATIONS, len(ACROSS_TEXTURE), 3), SKIN_SCATTER**2)
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
+        self.foot = self.body.points[0].copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.separation = separation(self.body)
         pointed = POINTED_PX / self.scene.px_per_mm
@@ -194,10 +195,10 @@ class BodyFollower:
             if turn < FIRST_TURNS - 2:
                 body.half[:] = half
             self.first.half = body.half
-            fit = self._fit(lab, body, 0.45, texture=False)
+            fit = self._fit(lab, body, np.zeros((UNKNOWNS, UNKNOWNS)), 0.45, skin=False)
             body = fit.body
             body.points = _even(body.points)
-            learn_colours(lab, body, 1.0)
+            learn_colours(lab, body)
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
         alike = 1.0 if self.colour is None else float(np.mean(like_colour(body.inside[:, 0], self.colour)))
@@ -210,42 +211,57 @@ class BodyFollower:
         tangents, _ = frame_of(self.body.points)
         last = slice(STATIONS - 3, STATIONS)
         measure_end(
-            lab, self.wall.colour, self.wall.times, self.body.points[-1], tangents[-1], self.body.half[-4:].mean(),
+            lab, self.wall.colour, self.wall.times, self.wall.relief, self.body.points[-1], tangents[-1], self.body.half[-4:].mean(),
             self.body.inside[last].mean(axis=0), self.body.outside[last].mean(axis=(0, 1)), 2.0 * half, rays,
         )  # fmt: skip
         return np.where(np.isfinite(rays[:, 1]) & (np.abs(rays[:, 0]) < 2.0 * half), rays[:, 0], np.nan)
 
-    def _fit(self, lab: Picture, predicted: Body, reach: float, *, texture: bool = True) -> Fit:
+    def _spread(self) -> FloatArray:
+        """Covariance (25, 25) px^2 of what the body may have moved since it was last seen."""
+        half, frames = float(np.median(self.body.half)), 1.0 + self.missed
+        spread = np.zeros((UNKNOWNS, UNKNOWNS))
+        for part, sigma in ((NORMAL, NORMAL_SPREAD), (ALONG, SLIP_PX), (WIDTH, GAIN_SHARE * half)):
+            spread[part, part] += frames * sigma**2 * np.eye(part.stop - part.start)
+        spread[ALONG, ALONG] += frames * (STRETCH_SHARE * self.body.length) ** 2 * UNIFORMLY
+        return spread
+
+    def _fit(self, lab: Picture, predicted: Body, spread: FloatArray, reach: float, *, skin: bool = True) -> Fit:
         half = float(np.median(predicted.half))
-        added = np.zeros(UNKNOWNS)
-        if texture:
-            added[NORMAL], added[ALONG], added[WIDTH] = NORMAL_SPREAD**2, SLIP_PX**2, (GAIN_SHARE * half) ** 2
-        loosened = self.covariance + np.diag(added) * (1 + self.missed)
-        if texture:
-            loosened[ALONG, ALONG] += (1 + self.missed) * (STRETCH_SHARE * predicted.length) ** 2 * UNIFORMLY
-        prior = np.asarray(np.linalg.inv(loosened), dtype=float)
-        ends = self.end_offsets if texture else None
-        skin = self.texture if texture else None
         return fit_body(
             lab,
             self.wall,
             predicted,
-            skin,
-            ends,
-            prior,
-            self.clamp.mean(axis=0),
+            self.skin if skin else None,
+            self.end_offsets if skin else None,
+            np.asarray(np.linalg.inv(self.covariance + spread), dtype=float),
+            self.foot,
             self.first.half,
             max(reach * half, 5.0),
         )
 
-    def _foretold(self, grey: NDArray[np.uint8]) -> Body:
-        """The body of the last good frame, moved by the flow of its skin."""
+    def _strip(self, lab: Picture, body: Body) -> FloatArray:
+        """The skin (S, V, 3) of a body."""
+        strip = np.empty((STATIONS, len(ACROSS_TEXTURE), 3))
+        read_strip(lab, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE, strip)
+        return strip
+
+    def _foretold(self, lab: Picture) -> tuple[Body, FloatArray]:
+        """The body of the last good frame, moved as its skin has moved since, and the covariance of this movement."""
+        skin = self.last_skin, np.full_like(self.last_skin, FLOW_SCATTER**2)
+        near = self._flown(self.wall.cleared(lab)[:, :, 0].copy())
+        prior = np.asarray(np.linalg.inv(self._spread()), dtype=float)
+        moved = fit_body(lab, self.wall, near, skin, None, prior, self.foot, self.first.half, 5.0, outline=False)
+        return moved.body, moved.covariance
+
+    def _flown(self, grey: NDArray[np.uint8]) -> Body:
+        """The body of the last good frame, moved by sparse flow: near enough for its skin to be recognised."""
         tangents, normals = frame_of(self.body.points)
         places = [self.body.points + v * self.body.half[:, None] * normals for v in FLOW_ACROSS]
         before = np.vstack(places).astype(np.float32)[:, None]
         options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
-        after, there, _ = cv2.calcOpticalFlowPyrLK(self._grey, grey, before, before.copy(), **options)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(grey, self._grey, after, after.copy(), **options)
+        seen = self.wall.cleared(self._lab)[:, :, 0].copy()
+        after, there, _ = cv2.calcOpticalFlowPyrLK(seen, grey, before, before.copy(), **options)
+        back, again, _ = cv2.calcOpticalFlowPyrLK(grey, seen, after, after.copy(), **options)
         kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
         moved = (after - before)[:, 0].astype(float)
         station = np.tile(np.arange(STATIONS), len(FLOW_ACROSS))
@@ -257,9 +273,9 @@ class BodyFollower:
         n = _robust_spline(NORMAL_BASIS[station], across, kept)
         t = _robust_spline(ALONG_BASIS[station], along, kept)
         moved_line = body.points + (NORMAL_BASIS @ n)[:, None] * normals + (ALONG_BASIS @ t)[:, None] * tangents
-        clamp = self.clamp.mean(axis=0)  # it stays: what the flow moves along there is the body slipping out of it
-        begin = 1 + int(np.argmax((moved_line[1:] - clamp) @ tangents[0] > 0.0))
-        body.points = _spaced(np.vstack([clamp, moved_line[begin:]]), self.body.points)
+        foot = self.foot  # it stays: what the flow moves along there is the body slipping out of it
+        begin = 1 + int(np.argmax((moved_line[1:] - foot) @ tangents[0] > 0.0))
+        body.points = _spaced(np.vstack([foot, moved_line[begin:]]), self.body.points)
         return body
 
     def _swung(self, lab: Picture) -> Body:
@@ -276,28 +292,28 @@ class BodyFollower:
                 ]
             )
             body.points = self.body.points[0] + np.vstack([[0.0, 0.0], np.cumsum(turned, axis=0)])
-            fit = self._fit(lab, body, 1.2)
+            fit = self._fit(lab, body, self._spread(), 1.2)
             if _likeness(fit) > best:
                 best, found = _likeness(fit), fit.body
         return found
 
-    def _accept(self, lab: Picture, grey: NDArray[np.uint8], fit: Fit) -> None:
+    def _accept(self, lab: Picture, fit: Fit) -> None:
         longer = fit.body.length - self.body.length
         if self.good and abs(longer) > JUMP * STRETCH_SHARE * (1 + self.missed) * self.body.length:
             self.jumped_px += longer
-        self.body, self.covariance, self._grey = fit.body, fit.covariance, grey
+        self.body, self.covariance, self._lab = fit.body, fit.covariance, lab
         if self.good == 0:
             self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
         self.good += 1
         self.missed = 0
-        learn_colours(lab, self.body, LIGHT_GAIN)
-        mask = np.zeros(lab.shape[:2], dtype=np.uint8)
-        tangents, normals = frame_of(self.body.points)
-        reach = (1.15 * self.body.half + 2.5)[:, None]
-        beyond = self.body.points[-1:] + tangents[-1:] * (self.body.half[-1] + 3.0)
-        outline = np.vstack([self.body.points + reach * normals, beyond, (self.body.points - reach * normals)[::-1]])
-        cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1)
-        learn_wall(lab, mask, self.wall.colour, self.wall.times)
+        cleared = self.wall.cleared(lab)
+        follow_colours(cleared, lab, self.body, fit.backing)
+        self.last_skin = self._strip(cleared, self.body)
+        skin, variance = self.skin
+        off = self.last_skin - skin
+        off -= off.mean(axis=1, keepdims=True)
+        variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - variance)
+        self.wall.learn(lab, self.body)
         self.state = self._as_state(self.body)
         self._fill_numbers(fit)
 

@@ -19,6 +19,8 @@ ACROSS_INSIDE = np.linspace(-0.7, 0.7, 7)
 ACROSS_AROUND = np.array([1.5, 1.9, 2.3])
 LEAST_VARIANCE = np.array([6.0, 3.0, 3.0]) ** 2  # of L, a and b: noise and compression
 AROUND_VARIANCE = np.array([12.0, 4.0, 4.0]) ** 2  # the wall has lines and shadows
+LIGHT_GAIN, OWN_GAIN = 0.08, 0.02  # of the colours of the last frame
+BACKED = 0.7  # share of a station that looks like the body
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
 
 SHARES = np.linspace(0.0, 1.0, STATIONS)
@@ -62,20 +64,36 @@ def new_body(points: FloatArray, half: FloatArray) -> Body:
     return Body(points, half, np.zeros((STATIONS, 2, 3)), np.zeros((STATIONS, 2, 2, 3)))
 
 
-def learn_colours(picture: Picture, body: Body, gain: float) -> None:
-    """Read the colours inside and around the body, and mix them by `gain` into what is known."""
-    _, normals = frame_of(body.points)
-    for target, across, least in (
-        (body.inside, ACROSS_INSIDE, LEAST_VARIANCE),
-        (body.outside[:, 0], ACROSS_AROUND, AROUND_VARIANCE),
-        (body.outside[:, 1], -ACROSS_AROUND, AROUND_VARIANCE),
-    ):
-        strip = np.empty((STATIONS, len(across), 3))
-        read_strip(picture, body.points, normals, body.half, across, strip)
-        padded = np.pad(strip, ((NEIGHBOURS, NEIGHBOURS), (0, 0), (0, 0)), mode="edge")
-        near = np.stack([padded[k : k + STATIONS] for k in range(2 * NEIGHBOURS + 1)], axis=1)
-        near = near.reshape(STATIONS, -1, 3)
-        middle = np.median(near, axis=1)  # glare and marks are few
-        spread = 1.4826 * np.median(np.abs(near - middle[:, None]), axis=1)
-        target[:, 0] += gain * (middle - target[:, 0])
-        target[:, 1] += gain * (np.maximum(spread**2, 0.0) + least - target[:, 1])
+def learn_colours(picture: Picture, body: Body) -> None:
+    """Read the colours inside and around the body."""
+    body.inside[:] = _colours(picture, body, ACROSS_INSIDE, LEAST_VARIANCE)
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        body.outside[:, side] = _colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE)
+
+
+def follow_colours(cleared: Picture, picture: Picture, body: Body, backing: FloatArray) -> None:
+    """Let the colours follow the light: around the body freely, inside it alike at all stations.
+
+    One that has left the body would else take the wall's colour for its own; where `backing` (S,) says that it has not,
+    its own colour counts a little.
+    """
+    off = _colours(cleared, body, ACROSS_INSIDE, LEAST_VARIANCE)[:, 0] - body.inside[:, 0]
+    alike = backing >= BACKED
+    if np.any(alike):
+        light = np.median(off[alike], axis=0)
+        body.inside[:, 0] += LIGHT_GAIN * light + np.where(alike[:, None], OWN_GAIN * (off - light), 0.0)
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        body.outside[:, side] += LIGHT_GAIN * (
+            _colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE) - body.outside[:, side]
+        )
+
+
+def _colours(picture: Picture, body: Body, across: FloatArray, least: FloatArray) -> FloatArray:
+    """Mean and variance (S, 2, 3) of the colours at `across` half widths, neighbouring stations taken together."""
+    strip = np.empty((STATIONS, len(across), 3))
+    read_strip(picture, body.points, frame_of(body.points)[1], body.half, across, strip)
+    padded = np.pad(strip, ((NEIGHBOURS, NEIGHBOURS), (0, 0), (0, 0)), mode="edge")
+    near = np.stack([padded[k : k + STATIONS] for k in range(2 * NEIGHBOURS + 1)], axis=1).reshape(STATIONS, -1, 3)
+    middle = np.median(near, axis=1)  # glare and marks are few
+    spread = 1.4826 * np.median(np.abs(near - middle[:, None]), axis=1)
+    return np.stack([middle, spread**2 + least], axis=1)

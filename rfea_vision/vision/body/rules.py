@@ -126,9 +126,9 @@ def _folded(first: First, fit: Fit) -> str:
     steps = np.diff(fit.body.points, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    sharpest = float(
-        np.max(np.abs(heading[4:] - heading[:-4]) / np.maximum(lengths[2:-2] * 4, 1e-9) * fit.body.half[2:-3])
-    )
+    span = int(np.clip(2.0 * float(np.median(fit.body.half)) / lengths.mean(), 4, STATIONS // 3))
+    turned = np.abs(heading[span:] - heading[:-span])  # over one width of the body
+    sharpest = float(np.max(turned / span / lengths.mean() * np.median(fit.body.half)))
     gathered = float(lengths.min() / lengths.mean())
     return "" if sharpest < SHARPEST and gathered > 0.4 else "the line that fits is folded"
 

@@ -16,13 +16,14 @@ from rfea_vision.vision.compiled import compiled, lean
 CLIP = 4.0  # of the evidence of one pixel
 SEEN = 3  # times that the wall must have been seen at a pixel
 WALL_SCATTER = 5.0  # grey levels: noise and compression of a still wall
+SHADOW = 12.0  # likewise, where it is darker than it was: the body throws shadows
 LEAST_EVIDENCE = 0.35  # mean of the three pixels to either side of an edge
 EDGE_PX = 0.4  # standard error of an edge of full contrast
 RAYS = 7  # along the body through its end
 RAY_REACH = 0.6  # of the half width: the outermost rays
-TEXTURE_SCATTER = 5.0  # grey levels by which the same skin differs from frame to frame
-NOISE_SLOPE = 3.0  # grey levels per pixel
-TEXTURE_ALIKE = 0.2  # share of a texture's pixels that are independent in a compressed picture
+ALIKE = 15.0  # grey levels: what differs by more is another skin
+NOISE_SLOPE = 1.5  # grey levels per pixel
+INDEPENDENT = 0.2  # share of the skin's pixels that are independent in a compressed picture
 
 
 @lean
@@ -40,18 +41,22 @@ def _read(picture, x, y, out):
 
 
 @lean
-def _evidence(picture, wall, times, x, y, inside, outside, colour):
-    """Evidence at a place that it is the body; `inside` and `outside` are means and variances (2, 3)."""
+def _evidence(picture, wall, times, relief, x, y, inside, outside, colour):
+    """Evidence at a place that it is the body; `inside` and `outside` are means and variances (2, 3).
+
+    `relief` is how much of the wall's lines shows through the body.
+    """
     if not _read(picture, x, y, colour):
         return -CLIP
     i, j = int(y + 0.5), int(x + 0.5)
     body = behind = 0.0
     known = times[i, j] >= SEEN
     for c in range(3):
-        off = colour[c] - inside[0, c]
+        off = colour[c] - relief[i, j, c] - inside[0, c]
         body += 0.5 * off * off / inside[1, c] + 0.5 * math.log(inside[1, c])
         if known:
-            off, variance = colour[c] - wall[i, j, c], WALL_SCATTER**2
+            off = colour[c] - wall[i, j, c]
+            variance = SHADOW**2 if c == 0 and off < 0.0 else WALL_SCATTER**2
         else:
             off, variance = colour[c] - outside[0, c], outside[1, c]
         behind += 0.5 * off * off / variance + 0.5 * math.log(variance)
@@ -87,7 +92,7 @@ def _best_step(evidence, count, expected, spread):
 
 
 @compiled
-def measure_edges(picture, wall, times, points, normals, half, inside, outside, reach, out):
+def measure_edges(picture, wall, times, relief, points, normals, half, inside, outside, reach, out):
     """Edges to both sides of every station: `out` (S, 2, 2) how far beyond `half`, and its variance (infinite: none)."""
     colour, evidence = np.empty(3), np.empty(256)
     for s in range(points.shape[0]):
@@ -98,7 +103,7 @@ def measure_edges(picture, wall, times, points, normals, half, inside, outside, 
             for k in range(count):
                 d = sign * (first + k)
                 x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
-                evidence[k] = _evidence(picture, wall, times, x, y, inside[s], outside[s, side], colour)
+                evidence[k] = _evidence(picture, wall, times, relief, x, y, inside[s], outside[s, side], colour)
             at, quality = _best_step(evidence, count, half[s] - first, 0.5 * reach)
             out[s, side, 0] = first + at - half[s]
             out[s, side, 1] = np.inf
@@ -107,7 +112,7 @@ def measure_edges(picture, wall, times, points, normals, half, inside, outside, 
 
 
 @compiled
-def measure_end(picture, wall, times, tip, tangent, half, inside, outside, reach, out):
+def measure_end(picture, wall, times, relief, tip, tangent, half, inside, outside, reach, out):
     """Along rays through the end: `out` (RAYS, 2) how far beyond `tip` the body ends, and the variance (infinite: none)."""
     colour, evidence = np.empty(3), np.empty(256)
     first = -min(reach, 3.0 * half) - half
@@ -118,14 +123,14 @@ def measure_end(picture, wall, times, tip, tangent, half, inside, outside, reach
             d = first + k
             x = tip[0] + d * tangent[0] - v * tangent[1]
             y = tip[1] + d * tangent[1] + v * tangent[0]
-            evidence[k] = _evidence(picture, wall, times, x, y, inside, outside, colour)
+            evidence[k] = _evidence(picture, wall, times, relief, x, y, inside, outside, colour)
         at, quality = _best_step(evidence, count, -first, 0.5 * min(reach, 3.0 * half))
         out[r, 0] = first + at
         out[r, 1] = (EDGE_PX * (1.0 + 2.0 * math.exp(-quality))) ** 2 if quality > LEAST_EVIDENCE else np.inf
 
 
 @compiled
-def support(picture, wall, times, points, normals, half, inside, outside, out):
+def support(picture, wall, times, relief, points, normals, half, inside, outside, out):
     """Share (S,) of the body's inside that looks like it rather than like the wall."""
     colour = np.empty(3)
     for s in range(points.shape[0]):
@@ -134,7 +139,7 @@ def support(picture, wall, times, points, normals, half, inside, outside, out):
             d = half[s] * (k - 3) * 0.22
             x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
             side = 0 if k >= 3 else 1
-            good += _evidence(picture, wall, times, x, y, inside[s], outside[s, side], colour) > 0.0
+            good += _evidence(picture, wall, times, relief, x, y, inside[s], outside[s, side], colour) > 0.0
         out[s] = good / 7.0
 
 
@@ -154,13 +159,14 @@ def read_strip(picture, points, normals, half, across, out):
 
 
 @compiled
-def match_texture(picture, points, normals, half, across, texture, information, pull, alike):
-    """How the texture lies beside its place: `information` (S, 3) nn, nt, tt and `pull` (S, 2), per station.
+def match_skin(picture, points, normals, half, across, skin, variance, information, pull, alike):
+    """How the skin lies beside its place: `information` (S, 6) nn, nt, tt, nw, tw, ww and `pull` (S, 3), per station.
 
-    One Gauss-Newton step on the robust difference between picture and `texture` (S, V, 3), without what a change of the
-    light does to all of a station. `alike` (S,) is the share of pixels that agree.
+    One Gauss-Newton step on the robust difference between picture and `skin` (S, V, 3) of known `variance`, without what
+    a change of the light does to all of a station: across (n) and along (t) the body, and in its half width (w).
+    `alike` (S,) is the share of pixels that agree.
     """
-    count, width = texture.shape[:2]
+    count, width = skin.shape[:2]
     here, ahead, behind = np.empty((width, 3)), np.empty(3), np.empty(3)
     slope = np.empty((width, 3, 2))
     for s in range(count):
@@ -182,20 +188,25 @@ def match_texture(picture, points, normals, half, across, texture, information, 
         for c in range(3):
             light = 0.0
             for v in range(width):
-                light += (here[v, c] - texture[s, v, c]) / width
+                light += (here[v, c] - skin[s, v, c]) / width
             for v in range(width):
-                off = here[v, c] - texture[s, v, c] - light
-                share = off / (3.0 * TEXTURE_SCATTER)
-                if abs(share) >= 1.0:
+                off = here[v, c] - skin[s, v, c] - light
+                alike[s] += (abs(off) < ALIKE) / (3.0 * width)
+                share = off * off / (9.0 * variance[s, v, c])
+                if share >= 1.0:
                     continue
-                weight = TEXTURE_ALIKE * (1.0 - share * share) ** 2 / TEXTURE_SCATTER**2
+                weight = INDEPENDENT * (1.0 - share) ** 2 / variance[s, v, c]
                 gn, gt = slope[v, c, 0], slope[v, c, 1]
+                gw = across[v] * gn
                 information[s, 0] += weight * gn * gn
                 information[s, 1] += weight * gn * gt
                 information[s, 2] += weight * gt * gt
+                information[s, 3] += weight * gn * gw
+                information[s, 4] += weight * gt * gw
+                information[s, 5] += weight * gw * gw
                 pull[s, 0] -= weight * gn * off
                 pull[s, 1] -= weight * gt * off
-                alike[s] += 1.0 / (3.0 * width)
+                pull[s, 2] -= weight * gw * off
 
 
 @compiled

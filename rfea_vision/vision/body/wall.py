@@ -1,0 +1,56 @@
+"""The still wall behind the body: learnt wherever the body is not, and how much of it shows through the body."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from rfea_vision.vision.body.model import ACROSS_INSIDE, STATIONS, Body, Picture, frame_of
+from rfea_vision.vision.body.sampling import SEEN, learn_wall, read_strip
+
+AROUND = 1.15, 2.5  # half widths, and px beyond: what may still be the body
+RENEWED = 4  # frames after which what shows through is worked out anew
+NOTHING = 3000.0  # grey levels squared: a wall without lines, whose noise tells nothing of what shines through
+
+
+class Wall:
+    """Mean colour (h, w, 3) of the wall, how often each pixel was seen (h, w), and what shows through the body.
+
+    `relief` (h, w, 3) is the wall without its slow part, times the share of it that the body lets through: lines, tape
+    and cables behind translucent rubber. The share is learnt from the pixels where the body lies before a known wall.
+    """
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.colour = np.zeros(shape, dtype=np.float32)
+        self.times = np.zeros(shape[:2], dtype=np.int32)
+        self.relief = np.zeros(shape, dtype=np.float32)
+        self._lines = np.zeros(shape, dtype=np.float32)
+        self._together, self._alone, self._frames = 0.0, NOTHING, 0
+
+    def cleared(self, picture: Picture) -> Picture:
+        """The picture without what shows through the body."""
+        return cv2.subtract(picture, self.relief, dtype=cv2.CV_8U) if self._together > 0.0 else picture  # pyright: ignore
+
+    def learn(self, picture: Picture, body: Body) -> None:
+        """Take from a picture what is beside the body, and what shows through it."""
+        tangents, normals = frame_of(body.points)
+        lines, seen = (np.empty((STATIONS, len(ACROSS_INSIDE), 3)) for _ in range(2))
+        read_strip(self._lines, body.points, normals, body.half, ACROSS_INSIDE, lines)
+        read_strip(picture, body.points, normals, body.half, ACROSS_INSIDE, seen)
+        lines -= lines.mean(axis=1, keepdims=True)
+        self._together = max(self._together + float(np.sum(lines * (seen - seen.mean(axis=1, keepdims=True)))), 0.0)
+        self._alone += float(np.sum(lines**2))
+        mask = np.zeros(picture.shape[:2], dtype=np.uint8)
+        reach = (AROUND[0] * body.half + AROUND[1])[:, None]
+        beyond = body.points[-1:] + tangents[-1:] * (body.half[-1] + 3.0)
+        outline = np.vstack([body.points + reach * normals, beyond, (body.points - reach * normals)[::-1]])
+        cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1)
+        learn_wall(picture, mask, self.colour, self.times)
+        if self._frames % RENEWED == 0:
+            known = (self.times >= SEEN).astype(np.float32)[..., None]
+            sigma = float(np.median(body.half))
+            near = cv2.GaussianBlur(self.colour * known, (0, 0), sigma)
+            share = cv2.GaussianBlur(known[..., 0], (0, 0), sigma)[..., None]
+            self._lines = (self.colour - near / np.maximum(share, 1e-3)) * known
+            self.relief = (min(self._together / self._alone, 1.0) * self._lines).astype(np.float32)
+        self._frames += 1
