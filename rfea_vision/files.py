@@ -12,7 +12,7 @@ import socket
 import sys
 import tempfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -244,12 +244,7 @@ def _refuse_links(path: Path) -> None:
         look(file)
 
 
-def sha256_of(path: Path, *, progress: Callable[[int], None] | None = None) -> str:
-    """Content hash of a file, read in blocks."""
-    digest = hashlib.sha256()
+def sha256_of(path: Path) -> str:
+    """Content hash of a file."""
     with path.open("rb") as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-            if progress is not None:
-                progress(len(block))
-    return digest.hexdigest()
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -10,11 +10,11 @@ FloatArray = NDArray[np.float64]
 NORMAL = 0.6744897501960817
 
 
-def scatter(values: ArrayLike, axis: int = 0) -> FloatArray:
-    """Standard deviation along an axis that outliers do not move: the median distance from the median, scaled to a normal law."""
+def scatter(values: ArrayLike) -> FloatArray:
+    """Standard deviation along the first axis, not moved by outliers: the median distance from the median, as of a normal law."""
     from scipy.stats import median_abs_deviation  # a third of a second to import
 
-    return np.asarray(median_abs_deviation(values, axis=axis, scale=NORMAL))
+    return np.asarray(median_abs_deviation(values, scale=NORMAL))
 
 
 def third_difference_noise(values: FloatArray, stride: int = 1) -> FloatArray:

@@ -61,7 +61,7 @@ def save_calibration(path: Path, calibration: Calibration) -> None:
         storage.release()
 
 
-def save_ros(path: Path, calibration: Calibration, camera_name: str = "camera") -> None:
+def save_ros(path: Path, calibration: Calibration) -> None:
     """Write a ROS camera_info file, as `camera_calibration_parsers` reads it; whole or not at all.
 
     The plane of motion and the covariances have no place in such a file.
@@ -74,7 +74,7 @@ def save_ros(path: Path, calibration: Calibration, camera_name: str = "camera") 
     content = {
         "image_width": int(calibration.image_width),
         "image_height": int(calibration.image_height),
-        "camera_name": camera_name,
+        "camera_name": "camera",
         "camera_matrix": matrix(calibration.camera_matrix),
         "distortion_model": LENSES[calibration.model].names[0],
         "distortion_coefficients": matrix(np.ravel(calibration.distortion)),

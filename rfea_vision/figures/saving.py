@@ -75,9 +75,9 @@ def save_plates(
     return written
 
 
-def as_svg(plate: Plate, *, style: str = "paper") -> str:
+def as_svg(plate: Plate) -> str:
     """One plate as SVG, to stand inside a page; its marks are named after the plate, so that two do not mix."""
-    with _drawing(style, salt=plate.name) as figure_of:
+    with _drawing("paper", salt=plate.name) as figure_of:
         page = io.StringIO()
         figure_of(plate).savefig(page, format="svg", metadata=_METADATA["svg"])
     text = re.sub(r"<metadata>.*?</metadata>", "", page.getvalue(), flags=re.DOTALL)

@@ -20,7 +20,6 @@ from rfea_vision.fitting.profile import profile
 from rfea_vision.fitting.ratio import only_ratio
 from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit
 from rfea_vision.fitting.residual_tests import count_jumps
-from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.rules import under_rules
 from rfea_vision.fitting.scoring import as_artefact
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
@@ -153,18 +152,8 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
                 solution = found
             if solution is not None and not _far_off(thin, solution, problem.actuator.length):
                 break
-        label = f"r_hyd x {arm:.2f}, damping x {damping:.2f}"
-        if solution is None:
-            waterfall.append({"start": label, "cost": None, "status": "could not be simulated"})
-        else:
-            waterfall.append(
-                {
-                    "start": label,
-                    "cost": solution.cost,
-                    "status": "converged" if solution.converged else "stopped early",
-                }
-            )
-            solutions.append(solution)
+        waterfall.append(_attempt(f"r_hyd x {arm:.2f}, damping x {damping:.2f}", solution))
+        solutions += [] if solution is None else [solution]
         if progress is not None:
             progress(index + 1, len(shapes) + 2)
         costs = [row["cost"] for row in waterfall if row["cost"] is not None]
@@ -179,6 +168,13 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -
     if progress is not None:
         progress(len(shapes) + 2, len(shapes) + 2)
     return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
+
+
+def _attempt(label: str, solution: Solution | None) -> dict[str, Any]:
+    """What `model.json` says of one start."""
+    if solution is None:
+        return {"start": label, "cost": None, "status": "could not be simulated"}
+    return {"start": label, "cost": solution.cost, "status": "converged" if solution.converged else "stopped early"}
 
 
 def _far_off(items: Sequence[Observed], solution: Solution, length_m: float) -> bool:
@@ -236,48 +232,37 @@ def fit_added(
     problem: Problem,
     options: FitOptions,
     previous: Fitted,
-    *,
-    starts: Sequence[dict[str, float]] | None = None,
-    worth: float = 0.0,
     progress: Progress = None,
 ) -> Fitted:
-    """Fit a model that has more effects than `previous`, from several starts for the new parameters.
+    """Fit a model that has more effects than `previous`, from several starts for the new parameters, compared on thinned runs.
 
-    The starts compete on thinned runs. Where even the best lowers the cost of `previous` by less than the share `worth`,
-    it is evaluated on all frames and not polished.
+    Raises
+    ------
+    DataError
+        None of the starts can be simulated.
     """
     model = make_model(problem.actuator, options, problem.mirror)
     new = [effect.id for effect in model.effects if effect.id not in {e.id for e in previous.model.effects}]
-    options_list = list(starts) if starts is not None else effect_starts(model.effects, new)
+    starts = effect_starts(model.effects, new)
     known = dict(zip(previous.model.names, previous.par, strict=True))
     best: Fitted | None = None
     waterfall = []
-    thin = [o.rough(ROUGH_FRAMES) for o in problem.train]
-    for index, start in enumerate(options_list):
+    for index, start in enumerate(starts):
         label = ", ".join(f"{k} = {v:g}" for k, v in start.items()) or "previous model"
-        most = 15 if len(options_list) > 1 else 30
         try:
-            trial = _tried(problem, options, {**known, **start}, previous, most)
+            trial = _tried(problem, options, {**known, **start}, previous, 15 if len(starts) > 1 else 30)
         except DataError:
-            waterfall.append({"start": label, "cost": None, "status": "could not be simulated"})
+            waterfall.append(_attempt(label, None))
             continue
-        waterfall.append(
-            {
-                "start": label,
-                "cost": trial.solution.cost,
-                "status": "converged" if trial.solution.converged else "stopped early",
-            }
-        )
+        waterfall.append(_attempt(label, trial.solution))
         if best is None or trial.solution.cost < best.solution.cost:
             best = trial
         if progress is not None:
-            progress(index + 1, len(options_list) + 1)
+            progress(index + 1, len(starts) + 1)
     if best is None:
         raise DataError(f"model {options.name}: none of its starts could be simulated")
     values = dict(zip(best.model.names, best.par, strict=True))
-    not_worth_it = worth > 0 and best.solution.cost > (1 - worth) * _cost(previous, thin)
-    most = 1 if not_worth_it else 60
-    final = refit(problem, options, values, options.segments, best.solution.clocks, most_evaluations=most)
+    final = refit(problem, options, values, options.segments, best.solution.clocks)
     return replace(
         final,
         plateaus=previous.plateaus,
@@ -300,12 +285,6 @@ def _tried(
         return refit(problem, options, values, segments, clocks, items=rough, **limits)
     except DataError:
         return refit(problem, options, values, segments, clocks, items=thin, **limits)
-
-
-def _cost(fitted: Fitted, items: Sequence[Observed]) -> float:
-    """Cost of a solved fit on other frames of the same runs; infinite where it cannot be simulated."""
-    seen = evaluate(fitted.model, fitted.par, items, (), fitted.solution.clocks)
-    return np.inf if seen is None else seen.cost
 
 
 def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:

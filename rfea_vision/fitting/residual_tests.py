@@ -13,23 +13,24 @@ from rfea_vision.fitting.residuals import Predicted
 from rfea_vision.scatter import scatter
 
 FloatArray = NDArray[np.float64]
+BINS = 16  # of quantiles: each holds at least eight values
 
 
-def correlation_ratio(explained: FloatArray, by: FloatArray, bins: int = 16) -> float:
+def correlation_ratio(explained: FloatArray, by: FloatArray) -> float:
     """Share of the variance of one series that a smooth function of another explains, 0 to 1.
 
     The correlation ratio over quantile bins, less what chance would give.
     """
     good = np.isfinite(explained) & np.isfinite(by)
     y, x = explained[good], by[good]
-    if y.size < 8 * bins or np.ptp(x) == 0 or np.var(y) == 0:
+    if y.size < 8 * BINS or np.ptp(x) == 0 or np.var(y) == 0:
         return 0.0
-    edges = np.quantile(x, np.linspace(0, 1, bins + 1))
-    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, bins - 1)
-    counts = np.bincount(index, minlength=bins)
-    means = np.bincount(index, y, minlength=bins) / np.maximum(counts, 1)
+    edges = np.quantile(x, np.linspace(0, 1, BINS + 1))
+    index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
+    counts = np.bincount(index, minlength=BINS)
+    means = np.bincount(index, y, minlength=BINS) / np.maximum(counts, 1)
     between = float(np.sum(counts * (means - y.mean()) ** 2))
-    chance = (bins - 1) / y.size
+    chance = (BINS - 1) / y.size
     return max(0.0, (between / float(np.sum((y - y.mean()) ** 2)) - chance) / (1 - chance))
 
 

@@ -146,10 +146,9 @@ def _laws(fitted: Fitted) -> dict[str, dict[str, str]]:
     return {effect.id: typeset(effect) for effect in fitted.model.effects}
 
 
-def as_artefact(problem: Problem, fitted: Fitted, *, with_test: bool = False) -> ModelFit:
-    """Score a fit on the training and validation runs (and the test runs only if asked to) and write it down."""
-    items = list(problem.with_roles("train", "validate", *(("test",) if with_test else ())))
-    others = [o for o in items if o.role != "train"]
+def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
+    """Score a fit on the training and validation runs, test runs left alone, and write it down."""
+    others = problem.validate
     best = refine(fitted, problem.train)
     clocks = np.concatenate([best.clocks, fit_clocks(best.model, others, best.par)])
     scores, parts, _ = score(problem, best.model, best.par, [*problem.train, *others], clocks)

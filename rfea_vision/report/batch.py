@@ -24,13 +24,12 @@ from rfea_vision.report.shown import PER_JOINT, errors_of, of_the_tube
 PAIR_SCRIPTS = ("data", "pen", "plot", "pair")
 
 
-def render_index(folders: Sequence[Path], *, title: str = "Campaigns", beside: Path | None = None) -> str:
+def render_index(folders: Sequence[Path], *, beside: Path | None = None) -> str:
     """Make an index of many campaigns: rows are experiments, columns are rungs.
 
     Parameters
     ----------
     folders : ``rfea/`` folders; one that cannot be read is listed with the reason
-    title : heading of the page
     beside : folder in which the page will be saved, so that it can link to each report
 
     Returns
@@ -38,7 +37,7 @@ def render_index(folders: Sequence[Path], *, title: str = "Campaigns", beside: P
     str
         One HTML document.
     """
-    return render_rows([campaign_row(folder, beside=beside) for folder in folders], title=title)
+    return render_rows([campaign_row(folder, beside=beside) for folder in folders])
 
 
 def campaign_row(folder: Path, *, beside: Path | None = None, why: str = "") -> dict[str, Any]:
@@ -51,7 +50,7 @@ def campaign_row(folder: Path, *, beside: Path | None = None, why: str = "") -> 
     return {**row, "why": why or row["why"]}
 
 
-def render_rows(rows: Sequence[dict[str, Any]], *, title: str = "Campaigns") -> str:
+def render_rows(rows: Sequence[dict[str, Any]]) -> str:
     """Make the index of rows that `campaign_row` gave."""
     columns = max((len(row["steps"]) for row in rows), default=0)
     known = {
@@ -67,7 +66,7 @@ def render_rows(rows: Sequence[dict[str, Any]], *, title: str = "Campaigns") -> 
     }
     scales = {unit: {"low": min(found, default=-2.0), "high": max(found, default=1.0)} for unit, found in known.items()}
     return environment().get_template("index.html.j2").render(
-        title=title, campaigns=rows, columns=columns, style=static("style.css"), scales=scales,
+        title="Campaigns", campaigns=rows, columns=columns, style=static("style.css"), scales=scales,
     )  # fmt: skip
 
 

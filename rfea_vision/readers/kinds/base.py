@@ -197,6 +197,6 @@ def unseen(positions: FloatArray, confidence: FloatArray | None, least: float) -
     return np.where((confidence >= least)[..., None], positions, np.nan)
 
 
-def listed(names: Sequence[str], most: int = 12) -> str:
+def listed(names: Sequence[str]) -> str:
     """Return names for a sentence, the first of many."""
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
