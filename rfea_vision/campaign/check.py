@@ -57,8 +57,8 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
     for experiment in active:
         if text := plausibility.beside_others(experiment.name, highest):
             problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
-    for experiment, text in plausibility.alike(active):
-        problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
+    for experiment, key, text in plausibility.alike(active):
+        problems.append(_warning(experiment.folder / "experiment.yaml", experiment, key, text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     return Checked({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 FloatArray = NDArray[np.float64]
+
+#: Parts of a run that no two runs have in common, and how they are alike.
+_COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressure": "log, row by row"}
 
 # Soft actuators are driven with 10 to 500 kPa: these leave a factor of six to both sides, and the usual slips are factors of
 # 1000 (Pa, ms, m) or 57 (radians), which no factor of six hides.
@@ -122,17 +126,20 @@ def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_k
     ]
 
 
-def alike(experiments: Sequence[ExperimentSpec]) -> list[tuple[ExperimentSpec, str]]:
-    """Doubt a pressure log that stands in two runs: the second of each pair, and why."""
-    seen: dict[tuple[str, str | None], ExperimentSpec] = {}
+def alike(experiments: Sequence[ExperimentSpec]) -> list[tuple[ExperimentSpec, str, str]]:
+    """Doubt a film, a track or a pressure log that stands in two runs: the second of each pair, its key, and why."""
     found = []
-    for experiment in experiments:
-        log = experiment.pressure
-        if log.file is None or not log.file.is_file():
-            continue
-        first = seen.setdefault((sha256_of(log.file), log.pressure), experiment)
-        if first is not experiment:
-            found.append(
-                (experiment, f"is the same log, row by row, as that of '{first.name}'; was it copied by mistake?")
-            )
+    for key, what in _COPIED.items():
+        having = [(item, part) for item in experiments if (part := getattr(item, key)) is not None]
+        files = [(item, part) for item, part in having if part.file is not None and part.file.is_file()]
+        sizes = Counter(part.file.stat().st_size for _, part in files)  # a film is read only where another is as long
+        seen: dict[tuple[object, ...], ExperimentSpec] = {}
+        for item, part in files:
+            if sizes[part.file.stat().st_size] > 1:
+                taken = [getattr(part, name, None) for name in ("pressure", "angle", "points", "individual")]
+                first = seen.setdefault((sha256_of(part.file), *taken), item)
+                if first is not item:
+                    found.append(
+                        (item, key, f"is the same {what}, as that of '{first.name}'; was it copied by mistake?")
+                    )
     return found

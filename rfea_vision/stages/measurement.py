@@ -19,7 +19,7 @@ from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
-from rfea_vision.stages.warnings import few_frames, log_warnings, reasons_of, say_warnings, warn_of_equal_logs
+from rfea_vision.stages.warnings import few_frames, log_warnings, reasons_of, say_warnings, warn_of_copies
 
 if TYPE_CHECKING:
     from rfea_vision.readers.pressure import PressureLog
@@ -258,7 +258,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
         recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else log_warnings(recording, used))
         recording.save(path)
         say_warnings(work, experiment, recording)
-        warn_of_equal_logs(work, [experiment])
+        warn_of_copies(work, [experiment])
         return recording, [path], describe_recording(recording)
 
     return work.run(

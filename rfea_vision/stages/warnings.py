@@ -55,11 +55,11 @@ def say_warnings(work: Runner, experiment: ExperimentSpec, measured: Track | Rec
         work.tell(f"warning: {experiment.name}: {doubt}")
 
 
-def warn_of_equal_logs(work: Runner, about: Sequence[ExperimentSpec]) -> None:
-    """Say of these runs whether their log stands in another one, too."""
-    for experiment, text in plausibility.alike(work.active()):
+def warn_of_copies(work: Runner, about: Sequence[ExperimentSpec]) -> None:
+    """Say of these runs whether their film, track or log stands in another one, too."""
+    for experiment, key, text in plausibility.alike(work.active()):
         if experiment in about or any(f"'{item.name}'" in text for item in about):
-            work.tell(f"warning: {experiment.name}: pressure {text}")
+            work.tell(f"warning: {experiment.name}: {key} {text}")
 
 
 def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) -> None:
@@ -67,7 +67,7 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
     experiments = [work.campaign.experiment(name) for name in recordings]
     for experiment in experiments:
         say_warnings(work, experiment, recordings[experiment.name].value)
-    warn_of_equal_logs(work, experiments)
+    warn_of_copies(work, experiments)
 
 
 def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:

@@ -37,12 +37,12 @@ def write_experiment(folder: Path, name: str, role: str = "train") -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "experiment.yaml").write_text(EXPERIMENT.format(name=name, role=role))
     log_s = np.arange(0.0, 0.5, 0.001)
-    top_kPa = 100.0 + 0.1 * (zlib.crc32(name.encode()) % 100)  # no two runs have the same log, row by row
+    top_kPa = 100.0 + 0.1 * (zlib.crc32(name.encode()) % 100)  # no two runs have the same log or track, row by row
     pressure_kPa = top_kPa * (1.0 - np.exp(-log_s / 0.1))
     pd.DataFrame({"time_s": log_s, "pressure_kPa": pressure_kPa}).to_csv(folder / "pressure.csv", index=False)
     time_s = np.arange(0.0, 0.5, 1 / 240)
     bend = 0.8 * (1.0 - np.exp(-time_s / 0.1))
-    noise = np.random.default_rng(0).normal(0.0, 0.05, (2, len(time_s)))
+    noise = np.random.default_rng(zlib.crc32(name.encode())).normal(0.0, 0.05, (2, len(time_s)))
     track = {"time_s": time_s, "tip_x_mm": -60.0 * bend + noise[0], "tip_y_mm": -155.0 + 30.0 * bend**2 + noise[1]}
     pd.DataFrame(track).to_csv(folder / "track.csv", index=False)
     return folder

@@ -44,6 +44,10 @@ def _copied(folder):
     (folder / "steps" / "pressure.csv").write_bytes((folder / "sine" / "pressure.csv").read_bytes())
 
 
+def _copied_track(folder):
+    (folder / "steps" / "track.csv").write_bytes((folder / "sine" / "track.csv").read_bytes())
+
+
 def _own_log(folder):
     """Nothing is wrong: the runs of the template share a log, so each gets its own."""
     for name, factor in (("steps", 1.0), ("sine", 1.1)):
@@ -70,6 +74,7 @@ SLIPS = pytest.mark.parametrize(
         (_radians, "are these radians?"),
         (_time_as_pressure, "is it the column of time?"),
         (_copied, "is the same log, row by row, as that of 'sine'"),
+        (_copied_track, "is the same track, row by row, as that of 'sine'"),
         (_of_another_run, "is it the log of another run?"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Forty mistakes of a beginner, each seeded into a campaign that is right: one true sentence names the place and the remedy."""
+"""Mistakes of a beginner, each seeded into a campaign that is right: one true sentence names the place and the remedy."""
 
 import pandas as pd
 import pytest
@@ -52,8 +52,14 @@ def film_of_nothing(folder):
     (folder / "steps" / "v.mp4").touch()
 
 
-def copied_log(folder):
-    (folder / "steps" / "pressure.csv").write_bytes((folder / "sine" / "pressure.csv").read_bytes())
+def copied(file):
+    return lambda folder: (folder / "steps" / file).write_bytes((folder / "sine" / file).read_bytes())
+
+
+def copied_film(folder):
+    for name in ("steps", "sine"):
+        text("track: {file: track.csv}", "video: {file: v.mp4}", f"{name}/experiment.yaml")(folder)
+        (folder / name / "v.mp4").write_bytes(b"the same in both")
 
 
 RUN = "steps/experiment.yaml"
@@ -89,7 +95,9 @@ IN_FILES = [
     ("time runs back", log(lambda rows: [*rows[:400], *rows[100:]]), 2, "sort the log by time"),
     ("log empty", content("steps/pressure.csv", b""), 2, "steps/pressure.csv"),
     ("log a workbook", content("steps/pressure.csv", b"PK\x03\x04" + bytes(200)), 2, "save the table as CSV"),
-    ("log copied", copied_log, 0, "was it copied by mistake?"),
+    ("log copied", copied("pressure.csv"), 0, "the same log, row by row, as that of 'sine'; was it copied by mistake?"),
+    ("track copied", copied("track.csv"), 0, "the same track, row by row, as that of 'sine'; was it copied by mistake?"),
+    ("film copied", copied_film, 2, "the same film, byte by byte, as that of 'sine'; was it copied by mistake?"),
 ]  # fmt: skip
 IN_COMMANDS = [
     (("check", "CAMPAIGN/steps/track.csv"), "is a file; give the campaign folder"),
