@@ -16,6 +16,8 @@ import numpy as np
 from rfea_vision.readers import pictures
 from rfea_vision.readers.pictures import Picture
 
+SAME_SHAPE = 0.003  # of width over height: two rows of 640, which encoders add or leave out
+
 
 @dataclass(frozen=True)
 class Photo:
@@ -64,3 +66,14 @@ def reference_photo(photos: Sequence[Path], plane: Path | None) -> Photo | None:
             kinds[photo.turns, photo.mirrored] += 1
             first.setdefault((photo.turns, photo.mirrored), photo)
     return first[kinds.most_common(1)[0][0]] if kinds else None
+
+
+def unlike_film(photo_px: tuple[int, int], film_px: tuple[int, int]) -> str:
+    """Why a calibration from photos of one size (width, height) does not hold for a film; empty where their shapes are the same."""
+    (width, height), (w, h) = photo_px, film_px
+    if max(abs(w - width), abs(h - height)) <= 2 or abs(w * height / (h * width) - 1) <= SAME_SHAPE:
+        return ""
+    remedy = "calibrate in the video's camera mode"
+    if abs(w * width / (h * height) - 1) <= SAME_SHAPE:
+        remedy = "one of them is turned: turn the video, or photograph the board with the camera held as for it"
+    return f"the video has {w} x {h} px, camera.photos have {width} x {height}; {remedy}"

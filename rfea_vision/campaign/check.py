@@ -153,10 +153,15 @@ def _experiment_problems(
             from rfea_vision.readers.video import open_frames, open_video
 
             video = experiment.video
+            source = None
             if video.file is not None:
-                pictures_s = open_video(video.file, video.rate_Hz).times_s()
+                source = open_video(video.file, video.rate_Hz)
             elif video.frames is not None and video.times is not None:
-                pictures_s = open_frames(video.frames, video.times, video.rate_Hz, within=video.within).times_s()
+                source = open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
+            if source is not None:
+                pictures_s = source.times_s()
+                if text := _unlike_photos(experiment.camera, source.size):
+                    problems.append(Problem(file, text, "video", experiment=experiment.name))
         elif experiment.track is not None:
             from rfea_vision.readers.tracks import read_track
 
@@ -195,6 +200,17 @@ def _experiment_problems(
             said += plausibility.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa)
     problems += [_warning(file, experiment, "pressure", text) for text in said]
     return problems
+
+
+def _unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
+    """Why the photos of the board cannot calibrate a film of this size; empty where they can, or cannot be read."""
+    from rfea_vision.calibration.photos import reference_photo, unlike_film
+
+    photo = None if camera is None else reference_photo(camera.photos, camera.plane)
+    if photo is None:
+        return ""
+    height, width = photo.shown().shape
+    return unlike_film((width, height), film_px)
 
 
 def _warning(file: Path, experiment: ExperimentSpec, key: str, text: str) -> Problem:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rfea_vision.artefacts import Actuator, Calibration, Hints, Track, bend_sign
+from rfea_vision.calibration.photos import unlike_film
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
@@ -165,14 +166,11 @@ def matched_to(calibration: Calibration, source: FrameSource) -> Calibration:
     if not has_plane(calibration):
         raise InputError("camera.plane is missing: give a photo of the board lying in the plane of motion")
     w, h = source.size
+    if unlike := unlike_film((calibration.image_width, calibration.image_height), source.size):
+        raise InputError(f"{source.path}: {unlike}")
     if max(abs(w - calibration.image_width), abs(h - calibration.image_height)) <= 2:
         return calibration
     fx, fy = w / calibration.image_width, h / calibration.image_height
-    if abs(fx / fy - 1) > 0.003:
-        raise InputError(
-            f"{source.path}: the video has {w} x {h} px, camera.photos have "
-            f"{calibration.image_width} x {calibration.image_height}; calibrate in the video's camera mode"
-        )
     matrix = calibration.camera_matrix.copy()
     matrix[0, 0] *= fx
     matrix[1, 1] *= fy

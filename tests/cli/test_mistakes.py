@@ -1,5 +1,7 @@
 """Mistakes of a beginner, each seeded into a campaign that is right: one true sentence names the place and the remedy."""
 
+import cv2
+import numpy as np
 import pandas as pd
 import pytest
 from campaign.campaigns import write_campaign
@@ -62,6 +64,18 @@ def copied_film(folder):
         (folder / name / "v.mp4").write_bytes(b"the same in both")
 
 
+def turned_film(folder):
+    """Frames that lie, and a photo of the board that stands."""
+    text("track: {file: track.csv}", "frames: {folder: frames, times: times.csv}", RUN)(folder)
+    (folder / "steps" / "frames").mkdir()
+    for number in range(3):
+        cv2.imwrite(str(folder / "steps" / "frames" / f"{number}.png"), np.full((48, 64), 90, np.uint8))
+    pd.DataFrame({"file": ["0.png", "1.png", "2.png"], "time_s": [0.0, 0.1, 0.2]}).to_csv(folder / "steps" / "times.csv", index=False)
+    cv2.imwrite(str(folder / "photo.png"), np.full((64, 48), 90, np.uint8))
+    with (folder / "campaign.yaml").open("a") as file:
+        file.write("camera: {board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}, photos: photo.png}\n")
+
+
 RUN = "steps/experiment.yaml"
 IN_FILES = [
     ("length without unit", text("length: 155 mm", "length: 155"), 2, "actuator.length: 155 has no unit"),
@@ -83,6 +97,7 @@ IN_FILES = [
     ("two of one name", text("name: steps", "name: sine", RUN), 2, "steps/experiment.yaml: name: 'sine' names 2 experiments"),
     ("track renamed", renamed("steps/track.csv", "steps/Track.CSV"), 2, "(there is Track.CSV"),
     ("track in a lower folder", text("file: track.csv", "file: data/track.csv", RUN), 2, "no file 'data/track.csv'"),
+    ("film turned", turned_film, 2, "photos have 48 x 64; one of them is turned: turn the video, or photograph the board"),
     ("film empty", film_of_nothing, 2, "is empty (0 bytes)"),
     ("rate without unit", text("track: {file: track.csv}", "video: {file: v.mp4, rate: 240}", RUN), 2, "write for example '240 Hz'"),
     ("clock misspelt", text("common_clock", "comon_clock", RUN), 2, "sync.method"),

@@ -2,8 +2,25 @@
 
 import pytest
 
+from rfea_vision.calibration.photos import unlike_film
 from rfea_vision.calibration.storage import load_calibration, save_ros
 from rfea_vision.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("film", "says"),
+    [
+        ((720, 1280), None),
+        ((360, 640), None),  # the same picture, smaller
+        ((720, 1278), None),  # an encoder that wants multiples of four
+        ((1280, 720), "one of them is turned"),
+        ((640, 480), "calibrate in the video's camera mode"),
+    ],
+)
+def test_a_film_of_another_shape_is_told_from_a_turned_one(film, says):
+    told = unlike_film((720, 1280), film)
+    assert told == "" if says is None else says in told and f"{film[0]} x {film[1]}" in told
+
 
 GOOD = """image_width: 640
 image_height: 480
