@@ -40,6 +40,27 @@ def test_poses_come_back(tmp_path):
         assert [str(name) for name in poses["keypoints"].values] == ["clamp", "node01", "node02", "node03", "tip"]
 
 
+def test_movement_reads_the_poses_and_takes_them_on_to_nwb(tmp_path):
+    reason = "the package movement is not installed"
+    inputs = pytest.importorskip("movement.validators.datasets", reason=reason)
+    from movement.io import load_poses, save_poses
+    from movement.kinematics import compute_speed
+    from pynwb import NWBHDF5IO
+
+    data = recording()
+    write_movement(tmp_path / "run.nc", data, name="steps")
+    poses = xr.load_dataset(tmp_path / "run.nc", engine="h5netcdf")
+    inputs.ValidPosesInputs.validate(poses)
+    tip_x = data["midline"].values[:, -1, 0]
+    speed = compute_speed(poses["position"]).sel(keypoints="tip").values.ravel()
+    np.testing.assert_allclose(speed, np.abs(np.gradient(tip_x, data["time"].values)), atol=1e-6)
+    with NWBHDF5IO(tmp_path / "run.nwb", "w") as file:
+        file.write(save_poses.to_nwb_file(poses))
+    again = load_poses.from_nwb_file(tmp_path / "run.nwb")
+    np.testing.assert_array_equal(again["position"].values, poses["position"].values)
+    np.testing.assert_array_equal(again["confidence"].values, poses["confidence"].values)
+
+
 def test_an_angle_alone_has_no_poses(tmp_path):
     with pytest.raises(DataError, match="only its bend angle was measured"):
         write_movement(tmp_path / "run.nc", xr.Dataset({"valid": ("time", [1])}, {"time": [0.0]}), name="steps")
