@@ -138,7 +138,7 @@ function drawScene(c, to, k, weight) {
 
 // The corner of the picture that the tube keeps clear of most; one per run, so that the lens does not wander.
 function lensCorner(view) {
-  const tips = series(experiment().midline) ?? series(experiment().tip) ?? new Float64Array(0), best = {distance: -1};
+  const tips = series(experiment().midline) ?? series(experiment().tip) ?? series(prediction()?.tip) ?? new Float64Array(0), best = {distance: -1};
   for (const [u, v] of [[0.85, 0.84], [0.15, 0.84], [0.85, 0.16], [0.15, 0.16]]) {
     const x = view.left + u * view.width, y = view.top - v * view.height;
     let distance = Math.hypot(x, y); // the clamp is in the way too
