@@ -31,8 +31,9 @@ from rfea_vision.effects.catalogue import catalogue, forms_of
 FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)
 #: Better models from which the search goes on.
 ROUNDS = 4
-#: Single effects that are refitted whatever their linear step says; and how many times better than that a refit may turn out.
-SURE, LENIENT = 3, 2.0
+#: Single effects, and pairs, that are refitted where something is left, whatever their linear step says; and how many times
+#: better than that a refit may turn out.
+SURE, LENIENT = 2, 2.0
 #: Two sets are as likely as one another where the odds are less than 20 to 1, the usual word for what data can tell.
 EVEN = float(np.log(20.0))
 #: Two effects do alike where what they do differs by less than this share of it (a correlation of 0.95).
@@ -131,18 +132,19 @@ class Search:
     # -- the search ----------------------------------------------------------------------------------------------------
 
     def run(self) -> list[Weighed]:
-        """Screen, propose, refit; from every better set found again; then each member of the best set is left out in turn."""
+        """Screen, propose, refit, and again from every better set; where none comes, forms and rivals; each member is left out in turn."""
         centre, seen = self.present, set[frozenset[str]]()
         for _ in range(ROUNDS):
             seen.add(centre.effects)
             self._look_from(centre, FIRST if centre is self.present else LATER)
+            if self.weigh()[0].trial.effects in seen:
+                self._forms()
+                self._leave_one_out()  # what is left of a set without one member is where its rivals start from
+                self._rivals()
             best = self.weigh()[0].trial
             if best.effects in seen or SEGMENTS in best.effects:
                 break
             centre = best
-        self._forms()
-        self._leave_one_out()  # what is left of a set without one member is where its rivals start from
-        self._rivals()
         self._leave_one_out()
         return self.weigh()
 
@@ -155,10 +157,11 @@ class Search:
         rows = list(sensitivities(self.trials.problem, centre.fitted, offered))
         if centre is self.present:
             self.screened = screened_rows(rows, offered)
+        sure = SURE if self.structure(centre) >= STRUCTURE_FLOORS else 0
         proposals = Combinations(rows).best(have, min(room, len(widths)), max(widths))
         for size, (group, width) in enumerate(zip(proposals, widths, strict=False)):
             for rank, proposal in enumerate(group[:width]):
-                if (size == 0 and rank < SURE and centre is self.present) or self._worth(centre, proposal):
+                if (size < 2 and rank < sure) or self._worth(centre, proposal):
                     self.trials.refit(centre, proposal.effects, proposal.start)
 
     def _worth(self, centre: Trial, proposal: Proposal) -> bool:
@@ -198,18 +201,25 @@ class Search:
         """Nobody is named without its rivals refitted in its place: those said to be mistaken for it, and those that look like it.
 
         An effect looks like another that is named alone where its linear step would remove half as much, as a refit may turn out.
+        Where the best set leaves something, the former are tried in all their forms.
         """
         best = self.weigh()[0]
+        left = self.structure(best.trial) >= STRUCTURE_FLOORS
         for own in best.added:
             others = [one for one in look_alikes(self.effects, own) if one not in best.added]
+            forms = [form for one in others for form in (forms_of(one) if left else ())]
             if len(best.added) == 1:
                 least = max((row.explained for row in self.screened if row.effect == own), default=np.inf) / LENIENT
                 others += [row.effect for row in self.screened if row.effect != own and row.explained >= least]
-            base = self.without(best, own)
-            rows = [row for row in self.screened if row.effect in others]
-            for row in {r.effect: r for r in reversed(rows)}.values():
-                start = {f"{row.effect}.{k}": v for k, v in {**row.grid, **row.step}.items()}
-                self.trials.refit(base or self.present, (row.effect,), start)
+            base = self.without(best, own) or self.present
+            possible = {e.id for e in available(self.effects, {plain(one) for one in base.effects})}
+            starts = {
+                row.effect: {**row.grid, **row.step} for row in reversed(self.screened)
+            }  # of a grid its best point
+            for name in dict.fromkeys([*others, *forms]):
+                if plain(name) in possible & set(starts):
+                    start = {f"{plain(name)}.{k}": v for k, v in starts[plain(name)].items()}
+                    self.trials.refit(base, (name,), start)
 
     def _leave_one_out(self) -> bool:
         """Refit the best set without each of its members; whether any of that was new."""
