@@ -66,22 +66,22 @@ def draw(plant: str, seed: int) -> Case:
     hidden: dict[str, float] = {}
     right: list[str] = []
     for name in rng.permutation(pool)[:count]:
-        own, names = (_of_other if plant == "other" else _of_twin)(str(name), rng)
+        own, names = (of_other if plant == "other" else of_twin)(str(name), rng)
         hidden |= own
         right += names
     if kind == "outside":
         name = str(rng.choice(list(UNKNOWN) if plant == "other" else list(OUTSIDE)))
-        hidden |= {name: _even(rng, *UNKNOWN[name])} if plant == "other" else _of_twin(name, rng)[0]
+        hidden |= {name: even(rng, *UNKNOWN[name])} if plant == "other" else of_twin(name, rng)[0]
     return Case(plant, seed, kind, hidden, tuple(dict.fromkeys(right)), angle_only)
 
 
-def _even(rng: np.random.Generator, low: float, high: float) -> float:
+def even(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def _of_other(name: str, rng: np.random.Generator) -> tuple[dict[str, float], tuple[str, ...]]:
+def of_other(name: str, rng: np.random.Generator) -> tuple[dict[str, float], tuple[str, ...]]:
     right, low, high = LAWS[name]
-    value = _even(rng, low, high) * (
+    value = even(rng, low, high) * (
         rng.choice([-1.0, 1.0]) if name in ("tilt", "curl_root", "stepped", "damping_stepped") else 1.0
     )
     out = {name: float(value)}
@@ -92,14 +92,14 @@ def _of_other(name: str, rng: np.random.Generator) -> tuple[dict[str, float], tu
     return out, right
 
 
-def _of_twin(name: str, rng: np.random.Generator) -> tuple[dict[str, float], tuple[str, ...]]:
+def of_twin(name: str, rng: np.random.Generator) -> tuple[dict[str, float], tuple[str, ...]]:
     key = next(k for k in AMPLITUDES if k.split(".")[0] == name)
     guess, most = AMPLITUDES[key]
-    value = min(guess * _even(rng, 0.2, 3.0), most)
+    value = min(guess * even(rng, 0.2, 3.0), most)
     if name in SIGNED and rng.uniform() < 0.5:
         value = -value
     out = {key: float(f"{value:.4g}")}
-    out |= {k: float(f"{_even(rng, *span):.4g}") for k, span in PARTNERS.get(name, {}).items()}
+    out |= {k: float(f"{even(rng, *span):.4g}") for k, span in PARTNERS.get(name, {}).items()}
     return out, () if name in OUTSIDE else (name,)
 
 

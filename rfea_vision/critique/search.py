@@ -132,7 +132,7 @@ class Search:
     # -- the search ----------------------------------------------------------------------------------------------------
 
     def run(self) -> list[Weighed]:
-        """Screen, propose, refit, and again from every better set; where none comes, forms and rivals; each member is left out in turn."""
+        """Screen, propose, refit; again from every better set; where none comes, forms and rivals; members are left out in turn."""
         centre, seen = self.present, set[frozenset[str]]()
         for _ in range(ROUNDS):
             seen.add(centre.effects)
