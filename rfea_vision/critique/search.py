@@ -31,8 +31,8 @@ from rfea_vision.effects.catalogue import catalogue, forms_of
 FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)
 #: Better models from which the search goes on.
 ROUNDS = 4
-#: Single effects, and pairs, that are refitted where something is left, whatever their linear step says; and how many times
-#: better than that a refit may turn out.
+#: Single effects, and pairs, that are refitted where something is left, whatever their linear step says (from a better model one of
+#: each); and how many times better than that a refit may turn out.
 SURE, LENIENT = 2, 2.0
 #: Two sets are as likely as one another where the odds are less than 20 to 1, the usual word for what data can tell.
 EVEN = float(np.log(20.0))
@@ -157,7 +157,7 @@ class Search:
         rows = list(sensitivities(self.trials.problem, centre.fitted, offered))
         if centre is self.present:
             self.screened = screened_rows(rows, offered)
-        sure = SURE if self.structure(centre) >= STRUCTURE_FLOORS else 0
+        sure = (SURE if centre is self.present else 1) if self.structure(centre) >= STRUCTURE_FLOORS else 0
         proposals = Combinations(rows).best(have, min(room, len(widths)), max(widths))
         for size, (group, width) in enumerate(zip(proposals, widths, strict=False)):
             for rank, proposal in enumerate(group[:width]):
