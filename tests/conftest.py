@@ -26,3 +26,31 @@ def shared_data() -> Path:
             pytest.fail(reason)
         pytest.skip(reason)
     return folder
+
+
+#: Files that take long (more than 15 s of processor time): they go first, so that no core waits for the last of them.
+LONG = (
+    "test_contracts.py",
+    "test_docs_run.py",
+    "test_in_chromium.py",
+    "test_pointing.py",
+    "test_tracking.py",
+    "test_body.py",
+    "test_sync_films.py",
+    "test_real_pictures.py",
+    "test_hidden_effects.py",
+    "test_recordings.py",
+    "test_reproduce.py",
+    "test_board_photos.py",
+    "test_earlier.py",
+    "test_clamped_beam.py",
+    "test_rigs.py",
+    "test_climbing.py",
+    "test_paper.py",
+    "test_resume.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Order the files: the long ones first."""
+    items.sort(key=lambda item: LONG.index(item.path.name) if item.path.name in LONG else len(LONG))
