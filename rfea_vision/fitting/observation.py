@@ -103,39 +103,14 @@ def observe_recording(
     """
     data, name = recording.dataset, recording.name
     log_time, pressure, chambers = _log(data)
-    time = recording.time_s.astype(float)
-    margin = 0.02
-    valid = recording.valid & (time >= log_time[0] + margin) & (time <= log_time[-1] - margin)
-    valid &= np.concatenate([[True], np.diff(time) > 0])
-    for key in ("tip", "midline", "bend_angle"):
-        if key in data:
-            values = data[key].values.reshape(time.size, -1)
-            valid &= np.all(np.isfinite(values), axis=1)
-    if valid.sum() < 10:
-        raise DataError(
-            f"experiment {name}: only {int(valid.sum())} valid frames lie within the pressure log; "
-            "check the track's reasons (`rfea check`) and the clock offset"
-        )
+    time, valid = recording.time_s.astype(float), _usable(recording, log_time)
     mirror = bend_sign(data.attrs.get("bends", "left"))
     fractions, points, normals, sigma = _points(recording, valid, mirror)
-    count = int(valid.sum())
-    angle = np.deg2rad(data["bend_angle"].values[valid]) if "bend_angle" in data else np.full(count, np.nan)
-    if "bend_angle_sigma" in data:
-        angle_sigma = np.deg2rad(data["bend_angle_sigma"].values[valid])
-    else:
-        pair = np.column_stack([np.rad2deg(angle), np.zeros(count)])
-        angle_sigma = np.full(count, np.deg2rad(white_noise_mm(pair)))
+    sigma = np.where(np.isfinite(sigma), sigma, np.nanmedian(sigma) if sigma.size else 0)
+    sigma = np.maximum(sigma, SMALLEST_SIGMA_MM * MM)
+    angle, angle_sigma = _angles(data, valid)
     wanted: Observe = observe or default_observe([recording])
-    if (wanted == "midline" and fractions.size < 2) or (wanted in ("tip", "tip_y") and fractions.size == 0):
-        raise DataError(
-            f"experiment {name}: its track has no {wanted.split('_')[0]}; use --observe {default_observe([recording])}"
-        )
-    if wanted == "angle" and not np.any(np.isfinite(angle)):
-        raise DataError(f"experiment {name}: its track has no bend angle; use --observe {default_observe([recording])}")
-    sigma = np.maximum(
-        np.where(np.isfinite(sigma), sigma, np.nanmedian(sigma) if sigma.size else 0), SMALLEST_SIGMA_MM * MM
-    )
-    angle_sigma = np.maximum(np.where(np.isfinite(angle_sigma), angle_sigma, 0), np.deg2rad(SMALLEST_SIGMA_DEG))
+    _refuse_unseen(recording, wanted, fractions, angle)
     keep = _without_jumps(points, angle, sigma)
     method = str(data.attrs.get("sync_method", "common_clock"))
     held, keep = _held(recording, time[valid], points, angle, keep)
@@ -177,6 +152,49 @@ def observe_recording(
         held=held,
         conditions=json.loads(str(data.attrs.get("conditions", "{}"))),
     )
+
+
+def _usable(recording: Recording, log_time: FloatArray) -> NDArray[np.bool_]:
+    """Frames that are valid, whole, in order, and within the pressure log."""
+    time = recording.time_s.astype(float)
+    margin = 0.02  # s: a clock is moved by so much without leaving the log
+    valid = recording.valid & (time >= log_time[0] + margin) & (time <= log_time[-1] - margin)
+    valid &= np.concatenate([[True], np.diff(time) > 0])
+    for key in ("tip", "midline", "bend_angle"):
+        if key in recording.dataset:
+            valid &= np.all(np.isfinite(recording.dataset[key].values.reshape(time.size, -1)), axis=1)
+    if valid.sum() < 10:
+        raise DataError(
+            f"experiment {recording.name}: only {int(valid.sum())} valid frames lie within the pressure log; "
+            "check the track's reasons (`rfea check`) and the clock offset"
+        )
+    return valid
+
+
+def _angles(data: xr.Dataset, valid: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Bend angle of the valid frames (rad), NaN where there is none, and its standard error."""
+    count = int(valid.sum())
+    angle = np.deg2rad(data["bend_angle"].values[valid]) if "bend_angle" in data else np.full(count, np.nan)
+    if "bend_angle_sigma" in data:
+        sigma = np.deg2rad(data["bend_angle_sigma"].values[valid])
+    else:
+        pair = np.column_stack([np.rad2deg(angle), np.zeros(count)])
+        sigma = np.full(count, np.deg2rad(white_noise_mm(pair)))
+    return angle, np.maximum(np.where(np.isfinite(sigma), sigma, 0), np.deg2rad(SMALLEST_SIGMA_DEG))
+
+
+def _refuse_unseen(recording: Recording, wanted: Observe, fractions: FloatArray, angle: FloatArray) -> None:
+    """Refuse an observation that the track does not carry."""
+    lacks = {
+        "midline": fractions.size < 2,
+        "tip": fractions.size == 0,
+        "tip_y": fractions.size == 0,
+        "angle": not np.any(np.isfinite(angle)),
+    }
+    if lacks[wanted]:
+        what = "bend angle" if wanted == "angle" else wanted.split("_")[0]
+        remedy = f"use --observe {default_observe([recording])}"
+        raise DataError(f"experiment {recording.name}: its track has no {what}; {remedy}")
 
 
 #: Sign and pressure (Pa) of each of several chambers, by its name.
