@@ -55,7 +55,7 @@ def synchronise(
     log_time = np.asarray(log.time_s, dtype=float)
     pressure = np.asarray(log.pressure_kPa, dtype=float)
     notes = check_log(log_time, pressure, experiment, moving=method == "motion")
-    alignment = _align(track, log, log_time, pressure, experiment, bends, method, value_s, channel)
+    alignment = _align(track, log, experiment, bends, method, value_s, channel)
     shifted = track.time_s * (1 + 1e-6 * alignment.drift_ppm) + alignment.offset_s
     covered = (shifted >= log_time[0]) & (shifted <= log_time[-1])
     if not np.any(covered & track.valid):
@@ -64,21 +64,7 @@ def synchronise(
         )
     if np.mean(covered) < 0.98:
         notes.append(f"{100 * np.mean(~covered):.0f} % of the frames lie outside the log")
-    dataset = track.dataset.assign_coords(
-        time=("time", shifted, {"units": "s", "long_name": "time on the log's clock"})
-    )
-    dataset = dataset.assign_coords(log_time=("log_time", log_time, {"units": "s"}))
-    dataset["pressure"] = (("log_time",), pressure, {"units": "kPa", "long_name": "gauge pressure"})
-    if log.chambers:
-        each = (
-            ("chamber", "log_time"),
-            np.stack(list(log.chambers.values())),
-            {"units": "kPa", "long_name": "gauge pressure"},
-        )
-        signs = ("chamber", [log.signs[name] for name in log.chambers])
-        dataset = dataset.assign_coords(chamber=("chamber", list(log.chambers)), chamber_sign=signs)
-        dataset["chamber_pressure"] = each
-        dataset["pressure"].attrs["long_name"] = "sum of the chambers' gauge pressures, each times its sign"
+    dataset = _on_log_clock(track, log, shifted)
     if len(alignment.curve[0]):
         dataset = dataset.assign_coords(sync_offset=("sync_offset", alignment.curve[0], {"units": "s"}))
         dataset["sync_explained"] = xr.Variable(("sync_offset",), alignment.curve[1], {"units": "1"})
@@ -103,7 +89,27 @@ def synchronise(
     return Recording(dataset)
 
 
-def _align(track, log, log_time, pressure, experiment, bends, method, value_s, channel) -> Alignment:
+def _on_log_clock(track: Track, log: PressureLog, time_s: FloatArray) -> xr.Dataset:
+    """The track at times (n,) of the log's clock, and the pressure beside it: of each chamber, too, where there are several."""
+    dataset = track.dataset.assign_coords(
+        time=("time", time_s, {"units": "s", "long_name": "time on the log's clock"}),
+        log_time=("log_time", np.asarray(log.time_s, dtype=float), {"units": "s"}),
+    )
+    attributes = {"units": "kPa", "long_name": "gauge pressure"}
+    dataset["pressure"] = (("log_time",), np.asarray(log.pressure_kPa, dtype=float), attributes)
+    if log.chambers:
+        signs = ("chamber", [log.signs[name] for name in log.chambers])
+        dataset = dataset.assign_coords(chamber=("chamber", list(log.chambers)), chamber_sign=signs)
+        dataset["chamber_pressure"] = (("chamber", "log_time"), np.stack(list(log.chambers.values())), attributes)
+        dataset["pressure"].attrs["long_name"] = "sum of the chambers' gauge pressures, each times its sign"
+    return dataset
+
+
+def _align(
+    track: Track, log: PressureLog, experiment: str, bends: str, method: str, value_s: float | None, channel: str | None
+) -> Alignment:
+    """Offset and drift by the method asked for."""
+    log_time, pressure = (np.asarray(values, dtype=float) for values in (log.time_s, log.pressure_kPa))
     nothing = (np.empty(0), np.empty(0))
     if method == "common_clock":
         return Alignment(0.0, 0.0, 0.0, 0.0, 1.0, nothing, "")
