@@ -38,64 +38,63 @@ def calibration_of(work: Runner, experiment: ExperimentSpec) -> Stored[Calibrati
 def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str) -> Stored[Calibration]:
     """Calibrate one camera from its photos, or take over an earlier calibration."""
     inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
+    length_m = work.campaign.actuator.length
     size = _picture_size(work, camera) if camera.scale is not None else None
-    scaled = (camera.hints, size, work.campaign.actuator.length) if camera.scale is not None else None
-
-    def load(file: Path) -> Calibration:
-        from rfea_vision.calibration.storage import load_calibration
-
-        return load_calibration(file)
+    scaled = (camera.hints, size, length_m) if camera.scale is not None else None
 
     def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
-        from rfea_vision.calibration.calibrate import calibrate as calibrate_camera
-        from rfea_vision.calibration.placing import place_in_plane
         from rfea_vision.calibration.storage import save_calibration
         from rfea_vision.calibration.thumbnails import save_thumbnails
 
-        vertical = camera.vertical if isinstance(camera.vertical, str) else "plumb"
-        if size is not None:
-            calibration = _scaled(camera, size, 1e3 * work.campaign.actuator.length)
-            save_calibration(path, calibration)
-            return calibration, [path], str(calibration.quality["note"])
-        if camera.file is not None:
-            calibration = load(camera.file)
-            if camera.plane is not None and camera.board is not None:
-                offset_mm = camera.board_offset_mm
-                calibration = place_in_plane(
-                    calibration, camera.plane, camera.board, board_offset_mm=offset_mm, vertical=vertical
-                )
-        else:
-            assert camera.board is not None
-            calibration = calibrate_camera(
-                camera.photos,
-                camera.plane,
-                camera.board,
-                vertical=vertical,
-                board_offset_mm=camera.board_offset_mm,
-                lens=camera.lens,
-                clamp_px=camera.hints.clamp,
-                tube_length_mm=1e3 * work.campaign.actuator.length,
-                progress=progress,
-            )
+        calibration, sentence = _calibrated(camera, size, 1e3 * length_m, progress)
         save_calibration(path, calibration)
-        if path.parent.name == "calibration":  # the campaign's own camera is the one that the report shows
+        if size is None and path.parent.name == "calibration":  # the campaign's own camera is what the report shows
             save_thumbnails(path.parent / "photos", camera.photos, camera.plane)
-        used = sum(bool(photo.get("used")) for photo in calibration.photos)
-        sentence = f"{calibration.model}, RMS {calibration.rms_px:.3f} px, {used} of {len(calibration.photos)} photos"
-        if camera.file is not None:
-            sentence = f"{calibration.model}, taken from {camera.file.name}"
         return calibration, [path], sentence
 
-    return work.run(
-        Stage(
-            "calibrate",
-            subject,
-            inputs=inputs,
-            options={"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled},
-        ),
-        make=make,
-        load=lambda: load(path),
+    def load() -> Calibration:
+        from rfea_vision.calibration.storage import load_calibration
+
+        return load_calibration(path)
+
+    options = {"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled}
+    return work.run(Stage("calibrate", subject, inputs=inputs, options=options), make=make, load=load)
+
+
+def _calibrated(
+    camera: CameraSpec, size: tuple[int, int] | None, length_mm: float, progress: Progress
+) -> tuple[Calibration, str]:
+    """A calibration by `camera.scale`, of which the picture's `size` is known, from a file, or from photos; and a sentence."""
+    from rfea_vision.calibration.calibrate import calibrate as calibrate_camera
+    from rfea_vision.calibration.placing import place_in_plane
+    from rfea_vision.calibration.storage import load_calibration
+
+    if size is not None:
+        calibration = _scaled(camera, size, length_mm)
+        return calibration, str(calibration.quality["note"])
+    placed: dict[str, Any] = {
+        "vertical": camera.vertical if isinstance(camera.vertical, str) else "plumb",
+        "board_offset_mm": camera.board_offset_mm,
+    }
+    if camera.file is not None:
+        calibration = load_calibration(camera.file)
+        if camera.plane is not None and camera.board is not None:
+            calibration = place_in_plane(calibration, camera.plane, camera.board, **placed)
+        return calibration, f"{calibration.model}, taken from {camera.file.name}"
+    assert camera.board is not None
+    calibration = calibrate_camera(
+        camera.photos,
+        camera.plane,
+        camera.board,
+        lens=camera.lens,
+        clamp_px=camera.hints.clamp,
+        tube_length_mm=length_mm,
+        progress=progress,
+        **placed,
     )
+    used = sum(bool(photo.get("used")) for photo in calibration.photos)
+    said = f"{calibration.model}, RMS {calibration.rms_px:.3f} px, {used} of {len(calibration.photos)} photos"
+    return calibration, said
 
 
 def _picture_size(work: Runner, camera: CameraSpec) -> tuple[int, int]:
