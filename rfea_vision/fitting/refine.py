@@ -39,7 +39,7 @@ def gauss_newton_step(fitted: Fitted, residual: FloatArray, prior_residual: Floa
     Directions of which the data tell next to nothing are not moved along.
     """
     solution, coordinates = fitted.solution, fitted.coordinates
-    moves = np.concatenate([coordinates.inside(solution.y), np.ones(len(solution.clock_index), dtype=bool)])
+    moves = np.concatenate([coordinates.inside(solution.y), solution.clocks_inside])
     step = np.zeros(moves.size)
     if not moves.any():
         return step
@@ -66,8 +66,8 @@ def refine(fitted: Fitted, items: Sequence[Observed]) -> Refined:
     if not step.any():
         return as_it_was
     y = np.clip(solution.y + step[:ny], coordinates.lower, coordinates.upper)
-    clocks = solution.clocks.copy()
-    clocks[list(solution.clock_index)] += step[ny:] * CLOCK_SCALE_S
+    clocks, free, limits = solution.clocks.copy(), list(solution.clock_index), solution.clock_limits
+    clocks[free] = np.clip(clocks[free] + step[ny:] * CLOCK_SCALE_S, -limits, limits)
     par = coordinates.parameters(y)
     after = evaluate(model, par, items, (), clocks)
     if after is None:

@@ -43,6 +43,7 @@ class Solution:
     evaluation: Evaluation
     scaled_jacobian: FloatArray
     clock_index: tuple[int, ...]
+    clock_limits: FloatArray  # s, how far each of those may be moved
     evaluations: int
     prior_jacobian: FloatArray
     prior_residual: FloatArray
@@ -57,6 +58,11 @@ class Solution:
     def x(self) -> FloatArray:
         """What the optimiser turned: coordinates, then the free clocks."""
         return np.concatenate([self.y, self.clocks[list(self.clock_index)] / CLOCK_SCALE_S])
+
+    @property
+    def clocks_inside(self) -> NDArray[np.bool_]:
+        """Which of the free clocks are off their bounds, and so may move either way."""
+        return np.abs(self.clocks[list(self.clock_index)]) < (1 - 1e-3) * self.clock_limits
 
 
 @dataclass(frozen=True)
@@ -146,6 +152,7 @@ class _Target:
             evaluation=evaluation,
             scaled_jacobian=self._scaled(picked),
             clock_index=self.clock_index,
+            clock_limits=np.array([_largest_clock(self.items[i]) for i in self.clock_index]),
             evaluations=self.count,
             prior_jacobian=rows,
             prior_residual=residual,
@@ -172,6 +179,8 @@ def solve(
     """
     clock_index = tuple(i for i, item in enumerate(items) if item.clock_free)
     target = _Target(model, items, coordinates, np.zeros(len(items)) if clocks is None else clocks.copy(), clock_index)
+    limits = np.array([_largest_clock(items[i]) for i in clock_index])
+    target.clocks[list(clock_index)] = np.clip(target.clocks[list(clock_index)], -limits, limits)
     x0 = np.concatenate([coordinates.coordinates(start), target.clocks[list(clock_index)] / CLOCK_SCALE_S])
     first = target.at(x0)
     if first is None:
@@ -189,7 +198,7 @@ def solve(
         return np.zeros((bad.size, x.size)) if point is None else point.jacobian
 
     softness = HUBER * max(1.0, float(np.median(np.abs(first.evaluation.residual))) / 0.6745)
-    limit = np.array([_largest_clock(items[i]) / CLOCK_SCALE_S for i in clock_index])
+    limit = limits / CLOCK_SCALE_S
     result = least_squares(
         fun,
         x0,

@@ -9,12 +9,16 @@ import xarray as xr
 from rfea_vision.artefacts import Actuator, ModelFit, Recording
 from rfea_vision.artefacts.judgement import ExperimentScore
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
+from rfea_vision.effects.base import BASE_PARAMETERS
 from rfea_vision.effects.catalogue import catalogue, find_effects
 from rfea_vision.errors import InputError
 from rfea_vision.fitting import FitOptions, fit_model
 from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.prediction import observe_as_scored
+from rfea_vision.fitting.problem import make_problem
+from rfea_vision.fitting.refine import refine
+from rfea_vision.fitting.refit import refit
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.steady import bending_angle
 
@@ -77,6 +81,20 @@ def test_a_load_that_is_known_to_be_absent_in_one_run_is_found_in_the_others(run
     said = " ".join(found.warnings)
     assert said.count("r_hyd") == 1 and "held at 15 mm" in said and "k_slope" in said
     assert all(found.parameters[name].fixed for name in ("r_hyd", "k_slope", "b_pos_slope", "b_neg_slope"))
+
+
+def test_no_moment_of_letting_go_is_moved_beyond_what_was_seen(runs):
+    """A beam that swings at the wrong frequency pulls at the clocks: the last, more exact step leaves them at their bounds."""
+    runs = {"bare": runs["bare"], "heavy": _let_go("heavy", "train", 0.3)}
+    options = FitOptions(segments=SEGMENTS, fixed=dict(zip(BASE_PARAMETERS, TRUTH, strict=True)))
+    problem = make_problem(runs, BEAM, options)
+    fitted = refit(
+        problem, options, {}, SEGMENTS, np.array([0.0, 1.0])
+    )  # one clock, and one that is off from the start
+    before = fitted.solution.clocks
+    assert before[1] == pytest.approx(0.04, rel=0.01)  # four frames
+    after = refine(fitted, problem.train).clocks
+    assert after[0] == pytest.approx(before[0], abs=1e-3) and after[1] == before[1]
 
 
 def test_a_known_condition_is_not_fitted(runs):
