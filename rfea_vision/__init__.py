@@ -10,16 +10,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rfea_vision.artefacts import (
-        Actuator,
-        Calibration,
-        Comparison,
-        Diagnosis,
-        Ladder,
-        ModelFit,
-        Recording,
-        Track,
-    )
+    from rfea_vision.artefacts import Actuator, Calibration, Comparison, Diagnosis, Ladder, ModelFit, Recording, Track
     from rfea_vision.campaign import Campaign, load_campaign
     from rfea_vision.errors import DataError, InputError, RfeaError
     from rfea_vision.stages import Workspace, open_campaign
@@ -30,21 +21,12 @@ __version__ = "0.6.0"
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(1 << 28))
 
 _HOMES = {
-    "rfea_vision.artefacts": (
-        "Actuator",
-        "Calibration",
-        "Comparison",
-        "Diagnosis",
-        "Ladder",
-        "ModelFit",
-        "Recording",
-        "Track",
-    ),
-    "rfea_vision.campaign": ("Campaign", "load_campaign"),
-    "rfea_vision.errors": ("DataError", "InputError", "RfeaError"),
-    "rfea_vision.stages": ("Workspace", "open_campaign"),
+    "artefacts": "Actuator Calibration Comparison Diagnosis Ladder ModelFit Recording Track",
+    "campaign": "Campaign load_campaign",
+    "errors": "DataError InputError RfeaError",
+    "stages": "Workspace open_campaign",
 }
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+_HOME_OF = {name: f"rfea_vision.{home}" for home, names in _HOMES.items() for name in names.split()}
 
 __all__ = [
     "Actuator",
