@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
+
 #: Median distance of a standard normal law from its median: its quantile at three quarters.
 NORMAL = 0.6744897501960817
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq, minimize_scalar
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.tube import inner_radius
 
-FloatArray = NDArray[np.float64]
 LARGEST_ANGLE = 4 * np.pi  # rad; no tube is asked to wind up further
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
-
-FloatArray = NDArray[np.float64]
 
 
 def inner_radius(actuator: Actuator, theta: ArrayLike, rest_length: float) -> FloatArray:

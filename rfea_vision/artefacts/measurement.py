@@ -13,13 +13,12 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
 from rfea_vision.files import read_dataset, write_dataset
 
 if TYPE_CHECKING:  # quarter of a second of import that a simulation does not need
     import xarray as xr
-
-FloatArray = NDArray[np.float64]
 
 
 def bend_sign(bends: str) -> float:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.noise import slow_variance
@@ -21,7 +21,6 @@ from rfea_vision.calibration.projection import rotation_matrix
 from rfea_vision.calibration.reprojection import board_pixels, seen
 from rfea_vision.errors import DataError
 
-FloatArray = NDArray[np.float64]
 Pose = tuple[FloatArray, FloatArray]
 
 REWEIGHTINGS = 2  # rounds in which the noise of every photo is estimated again

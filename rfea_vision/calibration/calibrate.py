@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.board import Board
@@ -23,7 +23,6 @@ from rfea_vision.calibration.quality import assess
 from rfea_vision.calibration.region import middle_of, over_region, reach_of
 from rfea_vision.errors import DataError, InputError
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 MINIMUM_PHOTOS = 3  # three orientations determine a camera matrix (Zhang 2000, doi:10.1109/34.888718)
 # A richer lens must predict unseen photos this much better: less, and it may be modelling an uneven print;

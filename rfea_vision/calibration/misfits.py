@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.bundle import Lens, solve_bundle, solve_pose
 from rfea_vision.calibration.corners import BoardView, Refused
 from rfea_vision.errors import DataError
 
-FloatArray = NDArray[np.float64]
 FEWEST = 4  # photos: of fewer, nobody knows which is the bad one
 POOR_PHOTO, POOR_PX = 3.0, 0.1  # times the median distance, and at least so much
 STARTS, START_WITH, ROUNDS = 6, 5, 4  # random sets of photos, photos in each, and rounds of leaving out

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
+
 DEGREE = 3  # of the polynomials over the board that slow errors are fitted with
 LEAST_FREEDOM = 20.0  # a photo with few corners is pulled towards the plain noise
 

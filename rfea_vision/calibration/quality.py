@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration import advice
 from rfea_vision.calibration.bundle import Bundle, Lens, solve_bundle
 from rfea_vision.calibration.corners import BoardView
@@ -22,7 +22,6 @@ from rfea_vision.calibration.projection import pack_camera, rotation_matrix, unp
 from rfea_vision.errors import DataError
 from rfea_vision.units import rounded
 
-FloatArray = NDArray[np.float64]
 LARGEST_INFLATION = 10.0  # of standard errors, at most
 SPLITS = 3  # into halves, at random
 CHANCE = 0.99  # level at which halves differ by more than chance

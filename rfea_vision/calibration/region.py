@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration, Track
 from rfea_vision.calibration.projection import (
     has_plane,
@@ -16,7 +16,6 @@ from rfea_vision.calibration.projection import (
     unproject,
 )
 
-FloatArray = NDArray[np.float64]
 MOST_FRAMES = 40  # of a track: the region that it visits changes slowly
 
 

@@ -10,14 +10,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import rotation_matrix
 from rfea_vision.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 FOCAL_SHARE = (
     0.8  # focal length over the longer side of the picture: 28 mm on 36 mm film, as main cameras of phones have

@@ -7,15 +7,14 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.campaign.specs import ExperimentSpec
 from rfea_vision.files import sha256_of
 
 if TYPE_CHECKING:
     import xarray as xr
 
-FloatArray = NDArray[np.float64]
 
 #: Parts of a run that no two runs have in common, and how they are alike.
 _COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressure": "log, row by row"}

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.errors import InputError
 from rfea_vision.tube import body_inertia, body_mass
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.compilation import CompiledLaw
 from rfea_vision.dynamics.excitation import Excitation, lagged
 from rfea_vision.effects.base import LINE_HOOKS
 from rfea_vision.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 
 def scalar(function: Callable[..., Any], par: FloatArray, con: FloatArray) -> tuple[float, FloatArray]:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.system import OK
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

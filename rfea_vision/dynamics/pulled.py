@@ -6,12 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.chain import Chain
 from rfea_vision.dynamics.motion import Steady
 
-FloatArray = NDArray[np.float64]
 #: The force is put on in so many parts; Newton steps at each, and the change (rad) at which they have come to rest.
 PARTS, STEPS, SETTLED = 4, 40, 1e-10
 #: Torque by which the difference for a derivative is taken, as a share of the force times the length.

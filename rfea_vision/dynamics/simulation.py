@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import g
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.chain import Chain
 from rfea_vision.dynamics.compilation import CompiledLaw, compile_law, constants
 from rfea_vision.dynamics.equilibrium import equilibrium
@@ -25,7 +26,6 @@ from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
 
-FloatArray = NDArray[np.float64]
 
 STANDARD_GRAVITY = g
 

@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
-import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 from sympy.printing.c import C99CodePrinter
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics import laws
 from rfea_vision.dynamics.generation import KINEMATIC, force_columns, joint_columns, relaxed_columns
 from rfea_vision.dynamics.laws import Law, compose
@@ -20,7 +19,6 @@ from rfea_vision.dynamics.realtime import NEWTON_ITERATIONS
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import InputError
 
-FloatArray = NDArray[np.float64]
 # fmt: off
 _WORDS = frozenset((
     "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern", "float", "for", "goto",

@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, ModelFit
 from rfea_vision.dynamics.simulation import Chain, Model
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import InputError
 from rfea_vision.fitting.problem import parse_effects
-
-FloatArray = NDArray[np.float64]
 
 
 def fitted_model(fit: ModelFit) -> tuple[Model, FloatArray]:

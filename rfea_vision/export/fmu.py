@@ -18,14 +18,10 @@ from importlib.resources import files
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError
 from rfea_vision.export.c_source import c_files, filled, one_line
-
-FloatArray = NDArray[np.float64]
 
 _OUTPUTS = (
     ("tip_x_m", "m", "tip of the centre line, to the camera's right of the clamp"),

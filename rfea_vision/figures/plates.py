@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
+
 Role = Literal["measured", "modelled", "other", "floor", "band", "coarse", "dots", "rings"]
 
 

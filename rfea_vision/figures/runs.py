@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from rfea_vision.figures.plates import Axis, FloatArray, Lines, Map, Plate, Series, lines, thinned
+from rfea_vision.arrays import FloatArray
+from rfea_vision.figures.plates import Axis, Lines, Map, Plate, Series, lines, thinned
 from rfea_vision.report.collect import Experiment, Step
 from rfea_vision.report.pack import nearest
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED, scaled
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.tube import inner_radius
 
-FloatArray = NDArray[np.float64]
 #: The law must hold to so many times the largest bend of the runs: springs and dampers stay positive to there.
 REACH = 1.5
 #: Stiffness and damping may differ from the reference by these factors: of a tube of rubber, and of a beam of anything. The softest

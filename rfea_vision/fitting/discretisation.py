@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.refine import Refined, gauss_newton_step
 from rfea_vision.fitting.refit import Fitted, carried
 from rfea_vision.fitting.residuals import evaluate, rows
 
-FloatArray = NDArray[np.float64]
 #: With joints in the middle the error falls with 1/n^2: a chain of 2 n lacks a third of what it has gained.
 TO_THE_LIMIT = 4 / 3
 

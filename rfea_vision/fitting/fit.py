@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Model
@@ -45,7 +45,6 @@ __all__ = [
     "start_vector",
 ]
 
-FloatArray = NDArray[np.float64]
 AGREEING_STARTS = 3  # starts that end within 0.1 % of one cost leave no doubt; two could agree by chance
 STIFFER_STARTS = (1.5, 3.0, 6.0)  # factors on the stiffness, tried in turn until the tube has a steady state
 #: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.

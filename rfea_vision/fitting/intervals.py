@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matrix
@@ -16,7 +16,6 @@ from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.uncertainty import Uncertainty, sandwich
 
-FloatArray = NDArray[np.float64]
 #: Correlation above which two parameters are told of together.
 NEAR_TIE = 0.995
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.scatter import third_difference_noise
-
-FloatArray = NDArray[np.float64]
 
 
 def white_noise_mm(tip_mm: FloatArray) -> float:

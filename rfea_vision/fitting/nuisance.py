@@ -12,11 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Excitation
-
-FloatArray = NDArray[np.float64]
 
 #: The unknown pressure before the log: held from the start of the excitation, and twice more shortly before the log begins.
 BEFORE_S = 0.5

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Recording, bend_sign
 from rfea_vision.dynamics.excitation import LONGEST_STEP_S
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
@@ -17,8 +18,6 @@ from rfea_vision.fitting.nuisance import BEFORE_S
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.release import Held, release_frame, release_time_s
 from rfea_vision.options.fit import Observe
-
-FloatArray = NDArray[np.float64]
 
 FITTED_NODES = 8  # of the centre line, evenly spaced, beside that at the clamp
 ORIGIN_SIGMA_MM = 0.1  # of a track that does not say it, see `residuals.origin_shift`

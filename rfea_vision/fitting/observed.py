@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Excitation
 from rfea_vision.fitting.nuisance import FORGOTTEN_S, Unknowns, unknowns_of
 from rfea_vision.fitting.release import Held
 from rfea_vision.options.fit import Observe
 
-FloatArray = NDArray[np.float64]
 MM = 1e-3  # in m
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Chain, Model
 from rfea_vision.effects.catalogue import find_effects, split_joint
@@ -18,7 +18,6 @@ from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.rules import CONSTANT_PA, pushed
 from rfea_vision.options.fit import FitOptions, Observe
 
-FloatArray = NDArray[np.float64]
 WRONG_SIDE_RAD = 0.3  # median bend to the other side under pressure at which a run is refused
 #: Twice the modulus of a stiff rubber (10 MPa): a thin wall of it has burst long before.
 BURSTS_PA = 2e7

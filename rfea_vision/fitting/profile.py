@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from rfea_vision.artefacts.judgement import Parameter
@@ -19,7 +18,6 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted, refit
 
-FloatArray = NDArray[np.float64]
 STEPS = 8  # points per side at most
 THRESHOLD = float(chi2.ppf(0.95, 1))
 

@@ -10,15 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residuals import Predicted, evaluate
 from rfea_vision.fitting.solver import CLOCK_SCALE_S
 
-FloatArray = NDArray[np.float64]
 EXACT_ORDER = 3  # of the integrator, see above
 WEAKEST = 1e-4  # singular values below this share of the largest carry too little
 

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError
@@ -19,8 +17,6 @@ from rfea_vision.fitting.solver import Solution, solve
 from rfea_vision.fitting.starts import without_vanishing_ends
 from rfea_vision.fitting.steady_fit import Plateau
 from rfea_vision.options import FitOptions
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

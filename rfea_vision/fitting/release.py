@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.chain import Chain
 from rfea_vision.errors import DataError
 from rfea_vision.scatter import scatter as robust
 
-FloatArray = NDArray[np.float64]
 #: The tube moves once it has left its held place by this many times the scatter there, and by this share of its whole way.
 CLEAR_SIGMAS, CLEAR_SHARE = 8.0, 0.01
 #: Frames that tell how the tube was held, at least.

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import Predicted
 from rfea_vision.scatter import scatter
 
-FloatArray = NDArray[np.float64]
 BINS = 16  # of quantiles: each holds at least eight values
 
 

@@ -8,13 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.fitting.nuisance import eliminate
 from rfea_vision.fitting.observed import Observed
 
-FloatArray = NDArray[np.float64]
 THREADS = min(2, os.cpu_count() or 1)
 
 

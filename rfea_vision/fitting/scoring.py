@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit, Parameter
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
@@ -27,9 +27,6 @@ from rfea_vision.fitting.rules import CONSTANT_PA, held_by_rule, pushed
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.options import FitOptions
 from rfea_vision.options.asking import as_record, asked_by
-
-FloatArray = NDArray[np.float64]
-
 
 METRICS = ("tip_rmse_mm", "tip_x_rmse_mm", "tip_y_rmse_mm", "midline_rmse_mm", "angle_rmse_deg")
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.coordinates import Coordinates
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residuals import Evaluation, evaluate
 
-FloatArray = NDArray[np.float64]
 CLOCK_SCALE_S = 0.005  # a clock in units of order one for the optimiser; no result depends on it
 #: A clock is moved by at most so many of its standard errors, and never further than runs are ever late.
 LARGEST_CLOCK_SIGMAS, LARGEST_CLOCK_S = 4.0, 2.0

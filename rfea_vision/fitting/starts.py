@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.fitting.coordinates import Coordinates, base_reference, bend_of
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.tube import inner_radius
 
-FloatArray = NDArray[np.float64]
 #: Springs and dampers that are this much smaller at one end of the reach than at the other are evened out.
 EVEN = 0.5
 

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.fitting.coordinates import Coordinates
 from rfea_vision.fitting.observed import MM, Observed
 
-FloatArray = NDArray[np.float64]
 SHORTEST_PLATEAU_S = 0.25  # a shorter hold is a step on a ramp
 
 

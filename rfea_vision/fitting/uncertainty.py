@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 from scipy.stats import t as student
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residual_tests import autocorrelation, correlation_time
 
-FloatArray = NDArray[np.float64]
 BLOCK_S = 0.4  # a block may be this long, however short the run
 #: A residual that forgets itself within this many frames counts as white.
 WHITE_FRAMES = 0.75

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Points, Table, listed, points_of_columns, unseen
 from rfea_vision.units import conversion_factor
@@ -16,7 +16,6 @@ from rfea_vision.units import conversion_factor
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import TrackSpec
 
-FloatArray = NDArray[np.float64]
 Lengths = Callable[[FloatArray], FloatArray]
 
 _FINE = 8

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
 from rfea_vision.readers.columns import column, in_unit, said_unit, unit_of
 from rfea_vision.readers.database import read_query
@@ -18,8 +18,6 @@ from rfea_vision.units import pressure_unit
 
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import PressureSpec
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

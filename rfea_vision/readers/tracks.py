@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.errors import InputError
 from rfea_vision.readers.columns import in_unit
@@ -21,7 +22,6 @@ from rfea_vision.scatter import third_difference_noise
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import TrackSpec
 
-FloatArray = NDArray[np.float64]
 
 _NODE = re.compile(r"^([xy])(\d+)_mm$")
 _KNOWN = "tip_x_mm and tip_y_mm, or nodes x00_mm, y00_mm, x01_mm, ..., or angle_deg"

@@ -239,7 +239,9 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
         if path.stat().st_size == 0:
             raise InputError(f"{path}: video.file is empty (0 bytes); copy it again") from error
         why = error.strerror or error
-        raise InputError(f"{path}: video.file is not a readable video ({why}); copy it again, or convert it to H.264 in MP4") from error
+        raise InputError(
+            f"{path}: video.file is not a readable video ({why}); copy it again, or convert it to H.264 in MP4"
+        ) from error
     if turns % 2:
         size = (size[1], size[0])
     return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, quarter_turns=turns, first_pts_s=start)

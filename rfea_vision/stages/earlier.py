@@ -5,13 +5,11 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Recording
 from rfea_vision.campaign import Campaign, ExperimentSpec
 from rfea_vision.errors import InputError
 
-FloatArray = NDArray[np.float64]
 #: Pause between two runs where `recorded_at` does not tell it, and the most of one that is lived through again: what creeps
 #: has crept by then, what softened stays soft.
 UNTOLD_PAUSE_S, SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 3.0, 1e-3, 10.0

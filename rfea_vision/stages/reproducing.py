@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.dynamics.parameters import PAPER_UNITS, PUBLISHED
 from rfea_vision.errors import DataError
@@ -28,7 +28,6 @@ from rfea_vision.tube import inner_radius
 if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
-FloatArray = NDArray[np.float64]
 MODELS = {"2-DoF": "two-bodies", "8-DoF": "eight-bodies"}
 _NAMES = {
     "b_0neg": "Damper coefficient, negative direction", "m_bneg": "Its slope over the inner radius",

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import DataError
-
-FloatArray = NDArray[np.float64]
 
 GAP_STEPS = 4.0  # a step so many times the usual one is a gap,
 LEAST_GAP_S = 0.03  # and no shorter than a frame at 33 Hz

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
 from rfea_vision.sync.ambiguity import check_direction, gaps_of, log_notes, outside_gaps, repeat_notes, repetition
@@ -41,8 +42,6 @@ from rfea_vision.sync.sections import (
     supplements,
     terms,
 )
-
-FloatArray = NDArray[np.float64]
 
 LOW_HZ, HIGH_HZ = 0.8, 8.0  # creep and drift lie below, and above the noise of accelerations grows
 COARSE_S = 0.006  # a twentieth of the shortest period of the band

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError
 from rfea_vision.scatter import scatter
 from rfea_vision.sync.motion import Alignment
-
-FloatArray = NDArray[np.float64]
 
 LOW, HIGH = 0.35, 0.65  # of the swing: a signal has switched once it has passed both
 LEAST_CONTRAST = 6.0  # swing over the noise from frame to frame

@@ -15,10 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
 
 OFFSET, DRIFT, FIRST_TERM = 0, 1, 2  # columns
 LEAST_GAIN = 0.05  # of what is unexplained

@@ -28,9 +28,8 @@ from scipy import constants
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
-
-FloatArray = NDArray[np.float64]
 
 MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry little but noise
 SECTIONS = 4  # cross-sections at which the balance is written, one more than MODES

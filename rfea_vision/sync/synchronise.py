@@ -6,15 +6,13 @@ from pathlib import PurePath
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
 from rfea_vision.sync.motion import Alignment, align_by_motion
 from rfea_vision.sync.pulses import align_by_lamp, align_by_trigger
-
-FloatArray = NDArray[np.float64]
 
 METHODS = ("motion", "led", "trigger", "offset", "common_clock")
 LEAST_SWING_KPA = 1.0  # a log that moves by less is flat

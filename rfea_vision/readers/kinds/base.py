@@ -11,11 +11,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 # 400 MB as float64: a log of two columns at 10 kHz for 40 min. A small file may announce, or unpack to, far more.
 MOST_VALUES = 50_000_000
