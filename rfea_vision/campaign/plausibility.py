@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+SAME_RATE = 0.02  # NTSC's 29.97 for 30 and the rounding of containers are far below
+SLOW_MOTION = 1.5  # 50 played as 25 is the least that cameras do
 #: Parts of a run that no two runs have in common, and how they are alike.
 _COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressure": "log, row by row"}
 
@@ -122,6 +124,16 @@ def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_k
         return []
     return [
         f"the motion follows this pressure to {100 * max(max(shares), 0.0):.0f} % only; is it the log of another run?"
+    ]
+
+
+def of_rate(given_Hz: float | None, own_Hz: float | None) -> list[str]:
+    """Doubt a rate of filming that is not that of slow motion: such files play at half the rate of filming at most."""
+    if given_Hz is None or not own_Hz or abs(given_Hz / own_Hz - 1) < SAME_RATE or given_Hz > SLOW_MOTION * own_Hz:
+        return []
+    return [
+        f"{given_Hz:g} Hz replaces the {own_Hz:.4g} frames/s that the file tells of itself, and slow motion plays slower than it was "
+        "filmed; leave video.rate out, or is it another film's?"
     ]
 
 

@@ -27,7 +27,7 @@ _PHASES = {
 }
 
 # The base model's parameters: values at the rest radius and slopes over the inner radius, and those of the paper's table.
-_MEANINGS = {
+MEANINGS = {
     "k_ref": "bending stiffness of the tube at its rest radius",
     "k_slope": "change of the stiffness with the inner radius",
     "b_pos_ref": "damping while the tube bends, at its rest radius",
@@ -194,7 +194,7 @@ def parameter_words(evidence: Evidence, titles: Mapping[str, str]) -> dict[str, 
     """What each parameter means; those of an effect are known by its title."""
     names = {name for step in evidence.steps for name in (*step.fit.parameters, *step.fit.paper_parameters)}
     return {
-        name: _MEANINGS.get(name) or (titles.get(name.split(".")[0], "").split(":")[0] if "." in name else "")
+        name: MEANINGS.get(name) or (titles.get(name.split(".")[0], "").split(":")[0] if "." in name else "")
         for name in names
     }
 

@@ -112,5 +112,5 @@ def check_direction(bend_rad: FloatArray, pressure_kPa: FloatArray, *, experimen
     if float(np.corrcoef(bend_rad, pressure_kPa)[0, 1]) < -0.5:
         raise DataError(
             f"{experiment}: sync: the tube's bend falls as the pressure rises; actuator.bends says '{bends}': correct "
-            "it, or the sign of pressure.pressure"
+            "it, the sign of pressure.pressure, or video.rate where the film runs too fast or too slow"
         )

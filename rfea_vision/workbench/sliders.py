@@ -11,6 +11,7 @@ import numpy as np
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import BASE_UNITS, EffectParameter
+from rfea_vision.report.prose import MEANINGS
 
 #: A slider reaches this many 95 % intervals beyond the fitted value: inside of one nothing is seen to change. Where there is
 #: no interval, it reaches so many times the value itself.
@@ -59,7 +60,11 @@ def sliders_of(fit: ModelFit, model: Model, start: np.ndarray) -> list[Slider]:
         elif spec is not None:
             out.append(_over_bounds(name, spec, effect, None if known is None else known.value))
         else:
-            out.append(Slider(name, BASE_UNITS[name], "", float(first), *_reach(float(first), None), "linear"))
+            out.append(
+                Slider(
+                    name, BASE_UNITS[name], MEANINGS.get(name, ""), float(first), *_reach(float(first), None), "linear"
+                )
+            )
     return out
 
 
@@ -72,7 +77,7 @@ def _around_fit(name: str, known: Any, effect: str | None, spec: EffectParameter
         twice = min(max(2 * known.value - spec.absent, lower), upper)
         low, high = min(low, spec.absent, twice), max(high, spec.absent, twice)
     interval = None if known.interval_95 is None else (float(known.interval_95[0]), float(known.interval_95[1]))
-    text = spec.text if spec else ""
+    text = spec.text if spec else MEANINGS.get(name, "")
     return Slider(name, known.unit, text, known.value, low, high, "linear", 0.0, effect, interval, True)
 
 

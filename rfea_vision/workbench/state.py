@@ -141,8 +141,18 @@ def _models(out: Path) -> list[dict[str, Any]]:
             "name": file.parent.name, "effects": fit.get("effects", []),
                 "segments": fit.get("segments", SEGMENTS), "verdict": diagnosis.get("verdict"),
             "named": diagnosis.get("named", []), "candidates": diagnosis.get("candidates", []),
+            "held_out": _held_out(fit),
         })  # fmt: skip
     return found
+
+
+def _held_out(fit: dict[str, Any]) -> dict[str, Any] | None:
+    """Error of a model on the runs that judge it, of the tip in mm or else of the angle in deg; None without such runs."""
+    known = (fit.get("metrics") or {}).get("validate") or {}
+    for key, unit in (("tip_rmse_mm", "mm"), ("angle_rmse_deg", "deg")):
+        if known.get(key) is not None:
+            return {"value": known[key], "unit": unit}
+    return None
 
 
 def _json(file: Path) -> dict[str, Any]:

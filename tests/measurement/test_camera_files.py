@@ -4,6 +4,7 @@ import pytest
 
 from rfea_vision.calibration.photos import unlike_film
 from rfea_vision.calibration.storage import load_calibration, save_ros
+from rfea_vision.campaign.plausibility import of_rate
 from rfea_vision.errors import InputError
 
 
@@ -20,6 +21,13 @@ from rfea_vision.errors import InputError
 def test_a_film_of_another_shape_is_told_from_a_turned_one(film, says):
     told = unlike_film((720, 1280), film)
     assert told == "" if says is None else says in told and f"{film[0]} x {film[1]}" in told
+
+
+@pytest.mark.parametrize(("given", "own", "doubted"), [(None, 30.0, False), (240.0, 30.0, False), (30.0, 29.97, False),
+                                                       (120.0, 240.0, True), (250.0, 240.0, True), (25.0, None, False)])  # fmt: skip
+def test_a_rate_that_no_slow_motion_has_is_doubted(given, own, doubted):
+    said = of_rate(given, own)
+    assert bool(said) == doubted and all(f"{given:g} Hz replaces the {own:g} frames/s" in text for text in said)
 
 
 GOOD = """image_width: 640
