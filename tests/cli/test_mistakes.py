@@ -70,7 +70,9 @@ def turned_film(folder):
     (folder / "steps" / "frames").mkdir()
     for number in range(3):
         cv2.imwrite(str(folder / "steps" / "frames" / f"{number}.png"), np.full((48, 64), 90, np.uint8))
-    pd.DataFrame({"file": ["0.png", "1.png", "2.png"], "time_s": [0.0, 0.1, 0.2]}).to_csv(folder / "steps" / "times.csv", index=False)
+    pd.DataFrame({"file": ["0.png", "1.png", "2.png"], "time_s": [0.0, 0.1, 0.2]}).to_csv(
+        folder / "steps" / "times.csv", index=False
+    )
     cv2.imwrite(str(folder / "photo.png"), np.full((64, 48), 90, np.uint8))
     with (folder / "campaign.yaml").open("a") as file:
         file.write("camera: {board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}, photos: photo.png}\n")

@@ -65,7 +65,9 @@ def test_help_is_quick_to_load():
 def test_a_campaign_with_a_board_is_quick_to_read(tmp_path):
     folder = write_campaign(tmp_path / "tube")
     with (folder / "campaign.yaml").open("a") as file:
-        file.write("camera: {board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}, photos: 'photo_*.png'}\n")
+        file.write(
+            "camera: {board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}, photos: 'photo_*.png'}\n"
+        )
     (folder / "photo_1.png").write_bytes(b"not looked at yet")
     code = (
         "import sys; from rfea_vision.campaign import load_campaign; campaign = load_campaign(sys.argv[1]); "

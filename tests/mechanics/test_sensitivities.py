@@ -13,6 +13,13 @@ from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.base import BASE_PARAMETERS
 
 
+def _difference(model, par, index, step, excitation, frames):
+    """Derivative of the angles by one parameter, from a run to either side."""
+    move = step * np.eye(par.size)[index]
+    above, below = (model.simulate(par + sign * move, excitation, frames).phi for sign in (1, -1))
+    return (above - below) / (2 * step)
+
+
 @pytest.mark.parametrize("joints", ["middle", "start"])
 @pytest.mark.parametrize("n", [1, 4, 16, 64])
 def test_base_parameters_against_finite_differences(n, joints, actuator, published, excitation, frames):
@@ -21,13 +28,7 @@ def test_base_parameters_against_finite_differences(n, joints, actuator, publish
     frames = frames[:72]  # rise, hold, fall
     exact = model.simulate(par, excitation, frames, range(7)).sensitivity
     for index, name in enumerate(BASE_PARAMETERS):
-        step = 2e-5 * abs(par[index])
-        ends = []
-        for sign in (1, -1):
-            moved = par.copy()
-            moved[index] += sign * step
-            ends.append(model.simulate(moved, excitation, frames).phi)
-        difference = (ends[0] - ends[1]) / (2 * step)
+        difference = _difference(model, par, index, 2e-5 * abs(par[index]), excitation, frames)
         assert np.abs(exact[..., index] - difference).max() < 1e-5 * np.abs(difference).max(), name
 
 
@@ -61,13 +62,7 @@ def test_more_parameters_than_one_block(actuator, published, excitation, frames)
     frames = frames[:60]
     exact = model.simulate(par, excitation, frames, range(par.size)).sensitivity
     for index in range(7, par.size):
-        step = 1e-5 * max(abs(par[index]), 0.01)
-        ends = []
-        for sign in (1, -1):
-            moved = par.copy()
-            moved[index] += sign * step
-            ends.append(model.simulate(moved, excitation, frames).phi)
-        difference = (ends[0] - ends[1]) / (2 * step)
+        difference = _difference(model, par, index, 1e-5 * max(abs(par[index]), 0.01), excitation, frames)
         assert np.abs(exact[..., index] - difference).max() < 1e-4 * np.abs(difference).max(), model.names[index]
 
 
