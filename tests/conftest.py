@@ -40,6 +40,7 @@ LONG = (
     "test_real_pictures.py",
     "test_hidden_effects.py",
     "test_recordings.py",
+    "test_agreement.py",
     "test_reproduce.py",
     "test_board_photos.py",
     "test_earlier.py",
