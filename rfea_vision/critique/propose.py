@@ -43,6 +43,10 @@ MOST_LAWS = 3
 MEMORIES_S = (0.3, 1.2, 5.0)
 #: Rate at which the direction of motion counts as turned (rad/s of the whole tube): that of `coulomb`.
 TURNED = 0.05
+#: Middles of the places at which a term may act alone.
+SPOTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+#: Frames of a part of the cross-validation that are looked at: more are correlated and tell nothing new.
+FRAMES = 200
 #: Bounds of a fitted coefficient, in times of what the regression found.
 ROOM = 10.0
 
@@ -157,10 +161,6 @@ def _residuals(problem: Problem, fitted: Fitted) -> list[tuple[ResidualTorque, O
             "the residual torque needs at least 25 valid frames in a training run that the model can be simulated on"
         )
     return found
-
-
-#: Middles of the places at which a term may act alone.
-SPOTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 
 
 def _near(place: FloatArray, at: float) -> FloatArray:
@@ -292,10 +292,6 @@ def regress(
         picked = tuple(next(term for term in terms if term.law == law) for law in chosen)
         found.append(Law(picked, tuple(solution[-len(chosen) :].tolist()), 1 - now / before))
     return found
-
-
-#: Frames of a part of the cross-validation that are looked at: more are correlated and tell nothing new.
-FRAMES = 200
 
 
 def _folds(torque: Sequence[FloatArray]) -> list[tuple[int, NDArray[np.int64]]]:
