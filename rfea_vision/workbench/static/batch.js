@@ -10,7 +10,7 @@ const running = new Map(); // folder -> what is said of it while a batch runs
 export function build() {
   one('[data-panel="batch"]').append(
     h("h2", {}, "Campaigns"), h("p", {class: "muted", id: "batch-folder"}),
-    h("div", {class: "scroll"}, h("table", {class: "matrix", id: "batch"}, h("thead", {}, h("tr", {}, ...["Campaign", "Measured", "Added to the paper's model", "Held-out error", "Verdict", "Next", "Now"].map(text => h("th", {scope: "col"}, text)))), h("tbody", {}, h("tr", {}, h("td", {colSpan: 7, class: "muted"}, "Reading the campaigns…"))))),
+    h("div", {class: "scroll"}, h("table", {class: "matrix", id: "batch"}, h("thead", {}, h("tr", {}, ...["Campaign", "Held-out error", "Verdict", "Added", "Measured", "Next", "Now"].map(text => h("th", {scope: "col"}, text)))), h("tbody", {}, h("tr", {}, h("td", {colSpan: 7, class: "muted"}, "Reading the campaigns…"))))),
     h("div", {class: "buttons"}, h("button", {type: "button", id: "run-all", onclick: () => guarded(() => ask("../../batch", {}))}, "Run all of them")),
     h("p", {class: "muted", id: "tasks", role: "status"}));
 }
@@ -29,7 +29,7 @@ async function showCampaigns() {
   one("#batch tbody").replaceChildren(...said.campaigns.map(c => {
     const last = c.models.at(-1), done = c.measured.filter(Boolean).length;
     return h("tr", {class: c.index === here ? "on" : "", data: {campaign: c.index}}, h("th", {scope: "row"}, h("a", {href: `../${c.index}/`}, c.name), h("br"), h("small", {class: "muted"}, c.folder)),
-      h("td", {}, c.problems.length ? h("span", {class: "worse"}, c.problems[0]) : `${done} of ${c.measured.length} runs`), h("td", {}, last?.effects.join(", ").replaceAll("_", " ") || "–"), h("td", {class: "whole"}, cured(c.models)), h("td", {}, last ? verdicts[last.verdict] ?? "not asked" : "–"), h("td", {class: "muted"}, c.next.label ?? ""), h("td", {class: "muted"}, running.get(c.folder) ?? ""));
+      h("td", {class: "whole"}, cured(c.models)), h("td", {}, last ? verdicts[last.verdict] ?? "not asked" : "–"), h("td", {}, last?.effects.join(", ").replaceAll("_", " ") || "–"), h("td", {}, c.problems.length ? h("span", {class: "worse"}, c.problems[0]) : `${done} of ${c.measured.length} runs`), h("td", {class: "muted"}, c.next.label ?? ""), h("td", {class: "muted"}, running.get(c.folder) ?? ""));
   }));
 }
 export function hear(event) {
