@@ -27,6 +27,7 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 
 LEAST_SHARE = 0.5  # of the frames: a film of which less was measured tells more of what disturbs than of the tube
+WRONG_SIDE_DEG = 5.0  # chosen: more than a hanging tube at rest is turned by in a camera put up by eye
 EDGES_ENOUGH = 0.95  # of the frames read by the edges: below it the body is followed, too, where it was pointed at
 # Below this share the edges that are found may be another thing's: of the films of testing/phone.py one that was read
 # to 81 % held, and those read to 72 and 64 % were off by a tenth of the range.
@@ -104,9 +105,12 @@ def track_frames(
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or rows.good < LEAST_SHARE * len(rows):
         measured = f"{rows.good} of {len(rows)} frames could be measured" if rows.any_valid else "no tube found"
-        raise DataError(
-            f"{source.path}: {measured} ({rows.commonest_reason}); {next_hint(source, scene, rows.reasons)}"
-        )
+        remedy = ""
+        if follower.start is not None and rows.good >= 3:
+            told = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, {})
+            remedy = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], actuator.bends)
+        remedy = remedy or next_hint(source, scene, rows.reasons)
+        raise DataError(f"{source.path}: {measured} ({rows.commonest_reason}); {remedy}")
     attributes = {
         "followed_by": "edges" if isinstance(follower, Follower) else "body",
         "source": source.path.name,
@@ -117,6 +121,13 @@ def track_frames(
         attributes["advice"] = next_hint(source, scene, rows.reasons)
     rows.marked = follower.marked and follower.good >= 3
     return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
+
+
+def wrong_side(bend_deg: FloatArray, bends: str) -> str:
+    """Doubt the side where what could be measured bends away from it; empty where it does not."""
+    if -bend_deg.min() <= max(WRONG_SIDE_DEG, 2 * bend_deg.max()):
+        return ""
+    return f"it bends to the other side than actuator.bends says ('{bends}'): correct that, or is the film mirrored?"
 
 
 def follow_body(

@@ -8,6 +8,7 @@ import pytest
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.vision import track_frames
+from rfea_vision.vision.track import wrong_side
 from testing.scenes import Lens, Look, bending, film, picture, shape
 from testing.sources import memory_source, true_calibration
 
@@ -200,3 +201,12 @@ def test_no_tube_and_wrong_camera_are_errors(small_lens):
     wide = [picture(shape(0), Lens(size=(400, 300)), Look(), rng)]
     with pytest.raises(InputError, match="calibrate in the video's camera mode"):
         track_frames(memory_source(wide, [0]), true_calibration(small_lens), Actuator())
+
+
+@pytest.mark.parametrize(
+    ("bend_deg", "doubted"),
+    [([0.1, -9.0, -44.0], True), ([-3.0, 20.0, 60.0], False), ([-1.0, -2.0, -4.0], False), ([-20.0, 80.0], False)],
+)
+def test_a_tube_that_bends_to_the_other_side_is_told(bend_deg, doubted):
+    said = wrong_side(np.array(bend_deg), "right")
+    assert bool(said) == doubted and ("actuator.bends says ('right')" in said) == doubted
