@@ -104,6 +104,8 @@ def _time(columns: _Columns) -> tuple[Key, ...]:
     if "time_s" in table.columns:
         columns.taken.add("time_s")
         return ()
+    if table.times_s:  # the file keeps the times of each channel beside it
+        return ()
     dated = [name for name, values in table.columns.items() if values.dtype.kind in "MOUT" and _is_clock(table, name)]
     rising = dated + [name for name in columns.numeric() if np.all(np.diff(table.columns[name]) > 0)]
     if not rising:
@@ -171,15 +173,21 @@ def _reference(table: Table, name: str, unit: str, ambient: list[str]) -> tuple[
     if said == "gauge":
         return ()
     lowest_kPa = float(np.nanmin(table.columns[name])) * conversion_factor(bare, "kPa")
-    airy = _ATMOSPHERE_kPa[0] <= lowest_kPa <= _ATMOSPHERE_kPa[1]
-    keys = (
-        []
-        if said or not airy
-        else [Key("reference", "absolute", f"its lowest value is {lowest_kPa:.1f} kPa, that of air")]
-    )
+    airy, why = _is_air(lowest_kPa), f"its lowest value is {lowest_kPa:.1f} kPa, that of air"
+    for other in ambient[:1]:  # a line that is never open is told by the air's pressure beside it
+        air_kPa = float(np.nanmin(table.columns[other])) * conversion_factor(
+            pressure_unit(said_unit(table, other, "kPa") or unit)[0], "kPa"
+        )
+        if not airy and _is_air(air_kPa) and lowest_kPa > air_kPa:
+            airy, why = True, f"it is never below that of the air, which '{other}' keeps"
+    keys = [] if said or not airy else [Key("reference", "absolute", why)]
     if ambient and (said == "absolute" or airy):
         keys.append(Key("ambient", ambient[0], "its header says so"))
     return tuple(keys)
+
+
+def _is_air(pressure_kPa: float) -> bool:
+    return _ATMOSPHERE_kPa[0] <= pressure_kPa <= _ATMOSPHERE_kPa[1]
 
 
 def _motion(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...] | None, tuple[Key, ...]]:
@@ -200,7 +208,7 @@ def _motion(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...] |
     called = columns.called(columns.numeric(), column_words()["angle"])
     by_unit = [name for name in columns.numeric() if said_unit(table, name, "deg") is not None]
     found = list(dict.fromkeys([*(name for name in called if name in by_unit), *called, *by_unit]))
-    if not found or (not clock and "time_s" not in table.columns):
+    if not found or (not clock and "time_s" not in table.columns and found[0] not in table.times_s):
         return None, ()
     columns.taken.add(found[0])
     unit = "" if found[0] in by_unit else "; no unit is said, deg is taken"

@@ -61,7 +61,7 @@ def read_track(
         time_s, nodes, tip = nodes_of_points(points, spec, to_rig_mm)
         angle = None
     else:
-        time_s = _time(table, spec.time if spec is not None else None)
+        time_s = _time(table, spec.time if spec is not None else None, (spec and spec.angle) or "angle_deg")
         nodes, tip, angle = _nodes(table), _pair(table), _angle(table, spec.angle if spec is not None else None)
     if nodes is None and tip is None and angle is None:
         raise InputError(
@@ -132,18 +132,21 @@ def noise_of(values: FloatArray) -> float:
     return float(max(spread, rounding, 1e-6))
 
 
-def _time(table: Table, given: str | None) -> FloatArray:
+def _time(table: Table, given: str | None, angle: str) -> FloatArray:
+    """Times of the rows: as named, or those that the file itself keeps of the angle."""
     name = given or "time_s"
-    if given is None and name not in table.columns:
+    own = given is None and name not in table.columns and angle in table.times_s
+    if given is None and name not in table.columns and not own:
         raise InputError(
             f"{table.source}: no column 'time_s'; there are: {', '.join(table.columns)}; name it with 'track.time'"
         )
-    time_s = in_unit(table, name, "s", "track.time")
+    name = angle if own else name
+    time_s = np.asarray(table.times_s[name], dtype=float) if own else in_unit(table, name, "s", "track.time")
     if time_s.size < 2:
         raise InputError(f"{table.source}: {time_s.size} rows; a track of at least two is needed")
     for wrong, fault in (
         (~np.isfinite(time_s), "is not a finite number"),
-        (np.diff(time_s, prepend=-np.inf) <= 0, "does not increase"),
+        (np.diff(time_s, prepend=-np.inf) <= 0, "its time does not increase" if own else "does not increase"),
     ):
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])

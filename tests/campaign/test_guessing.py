@@ -52,6 +52,13 @@ def test_time_and_pressure_are_told_in_many_languages(tmp_path, columns, guesses
     assert (tmp_path / "tube" / "run1" / "run1_log.csv").stat().st_size > 0
 
 
+def test_a_line_that_was_never_open_is_told_by_the_air_beside_it(tmp_path):
+    table = pd.DataFrame({"t": TIME_S, "Druck [hPa]": 10 * PRESSURE_kPa + 1163.2, "Umgebung [hPa]": 963.2})
+    table.to_csv(tmp_path / "labor.csv", index=False, sep=";", decimal=",")
+    keys = {key.name: key.value for key in look(tmp_path / "labor.csv").pressure}
+    assert keys["reference"] == "absolute" and keys["ambient"] == "Umgebung [hPa]"
+
+
 @pytest.mark.parametrize("bends", ["left", "right"])
 def test_several_runs_and_what_the_tracks_tell_of_the_tube(tmp_path, bends):
     for index in (1, 2, 3):

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from rfea_vision.campaign.guess import look
 from rfea_vision.campaign.specs import PressureSpec, TrackSpec
 from rfea_vision.errors import InputError
 from rfea_vision.readers.pressure import read_pressure
@@ -49,6 +50,33 @@ def test_poses_become_a_track(tmp_path, write):
     steps = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
     np.testing.assert_allclose(steps, np.broadcast_to(steps[:, :1], steps.shape), rtol=0.02)
     np.testing.assert_allclose(steps.sum(axis=1), 155.0, rtol=0.03)
+
+
+def test_an_encoder_of_a_robot_is_a_track_on_its_own_clock(tmp_path):
+    """A joint's position is in rad by the message's definition, and its times are those of its messages."""
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    message, header, stamp = (
+        store.types[name]
+        for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+    )
+    angle, none = 0.3 * np.sin(TIME_S), np.zeros(0)
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topic = writer.add_connection("/finger", message.__msgtype__, typestore=store)
+        for time, value in zip(TIME_S, angle, strict=True):
+            ns = round((1000.0 + time) * 1e9)
+            head = header(stamp=stamp(sec=ns // 10**9, nanosec=ns % 10**9), frame_id="")
+            state = message(head, ["bend"], np.array([value]), none, none)
+            writer.write(topic, ns + 3_000_000, store.serialize_cdr(state, message.__msgtype__))
+    file = next((tmp_path / "bag").glob("*.mcap"))
+    guessed = look(file)
+    assert guessed.what == "track" and {key.name: key.value for key in guessed.motion}["angle"] == "/finger.position(1)"
+    track = read_track(file, spec=TrackSpec(file, angle="/finger.position(1)"))
+    np.testing.assert_allclose(track.time_s, TIME_S, atol=1e-6)
+    np.testing.assert_allclose(np.deg2rad(track.dataset["bend_angle"]), angle, atol=1e-12)
 
 
 def test_every_kind_has_its_file_here(tmp_path):

@@ -26,12 +26,15 @@ def read_bag(path: Path) -> Table:
 
     columns: dict[str, list[float]] = {}
     times: dict[str, list[float]] = {}
+    joints: set[str] = set()
     count = 0
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
         for connection, arrived_ns, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
             seconds = arrived_ns if stamp is None else stamp.sec * 1_000_000_000 + stamp.nanosec
+            if connection.msgtype == "sensor_msgs/msg/JointState":  # of a joint that turns
+                joints.add(f"{connection.topic}.position(")
             for name, value in _numbers(connection.topic, message):
                 count += 1
                 columns.setdefault(name, []).append(value)
@@ -41,6 +44,7 @@ def read_bag(path: Path) -> Table:
     arrays = {name: np.array(values) for name, values in columns.items()}
     seconds_of = {name: (np.array(values) - first) * 1e-9 for name, values in times.items()}
     units = {name: unit for name in arrays for part, unit in _UNITS.items() if part in name.split(".")[1:]}
+    units |= {name: "rad" for name in arrays if name.startswith(tuple(joints))}
     return Table(str(path), arrays, units, seconds_of, _points(str(path), arrays, units, seconds_of))
 
 
