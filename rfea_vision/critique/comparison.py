@@ -18,9 +18,9 @@ from rfea_vision.critique.torque import all_residual_torques, summarise_torque
 from rfea_vision.units import rounded
 
 FloatArray = NDArray[np.float64]
-WORST_PLACES = 5
-WINDOW_S = 0.25
-PRESSURE_BANDS = 6
+WORST_PLACES = 5  # listed; a page has room for no more
+WINDOW_S = 0.25  # over which the error is averaged: about one swing of the paper's tube
+PRESSURE_BANDS = 6  # of the error over pressure; each still has frames of every phase in a run of 6 s
 
 
 def _square_error(dataset: xr.Dataset, recording: xr.Dataset) -> tuple[FloatArray, FloatArray]:

@@ -15,8 +15,8 @@ from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.units import rounded
 
 FloatArray = NDArray[np.float64]
-DURATION_S = 8.0
-STEP_S = 2e-3
+DURATION_S = 8.0  # of the proposed run: room for two swings up and down, and pauses
+STEP_S = 2e-3  # of its pressure; valves are slower
 #: Steps of the search for pace and amplitude, how often both are tried, and the slowest pace (its inverse is the fastest).
 PACES, AMPLITUDES, ROUNDS, SLOWEST = (0.5, 0.7, 1.4, 2.0), (0.5, 0.7, 1.4), 3, 0.25
 

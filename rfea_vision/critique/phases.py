@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 PHASES = ("rest", "rise", "hold", "fall", "reversal", "ringing")
-SMOOTHING_S = 0.04
-REVERSAL_S = 0.15
+SMOOTHING_S = 0.04  # of the pressure before its slope is taken: longer than a sensor's ripple, shorter than a step
+REVERSAL_S = 0.15  # about a change of direction: a half swing of the paper's tube
 
 
 def _smooth(time: FloatArray, values: FloatArray, width_s: float) -> FloatArray:

@@ -15,7 +15,7 @@ from rfea_vision.fitting.residuals import predict_observed
 SEGMENTS = "segments"
 TITLE = "More segments: the chain is too coarse"
 SPLIT_BY = "no experiment: the same fit with more segments"
-MOST_SEGMENTS = 64
+MOST_SEGMENTS = 64  # a finer chain costs minutes
 #: A finer chain that changes the prediction by less than this many noise floors is no candidate.
 FELT_FLOORS = 0.2
 

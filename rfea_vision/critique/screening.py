@@ -28,7 +28,7 @@ from rfea_vision.fitting.rules import pushed
 from rfea_vision.fitting.uncertainty import BLOCK_S, _frame_of_row
 
 FloatArray = NDArray[np.float64]
-FRAMES_SCREENED = 400
+FRAMES_SCREENED = 400  # of each run: many times its independent values (rule.py), at a part of the cost
 #: A slope of which less than this share is left, once base parameters and clocks are projected out, says nothing.
 SWALLOWED = 0.05
 

@@ -29,7 +29,7 @@ from rfea_vision.fitting.scoring import rebuild
 
 FloatArray = NDArray[np.float64]
 SHAPES = 4  # Legendre functions of the position along the tube
-WINDOW_S = 0.06
+WINDOW_S = 0.06  # of the polynomial that differentiates twice: a quarter of a swing, so that it follows ringing
 
 
 @dataclass(frozen=True)
