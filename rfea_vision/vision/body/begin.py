@@ -112,7 +112,8 @@ def smooth_line(points: FloatArray) -> FloatArray:
     share = np.linspace(0, 1, STATIONS)
     line = basis_matrix(share, len(coefficients)) @ coefficients
     first, last = points[[0, -1]] - line[[0, -1]]
-    return line + np.outer(1 - share, first) + np.outer(share, last)
+    moved: FloatArray = (1 - share)[:, None] * first + share[:, None] * last
+    return line + moved
 
 
 def separation(body: Body) -> float:
