@@ -10,13 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.graph import route_through_array
 
-from rfea_vision.vision.body.model import STATIONS, Body, Picture, learn_colours, new_body
+from rfea_vision.vision.body.model import SHARES, STATIONS, Body, Picture, frame_of, learn_colours, new_body
+from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix, fit_curve
 
 FloatArray = NDArray[np.float64]
 
 FIRST_COEFFICIENTS = 7
+SECTION = np.linspace(-2.2, 2.2, 45)  # half widths across the body,
+BESIDE = 1.35  # of which what lies beyond this is around it
+PIECES = 5  # of the length, whose cross-sections are read apart
 CLEAR = 3.0  # standard deviations between two colours that are never confused
+NOISE = (2.0, 1.0, 1.0)  # of L, a and b: of a median along a piece, in a compressed picture
 ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
 HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue
 ROUTE_FLOOR = 0.02  # cost of a pixel that is surely the body, over that of one that surely is not
@@ -116,11 +121,38 @@ def smooth_line(points: FloatArray) -> FloatArray:
     return line + moved
 
 
-def separation(body: Body) -> float:
-    """How clearly the body's colours differ from those around it, 0 to 1: the mean over stations and sides."""
-    inside, outside = body.inside[:, None], body.outside
-    distance = np.sum((inside[:, :, 0] - outside[:, :, 0]) ** 2 / (inside[:, :, 1] + outside[:, :, 1]), axis=-1)
-    return float(np.mean(np.minimum(np.sqrt(distance), CLEAR) / CLEAR))
+def spaced(line: FloatArray, like: FloatArray) -> FloatArray:
+    """Stations on a line with the distances of `like`: rubber does not change its length from one frame to the next.
+
+    The flow of smooth rubber tells little along it, and what it tells is that of the wall behind.
+    """
+    beyond = line[-1] + 3.0 * (line[-1] - line[-4])
+    line = np.vstack([line, beyond])
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    wanted = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(like, axis=0), axis=1))])
+    return np.column_stack([np.interp(wanted, steps, line[:, c]) for c in (0, 1)])
+
+
+def even(points: FloatArray) -> FloatArray:
+    """The same line with its stations at even distances."""
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    return np.column_stack([np.interp(SHARES * steps[-1], steps, points[:, c]) for c in (0, 1)])
+
+
+def standing_out(picture: Picture, body: Body, half_px: float) -> float:
+    """Share of the body that stands out from what is around it, 0 to 1: its colour, its rims, or light on it.
+
+    Its cross-section is read in pieces of the length, each by the median along it, so that weak contrast counts and lines
+    that cross it do not. What is measured against is the scatter around the body.
+    """
+    strip = np.empty((STATIONS, len(SECTION), 3))
+    read_strip(picture, body.points, frame_of(body.points)[1], np.full(STATIONS, half_px), SECTION, strip)
+    profile = np.median(strip[: PIECES * (STATIONS // PIECES)].reshape(PIECES, -1, *strip.shape[1:]), axis=1)
+    around = profile[:, np.abs(SECTION) > BESIDE]
+    middle = np.median(around, axis=1, keepdims=True)
+    scatter = 1.4826 * np.median(np.abs(around - middle), axis=1, keepdims=True) + np.array(NOISE)
+    clear = np.max(np.abs(profile - middle) / scatter, axis=2) > CLEAR
+    return float(np.mean(clear[:, np.abs(SECTION) < 1.0]))
 
 
 def first_body(picture: Picture, line: FloatArray, half_px: float) -> Body:

@@ -51,20 +51,24 @@ class Fit:
     ----------
     body : where it is now
     covariance : (25, 25) px^2 of the displacement's coefficients
+    own : (6, 6) information along the body from this frame alone
     seen : (S, 2) whether each side's edge was found
-    alike : (S,) share of the texture that is that of the first frame
+    alike : (S,) share of the skin that is that of the first frame
     backing : (S,) share of the inside that looks like the body
     end : (RAYS,) px how far the end lies beyond where the rays had it, NaN where it was not found
-    moved : px of the last turn
+    standing_out : share of the body that differs from what is around it, and
+    marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none; both when it is judged
     """
 
     body: Body
     covariance: FloatArray
+    own: FloatArray
     seen: NDArray[np.bool_]
     alike: FloatArray
     backing: FloatArray
     end: FloatArray
-    moved: float
+    standing_out: float = 0.0
+    marks: FloatArray | None = None
 
 
 def fit_body(
@@ -146,11 +150,11 @@ def fit_body(
     return Fit(
         body,
         np.asarray(np.linalg.inv(normal_matrix), dtype=float),
+        normal_matrix[ALONG, ALONG] - prior[ALONG, ALONG],
         np.isfinite(edges[:, :, 1]),
         alike.copy(),
         backing,
         end,
-        moved,
     )
 
 

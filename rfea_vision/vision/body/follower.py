@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.calibration.projection import unproject
-from rfea_vision.vision.body.begin import first_body, hinted_lines, like_colour, separation, smooth_line
+from rfea_vision.vision.body.begin import even, first_body, hinted_lines, like_colour, smooth_line, spaced, standing_out
 from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, fit_body
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.model import (
-    ACROSS_TEXTURE,
     ALONG_BASIS,
     NORMAL_BASIS,
     SHARES,
@@ -24,9 +23,11 @@ from rfea_vision.vision.body.model import (
     follow_colours,
     frame_of,
     learn_colours,
+    marks_found,
+    skin_of,
 )
 from rfea_vision.vision.body.rules import First, elsewhere, refused
-from rfea_vision.vision.body.sampling import RAYS, measure_end, read_strip
+from rfea_vision.vision.body.sampling import RAYS, measure_end
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.curve import (
     COEFFICIENTS,
@@ -50,13 +51,15 @@ FLOW_WINDOW = (17, 17)
 FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
 FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
-JUMP = 2.0  # times what one frame may stretch it: an end that jumps farther may have been taken for another, and its error says so
+# Of the lengths that the body has had: what is followed from frame to frame lags behind where the skin is smooth, up to so much.
+LAGS = 0.25
 # Grey levels by which the same skin differs from that of the first frame, and of the last one.
 SKIN_SCATTER, FLOW_SCATTER = 5.0, 4.0
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
-# Half widths: an end so near the hint is believed in; farther off its rays must agree so well.
-END_NEAR, CLEAR_END = 0.6, 0.4
+END_NEAR = (
+    0.3  # half widths: an end so near the hint is believed in; farther off it is a line behind the body, or a shadow
+)
 POINTED_PX = 1.0  # how well a person points, in px of the film
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
 SYSTEMATIC = 0.02  # of the half width: rims, glare and shadows that move an edge alike in many frames
@@ -98,7 +101,7 @@ class BodyFollower:
         self.work = fitted.new_workspace()
         self.start: Begin | None = None
         self.good, self.missed = 0, 0
-        self.jumped_px = 0.0  # by how much the end has jumped along the body, all in all
+        self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was
         self.refusal = ""
         self.frame = -1
         self.guide = guide_of(scene.hints, scene.clamp_px)
@@ -124,11 +127,11 @@ class BodyFollower:
                 body = self.body.copy()
                 body.points = guided
                 both = fit, self._fit(lab, body, self._spread(), 0.8)
-                fit = max(both, key=lambda found: (not self._refused(found), _likeness(found)))
-        reason = self._refused(fit)
+                fit = max(both, key=lambda found: (not self._refused(lab, found), _likeness(found)))
+        reason = self._refused(lab, fit)
         if self.good and reason and self.missed and self.missed % 5 == 0:
             fit = self._fit(lab, self._swung(lab), self._spread(), 1.2)
-            reason = self._refused(fit)
+            reason = self._refused(lab, fit)
         if reason:
             self.missed += 1
             if self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
@@ -139,10 +142,20 @@ class BodyFollower:
         self._accept(lab, fit)
         return ""
 
-    def _refused(self, fit: Fit) -> str:
+    def _refused(self, lab: Picture, fit: Fit) -> str:
         """Why a fit is no measurement: it leaves the hints, or breaks a rule."""
+        fit.standing_out = standing_out(
+            lab, fit.body, self._pointed_half() * float(np.median(fit.body.half / self.first.half))
+        )
+        if self.good and self.guide is None:  # where another program leads, its ends are off by as much as a mark
+            cleared = self.wall.cleared(lab)
+            fit.marks = marks_found(self.skin[0], skin_of(cleared, fit.body), skin_of(lab, self.first_body))
         line_mm = unproject(self.camera, fit.body.points)
         return refused(self.first, fit) or off_hints(line_mm, self.scene, first=self.good == 0)
+
+    def _pointed_half(self) -> float:
+        """Half the distance (px) of the clamp's two edges: the rims are within it, where the fit takes them for the edge."""
+        return 0.5 * float(np.linalg.norm(self.clamp[1] - self.clamp[0]))
 
     def clamp_stderr_mm(self) -> tuple[float, float | None]:
         """Standard error of the origin along the tube: it is where it was pointed at."""
@@ -156,14 +169,14 @@ class BodyFollower:
         line = (line + 0.5) * self.scale - 0.5
         clamp = self.clamp.mean(axis=0)
         near = int(np.argmin(np.linalg.norm(line - clamp, axis=1)))  # a mask may reach back into the clamp
-        return _even(smooth_line(np.vstack([clamp, line[near + 1 :]]))) if near < len(line) - 2 else None
+        return even(smooth_line(np.vstack([clamp, line[near + 1 :]]))) if near < len(line) - 2 else None
 
     def _begin(self, lab: Picture, guided: FloatArray | None) -> None:
         """Outline, colours, texture and end in the first frame."""
         self.first.shape = lab.shape[:2]
         self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)
         self.wall = Wall(lab.shape)
-        half = 0.5 * float(np.linalg.norm(self.clamp[1] - self.clamp[0]))
+        half = self._pointed_half()
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
@@ -172,18 +185,20 @@ class BodyFollower:
         offsets = self._end_seen(lab, half)
         seen = offsets[np.isfinite(offsets)]
         # People point beside the end; where it is clearly seen, it is there, and the hints are held against it.
-        if len(seen) > RAYS // 2 and (np.abs(np.median(seen)) < END_NEAR * half or np.ptp(seen) < CLEAR_END * half):
+        if len(seen) > RAYS // 2 and np.abs(np.median(seen)) < END_NEAR * half:
             self.body.points[-1] += np.median(seen) * frame_of(self.body.points)[0][-1]
-            self.body.points = _even(self.body.points)
+            self.body.points = even(self.body.points)
             learn_colours(lab, self.body)
             offsets = self._end_seen(lab, half)
-        self.end_offsets = offsets if np.isfinite(offsets).sum() > RAYS // 2 else None
-        self.skin = self._strip(lab, self.body), np.full((STATIONS, len(ACROSS_TEXTURE), 3), SKIN_SCATTER**2)
+        believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
+        self.end_offsets = offsets if believed else None
+        skin = skin_of(lab, self.body)
+        self.skin = skin, np.full_like(skin, SKIN_SCATTER**2)
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
-        self.foot = self.body.points[0].copy()
+        self.foot, self.first_body = self.body.points[0].copy(), self.body.copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
-        self.first.separation = separation(self.body)
+        self.first.standing_out = standing_out(lab, self.body, half)
         pointed = POINTED_PX / self.scene.px_per_mm
         self.start = Begin(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
 
@@ -197,13 +212,13 @@ class BodyFollower:
             self.first.half = body.half
             fit = self._fit(lab, body, np.zeros((UNKNOWNS, UNKNOWNS)), 0.45, skin=False)
             body = fit.body
-            body.points = _even(body.points)
+            body.points = even(body.points)
             learn_colours(lab, body)
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
         alike = 1.0 if self.colour is None else float(np.mean(like_colour(body.inside[:, 0], self.colour)))
         hinted = alike * (1.0 - elsewhere(self.first, body.points))
-        return body, float(np.mean(fit.seen) * (0.2 + separation(body)) * (0.2 + known) * hinted)
+        return body, float(np.mean(fit.seen) * (0.2 + standing_out(lab, body, half)) * (0.2 + known) * hinted)
 
     def _end_seen(self, lab: Picture, half: float) -> FloatArray:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
@@ -239,12 +254,6 @@ class BodyFollower:
             max(reach * half, 5.0),
         )
 
-    def _strip(self, lab: Picture, body: Body) -> FloatArray:
-        """The skin (S, V, 3) of a body."""
-        strip = np.empty((STATIONS, len(ACROSS_TEXTURE), 3))
-        read_strip(lab, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE, strip)
-        return strip
-
     def _foretold(self, lab: Picture) -> tuple[Body, FloatArray]:
         """The body of the last good frame, moved as its skin has moved since, and the covariance of this movement."""
         skin = self.last_skin, np.full_like(self.last_skin, FLOW_SCATTER**2)
@@ -275,7 +284,7 @@ class BodyFollower:
         moved_line = body.points + (NORMAL_BASIS @ n)[:, None] * normals + (ALONG_BASIS @ t)[:, None] * tangents
         foot = self.foot  # it stays: what the flow moves along there is the body slipping out of it
         begin = 1 + int(np.argmax((moved_line[1:] - foot) @ tangents[0] > 0.0))
-        body.points = _spaced(np.vstack([foot, moved_line[begin:]]), self.body.points)
+        body.points = spaced(np.vstack([foot, moved_line[begin:]]), self.body.points)
         return body
 
     def _swung(self, lab: Picture) -> Body:
@@ -298,9 +307,7 @@ class BodyFollower:
         return found
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
-        longer = fit.body.length - self.body.length
-        if self.good and abs(longer) > JUMP * STRETCH_SHARE * (1 + self.missed) * self.body.length:
-            self.jumped_px += longer
+        self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         self.body, self.covariance, self._lab = fit.body, fit.covariance, lab
         if self.good == 0:
             self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
@@ -308,7 +315,7 @@ class BodyFollower:
         self.missed = 0
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)
-        self.last_skin = self._strip(cleared, self.body)
+        self.last_skin = skin_of(cleared, self.body)
         skin, variance = self.skin
         off = self.last_skin - skin
         off -= off.mean(axis=1, keepdims=True)
@@ -349,9 +356,12 @@ class BodyFollower:
         work.covariance[:k, :k] = _TO_COEFFICIENTS @ fit.covariance[NORMAL, NORMAL] @ _TO_COEFFICIENTS.T * mm2
         work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * mm2
         work.covariance[np.diag_indices(len(work.covariance))] += floor
-        along = float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1])
+        # What the frame itself says along the body counts in full; what was carried into it may lag.
+        lag = (LAGS * (self.lengths[1] - self.lengths[0])) ** 2 * UNIFORMLY
+        carried = np.linalg.inv(fit.covariance[ALONG, ALONG] + lag)
+        along = float(ALONG_BASIS[-1] @ np.linalg.inv(fit.own + carried) @ ALONG_BASIS[-1])
+        along = max(along, float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]))
         numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
-        numbers[fitted.TIP_VARIANCE] += (self.jumped_px / self.px_per_mm) ** 2
 
 
 def lab_of(colour: tuple[int, int, int]) -> FloatArray:
@@ -363,24 +373,6 @@ def lab_of(colour: tuple[int, int, int]) -> FloatArray:
 def _likeness(fit: Fit) -> float:
     """How much of a fit is seen: its inside, and its edges."""
     return float(np.mean(fit.backing) + np.mean(fit.seen))
-
-
-def _spaced(line: FloatArray, like: FloatArray) -> FloatArray:
-    """Stations on a line with the distances of `like`: rubber does not change its length from one frame to the next.
-
-    The flow of smooth rubber tells little along it, and what it tells is that of the wall behind.
-    """
-    beyond = line[-1] + 3.0 * (line[-1] - line[-4])
-    line = np.vstack([line, beyond])
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    wanted = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(like, axis=0), axis=1))])
-    return np.column_stack([np.interp(wanted, steps, line[:, c]) for c in (0, 1)])
-
-
-def _even(points: FloatArray) -> FloatArray:
-    """The same line with its stations at even distances."""
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    return np.column_stack([np.interp(SHARES * steps[-1], steps, points[:, c]) for c in (0, 1)])
 
 
 def _robust_spline(rows: FloatArray, values: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:

@@ -20,6 +20,7 @@ ACROSS_AROUND = np.array([1.5, 1.9, 2.3])
 LEAST_VARIANCE = np.array([6.0, 3.0, 3.0]) ** 2  # of L, a and b: noise and compression
 AROUND_VARIANCE = np.array([12.0, 4.0, 4.0]) ** 2  # the wall has lines and shadows
 LIGHT_GAIN, OWN_GAIN = 0.08, 0.02  # of the colours of the last frame
+MARKED = 16.0  # of a or b in 8 bits: so far from the body's own colour is a mark
 BACKED = 0.7  # share of a station that looks like the body
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
 
@@ -86,6 +87,32 @@ def follow_colours(cleared: Picture, picture: Picture, body: Body, backing: Floa
         body.outside[:, side] += LIGHT_GAIN * (
             _colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE) - body.outside[:, side]
         )
+
+
+def skin_of(picture: Picture, body: Body) -> FloatArray:
+    """The skin (S, V, 3) of a body."""
+    strip = np.empty((STATIONS, len(ACROSS_TEXTURE), 3))
+    read_strip(picture, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE, strip)
+    return strip
+
+
+def marks_found(first_skin: FloatArray, skin: FloatArray, left: FloatArray) -> FloatArray:
+    """Share (S,) of the coloured marks of the first frame that are found on the skin; NaN at stations that have none.
+
+    `left` (S, V, 3) is what the picture shows where the body was in the first frame: a mark that is still there is a pin
+    or a line on the wall.
+    """
+    off = np.max(np.abs(first_skin - np.median(first_skin, axis=(0, 1)))[..., 1:], axis=-1)
+    marked = (off > MARKED) & (np.abs(ACROSS_TEXTURE) < 0.7) & (_apart(left, first_skin) > MARKED)
+    count = marked.sum(axis=1)
+    return np.where(
+        count > 0, (marked & (_apart(skin, first_skin) < MARKED)).sum(axis=1) / np.maximum(count, 1), np.nan
+    )
+
+
+def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
+    """By how much two colours differ in hue and saturation: the greater of a and b."""
+    return np.max(np.abs(one - other)[..., 1:], axis=-1)
 
 
 def _colours(picture: Picture, body: Body, across: FloatArray, least: FloatArray) -> FloatArray:
