@@ -1,7 +1,7 @@
 """Films as phones take them: share of the frames tracked, error, honesty, and speed of the tracker of the whole body.
 
-Sixty scenes of the renderer in testing/phone.py. The even ones were looked at while the tracker was written, and of the
-odd ones the first six; the other odd ones (``unseen``) were not.
+Sixty scenes of the renderer in testing/phone.py, and 24 of translucent rubber on paper of its colour (``clear``). The even ones
+were looked at while the tracker was written, and of the odd ones the first six; the other odd ones (``unseen``) were not.
 Each film is given what a person points at: the clamp's two edges (1 px of error), the
 tip (1.5 px), and a ruler of 100 mm.
 """
@@ -9,6 +9,7 @@ tip (1.5 px), and a ruler of 100 mm.
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 import time
 from dataclasses import dataclass
@@ -22,9 +23,9 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
-from testing.phone import film, scene
+from testing.phone import clear_scene, film, scene
 
-SCENES = 60
+SCENES = {"phone": (scene, 60), "clear": (clear_scene, 24)}
 SPENT = 12  # scenes below this were all looked at
 RULER_MM = 100.0
 POINTING_PX = (1.0, 1.5)  # clamp and tip
@@ -44,9 +45,9 @@ class Outcome:
     refused: str = ""
 
 
-def follow(number: int, folder: Path) -> Outcome:
+def follow(kind: str, number: int, folder: Path) -> Outcome:
     """Render and track one scene."""
-    arm, room, bends = scene(number)
+    arm, room, bends = SCENES[kind][0](number)
     path = folder / f"{number}.mp4"
     truth = film(path, arm, room, bends)
     rng = np.random.default_rng(number)
@@ -108,7 +109,7 @@ def rows_of(name: str, outcomes: list[Outcome]) -> list[dict[str, Any]]:
     ]
     return [
         {
-            "name": f"phone films, {name} ({len(outcomes)}): {what}",
+            "name": f"{name} ({len(outcomes)}): {what}",
             "value": round(float(value), 2),
             "unit": unit,
             "target": target,
@@ -120,10 +121,19 @@ def rows_of(name: str, outcomes: list[Outcome]) -> list[dict[str, Any]]:
 
 
 def run() -> list[dict[str, Any]]:
-    """All scenes, or those below PHONE_SCENES."""
-    count = int(os.environ.get("PHONE_SCENES", SCENES))
-    with tempfile.TemporaryDirectory() as folder:
-        outcomes = [follow(number, Path(folder)) for number in range(count)]
-    unseen = [outcome for number, outcome in enumerate(outcomes) if number % 2 and number >= SPENT]
-    seen = [outcome for number, outcome in enumerate(outcomes) if not (number % 2 and number >= SPENT)]
-    return rows_of("seen", seen) + (rows_of("unseen", unseen) if unseen else [])
+    """All scenes, or of each kind those below PHONE_SCENES; what each gave goes to standard error."""
+    rows = []
+    for kind, (_, count) in SCENES.items():
+        outcomes: dict[bool, list[Outcome]] = {False: [], True: []}
+        with tempfile.TemporaryDirectory() as folder:
+            for number in range(min(count, int(os.environ.get("PHONE_SCENES", count)))):
+                outcome = follow(kind, number, Path(folder))
+                outcomes[bool(number % 2) and number >= SPENT].append(outcome)
+                sys.stderr.write(f"{kind} {number}: {outcome}\n")
+        rows += [
+            row
+            for seen, name in ((False, "seen"), (True, "unseen"))
+            if outcomes[seen]
+            for row in rows_of(f"{kind} films, {name}", outcomes[seen])
+        ]
+    return rows

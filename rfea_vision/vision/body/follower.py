@@ -57,9 +57,8 @@ LAGS = 0.25
 SKIN_SCATTER, FLOW_SCATTER = 5.0, 4.0
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
-END_NEAR = (
-    0.3  # half widths: an end so near the hint is believed in; farther off it is a line behind the body, or a shadow
-)
+# Half widths: an end so near the hint is believed in; farther off it is a line behind the body, or a shadow.
+END_NEAR = 0.45
 POINTED_PX = 1.0  # how well a person points, in px of the film
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
 SYSTEMATIC = 0.02  # of the half width: rims, glare and shadows that move an edge alike in many frames
