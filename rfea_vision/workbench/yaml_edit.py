@@ -79,15 +79,19 @@ def _changed(text: str, keys: Keys, value: Any) -> str:
     if node is None:
         return text + _lines(keys, value, 0, "\n")
     newline = "\r\n" if "\r\n" in text else "\n"
+    above = None
     for depth, key in enumerate(keys):
         if not isinstance(node, yaml.MappingNode):
-            return text[: node.start_mark.index] + _flow(_nested(keys[depth:], value)) + text[node.end_mark.index :]
+            nested = _nested(keys[depth:], value)
+            if above is not None:
+                return _replaced(text, above, node, nested)
+            return text[: node.start_mark.index] + _flow(nested) + text[node.end_mark.index :]
         entry = next((pair for pair in node.value if pair[0].value == key), None)
         if entry is None:
             return _inserted(text, node, keys[depth:], value, newline)
-        node = entry[1]
+        above, node = entry
         if depth == len(keys) - 1:
-            return _replaced(text, entry[0], node, value)
+            return _replaced(text, above, node, value)
     raise ValueError("no key was given")
 
 

@@ -76,6 +76,13 @@ def test_what_cannot_be_changed_alone_is_left(tmp_path, text):
     assert file.read_text() == text
 
 
+def test_a_list_that_is_not_indented_gives_way_to_keys():
+    assert (
+        with_key("camera:\n- 1\nsync: motion\n", ("camera", "clamp"), [1, 2])
+        == "camera: {clamp: [1, 2]}\nsync: motion\n"
+    )
+
+
 names = st.text("abcxyz_", min_size=1, max_size=4)
 leaves = st.one_of(
     st.integers(-9, 9), st.text("ab :#'\"é", max_size=6), st.none(), st.lists(st.integers(0, 9), max_size=3)
