@@ -95,7 +95,7 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if step is None:
         return "The motion is measured; no model has been fitted yet."
     diagnosis = step.diagnosis
-    added = [_inner(with_rivals(one, titles)) for one in evidence.steps if one.on_ladder and one.rung.added]
+    added = [_inner(with_rivals(one, titles)) for one in _added(evidence)]
     unsure = any(one.rung.tied for one in evidence.steps if one.on_ladder)
     if not step.verdict:
         return "The model is fitted; what it lacks has not been looked for yet."
@@ -113,10 +113,26 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
         )
     if step.verdict == "unexplained":
         so_far = f" after {listing(added)} had been added" if added else ""
-        return f"Something is missing that no effect in the catalogue explains{so_far}{_shows(step)}."
+        helped = _stand_ins(evidence)
+        if helped:
+            lower = "lowers" if helped.startswith("one") else "lower"
+            helped = f"; {helped} {lower} the error without being its likely cause"
+        return f"Something is missing that no effect in the catalogue explains{so_far}{_shows(step)}{helped}."
     told = [(effect, diagnosis.rivals_of(effect)) for effect in diagnosis.named] if diagnosis else []
     named = [_inner(_or(effect, rivals, titles)) for effect, rivals in told]
     return f"The model still lacks something: {'; '.join(named)}." if named else "The model still lacks an effect."
+
+
+def _added(evidence: Evidence, *, stand_ins: bool = False) -> list[Step]:
+    """Rungs of the ladder that added an effect because it is likely to be there, or as a stand-in."""
+    rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added]
+    return [one for one in rungs if (one.rung.grade == "stand-in") == stand_ins]
+
+
+def _stand_ins(evidence: Evidence) -> str:
+    """How many stand-ins were added, in words; empty without any."""
+    count = len(_added(evidence, stand_ins=True))
+    return f"{count} stand-ins" if count > 1 else "one stand-in" * count
 
 
 def _or(effect: str, rivals: Sequence[str], titles: Mapping[str, str]) -> str:
@@ -132,7 +148,7 @@ def _inner(name: str) -> str:
 def _shows(step: Step) -> str:
     """Where on the tube a model fails most, if that is not everywhere."""
     places = step.comparison.where if step.comparison else []
-    if not places or places[0].to_sigma - places[0].from_sigma > 0.5:
+    if not places or not 0.0 < places[0].to_sigma - places[0].from_sigma <= 0.5:  # of an angle there is no place
         return ""
     return f"; it shows {100 * places[0].from_sigma:.0f} to {100 * places[0].to_sigma:.0f} % along the tube"
 
@@ -203,11 +219,12 @@ def _stop(sentence: str) -> str:
     return sentence if sentence.endswith((".", "!", "?")) else f"{sentence}."
 
 
-def _missing(added: Sequence[str], verdict: str, where: str) -> Tile:
+def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str) -> Tile:
     note = "added to the model of the paper" if added else "nothing had to be added"
     if verdict == "unexplained":
         value = "; ".join([*added, "something that is not in the catalogue"] if added else ["Not in the catalogue"])
-        note = f"see the error along the tube{where}; rfea propose reads a law for it from the residual torque"
+        helped = f"; {stand_ins} added for the prediction" if stand_ins else ""
+        note = f"see the error along the tube{where}; rfea propose reads a law for it from the residual torque{helped}"
         return Tile("Missing physics", value, note=note, section="where")
     if verdict == "missing" and not added:
         return Tile("Missing physics", "Named, not yet added", note="see the candidates", section="why")
@@ -227,9 +244,8 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     step, ladder = last_step(evidence), evidence.ladder
     climbed = [errors_of(one, evidence) for one in evidence.steps if one.on_ladder]
     if ladder and climbed:
-        rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added]
-        added = [with_rivals(one, titles).split(":")[0] for one in rungs]
-        yield _missing(added, step.verdict if step else "", _shows(step) if step else "")
+        added = [with_rivals(one, titles).split(":")[0] for one in _added(evidence)]
+        yield _missing(added, step.verdict if step else "", _shows(step) if step else "", _stand_ins(evidence))
         first, last = climbed[0], climbed[-1]
         which = "held-out" if first.validate is not None else "training"
         before = number(first.best) if len(climbed) > 1 else ""
@@ -250,4 +266,7 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     if step and shown and shown.floor is not None:
         known = step.fit.noise_floor_source if shown.unit == "mm" or step.fit.noise_floor_deg else ""
         source = f"from {known}" if known else "of the measurement"
+        floors = step.diagnosis.floors if step.diagnosis else None
+        if floors and (floors.irreproducible or 0.0) > (floors.measurement or 0.0):
+            source = "motion that does not come again, or that pressure cannot cause"
         yield Tile("Noise floor", with_unit(shown.floor, shown.unit), note=source, section="trust")

@@ -195,3 +195,15 @@ def test_the_ladder_remembers_its_verdict(copy: Path) -> None:
     (copy / "models" / RUNGS[-1] / "diagnosis.json").write_text("of an older version")
     assert re.search(r"<h1>(.*?)</h1>", page_of(copy))[1] == headline
     assert "lacked" in headline
+
+
+def test_stand_ins_are_not_called_missing(copy: Path) -> None:
+    """The headline and the tile name what is likely to be there; what only helps is counted."""
+    file = copy / "ladder.json"
+    ladder = json.loads(file.read_text())
+    ladder["rungs"][-1] |= {"verdict": "unexplained", "grade": "stand-in"}
+    file.write_text(json.dumps(ladder))
+    (copy / "models" / RUNGS[-1] / "diagnosis.json").write_text("of an older version")
+    headline = words(re.search(r"<h1>(.*?)</h1>", page_of(copy))[1])
+    assert headline.startswith("Something is missing that no effect in the catalogue explains")
+    assert "one stand-in lowers the error without being its likely cause" in headline
