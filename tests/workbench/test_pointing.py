@@ -25,10 +25,21 @@ def served(serve, film):
     return serve(film[0])
 
 
+def at_rest(page) -> dict[str, float]:
+    """Where the frame is once it stays there: a sentence above it that changes may move it by a line."""
+    box = None
+    for _ in range(100):
+        before, box = box, page.locator("#frame").bounding_box()
+        if box == before:
+            break
+        page.wait_for_timeout(150)
+    return box
+
+
 def point(page, at, until=None) -> None:
     """Click a pixel of the film, or drag from it to another."""
-    box = page.locator("#frame").bounding_box()
     width = int(page.evaluate("fetch('film/0').then(answer => answer.json()).then(film => film.width)"))
+    box = at_rest(page)
     scale = box["width"] / width
     x, y = ((at[0] + 0.5) * scale + box["x"], (at[1] + 0.5) * scale + box["y"])
     page.mouse.move(x, y)
