@@ -30,8 +30,8 @@ class Rule:
     """The numbers of the rule: all there are.
 
     ============ ======= ===============================================================================================
-    independent  n_s     chosen on 46 campaigns of two plants (docs/critique.md): below, names are lost; above, as many wrong names
-                         as right ones are won; benchmarks/probabilities.py keeps what another value needs to be tried on the
+    independent  n_s     chosen on 46 campaigns of two plants (docs/critique.md): below, names are lost; above, two wrong names are
+                         won with every right one; benchmarks/probabilities.py keeps what another value needs to be tried on the
                          same refits
     resolution   r       floors; what docs/formats.md calls too little to matter
     expected     -       effects missing from a model before anything was seen: one, which the catalogue's K share
