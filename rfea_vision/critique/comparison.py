@@ -223,11 +223,10 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
     held = model.metrics.get("validate") or model.metrics.get("train")
     kind = "held-out" if "validate" in model.metrics else "training"
     if held is not None and held.tip_rmse_mm is not None:
-        floor = f"; the noise floor is {rounded(model.noise_floor_mm)} mm" if model.noise_floor_mm else ""
         share = held.tip_rmse_percent_of_length or 0.0
         out.append(
             f"The tip of model {model.name} is off by {rounded(held.tip_rmse_mm)} mm RMS on {kind} runs "
-            f"({rounded(share)} % of the length{floor})."
+            f"({rounded(share)} % of the length)."
         )
     elif held is not None and held.angle_rmse_deg is not None:
         out.append(f"The angle of model {model.name} is off by {rounded(held.angle_rmse_deg)} deg RMS on {kind} runs.")

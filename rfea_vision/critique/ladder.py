@@ -327,7 +327,7 @@ def _findings(
         out.append(f"Added so far, and not yet enough: {'; '.join(titles)}.")
     first, last = (getattr(rung, f"validate_{key}") for rung in (rungs[0], rungs[-1]))
     if titles and first and last:
-        fall = f"fell from {rounded(first)} to {rounded(last)} {unit} ({first / last:.1f} times)"
+        fall = f"fell from {rounded(first)} to {rounded(last)} {unit} ({rounded(first / last)} times)"
         out.append(f"The {what} on validation runs {fall}.")
     if titles and test and test[key] and test[f"first_model_{key}"]:
         fall = f"fell from {rounded(test[f'first_model_{key}'])} to {rounded(test[key])} {unit}"

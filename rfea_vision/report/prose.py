@@ -269,4 +269,6 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
         floors = step.diagnosis.floors if step.diagnosis else None
         if floors and (floors.irreproducible or 0.0) > (floors.measurement or 0.0):
             source = "motion that does not come again, or that pressure cannot cause"
+        elif floors and (floors.measurement or 0.0) > (step.fit.noise_floor_mm or step.fit.noise_floor_deg or 0.0):
+            source = "from the high frequencies that the best fit leaves"
         yield Tile("Noise floor", with_unit(shown.floor, shown.unit), note=source, section="trust")

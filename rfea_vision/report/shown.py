@@ -28,14 +28,19 @@ class Shown:
 
 def errors_of(step: Step, evidence: Evidence) -> Shown:
     """Return what the page shows as the error of this rung."""
-    rung, diagnosis = step.rung, step.diagnosis
+    rung = step.rung
     tip = (rung.train_tip_rmse_mm, rung.validate_tip_rmse_mm)
     angle = (rung.train_angle_rmse_deg, rung.validate_angle_rmse_deg)
     if tip == (None, None) and angle != (None, None):
-        floors = (diagnosis and diagnosis.noise_floor_deg, evidence.ladder and evidence.ladder.noise_floor_deg)
-        floors = (*floors, step.fit.noise_floor_deg)
-        return Shown("deg", "Angle error", *angle, next((floor for floor in floors if floor), None))
-    return Shown("mm", "Tip error", *tip, step.fit.noise_floor_mm)
+        return Shown("deg", "Angle error", *angle, _floor(step, evidence, "noise_floor_deg"))
+    return Shown("mm", "Tip error", *tip, _floor(step, evidence, "noise_floor_mm"))
+
+
+def _floor(step: Step, evidence: Evidence, key: str) -> float | None:
+    """The one floor of a page: that by which the last rung was judged, which knows the quietest residual; else that of the fit."""
+    judges = [one.diagnosis for one in reversed(evidence.steps) if one.on_ladder]
+    known = (getattr(one, key) for one in (*judges, step.diagnosis, evidence.ladder, step.fit) if one is not None)
+    return next((floor for floor in known if floor), None)
 
 
 def of_the_tube(fit: ModelFit) -> dict[str, Parameter]:

@@ -196,8 +196,8 @@ def write_sample(
         "test": {"model": RUNGS[-1], "tip_rmse_mm": errors[-1] * 1.03, "first_model_tip_rmse_mm": errors[0] * 1.1, "first_model": RUNGS[0], "experiments": {"mixed-250kPa": errors[-1] * 1.03}},
         "findings": [
             "The model of the paper lacks two effects: creep (maxwell) and a tilt of gravity (gravity_tilt).",
-            f"With both, the tip error on the held-out run falls from {errors[0]:.2f} mm to {errors[-1]:.2f} mm; "
-            "the noise floor is 0.085 mm.",
+            f"With both, the tip error on the held-out run falls from {errors[0]:.2f} mm to {errors[-1]:.2f} mm.",
+            "The noise floor is 0.085 mm.",
         ],
     }).save(folder / "ladder.json")  # fmt: skip
     return folder

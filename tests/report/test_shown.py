@@ -85,6 +85,21 @@ def test_an_angle_campaign_is_shown_in_degrees(small: Path, tmp_path: Path) -> N
     assert "errors in deg" in index
 
 
+def test_one_page_knows_one_noise_floor(small: Path, tmp_path: Path) -> None:
+    """Every rung has what its own fit took for noise; the page tells that by which the last rung was judged."""
+    folder = Path(shutil.copytree(small, tmp_path / "rfea"))
+    for number, rung in enumerate(RUNGS):
+        room = folder / "models" / rung
+        found = Diagnosis.load(room / "diagnosis.json")
+        found.model_copy(update={"noise_floor_mm": 0.0901 + 0.001 * number}).save(room / "diagnosis.json")
+    html = page_of(folder)
+    rungs = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", html, re.S)[1])["rungs"]  # type: ignore[index]
+    assert [rung["floor"] for rung in rungs] == [0.0921] * 3
+    text = words(html).replace("\N{NO-BREAK SPACE}", " ")
+    assert "0.0921 mm" in text
+    assert not re.search(r"0\.09[01]\d* mm|0\.085 mm", text)
+
+
 def test_sentences_of_artefacts_speak_the_readers_words(small: Path) -> None:
     evidence = collect(small)
     titles = effect_titles(evidence)
