@@ -85,22 +85,18 @@ class ModelFit(_Json):
     noise_floor_source: str = ""
     experiments: dict[str, ExperimentScore]
     warnings: list[str] = Field(default_factory=list)
-    steady_state: dict[str, Any] = Field(
-        default_factory=dict
-    )  # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
+    # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
+    steady_state: dict[str, Any] = Field(default_factory=dict)
     starts: list[dict[str, Any]] = Field(default_factory=list)  # the waterfall: {"start", "cost", "status"}
     residual_tests: dict[str, Any] = Field(default_factory=dict)
     effect_files: list[str] = Field(default_factory=list)  # of the user's own effects
     given: dict[str, Any] = Field(default_factory=dict)  # SI: {"fixed": {}, "bounds": {}, "priors": {}, ...}
-    profiles: dict[str, dict[str, Any]] = Field(
-        default_factory=dict
-    )  # parameter -> {"value", "delta", "interval_95", ...}
-    leave_one_out: dict[str, Any] = Field(
-        default_factory=dict
-    )  # {"experiments": {...}, "parameters": {...}, "sentence"}
-    timings: dict[str, float] = Field(
-        default_factory=dict, exclude=True
-    )  # seconds; written apart, as no two runs agree
+    # parameter -> {"value", "delta", "interval_95", ...}
+    profiles: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    # {"experiments": {...}, "parameters": {...}, "sentence"}
+    leave_one_out: dict[str, Any] = Field(default_factory=dict)
+    # seconds; written apart, as no two runs agree
+    timings: dict[str, float] = Field(default_factory=dict, exclude=True)
     segments_study: list[dict[str, Any]] = Field(default_factory=list)  # {"segments", "train_tip_rmse_mm", ...}
     laws: dict[str, dict[str, str]] = Field(default_factory=dict)  # effect -> {"title", "latex", "reference", "text"}
     inputs: dict[str, str] = Field(default_factory=dict)
@@ -125,15 +121,13 @@ class Comparison(_Json):
     format: Literal["rfea-comparison/1"] = "rfea-comparison/1"
     model: str
     noise_floor_mm: float | None = None
-    by_phase: list[dict[str, Any]] = Field(
-        default_factory=list
-    )  # {"experiment","role","phase","rmse_mm","share","frames"}
+    # {"experiment","role","phase","rmse_mm","share","frames"}
+    by_phase: list[dict[str, Any]] = Field(default_factory=list)
     by_pressure: list[dict[str, Any]] = Field(default_factory=list)  # {"from_kPa","to_kPa","rmse_mm","frames"}
     by_segment: list[dict[str, Any]] = Field(default_factory=list)  # {"from_sigma","to_sigma","rmse_mm","bias_mm"}
     where: list[WorstPlace] = Field(default_factory=list)
-    residual_torque: dict[str, Any] = Field(
-        default_factory=dict
-    )  # {"rms_mNm", "depends_on": [{"on","score","sentence"}], "note"}
+    # {"rms_mNm", "depends_on": [{"on","score","sentence"}], "note"}
+    residual_torque: dict[str, Any] = Field(default_factory=dict)
     elongation: dict[str, Any] = Field(default_factory=dict)  # {"sentence","assumption","profiles":[...]}
     sentences: list[str] = Field(default_factory=list)
 
@@ -146,9 +140,8 @@ class Candidate(_Json):
     at: str | None = None
     form: str | None = None  # the form of its law that the data prefer, of an effect that has several
     probability: float | None = Field(default=None, ge=0, le=1)  # that it, or a member of its tie, is really there
-    share: float | None = (
-        None  # of the held-out squared error above the irreproducible floor that is gone; may be negative
-    )
+    # of the held-out squared error above the irreproducible floor that is gone; may be negative
+    share: float | None = None
     score_p: float | None = None
     predicted_rmse_mm: float | None = None
     train_rmse_mm: float | None = None
@@ -211,9 +204,8 @@ class Diagnosis(_Json):
     verdict: Literal["missing", "complete", "unexplained"]
     sentence: str = ""
     named: list[str] = Field(default_factory=list)
-    stand_ins: list[str] = Field(
-        default_factory=list
-    )  # what lowers the held-out error together, though hardly its cause
+    # what lowers the held-out error together, though hardly its cause
+    stand_ins: list[str] = Field(default_factory=list)
     tied: list[Tie] = Field(default_factory=list)
     candidates: list[Candidate] = Field(default_factory=list)
     sets: list[EffectSet] = Field(default_factory=list)

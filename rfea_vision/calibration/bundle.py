@@ -24,9 +24,8 @@ from rfea_vision.errors import DataError
 Pose = tuple[FloatArray, FloatArray]
 
 REWEIGHTINGS = 2  # rounds in which the noise of every photo is estimated again
-MOST_LOOKS = (
-    60  # evaluations of a least-squares problem; photos that do not determine the lens would have it creep for ever
-)
+# evaluations of a least-squares problem; photos that do not determine the lens would have it creep for ever
+MOST_LOOKS = 60
 PRIOR_FREEDOM = 20  # a photo's own noise is pulled towards that of all photos as if by so many residuals
 WIDEST_RAD = 1.48  # between the optical axis and a ray: beyond, a board is seen edge on
 SCALE_LIMIT = 4.0  # between the noise of a photo and that of all photos

@@ -13,13 +13,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.errors import InputError
 
-FloatArray = NDArray[np.float64]
 CAMERA_SIZE = 29  # see above
 
 
@@ -198,17 +198,3 @@ def _moved(calibration: Calibration, change: FloatArray) -> FloatArray:
 def rotation_matrix(vector: ArrayLike) -> FloatArray:
     """Rotation (3, 3) about `vector` (3,) by its length (rad)."""
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float))[0], dtype=float)
-
-
-def projection_covariance_mm2(calibration: Calibration, pixels: ArrayLike) -> FloatArray:
-    """Covariance (..., 2, 2) mm^2 of the plane point seen at each pixel, from the covariance of the calibration."""
-    here = pixels_to_plane_mm(calibration, pixels)
-    changes = np.array([unproject(camera, pixels) - here for camera in perturbed_cameras(calibration)])
-    return np.einsum("k...i,k...j->...ij", changes, changes)
-
-
-def mm_per_pixel(calibration: Calibration, pixel: ArrayLike) -> float:
-    """Geometric mean scale at one pixel."""
-    place = np.asarray(pixel, dtype=float)
-    grid = pixels_to_plane_mm(calibration, place + np.array([[0, 0], [1, 0], [0, 1]]))
-    return float(np.sqrt(abs(np.linalg.det(grid[1:] - grid[0]))))

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
 
 _COUNT = 9  # x, y, two angles, blur, level, contrast, slope of the light in x and y
 _STEPS = 30  # of Levenberg-Marquardt, at most

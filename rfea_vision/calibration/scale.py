@@ -18,9 +18,8 @@ from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import rotation_matrix
 from rfea_vision.errors import InputError
 
-FOCAL_SHARE = (
-    0.8  # focal length over the longer side of the picture: 28 mm on 36 mm film, as main cameras of phones have
-)
+# focal length over the longer side of the picture: 28 mm on 36 mm film, as main cameras of phones have
+FOCAL_SHARE = 0.8
 FOCAL_SPREAD = 0.25  # 1 s.d. of its logarithm: from 22 to 36 mm, and the crop of a stabilised film
 DISTORTION_SPREAD = 0.03  # 1 s.d. of k1: phones correct most of it in the camera
 TILT_SPREAD_DEG = 3.0  # how squarely a camera is set up by eye

@@ -25,7 +25,8 @@ _ARRAYS = (
     "intrinsics_covariance",
     "joint_covariance",
 )
-_ALIASES = {  # as OpenCV's samples, ROS 2 messages and common scripts write them
+# as OpenCV's samples, ROS 2 messages and common scripts write them
+_ALIASES = {
     "camera_matrix": ("cameramatrix", "intrinsic_matrix", "mtx", "k", "m1"),
     "distortion_coefficients": ("distcoeffs", "dist_coeffs", "distortion", "dist", "d", "d1"),
     "image_width": ("width",),
@@ -111,9 +112,8 @@ def load_calibration(path: Path) -> Calibration:
     ) as error:
         raise InputError(f"{path}: not an OpenCV or ROS camera file; calibrate from photos instead") from error
     if values.get("camera_matrix") is None:
-        remedy = (
-            "calibrate from photos" if "title" in values else "give an OpenCV or ROS camera file"
-        )  # a profile of calib/
+        # a profile of calib/
+        remedy = "calibrate from photos" if "title" in values else "give an OpenCV or ROS camera file"
         raise InputError(f"{path}: camera_matrix is missing; {remedy}")
     return _from_values(path, values)
 

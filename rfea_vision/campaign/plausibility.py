@@ -24,14 +24,11 @@ _COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressur
 # Soft actuators are driven with 10 to 500 kPa: these leave a factor of six to both sides, and the usual slips are factors of
 # 1000 (Pa, ms, m) or 57 (radians), which no factor of six hides.
 _HIGH_KPA, _LOW_KPA = 3000.0, 0.5
-_AIR_kPa = (
-    80.0,
-    110.0,
-)  # of the atmosphere, from 2,000 m up to a high at the sea: what an absolute sensor reads at rest
+# of the atmosphere, from 2,000 m up to a high at the sea: what an absolute sensor reads at rest
+_AIR_kPa = (80.0, 110.0)
 _UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
-_TOO_LONG = (
-    50.0  # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
-)
+# a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
+_TOO_LONG = 50.0
 # Of the pressure's variance, that a linear function of the tip's place, up to half a second later, gives again: 0.85 to 1.00 over the
 # runs of a twin and of a real finger, 0.26 for a staircase beside the log of a sum of sines.
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)

@@ -66,9 +66,8 @@ def read_yaml(path: Path) -> YamlFile:
         raise InputError(f"{path}: is {found}; keys such as 'format:' and 'name:' are needed ('rfea init' shows which)")
     lines: dict[KeyPath, int] = {}
     _collect(path, node, (), lines)
-    return YamlFile(
-        path, {str(key): value for key, value in content.items()}, lines
-    )  # "~: 1" has a key that is no text
+    # "~: 1" has a key that is no text
+    return YamlFile(path, {str(key): value for key, value in content.items()}, lines)
 
 
 def read_text(path: Path) -> str:

@@ -40,9 +40,8 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
     time = data["time"].values
     pressure = np.interp(time, data["log_time"].values, data["pressure"].values)
     seen = pressure[data["valid"].values.astype(bool)]
-    top = (
-        float(seen[np.argmax(np.abs(seen))]) if seen.size else 0.0
-    )  # below zero where a chamber bends to the other side
+    # below zero where a chamber bends to the other side
+    top = float(seen[np.argmax(np.abs(seen))]) if seen.size else 0.0
     profiles, sentence = [], "The pressure never rose enough to test the elongation."
     for share in (0.33, 0.66, 0.95):
         inside = (np.abs(pressure - share * top) < 0.03 * abs(top)) & data["valid"].values.astype(bool)

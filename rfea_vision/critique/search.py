@@ -213,9 +213,8 @@ class Search:
                 others += [row.effect for row in self.screened if row.effect != own and row.explained >= least]
             base = self.without(best, own) or self.present
             possible = {e.id for e in available(self.effects, {plain(one) for one in base.effects})}
-            starts = {
-                row.effect: {**row.grid, **row.step} for row in reversed(self.screened)
-            }  # of a grid its best point
+            # of a grid its best point
+            starts = {row.effect: {**row.grid, **row.step} for row in reversed(self.screened)}
             for name in dict.fromkeys([*others, *forms]):
                 if plain(name) in possible & set(starts):
                     start = {f"{plain(name)}.{k}": v for k, v in starts[plain(name)].items()}

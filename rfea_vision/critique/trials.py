@@ -120,9 +120,8 @@ class Trials:
             every = find_effects([split_joint(one)[0] for one in sorted(key)], files)
         elif not any(effect.states for effect in every if effect.id in chosen):
             every = tuple(effect for effect in every if not effect.states)
-        new = {
-            plain(one) for one in key - base.effects
-        }  # a base that is itself a trial holds them at their absent values
+        # a base that is itself a trial holds them at their absent values
+        new = {plain(one) for one in key - base.effects}
         fixed = {name: value for name, value in like.options.fixed.items() if name.partition(".")[0] not in new}
         values, absent = {}, {}
         for effect in every:

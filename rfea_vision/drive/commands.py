@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
 
-FloatArray = NDArray[np.floating]
 COLUMNS = ("time_s", "supply", "drain")
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
+
 LONGEST_STEP_S = 1e-3  # the second-order method then rings slower by 3e-5 (fitting/refine.py)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit, void
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.engine import kinematics
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.dynamics.system import (
@@ -39,8 +39,6 @@ from rfea_vision.dynamics.system import (
     call_joint_law,
     joint_angles,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 @njit(void(JOINT_LAW, FORCE_LAW, SYSTEM, MATRIX, MATRIX, MATRIX, CUBE, VECTOR, MATRIX), **OPTIONS)

@@ -14,8 +14,8 @@ from numba import float64, int64, njit
 from numba.core import cgutils, types
 from numba.experimental.function_type import _get_jit_address, _get_wrapper_address
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.integration import STAGES, Stages, keep_stage, start_stage
 from rfea_vision.dynamics.line import scalar
 from rfea_vision.dynamics.newton import linearise, move, newton_step
@@ -37,7 +37,6 @@ from rfea_vision.dynamics.system import (
 )
 from rfea_vision.errors import DataError
 
-FloatArray = NDArray[np.float64]
 NEWTON_ITERATIONS = 3  # default: every step takes as long as any other
 SETTLED = 1e-5  # rad; a last change above it is no solution
 

@@ -168,9 +168,8 @@ class Effect:
     source_text: ClassVar[str | None] = None  # of a user's file
     exactly_tied_to: ClassVar[tuple[str, ...]] = ()
     goes_with: ClassVar[tuple[str, ...]] = ()  # effects without which this one is no candidate
-    chamber: ClassVar[str] = (
-        ""  # of an effect of the line that acts on one of several chambers alone; asked for as id@chamber
-    )
+    # of an effect of the line that acts on one of several chambers alone; asked for as id@chamber
+    chamber: ClassVar[str] = ""
 
     def __init__(self) -> None:
         own = "".join(c if c.isalnum() else f"_{ord(c):x}_" for c in self.id) if self.chamber else self.id

@@ -200,9 +200,8 @@ def build(
         elif k == 6:
             column = np.zeros(len(names))
             column[6] = reference[6]
-            size = (
-                actuator.outer_radius / Actuator().outer_radius
-            )  # for another tube the bounds widen, they do not move
+            # for another tube the bounds widen, they do not move
+            size = actuator.outer_radius / Actuator().outer_radius
             low, high = own or (R_HYD_BOUNDS[0] * min(size, 1.0), R_HYD_BOUNDS[1] * max(size, 1.0))
             axes.append(_Axis(column, low / reference[6], high / reference[6]))
         else:

@@ -30,8 +30,6 @@ _NOUNS = {
     "blur": "blur of its edges",
 }
 
-Address = dict[str, Any]
-
 
 def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
     """Measured series of one experiment, with a sentence under ``why`` for each that is missing."""

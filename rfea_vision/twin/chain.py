@@ -11,11 +11,9 @@ from importlib import import_module
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator
-
-FloatArray = NDArray[np.floating]
 
 mujoco: Any = import_module("mujoco")  # its type stubs do not list what the compiled module offers
 

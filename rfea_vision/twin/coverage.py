@@ -9,10 +9,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.floating]
+from rfea_vision.arrays import FloatArray
 
 
-def coverage(outlines: list[FloatArray], left: int, top: int, width: int, height: int) -> FloatArray:
+def coverage(outlines: list[FloatArray], left: int, top: int, width: int, height: int) -> NDArray[np.float32]:
     """Area of closed polygons inside each pixel of a window.
 
     Parameters
@@ -77,7 +77,7 @@ def _add_outline(outline: FloatArray, dx: float, dy: float, width: int, height: 
 
 
 @njit(cache=True)
-def _gather(sweep: FloatArray, width: int) -> FloatArray:
+def _gather(sweep: FloatArray, width: int) -> NDArray[np.float32]:
     height = sweep.shape[0]
     out = np.empty((height, width), np.float32)
     for row in range(height):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.campaign.specs import gravity_deg
 from rfea_vision.errors import DataError
 from rfea_vision.twin.excitation import GRID_S, KINDS, Programme, programme
@@ -14,8 +14,6 @@ from rfea_vision.twin.options import BaseParameters, TwinOptions, with_partners
 from rfea_vision.twin.plant import Motion, Plant
 from rfea_vision.twin.shape import hinge_arcs, line_at
 from rfea_vision.twin.stress import frame_times
-
-FloatArray = NDArray[np.floating]
 
 LOG_STEP_S = 0.001  # 1 kHz
 BEFORE_S, AFTER_S = 0.5, 0.6  # the log outlasts the video on both sides

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.drive import Drive, DutyControl, ValveCommands
 from rfea_vision.errors import InputError
@@ -13,8 +12,6 @@ from rfea_vision.twin.draw import Run, move
 from rfea_vision.twin.excitation import Programme
 from rfea_vision.twin.options import TwinOptions
 from rfea_vision.twin.plant import Motion, Plant
-
-FloatArray = NDArray[np.floating]
 
 
 def play(plant: Plant, run: Run, options: TwinOptions) -> tuple[Motion, Run, ValveCommands | None]:

@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-FloatArray = NDArray[np.floating]
+from rfea_vision.arrays import FloatArray
 
 GRID_S = 0.00025  # a quarter of the log's step
 
@@ -45,7 +44,7 @@ def programme(
     rest_until_s : until then the line is at rest
     highest_Pa : never exceeded
     """
-    time = start_s + GRID_S * np.arange(int(np.ceil((end_s - start_s) / GRID_S)) + 1)
+    time = start_s + GRID_S * np.arange(int(np.ceil((end_s - start_s) / GRID_S)) + 1, dtype=float)
     moving = np.maximum(time - rest_until_s, 0.0)
     duration = end_s - rest_until_s
     command = highest_Pa * _DRAW[kind](moving, duration, generator)
@@ -56,7 +55,7 @@ def programme(
 
 def given_programme(time_s: FloatArray, pressure_Pa: FloatArray) -> Programme:
     """A logged pressure as a programme that starts at 0 s."""
-    time = GRID_S * np.arange(int(np.floor((time_s[-1] - time_s[0]) / GRID_S)) + 1)
+    time = GRID_S * np.arange(int(np.floor((time_s[-1] - time_s[0]) / GRID_S)) + 1, dtype=float)
     return Programme("given", time, np.interp(time, time_s - time_s[0], pressure_Pa))
 
 

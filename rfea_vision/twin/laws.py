@@ -10,13 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import DataError
 from rfea_vision.twin.options import HIDDEN, BaseParameters
-
-FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

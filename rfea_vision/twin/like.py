@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Recording
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
@@ -21,8 +21,6 @@ from rfea_vision.twin.draw import Run, build_plant, move, posture_at
 from rfea_vision.twin.excitation import GRID_S, Programme
 from rfea_vision.twin.options import BaseParameters, TwinOptions
 from rfea_vision.twin.writer import _truth, _write_campaign, _write_experiment, _write_track, whole_campaign
-
-FloatArray = NDArray[np.floating]
 
 LEAST_NOISE_MM, LEAST_NOISE_DEG = 1e-3, 1e-3  # of recordings that claim none
 BEFORE_S = 3.0  # log before the first frame that is played
@@ -96,7 +94,7 @@ def _run_like(name: str, recording: Recording, hidden: Mapping[str, float]) -> R
     log, pressure = recording.dataset["log_time"].values, recording.dataset["pressure"].values
     first, last = recording.time_s[0], recording.time_s[-1]
     start = max(float(log[0]), float(first) - BEFORE_S)
-    time = start + GRID_S * np.arange(int((min(float(log[-1]), float(last) + 0.1) - start) / GRID_S) + 1)
+    time = start + GRID_S * np.arange(int((min(float(log[-1]), float(last) + 0.1) - start) / GRID_S) + 1, dtype=float)
     attributes = recording.dataset.attrs
     offset, drift = float(attributes["offset_s"]), hidden.get("clock_drift.d", 0.0)
     claimed = offset + 0.5 * drift * float(last - first) - hidden.get("time_offset.dt", 0.0)

@@ -13,16 +13,14 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import DataError
 from rfea_vision.twin.chain import Chain
 from rfea_vision.twin.laws import JointLaw, Memory
 from rfea_vision.twin.options import BaseParameters
-
-FloatArray = NDArray[np.floating]
 
 # np.linalg.solve without its checks, called at every Newton step
 _solve: Any = get_lapack_funcs("gesv", dtype=np.float64)

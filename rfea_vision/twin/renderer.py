@@ -14,12 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.twin.camera import Camera
 from rfea_vision.twin.coverage import coverage
 from rfea_vision.twin.draw import Posture
 from rfea_vision.twin.stress import MAINS_HZ
 
-FloatArray = NDArray[np.floating]
 Picture = NDArray[np.floating]
 
 SAMPLES = 400  # of each edge of the tube: chords 0.4 mm long, 0.002 px from the arc

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
-
-FloatArray = NDArray[np.floating]
 
 MAINS_HZ = 100.0  # lamps on 50 Hz mains
 SLOW_MOTION_HZ = 30.0  # at which phones play 240 frames/s back
@@ -147,7 +146,7 @@ def hose_mm(width: float, lower: FloatArray, upper: FloatArray, generator: np.ra
     return np.array([[left, low[0]], [right, low[1]], [right, low[1] + width], [left, low[0] + width]])
 
 
-def shadow_of(share: float, width: int, height: int) -> FloatArray:
+def shadow_of(share: float, width: int, height: int) -> NDArray[np.float32]:
     """Share of the light that is left, (height, width): a slanting stripe of the picture lies in the shadow."""
     x, y = np.meshgrid(np.arange(width) / width, np.arange(height) / height)
     shaded = np.abs(y + 0.2 * x - 0.5) < 0.09

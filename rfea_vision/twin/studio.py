@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import bend_sign
 from rfea_vision.campaign.specs import gravity_deg
 from rfea_vision.files import whole_file
@@ -22,8 +23,6 @@ from rfea_vision.twin.draw import Posture, camera_times, misread_plane
 from rfea_vision.twin.options import TwinOptions
 from rfea_vision.twin.renderer import Scene, blurred, draw_scene, finely, frames
 from rfea_vision.twin.stress import SLOW_MOTION_HZ, hose_mm, shadow_of, shown_frames, wall_pattern
-
-FloatArray = NDArray[np.floating]
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 import yaml
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.drive import ValveCommands
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_dataset, write_text
@@ -34,8 +34,6 @@ from rfea_vision.twin.draw import (
 from rfea_vision.twin.driven import play
 from rfea_vision.twin.options import HIDDEN, TwinOptions, with_partners
 from rfea_vision.twin.studio import Studio
-
-FloatArray = NDArray[np.floating]
 
 NODES = 33  # of an exact track, as many as the tracker writes
 

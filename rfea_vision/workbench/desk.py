@@ -46,9 +46,8 @@ class Desk:
         self.ending: Callable[[], bool] = lambda: False
         self.own_files: set[Path] = set()  # effect files that this user has typed or opened
         self.worker = Worker(self.tell)
-        self.judge = Worker(
-            lambda event: None, prepared=False
-        )  # checks laws, so that one that never ends can be stopped
+        # checks laws, so that one that never ends can be stopped
+        self.judge = Worker(lambda event: None, prepared=False)
         self._judging = threading.Lock()
         self._benches: dict[int, Any] = {}
         self._listeners: set[tuple[asyncio.AbstractEventLoop, asyncio.Queue[dict[str, Any]]]] = set()

@@ -19,9 +19,8 @@ class Worker:
 
     def __init__(self, tell: Tell, *, prepared: bool = True) -> None:
         self.tell = tell
-        self._arguments = (
-            ["prepared"] if prepared else []
-        )  # whether the libraries of all stages are loaded at its start
+        # whether the libraries of all stages are loaded at its start
+        self._arguments = ["prepared"] if prepared else []
         self.job: dict[str, Any] | None = None
         self._process: subprocess.Popen[str] | None = None
         self._lock = threading.Lock()

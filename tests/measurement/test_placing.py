@@ -6,7 +6,8 @@ import pytest
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.placing import place_in_plane
-from rfea_vision.calibration.projection import pixels_to_plane_mm, projection_covariance_mm2
+from rfea_vision.calibration.projection import pixels_to_plane_mm
+from rfea_vision.calibration.region import place_covariance_mm2
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,8 @@ def test_a_known_lens_and_one_photo_give_the_plane(photos):
     pixels = np.array([[250.0, 150.0], [400.0, 300.0]])
     distance_whole = np.linalg.norm(np.diff(pixels_to_plane_mm(whole, pixels), axis=0))
     distance_placed = np.linalg.norm(np.diff(pixels_to_plane_mm(placed, pixels), axis=0))
-    sigma_mm = np.sqrt(np.trace(projection_covariance_mm2(placed, pixels)[0]))
+    first, second = pixels_to_plane_mm(placed, pixels)
+    sigma_mm = np.sqrt(np.trace(place_covariance_mm2(placed, second[None], first)[0]))
     assert 0.001 < sigma_mm < 2.0
     assert distance_placed == pytest.approx(distance_whole, abs=3 * sigma_mm)
     assert placed.plane_tilt_deg == pytest.approx(whole.plane_tilt_deg, abs=1.0)

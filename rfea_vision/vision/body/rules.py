@@ -19,9 +19,8 @@ LEAST_BACKING = 0.65  # of the inside must look like the body,
 # In the first frame so much of the body must stand out from what is around it. Of ten hard scenes of testing/phone.py the
 # arms had 0.24 and more, and what was pointed at beside them (1.6 to 5 half widths) 0.15 at most.
 LEAST_STANDING_OUT = 0.2
-FIRST_SEEN = (
-    0.25  # of both its edges so much must be seen there (arms 0.31 and more; beside them the worse edge 0.22 at most),
-)
+# of both its edges so much must be seen there (arms 0.31 and more; beside them the worse edge 0.22 at most),
+FIRST_SEEN = 0.25
 STILL_SEEN = 0.6  # and later so much of that, on one side at least,
 STILL_OUT = 0.7  # or so much of what stood out: with less of both it may be anything
 WIDTHS = (0.75, 1.5)  # median half width, of the first frame's
