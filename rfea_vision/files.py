@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import errno
-import gc
 import hashlib
 import io
 import os
 import re
 import socket
-import sys
 import tempfile
 import zlib
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +24,7 @@ if TYPE_CHECKING:  # imported where a dataset is read, as it is slow to import
 MOST_DATASET_BYTES = 1 << 31  # half a million frames with 64 places along the tube
 _FULL, _GONE = (errno.ENOSPC, errno.EDQUOT), (errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENODEV)
 _LEAST_FREE_BYTES = 1 << 16  # libraries in C do not always say that the last block was not written
+_COMPRESSED: dict[str, object] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 _MARK = f"{zlib.crc32(socket.gethostname().encode()):08x}"
 _UNFINISHED = re.compile(r"^\..*~([0-9a-f]{8})-(\d+)~")
 
@@ -138,40 +137,33 @@ def write_datasets(path: Path, groups: dict[str | None, xr.Dataset]) -> None:
     """Write several datasets as groups of one netCDF4 file; the key None is the root group.
 
     The same values give the same bytes, wherever they came from: neither how a dataset lay in the file that it was read from
-    counts, nor the order in which its variables came to it. The file is made in memory, for on a full disk HDF5 says so in
-    tracebacks that nobody can catch.
+    counts, nor the order in which its variables came to it, nor when Python lets go of the handles that they were written with
+    (a garbage collector decides that, and a profiler such as the one of Dask's workers, which holds the frames that it looks
+    at). HDF5 keeps chunks back until a handle is closed, so it is given no room to keep any; and it fills what was deleted
+    only then, so nothing is: h5netcdf would make each coordinate twice, as a dimension and anew with its values. The file is
+    made in memory, for on a full disk HDF5 says so in tracebacks that nobody can catch.
     """
-    made, mode = io.BytesIO(), "w"
-    for group, dataset in groups.items():
-        encoding = {
-            name: {"zlib": True, "complevel": 4, "shuffle": True}
-            for name, variable in dataset.variables.items()
-            if variable.dtype.kind in "fiu" and variable.ndim > 0
-        }
-        ordered = dataset[sorted(dataset.variables, key=str)].drop_encoding()
-        with _without_cluster(), _without_collector():
-            ordered.to_netcdf(made, mode=mode, group=group, engine="h5netcdf", encoding=encoding)
-        mode = "a"
+    import h5netcdf
+    import h5py
+    from xarray.backends import H5NetCDFStore
+
+    ordered = {group: dataset[sorted(dataset.variables, key=str)].drop_encoding() for group, dataset in groups.items()}
+    made = io.BytesIO()
+    with h5py.File(made, "w", rdcc_nbytes=0, track_order=True) as image:
+        for group, dataset in ordered.items():
+            place = image if group is None else image.create_group(group, track_order=True)
+            for name in sorted(str(name) for name, size in dataset.sizes.items() if size and name in dataset.variables):
+                values, kept = dataset[name].values, _COMPRESSED
+                if values.dtype.kind in "OU":
+                    values, kept = values.astype(object), {"dtype": h5py.string_dtype()}
+                place.create_dataset(name, data=values, track_order=True, **kept).make_scale(name)
+        with h5netcdf.File(image, "a") as file:
+            for group, dataset in ordered.items():
+                numbers = [name for name, item in dataset.variables.items() if item.dtype.kind in "fiu" and item.ndim]
+                store = H5NetCDFStore(file if group is None else file[group])
+                dataset.dump_to_store(store, encoding=dict.fromkeys(numbers, _COMPRESSED))
     with whole_file(path) as temporary:
         temporary.write_bytes(made.getbuffer())
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """Where chunks come to lie in a file follows from when its datasets are closed: not when the garbage collector happens to run."""
-    ran = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if ran:
-            gc.enable()
-
-
-def _without_cluster() -> AbstractContextManager[object]:
-    """On a worker of a batch xarray would ask the scheduler for a lock on the file, and there is none on what is made in memory."""
-    dask = sys.modules.get("dask")
-    return nullcontext() if dask is None else dask.config.set(scheduler="synchronous")
 
 
 def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:

@@ -1,0 +1,64 @@
+"""The bytes of a netCDF file follow from its values alone."""
+
+from __future__ import annotations
+
+import sys
+from types import FrameType
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from rfea_vision.files import dataset_groups, read_dataset, write_datasets
+
+
+@pytest.fixture
+def groups() -> dict[str | None, xr.Dataset]:
+    """Two runs with numbers, gaps, text, a dimension without values of its own, and more than one chunk."""
+    rng = np.random.default_rng(0)
+    made: dict[str | None, xr.Dataset] = {}
+    for name, frames in (("steps", 300), ("sines", 700)):
+        midline = rng.normal(size=(frames, 33, 2))
+        midline[::7] = np.nan
+        made[name] = xr.Dataset(
+            {
+                "tip": (("time", "xy"), midline[:, -1]),
+                "midline": (("time", "node", "xy"), midline),
+                "reason": ("time", ["", "lost", ""] * (frames // 3) + [""] * (frames % 3)),
+                "valid": ("time", np.isfinite(midline[:, 0, 0])),
+            },
+            coords={"time": np.arange(frames) / 60.0, "xy": ["x", "y"]},
+            attrs={"source": "film.mp4", "scale": 0.25, "doubts": ["none", "few"]},
+        )
+    return made
+
+
+def test_bytes_do_not_follow_from_when_handles_are_closed(tmp_path, groups):
+    quiet, held = tmp_path / "quiet.nc", tmp_path / "held.nc"
+    write_datasets(quiet, groups)
+    frames: list[tuple[FrameType, object]] = []
+    before = sys.getprofile()
+    sys.setprofile(lambda frame, _event, argument: frames.append((frame, argument)))  # as Dask's profiler, but always
+    try:
+        write_datasets(held, groups)
+    finally:
+        sys.setprofile(before)
+    assert len(frames) > 1000
+    assert held.read_bytes() == quiet.read_bytes()
+
+
+def test_what_is_written_is_read(tmp_path, groups):
+    path = tmp_path / "prediction.nc"
+    write_datasets(path, groups)
+    assert dataset_groups(path) == sorted(map(str, groups))
+    for name, dataset in groups.items():
+        xr.testing.assert_identical(read_dataset(path, name), dataset)
+    again = tmp_path / "again.nc"
+    write_datasets(again, {name: read_dataset(path, name) for name in groups})
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_a_dataset_without_a_frame(tmp_path, groups):
+    empty = groups["steps"].isel(time=slice(0))
+    write_datasets(tmp_path / "empty.nc", {None: empty})
+    xr.testing.assert_identical(read_dataset(tmp_path / "empty.nc"), empty)
