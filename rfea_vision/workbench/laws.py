@@ -14,6 +14,7 @@ from typing import Any
 import platformdirs
 
 import rfea_vision.data
+from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import load_effect_file
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import InputError
@@ -31,8 +32,6 @@ def check(file: Path) -> dict[str, Any]:
         ast.parse(file.read_text(encoding="utf-8"))
     except SyntaxError as error:
         raise InputError(f"line {error.lineno}: {error.msg}") from error
-    from rfea_vision.effects.typeset import typeset
-
     name_files([file])  # the user has typed it, or opened it by name
     try:
         effects = load_effect_file(file)
@@ -40,10 +39,19 @@ def check(file: Path) -> dict[str, Any]:
         raise InputError(str(error).removeprefix(f"{file}: ")) from error
     return {
         "effects": [
-            {"id": item.id, "title": item.title, "law": typeset(item()), "parameters": _parameters(item)}
+            {"id": item.id, "title": item.title, "law": _law(item()), "parameters": _parameters(item)}
             for item in effects
         ]
     }
+
+
+def _law(effect: Effect) -> dict[str, str]:
+    """The law in words and as MathML."""
+    from rfea_vision.effects.typeset import typeset
+    from rfea_vision.report.formatting import law
+
+    said = typeset(effect)
+    return {"text": said.get("text", ""), "mathml": str(law(said.get("latex", "")))}
 
 
 def _parameters(effect: Any) -> list[dict[str, Any]]:

@@ -94,6 +94,7 @@ def test_the_next_experiment_is_edited_within_the_rigs_limits_and_saved(work, se
 def test_a_law_is_checked_while_it_is_typed_and_fitted(work, served, visit, tmp_path):
     page = visit(served.address + "#/law")
     page.wait_for_selector("#law-said:has-text('Units fit')", timeout=300_000)
+    assert "Θ" in page.text_content("#law-effects math")  # the law is set, not spelled
     good = page.input_value("#law-text")
     file = tmp_path / "mine.py"
     page.fill("#law-file", str(file))

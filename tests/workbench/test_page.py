@@ -2,16 +2,48 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import time
 
+import av
+import numpy as np
 import pytest
+
+from rfea_vision.artefacts import Recording
 
 pytestmark = pytest.mark.chromium
 
 
 @pytest.fixture(scope="module")
-def served(serve, fitted):
-    return serve(fitted)
+def served(serve, fitted, tmp_path_factory):
+    folder = shutil.copytree(fitted, tmp_path_factory.mktemp("page") / "tube-A")
+    for recording in folder.glob("rfea/*/recording.nc"):
+        brightening_film(recording)
+    return serve(folder)
+
+
+def brightening_film(recording) -> None:
+    """A film of a run as its track would have left it, the brighter the later."""
+    times = Recording.load(recording).dataset["time"].values[::2]
+    with av.open(str(recording.with_name("clip.mp4")), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+        for share in np.linspace(0, 1, times.size):
+            picture = np.full((64, 64, 3), round(40 + 180 * share), np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode())
+    record = {
+        "file": "clip.mp4", "times_s": times.tolist(), "x_min_mm": -160.0, "y_max_mm": 20.0, "px_per_mm": 0.3,
+        "width": 64, "height": 64,
+    }  # fmt: skip
+    recording.with_name("clip.json").write_text(json.dumps(record))
+
+
+def corner(page) -> int:
+    """Brightness of the film in the upper left corner of the stage."""
+    data = "document.querySelector('#stage canvas').getContext('2d').getImageData(4, 4, 1, 1).data[0]"
+    return int(page.evaluate(data))
 
 
 def settled(page) -> None:
@@ -47,6 +79,16 @@ def test_the_modelled_tube_follows_a_slider_and_undo_takes_it_back(served, visit
     assert moved > before + 0.05 and "worse" in page.get_attribute("#now-validate", "class")
     page.keyboard.press("Control+z")
     until(lambda: abs(number(page, "#now-validate") - before) < 0.002)
+
+
+def test_the_film_stands_at_the_instant_that_is_shown(served, visit):
+    page = visit(served.address + "#/play")
+    settled(page)
+    page.uncheck("#lens")
+    last = int(page.get_attribute("#scrub", "max"))
+    for frame in (last, 0, last // 2):
+        page.fill("#scrub", str(frame))
+        until(lambda frame=frame: abs(corner(page) - (40 + 180 * frame / last)) < 25)
 
 
 def test_an_effect_of_the_catalogue_gets_sliders(served, visit):

@@ -6,7 +6,8 @@ function filmOf(e) {
   if (!stage.films.has(e.name)) {
     const film = document.createElement("video");
     film.muted = true; film.playsInline = true; film.preload = "auto";
-    film.src = e.clip.address ?? addressIn(document.querySelector(`script[data-clip="${CSS.escape(e.name)}"]`));
+    if (e.clip.address) fetchFilm(film, e.clip.address);
+    else film.src = addressOf(bytesOf(document.querySelector(`script[data-clip="${CSS.escape(e.name)}"]`).textContent));
     film.addEventListener("loadeddata", () => seek(true));
     film.addEventListener("seeked", () => { film.busy = false; seek(); paintStage(); });
     film.addEventListener("error", () => { film.broken = true; paintStage(); });
@@ -15,7 +16,11 @@ function filmOf(e) {
   return stage.films.get(e.name);
 }
 
-const addressIn = script => URL.createObjectURL(new Blob([bytesOf(script.textContent)], {type: "video/mp4"}));
+const addressOf = bytes => URL.createObjectURL(new Blob([bytes], {type: "video/mp4"}));
+// A film is taken whole before it is shown: in one that still comes, the browser can seek to no frame.
+async function fetchFilm(film, address) {
+  try { film.src = addressOf(await (await fetch(address)).arrayBuffer()); } catch { film.broken = true; paintStage(); }
+}
 
 const pose = () => { const e = experiment(); return e?.tp ? nearest(series(e.tp), state.time) : 0; };
 const poseTime = k => series(experiment().tp)[k];

@@ -63,10 +63,10 @@ function showAll() {
 }
 
 // -- candidates ----------------------------------------------------------------------------------------------------------
-const percent = value => value === null || value === undefined ? "–" : `${Math.round(100 * value)} %`;
+const percent = value => value === null || value === undefined ? "–" : `${Math.round(100 * value)} %`.replace("-", "−");
 function showCandidates(d) {
   const unit = rungs()[0]?.unit ?? "mm", candidates = d?.candidates ?? [], known = new Map(candidates.map(c => [c.effect, c]));
-  const ticked = wanted.filter(id => !known.has(id)).map(id => ({effect: id, title: titleOf(id)}));
+  const ticked = wanted.filter(id => !known.has(id)).map(candidateOf);
   const tried = [...ticked, ...candidates.filter(c => c.effect !== "segments" && (c.refitted || wanted.includes(c.effect) || (c.probability ?? 0) >= 0.05))], rest = candidates.filter(c => c.effect !== "segments" && !tried.includes(c));
   const of = (c, kind) => c[`${kind}_rmse_${unit}`];
   const row = c => h("tr", {class: d?.named?.includes(c.effect) ? "named" : ""},
@@ -80,7 +80,9 @@ function showCandidates(d) {
   one("#others").hidden = !rest.length;
   one("#screened").replaceChildren(...rest.map(c => h("label", {class: "screened"}, h("input", {type: "checkbox", checked: wanted.includes(c.effect), onchange: event => tick(c.effect, event.target.checked)}), c.title)));
 }
-const titleOf = id => rungs().flatMap(r => r.diagnosis?.candidates ?? []).find(c => c.effect === id)?.title ?? id.replaceAll("_", " ");
+// What is added already is no candidate any more: what was said of it on the last rung that lacked it.
+const candidateOf = id => rungs().toReversed().flatMap(r => r.diagnosis?.candidates ?? []).find(c => c.effect === id) ?? {effect: id, title: id.replaceAll("_", " ")};
+const titleOf = id => candidateOf(id).title;
 const bar = value => value === null || value === undefined ? "–" : h("span", {class: "probability"}, h("span", {class: "share", aria: {hidden: "true"}}, h("i", {style: {width: `${100 * value}%`}})), percent(value));
 
 function tick(id, on_) {

@@ -27,6 +27,8 @@ export function build() {
   });
   text.addEventListener("focus", () => { delete text.dataset.leave; });
 }
+// The server sets the law; as in the report it is MathML, which browsers draw by themselves.
+const setOf = mathml => [...new DOMParser().parseFromString(mathml, "text/html").body.childNodes];
 export async function shown() { if (!law.file) await template(); }
 
 function take(said) {
@@ -52,7 +54,7 @@ async function check(keep) {
     if (version !== law.version) return false;
     law.effects = effects;
     said.textContent = "Units fit, derivatives exist, and each amplitude can be absent."; said.className = "better";
-    one("#law-effects").replaceChildren(...effects.map(effect => h("div", {}, h("h4", {}, effect.title), effect.law.text ? h("p", {}, effect.law.text) : null, h("p", {class: "muted"}, h("code", {}, effect.law.latex ?? "")),
+    one("#law-effects").replaceChildren(...effects.map(effect => h("div", {}, h("h4", {}, effect.title), effect.law.text ? h("p", {}, effect.law.text) : null, ...setOf(effect.law.mathml),
       h("ul", {class: "plainlist"}, ...effect.parameters.map(p => h("li", {}, h("code", {}, `${effect.id}.${p.name}`), ` ${p.text}, ${p.lower} to ${p.upper}${p.unit === "1" ? "" : ` ${p.unit}`}${p.absent === null ? "" : `, absent at ${p.absent}`}`))))));
     allow(true);
     return true;
