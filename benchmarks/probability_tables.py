@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import median
 
+from rfea_vision.critique.rule import RULE
 from testing.claims import Claim, Line, bins, brier, calibration_error, claims
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "probabilities.md"
 DIAGRAM = DOCUMENT.with_suffix(".svg")
 SURE = 0.9
+#: A held-out error that is near that of a fit told the truth.
+NEAR = 1.3
 #: A base model whose error is below this many floors leaves less than one floor of structure: nothing there to be found.
 LEAST_FLOORS = 2**0.5
 _CALIBRATED_ON = "the campaigns of `calibration.jsonl` (`--sweep`)"
@@ -87,6 +91,19 @@ def _counts(title: str, lines: Sequence[Line], each: Mapping[str, Sequence[Claim
         f"\nExpected calibration error {calibration_error(found):.3f}, Brier score {brier(found):.3f}, over {len(found)} claims.\n"
         f"Wrong names above {SURE:g}: {len(wrong)} of {len(sure)}{': ' + '; '.join(wrong) if wrong else ''}.\n"
     )
+    every = [*found, *(one for line in lines for one in untried(line))]
+    if len(every) > len(found):
+        out.append(
+            f"Over all effects on offer, those that nothing spoke for too: expected calibration error {calibration_error(every):.3f}, "
+            f"Brier score {brier(every):.3f}, over {len(every)} claims.\n"
+        )
+    ratios = [line["named_error"] / line["told_error"] for line in lines if line.get("told_error")]
+    if ratios:
+        within = sum(ratio <= NEAR for ratio in ratios)
+        out.append(
+            f"The held-out error of what was named is within {NEAR:g} times that of a fit told the truth (in the laws of the "
+            f"catalogue) in {within} of {len(ratios)}; median ratio {median(ratios):.3f}.\n"
+        )
     out += [
         "| hidden | campaigns | hidden effects | named | where the base model leaves a floor or more | named |",
         "|---|---|---|---|---|---|",
@@ -106,6 +123,11 @@ def _counts(title: str, lines: Sequence[Line], each: Mapping[str, Sequence[Claim
         f"Outside of the catalogue: {sum(bool(line['named']) for line in outside)} of {len(outside)} given a name.\n"
     )
     return "\n".join(out)
+
+
+def untried(line: Line) -> list[Claim]:
+    """Effects on offer that were never refitted, and are not there: those that are stand among the claims already."""
+    return [(name, RULE.unseen, False) for name in line.get("untried", ()) if name not in line["right"]]
 
 
 def _campaigns(plant: str, lines: Sequence[Line]) -> str:

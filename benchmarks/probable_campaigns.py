@@ -41,19 +41,24 @@ SHOWN_BY_TWIN = tuple(
 
 @dataclass(frozen=True)
 class Case:
-    """One campaign: its plant, its seed, what hides in it (by the plant's own names), and what may be called right."""
+    """One campaign: its plant, its seed, what hides in it (by the plant's own names), and what each of its laws may be called."""
 
     plant: str
     seed: int
     kind: str
     hidden: dict[str, float]
-    right: tuple[str, ...]
+    laws: tuple[tuple[str, ...], ...]
     angle_only: bool
 
     @property
     def key(self) -> str:
         """Name of the campaign."""
         return f"{self.plant}-{self.seed}"
+
+    @property
+    def right(self) -> tuple[str, ...]:
+        """Effects of the catalogue that may be named."""
+        return tuple(dict.fromkeys(name for names in self.laws for name in names))
 
 
 def draw(plant: str, seed: int) -> Case:
@@ -64,15 +69,15 @@ def draw(plant: str, seed: int) -> Case:
     angle_only = bool(rng.uniform() < 0.15)
     pool = list(LAWS) if plant == "other" else list(SHOWN_BY_TWIN)
     hidden: dict[str, float] = {}
-    right: list[str] = []
+    laws: list[tuple[str, ...]] = []
     for name in rng.permutation(pool)[:count]:
         own, names = (of_other if plant == "other" else of_twin)(str(name), rng)
         hidden |= own
-        right += names
+        laws.append(names)
     if kind == "outside":
         name = str(rng.choice(list(UNKNOWN) if plant == "other" else list(OUTSIDE)))
         hidden |= {name: even(rng, *UNKNOWN[name])} if plant == "other" else of_twin(name, rng)[0]
-    return Case(plant, seed, kind, hidden, tuple(dict.fromkeys(right)), angle_only)
+    return Case(plant, seed, kind, hidden, tuple(laws), angle_only)
 
 
 def even(rng: np.random.Generator, low: float, high: float) -> float:

@@ -133,7 +133,7 @@ class Comparison(_Json):
 
 
 class Candidate(_Json):
-    """An effect on offer. ``probability`` and ``share`` are null where it was not refitted."""
+    """An effect on offer; ``share`` is null where it was not refitted."""
 
     effect: str
     title: str = ""

@@ -35,7 +35,7 @@ def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
         if done is not None:
             shown |= _refitted(search, name, done)
         shown["form"] = form_of(name, verdict)
-        shown["probability"] = verdict.probability.get(name)
+        shown["probability"] = verdict.probability.get(name, search.rule.unseen)
         rows.append(Candidate(effect=name, title=title(search, name), **shown))
 
     def error(row: Candidate) -> float:

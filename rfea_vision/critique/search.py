@@ -20,7 +20,7 @@ from rfea_vision.critique.measures import (
     structure,
 )
 from rfea_vision.critique.refinement import SEGMENTS
-from rfea_vision.critique.rule import RULE, Rule, posterior
+from rfea_vision.critique.rule import RULE, Rule
 from rfea_vision.critique.screening import Screened, available, screened_rows, sensitivities
 from rfea_vision.critique.subsets import MOST_TOGETHER, Combinations, Proposal
 from rfea_vision.critique.trials import Trial, Trials, plain
@@ -98,7 +98,7 @@ class Search:
         before = self.present.errors.on(names)
         out = [
             Weighed(trial, tuple(sorted(added)), w, p, share(before, trial.errors.on(names), self.floor))
-            for (added, (_, trial)), w, p in zip(best.items(), weights, posterior(weights), strict=True)
+            for (added, (_, trial)), w, p in zip(best.items(), weights, self.rule.posterior(weights), strict=True)
         ]
         return sorted(out, key=lambda item: -item.weight)
 
@@ -146,7 +146,18 @@ class Search:
                 break
             centre = best
         self._leave_one_out()
-        return self.weigh()
+        return self._led(self.weigh())
+
+    def _led(self, weighed: list[Weighed]) -> list[Weighed]:
+        """The same, led by the set that is likely together with those it is tied with: two that share a claim do not lose it."""
+        near = [item for item in weighed if weighed[0].weight - item.weight < EVEN]
+
+        def together(item: Weighed) -> float:
+            rivals = {id(row): row for rows in self.tied([item, *near]).values() for row in rows}
+            return item.probability + sum(row.probability for row in rivals.values())
+
+        first = max(near, key=together)
+        return [first, *(item for item in weighed if item is not first)]
 
     def _look_from(self, centre: Trial, widths: Sequence[int]) -> None:
         have = frozenset(plain(one) for one in centre.effects)
@@ -187,14 +198,13 @@ class Search:
         """
         for own in self.weigh()[0].added:
             best = self.weigh()[0]
-            done = self.structure(best.trial) < STRUCTURE_FLOORS and not best.trial.at_bound
+            left = self.structure(best.trial) >= STRUCTURE_FLOORS or best.trial.at_bound
             rest = [one for one in best.trial.effects - self.present.effects if plain(one) != own]
-            alike = look_alikes(self.effects, own)
-            without = [[one for one in rest if plain(one) not in alike]]
+            fewer = [one for one in rest if plain(one) not in look_alikes(self.effects, own)]
             values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
-            for others in without if done else [rest, *without]:
+            for others in [rest] * left + [fewer] * (len(fewer) < len(rest)):
                 start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, others)}
-                for form in forms_of(own) if len(others) < len(rest) or not done else ():
+                for form in forms_of(own):
                     self.trials.refit(self.present, (*others, form), start)
 
     def _rivals(self) -> None:
@@ -220,17 +230,18 @@ class Search:
                     start = {f"{plain(name)}.{k}": v for k, v in starts[plain(name)].items()}
                     self.trials.refit(base, (name,), start)
 
-    def _leave_one_out(self) -> bool:
-        """Refit the best set without each of its members; whether any of that was new."""
-        best, known = self.weigh()[0], len(self.trials.done)
-        for own in best.added if len(best.added) > 1 else ():
-            rest = [one for one in best.trial.effects - self.present.effects if plain(one) != own]
-            if self.without(best, own) is not None:
+    def _leave_one_out(self) -> None:
+        """Refit the best set without each of its members; and every other that would be the best if it cost one effect less."""
+        weighed, price = self.weigh(), self.rule.price(1, len(catalogue()))
+        for item in weighed:
+            if len(item.added) < 2 or (item is not weighed[0] and item.weight + price <= weighed[0].weight):
                 continue
-            values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
-            start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
-            self.trials.refit(self.present, rest, start)
-        return len(self.trials.done) > known
+            values = dict(zip(item.trial.fitted.model.names, item.trial.fitted.par.tolist(), strict=True))
+            for own in item.added:
+                rest = [one for one in item.trial.effects - self.present.effects if plain(one) != own]
+                if self.without(item, own) is None:
+                    start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
+                    self.trials.refit(self.present, rest, start)
 
     # -- what it says --------------------------------------------------------------------------------------------------
 
@@ -260,7 +271,7 @@ class Search:
         out: dict[str, float] = {}
         for name in {one for item in weighed for one in item.added}:
             mates = next((members for members in group.values() if name in members), {name})
-            out[name] = min(1.0, sum(item.probability for item in weighed if mates & set(item.added)))
+            out[name] = self.rule.told(sum(item.probability for item in weighed if mates & set(item.added)))
         return out
 
     def matters(self, weighed: Sequence[Weighed], own: str) -> bool:

@@ -142,7 +142,7 @@ def _selection(evidence: Evidence, titles: Mapping[str, str]) -> str:
     text = (
         "Effects were added one at a time. Sets of up to four of them were weighed by the squared error that they leave on "
         "training and on held-out runs, under a model that admits a structured remainder (Kennedy and O'Hagan 2001), against "
-        "a price for every effect and parameter (Schwarz 1978). An effect was accepted if its probability was a half at least and "
+        "prior odds of one effect among those of the catalogue. An effect was accepted if its probability was a half at least and "
         "it lowered the held-out error by at least 10 % and by at least 0.2 noise floors with physically admissible values. "
         f"{chosen}"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +18,9 @@ from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
 from rfea_vision.critique.next_experiment import STEP_S, limits, profiles, shaped
 from rfea_vision.critique.phases import label_phases
-from rfea_vision.critique.rule import RULE, posterior
+from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import Sensitivity
+from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.trials import Trials
 from rfea_vision.effects.catalogue import find_effects
@@ -178,13 +180,34 @@ def test_one_rule_weighs_shares_and_not_samples():
         weights += [
             RULE.evidence(dict.fromkeys(roles, 1 - share), roles, room, count) - RULE.price(1, 33) for share in shares
         ]
-        return posterior(weights)
+        return RULE.posterior(weights)
 
     assert odds([0.91, 0.5, 0.4], 100)[1] > 0.9
     halves = odds([0.5, 0.5], 100)
     assert halves[1] == pytest.approx(halves[2]) and halves[1] < 0.5
     assert odds([0.3], 1e6)[1] < 0.5 and odds([0.3], 1e6)[1] == pytest.approx(odds([0.3], 1e3)[1], abs=0.05)
     assert RULE.price(2, 33) == 2 * RULE.price(1, 33) > 0
+
+
+def test_something_is_left_for_causes_outside_of_the_catalogue_and_for_what_nothing_speaks_for():
+    """No evidence among the sets makes a name surer than the share of causes that no set has."""
+    sure = RULE.posterior([100.0, 0.0, 0.0])
+    assert sum(sure) == pytest.approx(1 - RULE.outside)
+    assert RULE.told(sure[0]) < 1 - RULE.outside / 2
+    assert RULE.told(sure[1]) == pytest.approx(RULE.unseen)
+
+
+def test_two_that_share_a_claim_do_not_lose_it():
+    """A with B (0.3) and A with C (0.25) do alike: A with one of them is likelier than A alone (0.4)."""
+    sets = {("A",): (0.0, 0.4), ("A", "B"): (-0.3, 0.3), ("A", "C"): (-0.5, 0.25), ("D",): (-9.0, 1e-4)}
+    weighed = [Weighed(None, added, *values, 0.5) for added, values in sets.items()]  # type: ignore[arg-type]
+    search: Any = SimpleNamespace(without=lambda item, own: item, _alike=lambda *_: True)
+    search.tied = lambda rows: Search.tied(search, rows)
+    led = Search._led(search, weighed)
+    assert [item.added for item in led] == [("A", "B"), ("A",), ("A", "C"), ("D",)]
+    assert [row.added for row in search.tied(led)["B"]] == [("A", "C")]
+    search._alike = lambda *_: False
+    assert Search._led(search, weighed)[0].added == ("A",)
 
 
 def test_a_step_within_bounds_lets_the_other_amplitudes_make_up_for_the_one_that_is_held():
