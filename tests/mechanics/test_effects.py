@@ -1,11 +1,14 @@
 """The contract that every effect keeps: nested in the base model, exact derivatives, finite over its bounds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from rfea_vision.dynamics.simulation import Chain, Model
 from rfea_vision.effects.base import HOOKS
-from rfea_vision.effects.catalogue import catalogue
+from rfea_vision.effects.catalogue import catalogue, find_effects
 
 FRACTIONS = np.linspace(0, 1, 7)
 EFFECTS = sorted(catalogue())
@@ -196,3 +199,17 @@ def test_effect_that_claims_to_dissipate_takes_energy(name, actuator, published)
                 z[0, a] += time[1] * out[0, 6 + m + 4 * a]
         last_cycle = work[20000:-1].sum()
         assert last_cycle < -1e-3 * np.abs(work[20000:-1]).sum(), frequency
+
+
+def test_a_line_of_second_order_is_two_of_the_first_in_series(actuator, published, excitation, frames):
+    """Against the pressure that SciPy's linear systems make of the log, given to a tube without a line."""
+    lag_s, chain = 0.03, Chain.tube(actuator, 4)
+    found = Model(chain, find_effects(["pressure_lag:second_order"])).simulate(
+        np.append(published, lag_s), excitation, frames
+    )
+    time = excitation.step_s * np.arange(excitation.pressure.size)
+    rise = excitation.pressure - excitation.pressure[0]
+    _, late, _ = lsim(([1.0], [lag_s**2, 2 * lag_s, 1.0]), rise, time)
+    delayed = replace(excitation, pressure=late + excitation.pressure[0])
+    wanted, prompt = (Model(chain).simulate(published, one, frames).phi for one in (delayed, excitation))
+    assert np.abs(found.phi - wanted).max() < 0.01 * np.abs(prompt - wanted).max()
