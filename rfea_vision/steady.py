@@ -16,7 +16,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
-from rfea_vision.dynamics.simulation import Model, Motion
+from rfea_vision.dynamics.simulation import Model
 from rfea_vision.tube import inner_radius
 
 LARGEST_ANGLE = 4 * np.pi  # rad; no tube is asked to wind up further
@@ -120,7 +120,7 @@ def steady_curve(model: Model, parameters: FloatArray, pressure_Pa: Sequence[flo
     """Steady states at pressures (Pa), each reached by continuation from the unloaded tube."""
     pressures = np.asarray(pressure_Pa, dtype=float)
     count, n = pressures.size, model.chain.bodies
-    phi, stability = np.full((count, n + 1), np.nan), np.full(count, np.nan)
+    phi, tip, stability = np.full((count, n + 1), np.nan), np.full((count, 2), np.nan), np.full(count, np.nan)
     found = np.zeros(count, dtype=bool)
     limit: float | None = None
     for k, pressure in enumerate(pressures):
@@ -128,23 +128,7 @@ def steady_curve(model: Model, parameters: FloatArray, pressure_Pa: Sequence[flo
         found[k] = state.found
         if state.found:
             phi[k], stability[k] = state.phi, state.stability
+            tip[k] = model.line_at_rest(parameters, state, np.ones(1))[0][0]
         else:
             limit = state.pressure if limit is None else max(limit, state.pressure)
-    tip = np.full((count, 2), np.nan)
-    if found.any():
-        seen = phi[found]
-        motion = Motion(
-            0,
-            "",
-            seen,
-            np.zeros_like(seen),
-            np.zeros((len(seen), n, 1)),
-            np.zeros((len(seen), n + 1, 0)),
-            np.zeros(0, dtype=np.int64),
-            pivot=model.pivot(parameters),
-        )
-        tip[found] = model.centre_line(motion, np.array([1.0]))[0][:, 0]
     return SteadyCurve(pressures, found, phi, tip, phi[:, -1] - phi[:, 0], stability, limit)
-
-
-__all__ = ["LimitPoint", "SteadyCurve", "bending_angle", "holding_pressure", "limit_point", "steady_curve"]

@@ -175,7 +175,7 @@ def _at_bound(fitted: Fitted, effects: frozenset[str]) -> bool:
 def _effect_at_bound(fitted: Fitted, effect: Effect) -> bool:
     for name in effect.amplitudes():
         spec = effect.parameters[name]
-        value, span = fitted.value(f"{effect.id}.{name}"), spec.upper - spec.lower
+        value, span = fitted.values[f"{effect.id}.{name}"], spec.upper - spec.lower
         if spec.upper - value < AT_BOUND * span or (value - spec.lower < AT_BOUND * span and spec.lower != spec.absent):
             return True
     return False

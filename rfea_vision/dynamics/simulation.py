@@ -367,5 +367,15 @@ class Model:
         )
         return nodes, dnodes
 
+    def line_at_rest(
+        self, par: FloatArray, rest: Steady, fractions: FloatArray, free: Sequence[int] = ()
+    ) -> tuple[FloatArray, FloatArray]:
+        """Points of a steady state at fractions of the centre line's length: (m, 2) in m, and (m, 2, p) derivatives."""
+        still, pivot = np.zeros((1, rest.phi.size)), self.pivot(par, free)
+        index = np.asarray(free, dtype=np.int64)
+        motion = Motion(OK, "", rest.phi[None], still, rest.states[None], rest.sensitivity[None], index, pivot=pivot)
+        points, slopes = self.centre_line(motion, fractions)
+        return points[0], slopes[0]
+
 
 __all__ = ["STANDARD_GRAVITY", "TABLEAUX", "Chain", "Excitation", "Model", "Motion", "Steady"]

@@ -25,7 +25,7 @@ def alarms(fitted: Fitted, actuator: Actuator) -> list[str]:
             f"A density of {actuator.density:.0f} kg/m^3 is not that of a rubber ({low:.0f} to {high:.0f}): "
             "check actuator.density."
         )
-    values = dict(zip(fitted.model.names, fitted.par, strict=True))
+    values = fitted.values
     own = actuator.linear_density * actuator.length
     extra = values.get("payload.m", 0.0)
     if extra > own:

@@ -18,7 +18,7 @@ from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.profile import profile
 from rfea_vision.fitting.ratio import only_ratio
-from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit
+from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit, refit_from
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.rules import under_rules
 from rfea_vision.fitting.scoring import as_artefact
@@ -243,13 +243,12 @@ def fit_added(
     model = make_model(problem.actuator, options, problem.mirror)
     new = [effect.id for effect in model.effects if effect.id not in {e.id for e in previous.model.effects}]
     starts = effect_starts(model.effects, new)
-    known = dict(zip(previous.model.names, previous.par, strict=True))
     best: Fitted | None = None
     waterfall = []
     for index, start in enumerate(starts):
         label = ", ".join(f"{k} = {v:g}" for k, v in start.items()) or "previous model"
         try:
-            trial = _tried(problem, options, {**known, **start}, previous, 15 if len(starts) > 1 else 30)
+            trial = _tried(problem, options, {**previous.values, **start}, previous, 15 if len(starts) > 1 else 30)
         except DataError:
             waterfall.append(_attempt(label, None))
             continue
@@ -260,10 +259,8 @@ def fit_added(
             progress(index + 1, len(starts) + 1)
     if best is None:
         raise DataError(f"model {options.name}: none of its starts could be simulated")
-    values = dict(zip(best.model.names, best.par, strict=True))
-    final = refit(problem, options, values, options.segments, best.solution.clocks)
     return replace(
-        final,
+        refit_from(problem, options, best),
         plateaus=previous.plateaus,
         steady=previous.steady,
         starts=tuple(waterfall),
@@ -328,9 +325,8 @@ def _without_jumps(problem: Problem, fitted: Fitted) -> Fitted:
     jumps = {item.name: count_jumps(item, one) for item, one in zip(problem.train, seen, strict=True)}
     if not any(jumps.values()):
         return fitted
-    known = dict(zip(fitted.model.names, fitted.par, strict=True))
     options = replace(fitted.options, loss="huber")
-    robust = refit(problem, options, known, options.segments, fitted.solution.clocks)
+    robust = refit_from(problem, options, fitted)
     return replace(fitted, options=options, solution=robust.solution, jumps=jumps)
 
 

@@ -14,7 +14,7 @@ from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matr
 from rfea_vision.effects.base import BASE_UNITS
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.refit import Fitted
-from rfea_vision.fitting.uncertainty import Uncertainty, sandwich
+from rfea_vision.fitting.uncertainty import Uncertainty, uncertainty_of
 
 #: Correlation above which two parameters are told of together.
 NEAR_TIE = 0.995
@@ -42,15 +42,7 @@ def intervals(
     par : the values to report, if those of the fit were corrected afterwards
     drift : by how much they would go towards a finer chain (`discretisation.drift`): half of an interval holds that in whole
     """
-    solution = fitted.solution
-    weight = np.sqrt(solution.row_weight)
-    uncertainty = sandwich(
-        list(items),
-        solution.evaluation.residual * weight,
-        solution.scaled_jacobian * weight[:, None],
-        solution.evaluation.slices,
-        solution.prior_jacobian,
-    )
+    uncertainty = uncertainty_of(fitted.solution, items)
     coarse = np.zeros(par.size) if drift is None else drift
     parameters, covariance = _parameters(fitted, uncertainty, par, coarse)
     free = list(fitted.coordinates.free)
@@ -81,12 +73,9 @@ def _parameters(
         if uncertainty.undetermined[column]:
             doubtful |= matrix[:, column] != 0
     y = fitted.solution.y
-    # Coordinates are of order one; a generous upper bound must not make a small amplitude look like none.
-    near = 1e-3 * np.minimum(coordinates.upper - coordinates.lower, 1.0)
     at_bound = {
-        coordinates.free[i]: "lower" if y[i] - coordinates.lower[i] < near[i] else "upper"
-        for i in range(ny)
-        if min(y[i] - coordinates.lower[i], coordinates.upper[i] - y[i]) < near[i]
+        coordinates.free[i]: "lower" if y[i] - coordinates.lower[i] < coordinates.upper[i] - y[i] else "upper"
+        for i in np.flatnonzero(~coordinates.inside(y))
     }
     out = {}
     for k, name in enumerate(model.names):

@@ -43,6 +43,13 @@ def default_observe(recordings: list[Recording]) -> Observe:
     return "angle"
 
 
+def normals_of(line: FloatArray) -> FloatArray:
+    """Unit normals (frames, m, 2) of centre lines (frames, m, 2); zero where two points of a line are one."""
+    tangent = np.gradient(line, axis=1)
+    length = np.linalg.norm(tangent, axis=2, keepdims=True)
+    return np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / np.where(length > 0, length, 1.0)
+
+
 def _points(
     recording: Recording, valid: NDArray[np.bool_], mirror: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -52,9 +59,7 @@ def _points(
     count = int(valid.sum())
     if "midline" in data:
         line = data["midline"].values[valid] * flip * MM
-        tangent = np.gradient(line, axis=1)
-        length = np.linalg.norm(tangent, axis=2, keepdims=True)
-        normals = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / np.where(length > 0, length, 1.0)
+        normals = normals_of(line)
         total = line.shape[1]
         pick = np.unique(np.linspace(0, total - 1, FITTED_NODES + 1).round().astype(int))[1:]
         fractions = pick / (total - 1)

@@ -10,7 +10,7 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.dynamics.simulation import Model
-from rfea_vision.fitting.observation import observe_recording
+from rfea_vision.fitting.observation import normals_of, observe_recording
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import with_zeros
 from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
@@ -137,10 +137,7 @@ def as_dataset(
         )
     if "midline" in data:
         measured = data["midline"].values
-        tangent = np.gradient(measured, axis=1)
-        length = np.linalg.norm(tangent, axis=2, keepdims=True)
-        normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1) / np.where(length > 0, length, 1.0)
-        gap = np.sum(normal * (measured - line), axis=2)
+        gap = np.sum(normals_of(measured) * (measured - line), axis=2)
         variables["normal_residual"] = (("time", "node"), gap.astype(np.float32), {"units": "mm"})
     return xr.Dataset(
         variables,

@@ -43,7 +43,7 @@ def profile(problem: Problem, fitted: Fitted, name: str, parameters: Mapping[str
     if name not in fitted.coordinates.names:
         free = ", ".join(fitted.coordinates.names)
         raise InputError(f"--profile {name}: not a free parameter of this model; it has {free}")
-    parameter, best = parameters[name], float(fitted.value(name))
+    parameter, best = parameters[name], fitted.values[name]
     scale, step = _scale_and_step(fitted, name, parameter)
     sides = [_side(problem, fitted, name, best, sign * step, scale) for sign in (-1, 1)]
     # The reported value was corrected for the integrator's step after the fit (`refine`); so is its profile.
@@ -87,8 +87,7 @@ def _side(
     problem: Problem, fitted: Fitted, name: str, best: float, step: float, scale: float
 ) -> list[tuple[float, float]]:
     """Points on one side, from the best value outwards, until the misfit has risen by the threshold."""
-    known = dict(zip(fitted.model.names, fitted.par, strict=True))
-    options, base = fitted.options, _misfit(fitted)
+    known, options, base = fitted.values, fitted.options, _misfit(fitted)
     low, high = options.bounds.get(name, (-np.inf, np.inf))
     found: list[tuple[float, float]] = []
     clocks = fitted.solution.clocks
@@ -101,7 +100,7 @@ def _side(
             one = refit(problem, held, {**known, name: value}, options.segments, clocks, tolerance=1e-8)
         except DataError:
             break
-        known, clocks = dict(zip(one.model.names, one.par, strict=True)), one.solution.clocks
+        known, clocks = one.values, one.solution.clocks
         found.append((value, max(0.0, (_misfit(one) - base) / scale)))
         if found[-1][1] > THRESHOLD:
             break

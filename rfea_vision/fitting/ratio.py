@@ -8,7 +8,7 @@ import numpy as np
 
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.refit import Fitted
-from rfea_vision.fitting.uncertainty import sandwich
+from rfea_vision.fitting.uncertainty import uncertainty_of
 
 #: A lever that the data tell no better than to this share is not told by them: its bounds are 25 % apart.
 LOOSE_SHARE = 0.1
@@ -19,15 +19,7 @@ def only_ratio(fitted: Fitted, items: Sequence[Observed]) -> bool:
     names = fitted.coordinates.names
     if not {"k_ref", "r_hyd"} <= set(names):
         return False
-    solution = fitted.solution
-    weight = np.sqrt(solution.row_weight)
-    found = sandwich(
-        list(items),
-        solution.evaluation.residual * weight,
-        solution.scaled_jacobian * weight[:, None],
-        solution.evaluation.slices,
-        solution.prior_jacobian,
-    )
+    found = uncertainty_of(fitted.solution, items)
     at = names.index("r_hyd")
     size = fitted.coordinates.matrix[6, at] * np.sqrt(found.covariance[at, at]) / fitted.par[6]
     return bool(found.undetermined[at] or size > LOOSE_SHARE)

@@ -39,8 +39,10 @@ class Fitted:
     def par(self) -> FloatArray:
         return self.solution.par
 
-    def value(self, name: str) -> float:
-        return float(self.par[self.model.names.index(name)])
+    @property
+    def values(self) -> dict[str, float]:
+        """Every parameter by its name."""
+        return dict(zip(self.model.names, self.par.tolist(), strict=True))
 
 
 def coordinates_for(problem: Problem, options: FitOptions, model: Model) -> Coordinates:
@@ -107,3 +109,8 @@ def refit(
     if solution is None:
         raise DataError(f"model {options.name}: the start could not be simulated; try fewer segments or other effects")
     return Fitted(model, options, coordinates, solution)
+
+
+def refit_from(problem: Problem, options: FitOptions, fitted: Fitted, **limits: Any) -> Fitted:
+    """Fit with other options from where a fit ended, its clocks too; `limits` as for `refit`, and its errors."""
+    return refit(problem, options, fitted.values, fitted.options.segments, fitted.solution.clocks, **limits)

@@ -15,6 +15,7 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.coordinates import Coordinates
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residuals import Evaluation, evaluate
+from rfea_vision.scatter import NORMAL
 
 CLOCK_SCALE_S = 0.005  # a clock in units of order one for the optimiser; no result depends on it
 #: A clock is moved by at most so many of its standard errors, and never further than runs are ever late.
@@ -197,7 +198,7 @@ def solve(
         point = target.at(x)
         return np.zeros((bad.size, x.size)) if point is None else point.jacobian
 
-    softness = HUBER * max(1.0, float(np.median(np.abs(first.evaluation.residual))) / 0.6745)
+    softness = HUBER * max(1.0, float(np.median(np.abs(first.evaluation.residual))) / NORMAL)
     limit = limits / CLOCK_SCALE_S
     result = least_squares(
         fun,

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.dynamics.simulation import Model, Motion
+from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.coordinates import Coordinates
 from rfea_vision.fitting.observed import MM, Observed
 
@@ -79,18 +79,8 @@ def steady_points(
         steady = model.steady(par, pressure, free)
         if not steady.found:
             return None
-    motion = Motion(
-        0,
-        "",
-        steady.phi[None],
-        np.zeros((1, steady.phi.size)),
-        steady.states[None],
-        steady.sensitivity[None],
-        np.asarray(free, dtype=np.int64),
-        pivot=model.pivot(par, free),
-    )
-    points, dpoints = model.centre_line(motion, fractions)
-    return points[0], dpoints[0], float(steady.phi[-1]), steady.sensitivity[-1], steady.phi
+    points = model.line_at_rest(par, steady, fractions, free)
+    return *points, float(steady.phi[-1]), steady.sensitivity[-1], steady.phi
 
 
 def fit_steady(

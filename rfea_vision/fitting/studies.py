@@ -13,7 +13,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.noise import noise_floor_mm
 from rfea_vision.fitting.observed import MM
 from rfea_vision.fitting.problem import Problem
-from rfea_vision.fitting.refit import Fitted, refit
+from rfea_vision.fitting.refit import Fitted, refit, refit_from
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.scoring import metrics_by_role, score
 from rfea_vision.fitting.solver import fit_clocks
@@ -65,18 +65,9 @@ def _refuse_places(fitted: Fitted) -> None:
 def _refitted(problem: Problem, fitted: Fitted, count: int, items: Sequence[Any]) -> Fitted | None:
     if count == fitted.options.segments:
         return fitted
-    known = dict(zip(fitted.model.names, fitted.par, strict=True))
+    options = fitted.options.with_segments(count)
     try:
-        return refit(
-            problem,
-            fitted.options.with_segments(count),
-            known,
-            fitted.options.segments,
-            fitted.solution.clocks,
-            most_evaluations=20,
-            tolerance=1e-5,
-            items=items,
-        )
+        return refit_from(problem, options, fitted, most_evaluations=20, tolerance=1e-5, items=items)
     except DataError:
         return None
 
@@ -119,14 +110,7 @@ def with_study(problem: Problem, fitted: Fitted) -> Fitted:
         floor, _ = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
         count = enough_segments(rows, floor)
         if count != fitted.options.segments:
-            known = dict(zip(fitted.model.names, fitted.par, strict=True))
-            other = refit(
-                problem,
-                fitted.options.with_segments(count),
-                known,
-                fitted.options.segments,
-                fitted.solution.clocks,
-            )
+            other = refit_from(problem, fitted.options.with_segments(count), fitted)
             fitted = replace(other, plateaus=fitted.plateaus, steady=fitted.steady, starts=fitted.starts)
     return replace(fitted, study=tuple(rows), study_seconds=seconds)
 
@@ -141,21 +125,20 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> dict[str, Any]:
     """
     if len(problem.train) < 2:
         raise DataError("--leave-one-out: there is one training run only; give a second one the role 'train'")
-    known = dict(zip(fitted.model.names, fitted.par, strict=True))
     experiments: dict[str, Any] = {}
     errors, values = [], []
     for index, left in enumerate(problem.train):
         rest = [o for o in problem.train if o is not left]
         clocks = np.delete(fitted.solution.clocks, index)
         try:
-            one = refit(problem, fitted.options, known, fitted.options.segments, clocks, items=rest)
+            one = refit(problem, fitted.options, fitted.values, fitted.options.segments, clocks, items=rest)
         except DataError as error:
             experiments[left.name] = {"tip_rmse_mm": None, "note": str(error)}
             continue
         scores, parts, _ = score(problem, one.model, one.par, [left])
         experiments[left.name] = {
             **scores[left.name].model_dump(mode="json", exclude={"role", "nuisance"}),
-            "parameters": dict(zip(one.model.names, one.par.tolist(), strict=True)),
+            "parameters": one.values,
         }
         values.append(one.par)
         if left.name in parts and parts[left.name].tip is not None:

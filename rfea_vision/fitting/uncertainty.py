@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from scipy.stats import t as student
 from rfea_vision.arrays import FloatArray
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residual_tests import autocorrelation, correlation_time
+from rfea_vision.fitting.solver import Solution
 
 BLOCK_S = 0.4  # a block may be this long, however short the run
 #: A residual that forgets itself within this many frames counts as white.
@@ -79,8 +81,20 @@ def _by_autocorrelation(item: Observed, residual: FloatArray, jacobian: FloatArr
     return out
 
 
+def uncertainty_of(solution: Solution, items: Sequence[Observed]) -> Uncertainty:
+    """Uncertainty of what the optimiser turned, where it ended; `items` are the runs in the order in which they were fitted."""
+    weight = np.sqrt(solution.row_weight)
+    return sandwich(
+        items,
+        solution.evaluation.residual * weight,
+        solution.scaled_jacobian * weight[:, None],
+        solution.evaluation.slices,
+        solution.prior_jacobian,
+    )
+
+
 def sandwich(
-    items: list[Observed],
+    items: Sequence[Observed],
     residual: FloatArray,
     jacobian: FloatArray,
     slices: tuple[slice, ...],

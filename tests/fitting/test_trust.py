@@ -48,7 +48,7 @@ def test_one_step_of_the_more_exact_integrator_removes_its_bias(exact):
     runs, actuator, truth = exact
     problem = make_problem(noisy(runs, 0, noise_mm=0.0), actuator)
     one = refit(problem, OPTIONS, truth, SEGMENTS)
-    plain = abs(one.value("r_hyd") / truth["r_hyd"] - 1)
+    plain = abs(one.values["r_hyd"] / truth["r_hyd"] - 1)
     refined = abs(refine(one, problem.train).par[6] / truth["r_hyd"] - 1)
     assert refined < 0.5 * plain
 
