@@ -17,8 +17,8 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.noise import slow_variance
-from rfea_vision.calibration.projection import rotation_matrix
-from rfea_vision.calibration.reprojection import board_pixels, seen
+from rfea_vision.calibration.projection import lens_vector, rotation_matrix
+from rfea_vision.calibration.reprojection import board_pixels, rms_distance, seen
 from rfea_vision.errors import DataError
 
 Pose = tuple[FloatArray, FloatArray]
@@ -46,8 +46,7 @@ class Lens:
     @property
     def vector(self) -> FloatArray:
         """[fx, fy, cx, cy, distortion...]."""
-        k = self.matrix
-        return np.concatenate([[k[0, 0], k[1, 1], k[0, 2], k[1, 2]], self.distortion])
+        return lens_vector(self.matrix, self.distortion)
 
     @staticmethod
     def from_vector(model: str, vector: FloatArray) -> Lens:
@@ -74,13 +73,12 @@ class Bundle:
 
     @property
     def rms_px(self) -> float:
-        """Root mean square distance between corner and model, as OpenCV counts it."""
-        every = np.concatenate(self.residuals)
-        return float(np.sqrt(np.mean(np.sum(every**2, axis=1))))
+        """Root mean square distance between corners and model over all views."""
+        return rms_distance(np.concatenate(self.residuals))
 
     def rms_of(self, view: int) -> float:
         """The same for one view."""
-        return float(np.sqrt(np.mean(np.sum(self.residuals[view] ** 2, axis=1))))
+        return rms_distance(self.residuals[view])
 
 
 def project_board(lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray) -> FloatArray:

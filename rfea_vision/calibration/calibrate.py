@@ -18,7 +18,7 @@ from rfea_vision.calibration.bundle import Bundle, Lens, first_fisheye, solve_bu
 from rfea_vision.calibration.corners import BoardView, Refused, find_corners
 from rfea_vision.calibration.misfits import doubt_of_plane, same_picture, without_misfits
 from rfea_vision.calibration.photos import Photo, read_photo, reference_photo
-from rfea_vision.calibration.projection import has_plane
+from rfea_vision.calibration.projection import has_plane, tilt_deg
 from rfea_vision.calibration.quality import assess
 from rfea_vision.calibration.region import middle_of, over_region, reach_of
 from rfea_vision.errors import DataError, InputError
@@ -314,6 +314,30 @@ def levelled(rotation: FloatArray) -> FloatArray:
     return np.column_stack([x, y, np.cross(x, y)])
 
 
+def plane_of_motion(
+    rotation: FloatArray, translation_mm: FloatArray, joint: FloatArray, board_offset_mm: float
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a `Calibration` and its quality say of the plane of motion, from the pose of the board that lies in it.
+
+    Parameters
+    ----------
+    rotation, translation_mm : of the board in the camera's frame, (3, 3) and (3,)
+    joint : covariance of lens and pose, (lens + 6, lens + 6)
+    board_offset_mm : as for `calibrate`
+    """
+    axes, pose = levelled(rotation), joint[-6:, -6:]
+    translation = translation_mm - board_offset_mm * axes[:, 2]
+    plane = {
+        "plane_rotation": axes,
+        "plane_translation_mm": translation,
+        "plane_pose_covariance": pose,
+        "plane_tilt_deg": tilt_deg(axes),
+        "joint_covariance": joint,
+    }
+    stderr_deg = float(np.degrees(np.sqrt(np.trace(pose[:2, :2]) / 2)))
+    return plane, {"tilt_stderr_deg": stderr_deg, "distance_mm": float(np.linalg.norm(translation))}
+
+
 def _assemble(
     bundle: Bundle,
     size: tuple[int, int],
@@ -325,21 +349,16 @@ def _assemble(
     inflate: float,
 ) -> Calibration:
     lens: Lens = bundle.lens
-    rotation, translation, tilt = np.eye(3), np.full(3, np.nan), float("nan")
-    pose_covariance, joint = np.full((6, 6), np.nan), None
-    count = len(lens.vector)
+    plane: dict[str, Any] = {
+        "plane_rotation": np.eye(3),
+        "plane_translation_mm": np.full(3, np.nan),
+        "plane_pose_covariance": np.full((6, 6), np.nan),
+        "plane_tilt_deg": float("nan"),
+    }
     if plane_view is not None and bundle.joint_covariance is not None:
-        rotation = levelled(bundle.rotations[-1])
-        translation = bundle.translations_mm[-1] - board_offset_mm * rotation[:, 2]
-        joint = bundle.joint_covariance * inflate**2
-        pose_covariance = joint[count:, count:]
-        tilt = float(np.degrees(np.arccos(np.clip(-rotation[2, 2], -1, 1))))
-        quality["plane"] = {
-            "file": plane_view.file.name,
-            "rms_px": bundle.rms_of(len(bundle.rotations) - 1),
-            "tilt_stderr_deg": float(np.degrees(np.sqrt(np.trace(pose_covariance[:2, :2]) / 2))),
-            "distance_mm": float(np.linalg.norm(translation)),
-        }
+        pose, joint = (bundle.rotations[-1], bundle.translations_mm[-1]), bundle.joint_covariance * inflate**2
+        plane, described = plane_of_motion(*pose, joint, board_offset_mm)
+        quality["plane"] = {"file": plane_view.file.name, "rms_px": bundle.rms_of(-1), **described}
     return Calibration(
         image_width=size[0],
         image_height=size[1],
@@ -348,12 +367,8 @@ def _assemble(
         model=lens.model,
         rms_px=bundle.rms_px,
         intrinsics_covariance=bundle.lens_covariance * inflate**2,
-        plane_rotation=rotation,
-        plane_translation_mm=translation,
-        plane_pose_covariance=pose_covariance,
-        plane_tilt_deg=tilt,
         vertical=vertical,
         photos=records,
         quality=quality,
-        joint_covariance=joint,
+        **plane,
     )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.bundle import Lens, solve_bundle, solve_pose
 from rfea_vision.calibration.corners import BoardView, Refused
+from rfea_vision.calibration.reprojection import rms_distance
 from rfea_vision.errors import DataError
 
 FEWEST = 4  # photos: of fewer, nobody knows which is the bad one
@@ -127,7 +128,7 @@ def turned_against(lens: Lens, view: BoardView, size: tuple[int, int], usual_px:
 
 def distance_px(lens: Lens, view: BoardView) -> float:
     """Root mean square distance of a photo's corners from where a lens puts them, its pose free."""
-    return float(np.sqrt(np.mean(np.sum(solve_pose(lens, view)[2] ** 2, axis=1))))
+    return rms_distance(solve_pose(lens, view)[2])
 
 
 def _limit(distance: FloatArray) -> float:

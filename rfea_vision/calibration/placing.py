@@ -10,7 +10,8 @@ import numpy as np
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import Lens, pose_and_lens_jacobians, solve_pose
-from rfea_vision.calibration.calibrate import find_plane, levelled
+from rfea_vision.calibration.calibrate import find_plane, plane_of_motion
+from rfea_vision.calibration.reprojection import rms_distance
 
 
 def place_in_plane(
@@ -44,22 +45,7 @@ def place_in_plane(
     cross = lens_covariance @ pull.T
     own = variance * np.linalg.inv(by_pose.T @ by_pose)
     joint = np.block([[lens_covariance, cross], [cross.T, pull @ cross + own]])
-    pose_covariance = joint[len(lens_covariance) :, len(lens_covariance) :]
-    rotation = levelled(rotation)
-    translation = translation - board_offset_mm * rotation[:, 2]
-    described = {
-        "file": view.file.name,
-        "rms_px": float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))),
-        "tilt_stderr_deg": float(np.degrees(np.sqrt(np.trace(pose_covariance[:2, :2]) / 2))),
-        "distance_mm": float(np.linalg.norm(translation)),
-    }
-    return replace(
-        calibration,
-        plane_rotation=rotation,
-        plane_translation_mm=translation,
-        plane_pose_covariance=pose_covariance,
-        plane_tilt_deg=float(np.degrees(np.arccos(np.clip(-rotation[2, 2], -1, 1)))),
-        vertical=vertical,
-        quality={**calibration.quality, "plane": described, "board_offset_mm": board_offset_mm},
-        joint_covariance=joint,
-    )
+    placed, described = plane_of_motion(rotation, translation, joint, board_offset_mm)
+    described = {"file": view.file.name, "rms_px": rms_distance(residuals), **described}
+    quality = {**calibration.quality, "plane": described, "board_offset_mm": board_offset_mm}
+    return replace(calibration, **placed, vertical=vertical, quality=quality)

@@ -25,24 +25,22 @@ CAMERA_SIZE = 29  # see above
 
 def camera_vector(calibration: Calibration) -> FloatArray:
     """Pack lens and plane pose for compiled code, (29,)."""
-    return pack_camera(
-        calibration.model,
-        calibration.camera_matrix,
-        calibration.distortion,
-        calibration.plane_rotation,
-        calibration.plane_translation_mm,
-    )
+    lens = lens_vector(calibration.camera_matrix, calibration.distortion)
+    return pack_camera(calibration.model, lens, calibration.plane_rotation, calibration.plane_translation_mm)
 
 
-def pack_camera(
-    model: str, matrix: FloatArray, distortion: FloatArray, rotation: FloatArray, translation_mm: FloatArray
-) -> FloatArray:
-    """Pack lens and pose for compiled code, (29,)."""
+def lens_vector(matrix: FloatArray, distortion: ArrayLike) -> FloatArray:
+    """[fx, fy, cx, cy, distortion...] of a camera matrix (3, 3) and OpenCV's coefficients."""
+    return np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *np.ravel(distortion)])
+
+
+def pack_camera(model: str, lens: FloatArray, rotation: FloatArray, translation_mm: FloatArray) -> FloatArray:
+    """Pack a lens vector and a pose for compiled code, (29,)."""
     packed = np.zeros(CAMERA_SIZE)
     packed[0] = float(LENSES[model].fisheye)
-    packed[1:5] = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+    packed[1:5] = lens[:4]
     coefficients = np.zeros(12)
-    coefficients[: np.size(distortion)] = np.ravel(distortion)
+    coefficients[: lens.size - 4] = lens[4:]
     packed[5:13], packed[25:29] = coefficients[:8], coefficients[8:]
     packed[13:22] = np.asarray(rotation).ravel()
     packed[22:25] = np.asarray(translation_mm).ravel()
@@ -156,15 +154,33 @@ def pixels_to_plane_mm(calibration: Calibration, pixels: ArrayLike) -> FloatArra
 
 
 def perturbed_cameras(calibration: Calibration) -> FloatArray:
+    """Cameras moved by one standard error along each principal axis of the calibration's joint covariance, (k, 29)."""
+    lens, pose = lens_vector(calibration.camera_matrix, calibration.distortion), calibration.plane_rotation
+    return moved_cameras(
+        calibration.model, lens, pose, calibration.plane_translation_mm, _joint_covariance(calibration)
+    )
+
+
+def moved_cameras(
+    model: str, lens: FloatArray, rotation: FloatArray, translation_mm: FloatArray, joint: FloatArray
+) -> FloatArray:
     """Cameras moved by one standard error along each principal axis of their joint covariance, (k, 29).
 
     A quantity's covariance from the calibration is the sum over k of the outer product of its change with itself
     (first order).
+
+    Parameters
+    ----------
+    joint : covariance of [lens vector, rotation vector, translation], (lens + 6, lens + 6)
     """
-    values, vectors = np.linalg.eigh(_joint_covariance(calibration))
+    values, vectors = np.linalg.eigh(joint)
     axes = (vectors * np.sqrt(np.clip(values, 0.0, None))).T
     keep = values > 1e-14 * values.max() if values.max() > 0 else np.zeros(len(values), dtype=bool)
-    return np.array([_moved(calibration, axis) for axis in axes[keep]]).reshape(-1, CAMERA_SIZE)
+    moved = [
+        pack_camera(model, lens + change[:-6], rotation_matrix(change[-6:-3]) @ rotation, translation_mm + change[-3:])
+        for change in axes[keep]
+    ]
+    return np.array(moved).reshape(-1, CAMERA_SIZE)
 
 
 def _joint_covariance(calibration: Calibration) -> FloatArray:
@@ -178,21 +194,9 @@ def _joint_covariance(calibration: Calibration) -> FloatArray:
     return block
 
 
-def _moved(calibration: Calibration, change: FloatArray) -> FloatArray:
-    """Pack the camera after `change` of [fx, fy, cx, cy, distortion..., rotation vector, translation]."""
-    matrix = calibration.camera_matrix.copy()
-    matrix[0, 0] += change[0]
-    matrix[1, 1] += change[1]
-    matrix[0, 2] += change[2]
-    matrix[1, 2] += change[3]
-    count = len(calibration.distortion)
-    return pack_camera(
-        calibration.model,
-        matrix,
-        calibration.distortion + change[4 : 4 + count],
-        rotation_matrix(change[4 + count : 7 + count]) @ calibration.plane_rotation,
-        calibration.plane_translation_mm + change[7 + count : 10 + count],
-    )
+def tilt_deg(rotation: FloatArray) -> float:
+    """Angle (deg) between the optical axis and the normal of a plane with these axes (3, 3)."""
+    return float(np.degrees(np.arccos(np.clip(-rotation[2, 2], -1, 1))))
 
 
 def rotation_matrix(vector: ArrayLike) -> FloatArray:

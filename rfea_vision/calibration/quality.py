@@ -16,9 +16,9 @@ from scipy.stats import chi2
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration import advice
-from rfea_vision.calibration.bundle import Bundle, Lens, solve_bundle
+from rfea_vision.calibration.bundle import Bundle, solve_bundle
 from rfea_vision.calibration.corners import BoardView
-from rfea_vision.calibration.projection import pack_camera, rotation_matrix, unproject
+from rfea_vision.calibration.projection import moved_cameras, pack_camera, unproject
 from rfea_vision.errors import DataError
 from rfea_vision.units import rounded
 
@@ -130,8 +130,7 @@ def _compare_halves(
 
 
 def _camera_of(bundle: Bundle, view: int) -> FloatArray:
-    lens = bundle.lens
-    return pack_camera(lens.model, lens.matrix, lens.distortion, bundle.rotations[view], bundle.translations_mm[view])
+    return pack_camera(bundle.lens.model, bundle.lens.vector, bundle.rotations[view], bundle.translations_mm[view])
 
 
 def _relative(points: FloatArray) -> FloatArray:
@@ -151,17 +150,10 @@ def _lens_part(bundle: Bundle) -> FloatArray:
 
 def _fields(bundle: Bundle, view: int, grid: FloatArray, joint: FloatArray) -> FloatArray:
     """How plane points move, relative to the middle, by one standard error along each axis of `joint`, (axes, ..., 2)."""
-    count = len(bundle.lens.vector)
-    values, vectors = np.linalg.eigh(joint)
+    lens, rotation, translation = bundle.lens, bundle.rotations[view], bundle.translations_mm[view]
     here = _relative(unproject(_camera_of(bundle, view), grid))
-    moved = []
-    for change in (vectors * np.sqrt(np.clip(values, 0.0, None))).T[values > 0]:
-        lens = Lens.from_vector(bundle.lens.model, bundle.lens.vector + change[:count])
-        rotation = rotation_matrix(change[count : count + 3]) @ bundle.rotations[view]
-        translation = bundle.translations_mm[view] + change[count + 3 :]
-        camera = pack_camera(lens.model, lens.matrix, lens.distortion, rotation, translation)
-        moved.append(_relative(unproject(camera, grid)) - here)
-    return np.array(moved)
+    cameras = moved_cameras(lens.model, lens.vector, rotation, translation, joint)
+    return np.array([_relative(unproject(camera, grid)) - here for camera in cameras])
 
 
 def _grid(size: tuple[int, int]) -> FloatArray:

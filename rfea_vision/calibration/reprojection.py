@@ -11,6 +11,11 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 
 
+def rms_distance(residual: FloatArray) -> float:
+    """Root mean square distance between corners and model, as OpenCV counts it, of residuals (n, 2)."""
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
+
+
 def board_pixels(
     fisheye: bool, lens: FloatArray, rotation: FloatArray, translation: FloatArray, board: FloatArray
 ) -> FloatArray:

@@ -15,7 +15,8 @@ from scipy.optimize import least_squares
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
-from rfea_vision.calibration.projection import rotation_matrix
+from rfea_vision.calibration.projection import rotation_matrix, tilt_deg
+from rfea_vision.calibration.reprojection import rms_distance
 from rfea_vision.errors import InputError
 
 # focal length over the longer side of the picture: 28 mm on 36 mm film, as main cameras of phones have
@@ -105,7 +106,7 @@ def scaled_by_places(
     found = least_squares(residual, start, x_scale=[0.1, 0.1, 0.1, depth, depth, depth, 0.1])
     if not np.all(np.isfinite(found.x)) or found.x[5] <= 0:
         raise InputError("camera.scale.places: they do not fit their points; check the order of both lists")
-    rms_px = float(np.sqrt(np.mean(np.sum((residual(found.x)[:-1] * noise_px).reshape(-1, 2) ** 2, axis=1))))
+    rms_px = rms_distance((residual(found.x)[:-1] * noise_px).reshape(-1, 2))
     if rms_px > 6 * noise_px:
         raise InputError(
             f"camera.scale.places: they miss their points by {rms_px:.0f} px; check the order of both lists, and the units"
@@ -152,7 +153,7 @@ def _calibration(
         plane_rotation=rotation,
         plane_translation_mm=translation,
         plane_pose_covariance=pose,
-        plane_tilt_deg=float(np.degrees(np.arccos(np.clip(-rotation[2, 2], -1, 1)))),
+        plane_tilt_deg=tilt_deg(rotation),
         vertical="board",
         photos=(),
         quality=quality,

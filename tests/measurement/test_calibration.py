@@ -167,7 +167,7 @@ TRUE_COEFFICIENTS = {
 def test_every_lens_model_fits_points_made_with_it_and_is_the_same_compiled(model):
     from rfea_vision.calibration.bundle import Lens, project_board, solve_bundle
     from rfea_vision.calibration.corners import BoardView
-    from rfea_vision.calibration.projection import pack_camera, project, rotation_matrix
+    from rfea_vision.calibration.projection import lens_vector, pack_camera, project, rotation_matrix
 
     rng = np.random.default_rng(2)
     coefficients = np.array(TRUE_COEFFICIENTS[model])
@@ -181,7 +181,7 @@ def test_every_lens_model_fits_points_made_with_it_and_is_the_same_compiled(mode
         pixels = project_board(lens, rotation, translation, board.corners_mm)
         if pixels.min() < 0 or np.any(pixels.max(axis=0) > [1280, 720]):
             continue
-        compiled = project(pack_camera(model, lens.matrix, coefficients, rotation, translation), board.corners_mm)
+        compiled = project(pack_camera(model, lens_vector(lens.matrix, coefficients), rotation, translation), board.corners_mm)
         np.testing.assert_allclose(compiled, pixels, atol=1e-9)
         views.append(BoardView(None, board.corners_mm, pixels + rng.normal(0, 0.02, pixels.shape)))
     bundle = solve_bundle(views, (1280, 720), model, joint_view=0)
