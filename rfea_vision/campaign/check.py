@@ -56,9 +56,9 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
             progress(done + 1, total)
     for experiment in active:
         if text := plausibility.beside_others(experiment.name, highest):
-            problems.append(_warning(experiment.folder / "experiment.yaml", experiment, "pressure", text))
+            problems.append(_warning(experiment, "pressure", text))
     for experiment, key, text in plausibility.alike(active):
-        problems.append(_warning(experiment.folder / "experiment.yaml", experiment, key, text))
+        problems.append(_warning(experiment, key, text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     return Checked({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
 
@@ -101,7 +101,7 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
     from rfea_vision.calibration.photos import read_grey
     from rfea_vision.calibration.storage import load_calibration
 
-    file = campaign.root / "campaign.yaml" if experiment is None else experiment.folder / "experiment.yaml"
+    file = campaign.root / "campaign.yaml" if experiment is None else experiment.file
     name = None if experiment is None else experiment.name
     problems: list[Problem] = []
     if camera.file is not None:
@@ -145,7 +145,7 @@ def _experiment_problems(
     experiment: ExperimentSpec, highest: dict[str, float], *, pressure_said: bool
 ) -> list[Problem]:
     """Read what belongs to a run; its highest pressure (kPa) is kept in `highest`."""
-    file = experiment.folder / "experiment.yaml"
+    file = experiment.file
     problems: list[Problem] = []
     pictures_s = track_s = track = None
     try:
@@ -157,7 +157,7 @@ def _experiment_problems(
             if video.file is not None:
                 source = open_video(video.file, video.rate_Hz)
                 said = plausibility.of_rate(video.rate_Hz, open_video(video.file).rate_Hz)
-                problems += [_warning(file, experiment, "video.rate", text) for text in said]
+                problems += [_warning(experiment, "video.rate", text) for text in said]
             elif video.frames is not None and video.times is not None:
                 source = open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
             if source is not None:
@@ -176,7 +176,7 @@ def _experiment_problems(
             )
             track_s = track.time_s
             said = [] if by_camera else plausibility.of_track(track.dataset, 1e3 * experiment.actuator.length)
-            problems += [_warning(file, experiment, "track", text) for text in said]
+            problems += [_warning(experiment, "track", text) for text in said]
     except RfeaError as error:
         key = "track" if experiment.track is not None else "video"
         problems.append(Problem(file, str(error), key, experiment=experiment.name))
@@ -184,7 +184,7 @@ def _experiment_problems(
         return problems
     if experiment.pressure.missing:
         text = "is missing: the pictures can be tracked, but nothing can be synchronised or fitted"
-        return problems if pressure_said else [*problems, _warning(file, experiment, "pressure", text)]
+        return problems if pressure_said else [*problems, _warning(experiment, "pressure", text)]
     try:
         from rfea_vision.readers.pressure import read_pressure
 
@@ -200,7 +200,7 @@ def _experiment_problems(
         if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
             shifted = track.time_s + (experiment.sync.value_s or 0.0)
             said += plausibility.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa)
-    problems += [_warning(file, experiment, "pressure", text) for text in said]
+    problems += [_warning(experiment, "pressure", text) for text in said]
     return problems
 
 
@@ -215,5 +215,5 @@ def _unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
     return unlike_film((width, height), film_px)
 
 
-def _warning(file: Path, experiment: ExperimentSpec, key: str, text: str) -> Problem:
-    return Problem(file, text, key, severity="warning", experiment=experiment.name)
+def _warning(experiment: ExperimentSpec, key: str, text: str) -> Problem:
+    return Problem(experiment.file, text, key, severity="warning", experiment=experiment.name)

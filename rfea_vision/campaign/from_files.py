@@ -12,9 +12,9 @@ from pathlib import Path
 
 from rfea_vision.campaign.guess import FileGuess, Key, look
 from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
+from rfea_vision.campaign.template import write_new
 from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
-from rfea_vision.files import write_text
 
 _MOST_FILES = 1000  # more is a whole disk, not a campaign
 #: Boards as they are sold and printed, the usual ones first.
@@ -65,11 +65,7 @@ def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
         pages[place] = _experiment(folder, run, held_out, guesses)
     pictures = [item.path for item in found if item.what == "picture"]
     pages[folder / "campaign.yaml"] = _campaign(folder, runs, pictures, guesses)
-    for path in pages:
-        if path.exists():
-            raise InputError(f"{path}: is there already and is left as it is; choose another folder")
-    for path, text in pages.items():
-        write_text(path, text)
+    write_new(pages)
     left_out = [f"{item.path}: {item.note or 'belongs to no film or track'}" for item in alone]
     return Written(tuple(pages), tuple(guesses), tuple(left_out))
 

@@ -156,11 +156,11 @@ def _read_lone(reach: Reach, out: Path) -> Reading:
     experiment, problems = _read_experiment(reach, folder / "experiment.yaml", None, set())
     if experiment is None:
         return Reading(None, (), tuple(problems))
+    found, broken = (experiment,), ()
     if any(problem.severity == "error" for problem in problems):
-        campaign = Campaign(experiment.name, folder, out, experiment.actuator, experiment.camera)
-        return Reading(campaign, (experiment,), tuple(problems))
-    campaign = Campaign(experiment.name, folder, out, experiment.actuator, experiment.camera, (experiment,))
-    return Reading(campaign, (), tuple(problems))
+        found, broken = (), (experiment,)
+    campaign = Campaign(experiment.name, folder, out, experiment.actuator, experiment.camera, found)
+    return Reading(campaign, broken, tuple(problems))
 
 
 def _read_within(reach: Reach, path: Path) -> YamlFile:
@@ -216,28 +216,17 @@ def _about(problem: Problem, problems: list[Problem]) -> bool:
 def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) -> list[Problem]:
     """What can only be seen over all experiments together."""
     if not experiments and complete:
-        return [
-            Problem(
-                file,
-                "no experiment here; each needs its own folder with an experiment.yaml ('rfea init DIR' writes one)",
-            )
-        ]
+        message = "no experiment here; each needs its own folder with an experiment.yaml ('rfea init DIR' writes one)"
+        return [Problem(file, message)]
     problems = []
     names = [item.name for item in experiments]
     for item in experiments:
-        own_file = item.folder / "experiment.yaml"
         if names.count(item.name) > 1:
-            problems.append(
-                Problem(
-                    own_file,
-                    f"'{item.name}' names {names.count(item.name)} experiments; give each its own",
-                    "name",
-                    experiment=item.name,
-                )
-            )
+            message = f"'{item.name}' names {names.count(item.name)} experiments; give each its own"
+            problems.append(Problem(item.file, message, "name", experiment=item.name))
         if item.repeat_of is not None and complete and (item.repeat_of not in names or item.repeat_of == item.name):
             message = f"no other experiment is called '{item.repeat_of}'; there are {', '.join(names)}"
-            problems.append(Problem(own_file, message, "repeat_of", experiment=item.name))
+            problems.append(Problem(item.file, message, "repeat_of", experiment=item.name))
     chambers = {item.name: sorted(part.chamber for part in item.pressure.chambers) for item in experiments}
     for item in experiments:
         if not item.pressure.missing and chambers[item.name] != (first := chambers[experiments[0].name]):
@@ -247,7 +236,7 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
             message = (
                 f"has the chambers {own}, '{experiments[0].name}' has {other}; name the same ones in all experiments"
             )
-            problems.append(Problem(item.folder / "experiment.yaml", message, "pressure", experiment=item.name))
+            problems.append(Problem(item.file, message, "pressure", experiment=item.name))
     both_ways = [item for item in experiments if {part.sign for part in item.pressure.chambers} == {1, -1}]
     if any(item.actuator.kind == "tube" for item in both_ways):
         message = (

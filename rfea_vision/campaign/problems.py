@@ -31,14 +31,7 @@ class Problem:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the problem as plain JSON values."""
-        return {
-            "file": str(self.file),
-            "line": self.line,
-            "key": self.key,
-            "message": self.message,
-            "severity": self.severity,
-            "experiment": self.experiment,
-        }
+        return {**vars(self), "file": str(self.file)}
 
 
 def problem_at(

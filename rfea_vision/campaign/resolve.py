@@ -204,14 +204,10 @@ def _track(part: TrackPart, finder: Finder) -> TrackSpec | None:
     return TrackSpec(
         path,
         points=tuple(tuple(item) if isinstance(item, list) else (item,) for item in named),
-        individual=part.individual,
-        axes=part.axes,
         scale_mm=None if part.scale is None else 1e3 * part.scale,
         rate_Hz=part.rate,
         origin=None if part.origin is None else tuple(part.origin),
-        confidence=part.confidence,
-        time=part.time,
-        angle=part.angle,
+        **part.model_dump(include={"individual", "axes", "confidence", "time", "angle"}),
     )
 
 
@@ -308,17 +304,11 @@ def _pressure(part: PressurePart, finder: Finder) -> PressureSpec:
     return PressureSpec(
         file=finder.file("pressure.file", part.file),
         url=finder.database(part.url),
-        query=part.query,
-        time=part.time,
-        pressure=part.pressure,
-        unit=part.unit,
-        time_unit=part.time_unit,
-        reference=part.reference,
         ambient_kPa=part.ambient if isinstance(part.ambient, float) else 0.0,
         ambient=part.ambient if isinstance(part.ambient, str) else None,
         folder=finder.folders[0],
         chamber=part.chamber or "",
-        sign=part.sign,
+        **part.model_dump(include={"query", "time", "pressure", "unit", "time_unit", "reference", "sign"}),
     )
 
 

@@ -189,6 +189,11 @@ class ExperimentSpec:
     note: str = ""
     rig: RigSpec = field(default_factory=RigSpec)
 
+    @property
+    def file(self) -> Path:
+        """The experiment.yaml that says all this."""
+        return self.folder / "experiment.yaml"
+
 
 @dataclass(frozen=True)
 class Campaign:

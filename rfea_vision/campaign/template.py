@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import rfea_vision.data
@@ -27,15 +28,20 @@ def write_campaign_template(folder: Path) -> list[Path]:
         folder / run / "experiment.yaml": _template("experiment.yaml").format(name=run, role=role)
         for run, role in _RUNS
     }
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; choose another folder")
+    write_new(pages)
+    (folder / "calibration").mkdir(exist_ok=True)
+    return list(pages)
+
+
+def write_new(pages: Mapping[Path, str]) -> None:
+    """Write texts by their files, all or none; InputError if one of the files is there already."""
     for path in pages:
         if path.exists():
             raise InputError(f"{path}: is there already and is left as it is; choose another folder")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; choose another folder")
     for path, text in pages.items():
         write_text(path, text)
-    (folder / "calibration").mkdir(exist_ok=True)
-    return list(pages)
 
 
 def _template(name: str) -> str:

@@ -109,7 +109,7 @@ def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Pa
         kept = [path for room in rooms for path in sorted(room.glob("*")) if path.suffix in (".json", ".nc", ".csv")]
         files = {path.relative_to(work.out).as_posix(): path for path in kept if not path.name.startswith(".")}
         root = work.campaign.root
-        words = [*root.glob("campaign.yaml"), *(run.folder / "experiment.yaml" for run in work.campaign.experiments)]
+        words = [*root.glob("campaign.yaml"), *(run.file for run in work.campaign.experiments)]
         files |= {f"campaign/{path.relative_to(root).as_posix()}": path for path in words if path.is_file()}
         name = work.campaign.name
     return [write_crate(folder, fit, files, name=name, versions=versions().items())]

@@ -30,7 +30,7 @@ def calibration_of(work: Runner, experiment: ExperimentSpec) -> Stored[Calibrati
         If the experiment names no camera.
     """
     if experiment.camera is None:
-        raise InputError(f"{experiment.folder / 'experiment.yaml'}: camera: is missing; pictures need it")
+        raise InputError(f"{experiment.file}: camera: is missing; pictures need it")
     subject = work.campaign.name if experiment.camera == work.campaign.camera else experiment.name
     return calibrate(work, experiment.camera, calibration_path(work, experiment), subject)
 

@@ -29,7 +29,7 @@ def runs_before(campaign: Campaign, experiment: ExperimentSpec) -> list[Experime
     untold = [run for run in runs if run.recorded_at is None]
     if untold and len(untold) < len(runs):
         raise InputError(
-            f"{untold[0].folder / 'experiment.yaml'}: recorded_at: is missing, while other runs say theirs and "
+            f"{untold[0].file}: recorded_at: is missing, while other runs say theirs and "
             f"'{experiment.name}' has `memory: carried`; give it, so that their order is known"
         )
     runs.sort(key=lambda run: (_recorded_at(run) or datetime.min.replace(tzinfo=UTC), run.name))
@@ -51,9 +51,7 @@ def with_earlier_pressure(recording: Recording, campaign: Campaign, experiment: 
     time, pressure = np.empty(0), np.empty(0)
     for run, following in zip(before, [*before[1:], experiment], strict=True):
         if run.pressure.constant:
-            raise InputError(
-                f"{run.folder / 'experiment.yaml'}: pressure.value: '{experiment.name}' carries its memory; give its log"
-            )
+            raise InputError(f"{run.file}: pressure.value: '{experiment.name}' carries its memory; give its log")
         log = read_pressure(run.pressure, run.name)
         took_s = float(log.time_s[-1] - log.time_s[0])
         time = np.concatenate([time, log.time_s - log.time_s[-1]])
@@ -98,8 +96,7 @@ def _recorded_at(run: ExperimentSpec) -> datetime | None:
         moment = datetime.fromisoformat(run.recorded_at)
     except ValueError as error:
         raise InputError(
-            f"{run.folder / 'experiment.yaml'}: recorded_at: '{run.recorded_at}' is no date and time; "
-            "write it as 2026-03-01 14:05:30"
+            f"{run.file}: recorded_at: '{run.recorded_at}' is no date and time; write it as 2026-03-01 14:05:30"
         ) from error
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 

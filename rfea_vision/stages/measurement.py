@@ -31,9 +31,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
     if experiment.track is not None:
         return _foreign_track(work, experiment, path)
     if experiment.video is None or experiment.camera is None:
-        raise InputError(
-            f"{experiment.folder / 'experiment.yaml'}: video: nothing to track; name a video, frames or a track"
-        )
+        raise InputError(f"{experiment.file}: video: nothing to track; name a video, frames or a track")
     calibration_file = calibration_path(work, experiment)
     calibration = calibration_of(work, experiment)
     camera, video = experiment.camera, experiment.video
@@ -149,7 +147,7 @@ def preview(work: Runner, experiment: ExperimentSpec) -> Stored[Path]:
     """
     video = experiment.video
     if video is None:
-        where = f"{experiment.folder / 'experiment.yaml'}: video"
+        where = f"{experiment.file}: video"
         raise InputError(f"{where}: this experiment has no pictures to draw on; choose others with -e")
     tracked, calibration = track(work, experiment), calibration_of(work, experiment)
     path = work.out / experiment.name / "preview.mp4"
@@ -216,7 +214,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     spec, sync = experiment.pressure, experiment.sync
     if spec.missing:
         raise InputError(
-            f"{experiment.folder / 'experiment.yaml'}: pressure: is missing; 'rfea track' needs none, what comes after it "
+            f"{experiment.file}: pressure: is missing; 'rfea track' needs none, what comes after it "
             "does: 'pressure: {file: pressure.csv}'"
         )
     path = work.out / experiment.name / "recording.nc"

@@ -29,7 +29,7 @@ def write_sync(experiment: ExperimentSpec, asked: dict[str, Any]) -> Path:
         values |= {"box": [float(number) for number in asked["box"]], "channel": str(asked["channel"])}
     elif method != "motion":
         raise InputError(f"sync.method: '{method}' is set by hand")
-    file = experiment.folder / "experiment.yaml"
+    file = experiment.file
     present = read_yaml(file).content.get("sync")
     if isinstance(present, dict):  # what stands beside, and its comments, stay
         gone = {("sync", key): None for key in ("value",) if key in present and key not in values}

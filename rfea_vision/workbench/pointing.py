@@ -137,7 +137,7 @@ def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: 
         for x, y in _points(key, value):
             if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
                 raise InputError(f"camera.{key}: {x:g}, {y:g} lies outside the picture of {width} x {height} px")
-    file = (campaign.root / "campaign.yaml") if everywhere else experiment.folder / "experiment.yaml"
+    file = (campaign.root / "campaign.yaml") if everywhere else experiment.file
     set_keys(file, {("camera", key): value})
     return file
 
