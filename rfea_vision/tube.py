@@ -67,11 +67,7 @@ AS_PRINTED = Actuator(outer_radius=0.008, inner_radius=0.006)
 
 
 def hydraulic_torque(
-    actuator: Actuator,
-    pressure_Pa: ArrayLike,
-    theta: ArrayLike,
-    rest_length: float,
-    r_hyd: float | None = None,
+    actuator: Actuator, pressure_Pa: ArrayLike, theta: ArrayLike, rest_length: float, r_hyd: float | None = None
 ) -> FloatArray:
     """Torque of the pressure on a joint (N m), eq. HydraulicTorque with the lever `r_hyd` (m).
 

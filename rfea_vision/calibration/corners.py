@@ -83,11 +83,7 @@ def _find_checkerboard(grey: NDArray[np.uint8], grid: tuple[int, int]) -> NDArra
 
 
 def refine_corners(
-    grey: NDArray[np.uint8],
-    corners: NDArray[np.float64],
-    board: NDArray[np.float64],
-    half_px: int,
-    smoothing_px: float,
+    grey: NDArray[np.uint8], corners: NDArray[np.float64], board: NDArray[np.float64], half_px: int, smoothing_px: float
 ) -> NDArray[np.float64]:
     """Sub-pixel corners from the grey levels within `half_px`; `board` are their places on the board, in any unit."""
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)

@@ -98,12 +98,7 @@ def _cross_validate(
 
 
 def _compare_halves(
-    photos: Sequence[BoardView],
-    plane_view: BoardView,
-    size: tuple[int, int],
-    model: str,
-    grid: FloatArray,
-    seed: int,
+    photos: Sequence[BoardView], plane_view: BoardView, size: tuple[int, int], model: str, grid: FloatArray, seed: int
 ) -> dict[str, Any]:
     order = np.random.default_rng(seed).permutation(len(photos))
     cameras, fields = [], []

@@ -266,7 +266,7 @@ def _camera(folder: Path, pictures: Sequence[Path]) -> list[Key]:
             "photos",
             [_from_root(folder, _brought_in(folder, room, path)) for path in boards],
             "pictures that are no films",
-        ),
+        )
     ]
     if plane is not None:
         keys.append(Key("plane", _from_root(folder, _brought_in(folder, room, plane)), "its name says so"))

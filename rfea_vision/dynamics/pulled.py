@@ -71,10 +71,7 @@ def steady_under_force(
 
 
 def _by_torque(
-    rest: Steady,
-    torques: FloatArray,
-    nudge: float,
-    solve: Callable[[FloatArray, FloatArray | None, bool], Steady],
+    rest: Steady, torques: FloatArray, nudge: float, solve: Callable[[FloatArray, FloatArray | None, bool], Steady]
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of a steady state's angles (n + 1, n) and hidden states (n, m, n) by the torques on the joints."""
     angles, states = [], []

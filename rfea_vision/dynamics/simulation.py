@@ -36,13 +36,7 @@ _B3 = 1.5 * _GAMMA3**2 - 5 * _GAMMA3 + 1.25
 TABLEAUX: dict[int, FloatArray] = {
     1: np.array([[1.0]]),
     2: np.array([[_GAMMA2, 0.0], [1 - _GAMMA2, _GAMMA2]]),
-    3: np.array(
-        [
-            [_GAMMA3, 0.0, 0.0],
-            [(1 - _GAMMA3) / 2, _GAMMA3, 0.0],
-            [1 - _B3 - _GAMMA3, _B3, _GAMMA3],
-        ]
-    ),
+    3: np.array([[_GAMMA3, 0.0, 0.0], [(1 - _GAMMA3) / 2, _GAMMA3, 0.0], [1 - _B3 - _GAMMA3, _B3, _GAMMA3]]),
 }
 
 
@@ -283,12 +277,7 @@ class Model:
         out_S = np.zeros((count, n + 1, p))
         pivot = self.pivot(par, index)
         if held is not None:
-            begin = self._held(
-                par,
-                np.asarray(held, dtype=float),
-                float(self.combined(par, excitation)[0][0]),
-                index,
-            )
+            begin = self._held(par, np.asarray(held, dtype=float), float(self.combined(par, excitation)[0][0]), index)
         elif start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
             pressure, change = self.combined(par, excitation)

@@ -7,16 +7,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from rfea_vision.dynamics.system import (
-    FIXED,
-    INLINE,
-    STIFF,
-    TAU_P,
-    TAU_PRESSURE,
-    TAU_RATE,
-    TAU_THETA,
-    Z_TORQUE,
-)
+from rfea_vision.dynamics.system import FIXED, INLINE, STIFF, TAU_P, TAU_PRESSURE, TAU_RATE, TAU_THETA, Z_TORQUE
 
 
 @njit(**INLINE)

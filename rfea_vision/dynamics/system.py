@@ -147,15 +147,4 @@ def joint_angles(body, theta, rate):
 @njit(**INLINE)
 def call_joint_law(law, system, work, felt, out):
     """Write a law of the joints at the motion that `work` holds into `out`."""
-    law(
-        work.theta,
-        work.rate,
-        work.z,
-        felt,
-        system.position,
-        system.arc,
-        system.weights,
-        system.par,
-        system.con,
-        out,
-    )
+    law(work.theta, work.rate, work.z, felt, system.position, system.arc, system.weights, system.par, system.con, out)

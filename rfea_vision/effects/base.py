@@ -25,15 +25,7 @@ import sympy as sp
 
 from rfea_vision.effects.hooks import hook, hooks_of
 
-BASE_PARAMETERS: tuple[str, ...] = (
-    "k_ref",
-    "k_slope",
-    "b_pos_ref",
-    "b_pos_slope",
-    "b_neg_ref",
-    "b_neg_slope",
-    "r_hyd",
-)
+BASE_PARAMETERS: tuple[str, ...] = ("k_ref", "k_slope", "b_pos_ref", "b_pos_slope", "b_neg_ref", "b_neg_slope", "r_hyd")
 BASE_UNITS: dict[str, str] = {
     "k_ref": "N*m/rad",
     "k_slope": "N/rad",

@@ -104,12 +104,7 @@ def _matrix(values: FloatArray) -> str:
 
 
 def c_files(
-    model: Model,
-    par: FloatArray,
-    name: str,
-    step_s: float,
-    about: str = "",
-    iterations: int = NEWTON_ITERATIONS,
+    model: Model, par: FloatArray, name: str, step_s: float, about: str = "", iterations: int = NEWTON_ITERATIONS
 ) -> tuple[str, str]:
     """Header and source of a model with its parameters.
 

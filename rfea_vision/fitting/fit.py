@@ -227,12 +227,7 @@ def effect_starts(model_effects: Sequence[Any], names: Sequence[str]) -> list[di
     return starts
 
 
-def fit_added(
-    problem: Problem,
-    options: FitOptions,
-    previous: Fitted,
-    progress: Progress = None,
-) -> Fitted:
+def fit_added(problem: Problem, options: FitOptions, previous: Fitted, progress: Progress = None) -> Fitted:
     """Fit a model that has more effects than `previous`, from several starts for the new parameters, compared on thinned runs.
 
     Raises

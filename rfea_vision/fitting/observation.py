@@ -254,11 +254,7 @@ def _clock_sigma(recording: Recording, method: str, let_go_s: float | None) -> f
 
 
 def _held(
-    recording: Recording,
-    time: FloatArray,
-    points: FloatArray,
-    angle: FloatArray,
-    keep: NDArray[np.bool_],
+    recording: Recording, time: FloatArray, points: FloatArray, angle: FloatArray, keep: NDArray[np.bool_]
 ) -> tuple[Held | None, NDArray[np.bool_]]:
     """How the tube was held at first, if it was, and the frames that show it after that."""
     attributes = recording.dataset.attrs

@@ -142,9 +142,5 @@ def as_dataset(
     return xr.Dataset(
         variables,
         coords={"time": ("time", data["time"].values, {"units": "s"}), "xy": ["x", "y"]},
-        attrs={
-            "experiment": item.name,
-            "role": item.role,
-            "line": "centre line",
-        },
+        attrs={"experiment": item.name, "role": item.role, "line": "centre line"},
     )

@@ -42,11 +42,7 @@ class Problem:
         return tuple(o for o in (*self.train, *self.validate, *self.test) if o.role in roles)
 
 
-def make_problem(
-    recordings: Mapping[str, Recording],
-    actuator: Actuator,
-    options: FitOptions | None = None,
-) -> Problem:
+def make_problem(recordings: Mapping[str, Recording], actuator: Actuator, options: FitOptions | None = None) -> Problem:
     """Prepare all recordings but the ignored ones, as the options say what to look at and what of the sensors is known.
 
     Raises

@@ -22,9 +22,7 @@ class CritiqueOptions:
         description="Go on with effects that lower the held-out error though they are hardly its cause, marked as such.",
     )
     budget_s: Annotated[
-        float | None,
-        quantity("s", "5min"),
-        Asked(("improve", "demo"), "TIME", write=lambda value, _: [f"{value:g}s"]),
+        float | None, quantity("s", "5min"), Asked(("improve", "demo"), "TIME", write=lambda value, _: [f"{value:g}s"])
     ] = Field(
         default=None,
         ge=0,

@@ -73,12 +73,7 @@ class StageCache:
         options : anything made of dataclasses, mappings, sequences and plain values
         code : hash of the source that makes the result, see `code.code_of`
         """
-        parts = {
-            "stage": stage,
-            "hashes": list(hashes),
-            "options": plain(options),
-            "code": code,
-        }
+        parts = {"stage": stage, "hashes": list(hashes), "options": plain(options), "code": code}
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     def record(self, key: str) -> StageRecord | None:

@@ -105,11 +105,7 @@ def _say_gravity(found: Track, calibration: Calibration, experiment: ExperimentS
 
 
 def _clip(
-    work: Runner,
-    experiment: ExperimentSpec,
-    tracked: Stored[Track],
-    track_file: Path,
-    calibration: Stored[Calibration],
+    work: Runner, experiment: ExperimentSpec, tracked: Stored[Track], track_file: Path, calibration: Stored[Calibration]
 ) -> None:
     """Make the small rectified clip that the report shows."""
     folder = track_file.parent
@@ -126,15 +122,7 @@ def _clip(
         size = (folder / "clip.mp4").stat().st_size
         return None, [folder / "clip.mp4", folder / "clip.json"], f"{size / 1e3:.0f} kB"
 
-    work.run(
-        Stage(
-            "clip",
-            experiment.name,
-            earlier=[work.cache.sha256(track_file)],
-        ),
-        make=make,
-        load=lambda: None,
-    )
+    work.run(Stage("clip", experiment.name, earlier=[work.cache.sha256(track_file)]), make=make, load=lambda: None)
 
 
 def preview(work: Runner, experiment: ExperimentSpec) -> Stored[Path]:
@@ -160,11 +148,7 @@ def preview(work: Runner, experiment: ExperimentSpec) -> Stored[Path]:
         return path, [path], str(path)
 
     return work.run(
-        Stage(
-            "preview",
-            experiment.name,
-            earlier=[work.cache.sha256(path.with_name("track.nc"))],
-        ),
+        Stage("preview", experiment.name, earlier=[work.cache.sha256(path.with_name("track.nc"))]),
         make=make,
         load=lambda: path,
     )

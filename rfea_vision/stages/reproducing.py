@@ -204,10 +204,7 @@ def _segment(fit: ModelFit, prediction: xr.Dataset) -> list[Plate]:
     length = 1e3 * fit.actuator["length"] / fit.segments
     theta = np.deg2rad(float(np.nanmax(prediction["theta"].values)))
     series: list[Series | None] = []
-    for label, angle, role in (
-        ("at rest", 0.0, "coarse"),
-        (f"bent by {np.rad2deg(theta):.1f} deg", theta, "modelled"),
-    ):
+    for label, angle, role in (("at rest", 0.0, "coarse"), (f"bent by {np.rad2deg(theta):.1f} deg", theta, "modelled")):
         bore = float(_radius_mm(fit, np.array([angle]))[0])
         for across in ((0.0, 2 * outer), (outer - bore, outer + bore)):  # the tube, then its bore
             x, y = _outline(angle, length, across)

@@ -71,11 +71,7 @@ class Runner:
         self._told: set[str] = set()
 
     def run(
-        self,
-        stage: Stage,
-        *,
-        make: Callable[[Progress], tuple[_Result, list[Path], str]],
-        load: Callable[[], _Result],
+        self, stage: Stage, *, make: Callable[[Progress], tuple[_Result, list[Path], str]], load: Callable[[], _Result]
     ) -> Stored[_Result]:
         """Run a stage, or take what it made before if nothing that it depends on has changed.
 

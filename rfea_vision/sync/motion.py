@@ -350,10 +350,7 @@ def _newton(
         pressure = without_slow(np.interp(shifted, target.time, target.smooth), use, seen.rate)
         slope = np.interp(shifted, target.time, target.smooth_slope)
         moving = np.column_stack(
-            [
-                without_slow(-slope, use, seen.rate),
-                without_slow(-slope * (seen.grid - times.mean()), use, seen.rate),
-            ]
+            [without_slow(-slope, use, seen.rate), without_slow(-slope * (seen.grid - times.mean()), use, seen.rate)]
         )
         every = np.concatenate([np.broadcast_to(moving, (sections, *moving.shape)), columns], axis=2)
         found = moments(every, noises, pressure, seen.rate)

@@ -41,11 +41,7 @@ class Camera:
         bent_x = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
         bent_y = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
         return np.stack(
-            [
-                self.matrix[0, 0] * bent_x + self.matrix[0, 2],
-                self.matrix[1, 1] * bent_y + self.matrix[1, 2],
-            ],
-            axis=-1,
+            [self.matrix[0, 0] * bent_x + self.matrix[0, 2], self.matrix[1, 1] * bent_y + self.matrix[1, 2]], axis=-1
         )
 
     def project_plane(self, points_mm: FloatArray) -> FloatArray:

@@ -158,14 +158,7 @@ class Plant:
         )
 
     def _stage(
-        self,
-        q0: FloatArray,
-        v0: FloatArray,
-        memory0: Memory,
-        step: float,
-        p: float,
-        time: float,
-        guess: FloatArray,
+        self, q0: FloatArray, v0: FloatArray, memory0: Memory, step: float, p: float, time: float, guess: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, Memory]:
         """Solve M(q) a = F(q, v) with v = v0 + step a and q = q0 + step v, by Newton on v."""
         wind, shake = self._weather(time)

@@ -115,10 +115,7 @@ def tube_outline_mm(posture: Posture, extend_mm: float, inset: float = 1.0, slee
     outer, _ = posture.line(fraction, edge)
     inner, _ = posture.line(fraction, -edge)
     up = np.array([0.0, extend_mm])
-    return np.concatenate(
-        [outer[:, :1] + up, outer, inner[:, ::-1], inner[:, :1] + up],
-        axis=1,
-    )
+    return np.concatenate([outer[:, :1] + up, outer, inner[:, ::-1], inner[:, :1] + up], axis=1)
 
 
 def _band_mm(posture: Posture, begin_mm: float) -> FloatArray:
