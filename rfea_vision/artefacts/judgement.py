@@ -240,6 +240,20 @@ class Rung(_Json):
     probability: float | None = Field(default=None, ge=0, le=1)
     share: float | None = None
 
+    @classmethod
+    def of(cls, fit: ModelFit, **more: Any) -> Rung:
+        """The rung of a model with its errors on both kinds of runs; `more` are its other fields."""
+        train, validate = fit.metrics.get("train"), fit.metrics.get("validate")
+        known = {
+            "model": fit.name,
+            "train_tip_rmse_mm": train.tip_rmse_mm if train else None,
+            "validate_tip_rmse_mm": validate.tip_rmse_mm if validate else None,
+            "train_angle_rmse_deg": train.angle_rmse_deg if train else None,
+            "validate_angle_rmse_deg": validate.angle_rmse_deg if validate else None,
+            "delta_bic": None,
+        }
+        return cls(**{**known, **more})
+
     @property
     def unit(self) -> Literal["mm", "deg"]:
         """Unit of the errors: deg where only an angle was measured."""

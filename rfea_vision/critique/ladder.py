@@ -142,17 +142,12 @@ class _Climb:
     def note(self, artefact: ModelFit, diagnosis: Diagnosis) -> None:
         """Write a rung down."""
         self.floor = diagnosis.noise_floor_mm or diagnosis.noise_floor_deg or 0.0
-        train, validate = artefact.metrics.get("train"), artefact.metrics.get("validate")
         bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
         self.rungs.append(
-            Rung(
-                model=artefact.name,
+            Rung.of(
+                artefact,
                 added=plain(self.last.added) if self.last.added else None,
                 tied=self.last.tied,
-                train_tip_rmse_mm=train.tip_rmse_mm if train else None,
-                validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
-                train_angle_rmse_deg=train.angle_rmse_deg if train else None,
-                validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
                 delta_bic=bic,
                 verdict=diagnosis.verdict,
                 grade=self.last.grade,  # type: ignore[arg-type]

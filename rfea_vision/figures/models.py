@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.figures.plates import Axis, Bars, Map, Plate, Role, Series, lines
-from rfea_vision.figures.runs import measured_of, run_plates, tip_path
+from rfea_vision.figures.runs import run_plates, tip_path
 from rfea_vision.report.collect import Evidence, Step
 from rfea_vision.report.prose import effect_titles
 from rfea_vision.report.series import rung_name
@@ -46,8 +46,8 @@ def _paths(evidence: Evidence, step: Step) -> list[Plate]:
     for name, role, title in (("train", "train", "training runs"), ("validate", "validate", "held-out runs")):
         series: list[Series | None] = []
         for experiment in evidence.experiments:
-            if experiment.role == role and measured_of(experiment) is not None:
-                series.append(tip_path(measured_of(experiment), f"{experiment.name}, measured", "measured"))
+            if experiment.role == role and experiment.measured is not None:
+                series.append(tip_path(experiment.measured, f"{experiment.name}, measured", "measured"))
                 series.append(
                     tip_path(step.predictions.get(experiment.name), f"{experiment.name}, modelled", "modelled")
                 )

@@ -17,14 +17,9 @@ MOST_ROWS, MOST_COLUMNS = 4000, 600  # more points than a page has dots
 TIME, ALONG = Axis("time", "s"), Axis("place along the tube, clamp 0, tip 1")
 
 
-def measured_of(experiment: Experiment) -> xr.Dataset | None:
-    """The recording, or the track where there is no recording."""
-    return experiment.recording if experiment.recording is not None else experiment.track
-
-
 def run_plates(experiment: Experiment, step: Step | None) -> list[Plate]:
     """Every figure of a run, with the model's curves where the model has been run on it."""
-    data = measured_of(experiment)
+    data = experiment.measured
     if data is None:
         return []
     modelled = step.predictions.get(experiment.name) if step is not None else None

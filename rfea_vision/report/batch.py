@@ -73,11 +73,11 @@ def render_rows(rows: Sequence[dict[str, Any]]) -> str:
 def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, Any]:
     titles = prose.effect_titles(evidence)
     page = evidence.folder / "report" / "index.html"
-    steps = [step for step in evidence.steps if step.on_ladder] or list(evidence.steps)
+    steps = evidence.climbed
     names = {experiment.name: experiment.role for experiment in evidence.experiments}
     for step in steps:
         names |= {key: score.role for key, score in step.fit.experiments.items() if key not in names}
-    last = prose.last_step(evidence)
+    last = evidence.last
     shown = errors_of(last, evidence) if last else None
     unit = shown.unit if shown else "mm"
     tested = (evidence.ladder.test if evidence.ladder else None) or {}
@@ -133,7 +133,7 @@ def render_comparison(first: Path, second: Path, *, names: tuple[str, str] | Non
             "name": name,
             "absent": side["absent"],
             "headline": prose.headline(evidence, prose.effect_titles(evidence)),
-            "last": prose.last_step(evidence),
+            "last": evidence.last,
             "evidence": evidence,
             "shown": [errors_of(step, evidence) for step in evidence.steps],
             "names": [rung_name(step, prose.effect_titles(evidence)) for step in evidence.steps],
@@ -153,7 +153,7 @@ def _name_of(folder: Path) -> str:
 
 def _parameters(both: Sequence[Evidence]) -> list[dict[str, Any]]:
     """One row per parameter of either final model: value and 95 % interval on both sides, or why there is none."""
-    steps = [prose.last_step(evidence) for evidence in both]
+    steps = [evidence.last for evidence in both]
     fits = [of_the_tube(step.fit) if step else {} for step in steps]
     units = {key: item.unit for fit in reversed(fits) for key, item in fit.items()}
     names = dict.fromkeys(name for fit in fits for name in fit)
@@ -179,7 +179,7 @@ def _of_side(item: Parameter | None, unit: str, *, fitted: bool) -> dict[str, An
 
 def _side(evidence: Evidence, pack: Pack) -> dict[str, Any]:
     """Curves of one campaign: steady state, elongation profiles, and the loop of every run."""
-    last = prose.last_step(evidence)
+    last = evidence.last
     loops = []
     for experiment in evidence.experiments:
         data = experiment.recording

@@ -31,6 +31,11 @@ class Experiment:
     clip_info: Mapping[str, Any]
     absent: Mapping[str, str]
 
+    @property
+    def measured(self) -> xr.Dataset | None:
+        """The recording, or the track where there is no recording."""
+        return self.recording if self.recording is not None else self.track
+
 
 @dataclass(frozen=True)
 class Step:
@@ -63,6 +68,16 @@ class Evidence:
     camera: Mapping[str, Any] | None
     absent: Mapping[str, str] = field(default_factory=dict)
     photos: Mapping[str, bytes] = field(default_factory=dict)
+
+    @property
+    def climbed(self) -> list[Step]:
+        """The rungs of the ladder; without one, every model there is."""
+        return [step for step in self.steps if step.on_ladder] or list(self.steps)
+
+    @property
+    def last(self) -> Step | None:
+        """The top rung of the ladder, or the last model fitted."""
+        return self.climbed[-1] if self.steps else None
 
 
 def collect(folder: Path) -> Evidence:
@@ -160,22 +175,9 @@ def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[
                 f"models/{rung.model} is named in ladder.json but is not there: run `rfea improve --force`."
             )
     for name, fit in sorted(models.items(), key=lambda item: (len(item[1].effects), item[0])):
-        steps.append(_step(folder, fit, _rung_of(name, fit), on_ladder=False))
+        rung = Rung.of(fit, model=name, added=" + ".join(fit.effects) or None, verdict="")
+        steps.append(_step(folder, fit, rung, on_ladder=False))
     return steps
-
-
-def _rung_of(name: str, fit: ModelFit) -> Rung:
-    train, validate = fit.metrics.get("train"), fit.metrics.get("validate")
-    return Rung(
-        model=name,
-        added=" + ".join(fit.effects) or None,
-        train_tip_rmse_mm=train.tip_rmse_mm if train else None,
-        validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
-        train_angle_rmse_deg=train.angle_rmse_deg if train else None,
-        validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
-        delta_bic=None,
-        verdict="",
-    )
 
 
 def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Step:

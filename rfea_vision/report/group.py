@@ -33,8 +33,7 @@ class Tube:
     @property
     def last(self) -> Step | None:
         """The last rung of the ladder, or the last model there is."""
-        steps = [step for step in self.evidence.steps if step.on_ladder] or list(self.evidence.steps)
-        return steps[-1] if steps else None
+        return self.evidence.last
 
 
 def parameters_of(tube: Tube) -> dict[str, Parameter]:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from rfea_vision.report.collect import Evidence, collect
-from rfea_vision.report.prose import last_step
 
 _ABOUT = (
     "The artefacts of this campaign as xarray datasets and pandas tables. Lengths in mm, angles in deg, time in s, "
@@ -38,7 +37,7 @@ def render_notebook(folder: Path, *, title: str) -> str:
         JSON of the notebook. Its code uses xarray, pandas and plotly only.
     """
     evidence = collect(folder)
-    step = last_step(evidence)
+    step = evidence.last
     runs = [experiment.name for experiment in evidence.experiments if experiment.recording is not None]
     cells = [_text(f"# {title}\n\n{_ABOUT}"), _code(_OPENING)]
     if runs:

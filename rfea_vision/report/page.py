@@ -68,7 +68,7 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
         commands=commands, figures=figures_in(shown[-1].unit if shown else "mm"),
         checks=_said_of_runs(evidence, "length_check"), placed=_said_of_runs(evidence, "calibration_sentence"),
         headline=prose.headline(evidence, titles), findings=list(prose.findings(evidence, titles)),
-        tiles=list(prose.tiles(evidence, titles)), last=prose.last_step(evidence),
+        tiles=list(prose.tiles(evidence, titles)), last=evidence.last,
         names=[rung_name(step, titles) for step in evidence.steps], shown=shown, scale=ladder_scale(shown),
         meanings=prose.parameter_words(evidence, titles), of_candidate=of_candidate,
         unit=shown[-1].unit if shown else "mm", in_words=lambda text: prose.in_words(text, evidence, titles),
@@ -183,7 +183,7 @@ def _in_order(evidence: Evidence, scores: Mapping[str, Any]) -> list[tuple[str, 
 
 def _said_of_runs(evidence: Evidence, key: str) -> list[dict[str, str]]:
     """A sentence that the measurement has written into its runs, run by run."""
-    found = [(e.name, e.recording if e.recording is not None else e.track) for e in evidence.experiments]
+    found = [(e.name, e.measured) for e in evidence.experiments]
     return [
         {"name": name, "sentence": str(data.attrs[key])}
         for name, data in found

@@ -83,15 +83,9 @@ def _words(effect: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def last_step(evidence: Evidence) -> Step | None:
-    """The top rung of the ladder, or the last model fitted."""
-    climbed = [step for step in evidence.steps if step.on_ladder]
-    return (climbed or list(evidence.steps) or [None])[-1]
-
-
 def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     """The verdict as one sentence."""
-    step = last_step(evidence)
+    step = evidence.last
     if step is None:
         return "The motion is measured; no model has been fitted yet."
     diagnosis = step.diagnosis
@@ -160,7 +154,7 @@ def findings(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Finding]
 
 
 def _findings(evidence: Evidence) -> Iterator[Finding]:
-    step = last_step(evidence)
+    step = evidence.last
     if evidence.ladder:
         for sentence in evidence.ladder.findings:
             if not sentence.startswith(_SAID_ELSEWHERE):
@@ -241,7 +235,7 @@ def _times_smaller(first: float | None, last: float | None) -> str:
 
 def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     """The few numbers that a reader takes away."""
-    step, ladder = last_step(evidence), evidence.ladder
+    step, ladder = evidence.last, evidence.ladder
     climbed = [errors_of(one, evidence) for one in evidence.steps if one.on_ladder]
     if ladder and climbed:
         added = [with_rivals(one, titles).split(":")[0] for one in _added(evidence)]

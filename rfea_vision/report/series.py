@@ -33,7 +33,7 @@ _NOUNS = {
 
 def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
     """Measured series of one experiment, with a sentence under ``why`` for each that is missing."""
-    data = experiment.recording if experiment.recording is not None else experiment.track
+    data = experiment.measured
     record: dict[str, Any] = {
         "name": experiment.name, "role": experiment.role, "why": dict(experiment.absent), "clip": None, "gaps": [],
     }  # fmt: skip
@@ -139,7 +139,7 @@ def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str,
     """Modelled series of one experiment on one rung, on the same rows as the measured ones."""
     why: dict[str, str] = dict(step.absent)
     modelled = step.predictions.get(experiment.name)
-    data = experiment.recording if experiment.recording is not None else experiment.track
+    data = experiment.measured
     if modelled is None or data is None:
         note = "was not predicted"
         if experiment.role == "test":

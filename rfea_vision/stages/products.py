@@ -66,16 +66,10 @@ def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, D
     added = new[-1] if below else None
     before = below[-1][1] if below else diagnosis
     candidate = next((row for row in before.candidates if row.effect == added), None)
-    train, validate = model.metrics.get("train"), model.metrics.get("validate")
-    return Rung(
-        model=model.name,
+    return Rung.of(
+        model,
         added=added,
         tied=before.rivals_of(added) if added else [],
-        train_tip_rmse_mm=train.tip_rmse_mm if train else None,
-        validate_tip_rmse_mm=validate.tip_rmse_mm if validate else None,
-        train_angle_rmse_deg=train.angle_rmse_deg if train else None,
-        validate_angle_rmse_deg=validate.angle_rmse_deg if validate else None,
-        delta_bic=None,
         verdict=diagnosis.verdict,
         grade=None if added is None else "named" if added in before.named else "stand-in",
         probability=candidate.probability if candidate else None,

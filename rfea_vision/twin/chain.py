@@ -20,7 +20,7 @@ mujoco: Any = import_module("mujoco")  # its type stubs do not list what the com
 GRAVITY = 9.80665  # m/s^2, standard gravity
 
 
-class Chain:
+class HingedRods:
     """Rigid bodies hinged in a plane.
 
     Parameters

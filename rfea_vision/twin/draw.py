@@ -11,7 +11,7 @@ from rfea_vision.campaign.specs import gravity_deg
 from rfea_vision.errors import DataError
 from rfea_vision.twin.excitation import GRID_S, KINDS, Programme, programme
 from rfea_vision.twin.options import BaseParameters, TwinOptions, with_partners
-from rfea_vision.twin.plant import Motion, Plant
+from rfea_vision.twin.plant import Plant, PlantMotion
 from rfea_vision.twin.shape import hinge_arcs, line_at
 from rfea_vision.twin.stress import frame_times
 
@@ -126,7 +126,7 @@ def _held_before_and_after(given: Programme, end_s: float) -> Programme:
     return replace(given, time_s=time, pressure_Pa=given.at(time))
 
 
-def move(plant: Plant, run: Run, step_s: float) -> Motion:
+def move(plant: Plant, run: Run, step_s: float) -> PlantMotion:
     """Let the plant play a run."""
     line = run.programme
     felt = plant.felt_pressure(line.time_s, line.pressure_Pa)
@@ -159,7 +159,7 @@ class Posture:
         return points, phi
 
 
-def posture_at(plant: Plant, motion: Motion, time_s: FloatArray) -> Posture:
+def posture_at(plant: Plant, motion: PlantMotion, time_s: FloatArray) -> Posture:
     """Postures between the plant's steps, by cubic Hermite interpolation of angles and speeds."""
     start, step = motion.time_s[0], motion.time_s[1] - motion.time_s[0]
     index = np.clip(((time_s - start) / step).astype(int), 0, motion.time_s.size - 2)

@@ -11,10 +11,10 @@ from rfea_vision.errors import InputError
 from rfea_vision.twin.draw import Run, move
 from rfea_vision.twin.excitation import Programme
 from rfea_vision.twin.options import TwinOptions
-from rfea_vision.twin.plant import Motion, Plant
+from rfea_vision.twin.plant import Plant, PlantMotion
 
 
-def play(plant: Plant, run: Run, options: TwinOptions) -> tuple[Motion, Run, ValveCommands | None]:
+def play(plant: Plant, run: Run, options: TwinOptions) -> tuple[PlantMotion, Run, ValveCommands | None]:
     """Let the plant play a run.
 
     With a drive the run comes back with the pressure that it made, and with what its valves were told.

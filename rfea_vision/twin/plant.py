@@ -18,7 +18,7 @@ from scipy.linalg import get_lapack_funcs
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import DataError
-from rfea_vision.twin.chain import Chain
+from rfea_vision.twin.chain import HingedRods
 from rfea_vision.twin.laws import JointLaw, Memory
 from rfea_vision.twin.options import BaseParameters
 
@@ -30,7 +30,7 @@ TOLERANCE = 1e-6  # rad/s: the last Newton change that is not followed by anothe
 
 
 @dataclass(frozen=True)
-class Motion:
+class PlantMotion:
     """How the plant moved.
 
     Attributes
@@ -75,7 +75,7 @@ class Plant:
         gravity_deg: float | None = 0.0,
     ) -> None:
         self.law = JointLaw(actuator, base, joints, hidden)
-        self.chain = Chain(actuator, joints, layout, self.law.all_hidden, gravity_deg)
+        self.chain = HingedRods(actuator, joints, layout, self.law.all_hidden, gravity_deg)
         self.actuator, self.joints = actuator, joints
         self.layout: Literal["middle", "start"] = layout
         self._clamp = slice(1, None) if self.chain.has_base else slice(None)
@@ -107,7 +107,7 @@ class Plant:
         step_s: float = 0.001,
         progress: Callable[[int, int], None] | None = None,
         supply: Callable[[float, float], float] | None = None,
-    ) -> Motion:
+    ) -> PlantMotion:
         """Move from the static equilibrium at the first pressure until `end_s`.
 
         Parameters
@@ -148,7 +148,7 @@ class Plant:
             if progress is not None and index % 500 == 0:
                 progress(index, count)
         law = self.law
-        return Motion(
+        return PlantMotion(
             time_s=time,
             theta=angles[:, self._clamp],
             rate=rates[:, self._clamp],

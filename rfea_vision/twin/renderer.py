@@ -31,7 +31,7 @@ SHUTTER_STEPS = 7  # exposures that are added up to a blurred one
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scenery:
     """What is in front of the camera, in grey levels, and how the camera blurs and disturbs it.
 
     Attributes
@@ -71,13 +71,13 @@ class Scene:
 
 def draw_scene(
     camera: Camera, outer_radius_mm: float, dark_tube: bool | None, noise: float, generator: np.random.Generator
-) -> Scene:
+) -> Scenery:
     """Draw surfaces and light."""
     dark = bool(generator.integers(2)) if dark_tube is None else dark_tube
     jitter = generator.uniform(-8, 8, 4)
     wall, clamp, tube = (208.0, 118.0, 46.0) if dark else (44.0, 122.0, 205.0)
     half, tall = generator.uniform(3.0, 4.0) * outer_radius_mm, generator.uniform(6.0, 8.0) * outer_radius_mm
-    return Scene(
+    return Scenery(
         wall=wall + jitter[0],
         clamp=clamp + jitter[1],
         tube=tube + jitter[2],
@@ -141,7 +141,7 @@ def _mean_coverage(outlines: list[FloatArray], left: int, top: int, size: tuple[
 
 
 def frames(
-    camera: Camera, scene: Scene, posture: Posture, generator: np.random.Generator, times_s: FloatArray
+    camera: Camera, scene: Scenery, posture: Posture, generator: np.random.Generator, times_s: FloatArray
 ) -> Iterator[NDArray[np.uint8]]:
     """Yield the picture of every posture; `times_s` are those of the frames, for lamps that flicker."""
     width, height = camera.width, camera.height

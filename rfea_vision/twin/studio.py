@@ -21,7 +21,7 @@ from rfea_vision.twin.camera import Camera, camera_over, turn
 from rfea_vision.twin.coverage import coverage
 from rfea_vision.twin.draw import Posture, camera_times, misread_plane
 from rfea_vision.twin.options import TwinOptions
-from rfea_vision.twin.renderer import Scene, blurred, draw_scene, finely, frames
+from rfea_vision.twin.renderer import Scenery, blurred, draw_scene, finely, frames
 from rfea_vision.twin.stress import SLOW_MOTION_HZ, hose_mm, shadow_of, shown_frames, wall_pattern
 
 
@@ -52,7 +52,7 @@ class CheckerBoard:
 
 
 def photograph(
-    scene: Scene,
+    scene: Scenery,
     project: Callable[[FloatArray], FloatArray],
     board: CheckerBoard,
     size: tuple[int, int],
@@ -164,7 +164,7 @@ class Studio:
         square = max(1.0, round(0.068 * float(self.upper[0] - self.lower[0])))
         self.board = CheckerBoard(9, 6, square)
 
-    def _scene(self, radius_mm: float) -> Scene:
+    def _scene(self, radius_mm: float) -> Scenery:
         """Surfaces and light as drawn, then what makes them hard."""
         options, stress = self.options, self.options.scene
         dark = True if stress.dark else False if stress.light else options.dark_tube

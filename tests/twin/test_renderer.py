@@ -12,7 +12,7 @@ import pytest
 from rfea_vision.twin import TwinOptions
 from rfea_vision.twin.coverage import coverage
 from rfea_vision.twin.draw import build_plant, posture_at
-from rfea_vision.twin.renderer import Scene, blurred, frames, tube_outline_mm
+from rfea_vision.twin.renderer import Scenery, blurred, frames, tube_outline_mm
 from rfea_vision.twin.studio import CheckerBoard, Studio, board_poses, photograph, write_video
 
 
@@ -67,7 +67,7 @@ def test_tube_in_the_picture_has_its_width_and_place(studio: Studio) -> None:
     plant, _ = build_plant(options)
     motion = plant.run(lambda time: np.full_like(time, 0.0), 0.0, 0.02)
     posture = posture_at(plant, motion, np.array([0.0]))
-    plain = Scene(200.0, 200.0, 40.0, 40.0, np.ones((320, 180), np.float32), studio.scene.clamp_mm, 0.8, 0.0)
+    plain = Scenery(200.0, 200.0, 40.0, 40.0, np.ones((320, 180), np.float32), studio.scene.clamp_mm, 0.8, 0.0)
     picture = next(frames(studio.camera, plain, posture, np.random.default_rng(0), np.zeros(1))).astype(float)
     dark = (200.0 - picture) / 160.0
     row = 200
