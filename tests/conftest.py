@@ -28,20 +28,23 @@ def shared_data() -> Path:
     return folder
 
 
-#: Files that take long (more than 15 s of processor time): they go first, so that no core waits for the last of them.
+#: Files that take long (more than 15 s of processor time): they go first, so that no core waits for the last of them. The one that
+#: compiles the vision begins beside the type checker, and those that would compile it, too, come when that is done.
 LONG = (
     "test_contracts.py",
-    "test_docs_run.py",
-    "test_in_chromium.py",
-    "test_pointing.py",
     "test_tracking.py",
+    "test_docs_run.py",
+    "test_pointing.py",
     "test_body.py",
     "test_sync_films.py",
     "test_real_pictures.py",
+    "test_in_chromium.py",
     "test_hidden_effects.py",
+    "test_adding.py",
     "test_recordings.py",
     "test_agreement.py",
     "test_reproduce.py",
+    "test_campaign.py",
     "test_board_photos.py",
     "test_earlier.py",
     "test_clamped_beam.py",
@@ -49,6 +52,8 @@ LONG = (
     "test_climbing.py",
     "test_paper.py",
     "test_resume.py",
+    "test_gravity.py",
+    "test_plant.py",
 )
 
 

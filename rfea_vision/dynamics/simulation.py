@@ -192,8 +192,16 @@ class Model:
         """Steady state at one pressure (Pa), by continuation from the unloaded tube unless a start is given.
 
         Where that branch ends before the pressure is reached (a limit point, or a tube that stands upright and buckles), no
-        steady state is found; with `fall`, the one into which the tube falls from there. `change` (parameters,) is the derivative
-        of a pressure that depends on parameters.
+        steady state is found.
+
+        Parameters
+        ----------
+        par : (parameters,) in SI, in the order of `names`
+        free : places in `par` of the parameters to differentiate by
+        start : (n + 1,) absolute angles in rad, the clamp first
+        drive : (n,) torques on the joints in N m
+        fall : take the steady state into which the tube falls from where its branch ends
+        change : (parameters,) derivative of a pressure that depends on parameters
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
@@ -261,12 +269,20 @@ class Model:
         held: FloatArray | None = None,
         pulled: FloatArray | None = None,
     ) -> Motion:
-        """Run along the excitation; read the motion off at `frames_s` (sorted, inside the excitation).
+        """Run along the excitation, from the steady state at its first pressure unless another start is given.
 
-        From the steady state at the first pressure, or from joint angles (rad) and rates (rad/s), each (n,), in `start`;
-        hidden states are then zero and the start does not depend on the parameters. With `held`, joint angles (rad) in which
-        the tube was kept until the excitation begins, it is let go from there, its hidden states relaxed; with `pulled`, from
-        where a force (2,) in N at its tip held it.
+        Parameters
+        ----------
+        par, free : as for `steady`
+        frames_s : (frames,) times in s at which the motion is read off, sorted, inside the excitation
+        start : joint angles (n,) in rad and rates (n,) in rad/s; hidden states are then zero, and no start depends on parameters
+        held : (n,) joint angles in rad in which the tube was kept until the excitation begins, its hidden states relaxed
+        pulled : (2,) force in N at the tip that held the tube until then
+
+        Returns
+        -------
+        Motion
+            With a status and a message in place of an exception where the run fails.
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)

@@ -343,6 +343,13 @@ def fit_model(
 
     With the profiles, and the fits without one of the runs, that the options ask for.
 
+    Parameters
+    ----------
+    recordings : by the name of the experiment; those with the role `ignore` are passed over
+    actuator : the tube at rest, SI
+    options : what to fit and how; the model without effects where they are left out
+    progress : called with (done, total) starts
+
     Raises
     ------
     DataError

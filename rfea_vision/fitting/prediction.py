@@ -26,6 +26,12 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     A recording on which the model cannot be simulated gets NaN, with the reason in the attribute ``note``. ``tip_stderr`` and
     ``bend_angle_stderr`` are what the errors of the parameters do to the curves, to first order: parameters that are fixed or
     at a bound have none.
+
+    Returns
+    -------
+    dict
+        By experiment ``tip`` (time, xy) and ``midline`` (time, node, xy) in mm in the rig frame, ``bend_angle`` (time,) and
+        ``theta`` (time, joint) in deg, ``elongation`` (time, segment), and the residuals of what was measured.
     """
     simulator, par = rebuild(model)
     known = _known_parameters(model, simulator.names)

@@ -37,6 +37,16 @@ def column(table: Table, name: str, key: str) -> str:
     raise InputError(f"{table.source}: no column '{name}' ({key}); there are: {listed(list(table.columns))}; {remedy}")
 
 
+def refuse_rows(
+    where: str, column: str, wrong: NDArray[np.bool_], fault: str, remedy: str = "correct or remove the row"
+) -> None:
+    """Raise an InputError for the first row (counted from 1) in which something is wrong, if there is one."""
+    rows = np.flatnonzero(wrong)
+    if rows.size:
+        more = f" (and {rows.size - 1} more rows)" if rows.size > 1 else ""
+        raise InputError(f"{where}: {column}, row {rows[0] + 1}: {fault}{more}; {remedy}")
+
+
 def _meant(table: Table, name: str, part: str) -> str | None:
     """The column that was probably meant, by its unit, its name, or its likeness to `name`; None if none will do."""
     unit, other, words = ("s", "kPa", _TIME_WORDS) if part == "time" else ("kPa", "s", _PRESSURE_WORDS)

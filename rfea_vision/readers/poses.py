@@ -10,6 +10,7 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
+from rfea_vision.readers.columns import refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table, listed, points_of_columns, unseen
 from rfea_vision.units import conversion_factor
 
@@ -151,11 +152,7 @@ def _times(points: Points, spec: TrackSpec) -> FloatArray:
     if points.time_s is None:
         raise InputError(f"{points.source}: track.rate: is missing; the file counts frames, write 'rate: 240 Hz'")
     right = np.isfinite(points.time_s) & (np.diff(points.time_s, prepend=-np.inf) > 0)
-    if not right.all():
-        row = int(np.flatnonzero(~right)[0]) + 1
-        raise InputError(
-            f"{points.source}: time, row {row}: is not finite or does not increase; correct or remove the row"
-        )
+    refuse_rows(points.source, "time", ~right, "is not finite or does not increase")
     return points.time_s
 
 

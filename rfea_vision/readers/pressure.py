@@ -10,7 +10,7 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
-from rfea_vision.readers.columns import column, in_unit, said_unit, unit_of
+from rfea_vision.readers.columns import column, in_unit, refuse_rows, said_unit, unit_of
 from rfea_vision.readers.database import read_query
 from rfea_vision.readers.kinds.base import Table
 from rfea_vision.readers.tables import read_table
@@ -49,20 +49,11 @@ class PressureLog:
             raise InputError(f"{where}: {counts}; the columns of time and pressure must be equally long")
         if self.time_s.size < 2:
             raise InputError(f"{where}: {self.time_s.size} rows; a log of at least two is needed")
-        _refuse_rows(where, "time", ~np.isfinite(self.time_s), "is not a finite number", "remove the row")
-        _refuse_rows(
-            where, "pressure", ~np.isfinite(self.pressure_kPa), "is not a finite number", "remove or repair it"
-        )
+        refuse_rows(where, "time", ~np.isfinite(self.time_s), "is not a finite number", "remove the row")
+        refuse_rows(where, "pressure", ~np.isfinite(self.pressure_kPa), "is not a finite number", "remove or repair it")
         steps = np.diff(self.time_s, prepend=-np.inf)
-        _refuse_rows(where, "time", steps < 0, "is earlier than the row before", "sort the log by time, or split it")
-        _refuse_rows(where, "time", steps == 0, "repeats the row before", "remove the duplicate")
-
-
-def _refuse_rows(where: str, column: str, wrong: np.ndarray, fault: str, remedy: str) -> None:
-    rows = np.flatnonzero(wrong)
-    if rows.size:
-        more = f" (and {rows.size - 1} more rows)" if rows.size > 1 else ""
-        raise InputError(f"{where}: {column}, row {rows[0] + 1}: {fault}{more}; {remedy}")
+        refuse_rows(where, "time", steps < 0, "is earlier than the row before", "sort the log by time, or split it")
+        refuse_rows(where, "time", steps == 0, "repeats the row before", "remove the duplicate")
 
 
 def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:

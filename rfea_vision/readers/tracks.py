@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.errors import InputError
-from rfea_vision.readers.columns import in_unit
+from rfea_vision.readers.columns import in_unit, refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table
 from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
 from rfea_vision.readers.tables import read_table
@@ -144,13 +144,9 @@ def _time(table: Table, given: str | None, angle: str) -> FloatArray:
     time_s = np.asarray(table.times_s[name], dtype=float) if own else in_unit(table, name, "s", "track.time")
     if time_s.size < 2:
         raise InputError(f"{table.source}: {time_s.size} rows; a track of at least two is needed")
-    for wrong, fault in (
-        (~np.isfinite(time_s), "is not a finite number"),
-        (np.diff(time_s, prepend=-np.inf) <= 0, "its time does not increase" if own else "does not increase"),
-    ):
-        if wrong.any():
-            row = int(np.flatnonzero(wrong)[0])
-            raise InputError(f"{table.source}: {name}, row {row + 1}: {fault}; correct or remove the row")
+    refuse_rows(table.source, name, ~np.isfinite(time_s), "is not a finite number")
+    fault = "its time does not increase" if own else "does not increase"
+    refuse_rows(table.source, name, np.diff(time_s, prepend=-np.inf) <= 0, fault)
     return time_s
 
 
