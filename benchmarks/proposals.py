@@ -46,19 +46,21 @@ OTHER = (
     "drag",
 )
 NOTHING = 6
+#: First seeds: those from 3000 to 3205 were looked at while the method was made.
+SEED = 3300
 
 
 def cases() -> list[Case]:
     """One campaign for each hidden thing, and some that hide nothing; seeds are those of no other benchmark."""
     out = []
     for k, name in enumerate(OUTSIDE):
-        rng = np.random.default_rng(3000 + k)
-        out.append(Case("twin", 3000 + k, "outside", of_twin(name, rng)[0], (), angle_only=False))
+        rng = np.random.default_rng(SEED + k)
+        out.append(Case("twin", SEED + k, "outside", of_twin(name, rng)[0], (), angle_only=False))
     for k, name in enumerate((*UNKNOWN, *OTHER)):
-        rng = np.random.default_rng(3100 + k)
+        rng = np.random.default_rng(SEED + 100 + k)
         hidden = {name: even(rng, *UNKNOWN[name])} if name in UNKNOWN else of_other(name, rng)[0]
-        out.append(Case("other", 3100 + k, "outside", hidden, (), angle_only=False))
-    out += [Case("twin" if k % 2 else "other", 3200 + k, "nothing", {}, (), angle_only=False) for k in range(NOTHING)]
+        out.append(Case("other", SEED + 100 + k, "outside", hidden, (), angle_only=False))
+    out += [Case("twin" if k % 2 else "other", SEED + 200 + k, "nothing", {}, (), angle_only=False) for k in range(NOTHING)]
     return out
 
 

@@ -26,8 +26,9 @@ def propose_command(
 ) -> None:
     """A law for what a model leaves, as an effect file.
 
-    Read from the residual torque, cross-validated over the runs, refitted; by default of the model fitted last. It describes, it
-    does not explain: 'rfea improve CAMPAIGN --effect-file FILE' weighs it against the catalogue.
+    Torques on the joints are weighed by what they would do to the motion, cross-validated over the runs, and refitted; by default of
+    the model fitted last. A law describes, it does not explain: 'rfea improve CAMPAIGN --effect-file FILE' weighs it against the
+    catalogue.
     """
     with opened(campaign, out, force=("fit",) if force else ()) as work:
         proposal = work.propose(model, file)

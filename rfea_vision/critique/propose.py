@@ -1,10 +1,11 @@
-"""A law for what no effect of the catalogue explains: the residual torque, regressed on a library of terms.
+"""A law for what no effect of the catalogue explains: a torque on the joints, regressed on a library of terms.
 
-Inverse dynamics gives the torque that the model lacks, joint by joint (torque.py). It is regressed on products of the tube's
-angle, rate, pressure, memories and the time, with the place along the tube; what the base model could take up by itself is
-projected out first. Terms are added one at a time while runs that were left out of the regression are foretold better (the idea
-of Brunton, Proctor and Kutz 2016, doi:10.1073/pnas.1517384113, on a residual instead of the whole; Kaheman, Kutz and Brunton
-2020, doi:10.1098/rspa.2020.0279). The best law is written as an effect file, such as people write by hand.
+A term is a product of the tube's angle, rate, pressure, memories or the time with the place along the tube. Each is played as a
+torque on the joints of the fitted model, and how the model then moves, as the camera would see it, is a column of the regression:
+exact where the term is small, and nothing measured is differentiated. What the base parameters and clocks could take up is projected
+out. Terms are added one at a time while runs that were left out of the regression are foretold better (the idea of Brunton,
+Proctor and Kutz 2016, doi:10.1073/pnas.1517384113, on a residual instead of the whole; Kaheman, Kutz and Brunton 2020,
+doi:10.1098/rspa.2020.0279). The best law is written as an effect file, such as people write by hand.
 """
 
 from __future__ import annotations
@@ -23,21 +24,22 @@ from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.diagnosis import refit_artefact
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, errors_of, matters, structure
-from rfea_vision.critique.torque import ResidualTorque, residual_torque
+from rfea_vision.critique.screening import swallowable
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added, make_problem
 from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.residuals import Evaluation, evaluate
 from rfea_vision.fitting.scoring import options_of
-from rfea_vision.tube import inner_radius
+from rfea_vision.fitting.uncertainty import frame_of_row
 from rfea_vision.units import rounded
 
 FloatArray = NDArray[np.float64]
 #: A term is kept where it lowers the error on runs left out of the regression by this share of its square (as in docs/formats.md),
 #: and a law has no more terms than a person reads.
 LEAST_GAIN, MOST_TERMS = 0.1, 4
-#: Laws that are refitted, each begun with another quantity: a regression on smoothed torques ranks them no better than that.
+#: Laws that are refitted, each begun with another quantity: a linear step ranks them no better than that.
 MOST_LAWS = 3
 #: Relaxation times of the memories on offer (s): a log of four apart, from a fast damper's to a slow creep's.
 MEMORIES_S = (0.3, 1.2, 5.0)
@@ -45,15 +47,19 @@ MEMORIES_S = (0.3, 1.2, 5.0)
 TURNED = 0.05
 #: Middles of the places at which a term may act alone.
 SPOTS = (0.2, 0.35, 0.5, 0.65, 0.8)
-#: Frames of a part of the cross-validation that are looked at: more are correlated and tell nothing new.
+#: Frames of each run that are looked at: more are correlated and tell nothing new.
 FRAMES = 200
-#: Bounds of a fitted coefficient, in times of what the regression found.
+#: Size of the torque that a term is played with, as a share of the springs' own: small, so that the motion answers in proportion.
+SMALL = 1e-3
+#: Shares of the linear step from which a law is refitted, until it comes below the model without: a spring may lose more than it has.
+STARTS = (1.0, 0.3)
+#: Bounds of a fitted coefficient, in times of what it starts from.
 ROOM = 10.0
 
 
 @dataclass(frozen=True)
 class Term:
-    """One term of the library: its law in the words of an effect file, and its values (frames, n) per run."""
+    """One term of the library: its law in the words of an effect file, and its values (grid, n) along each run."""
 
     law: str
     words: str
@@ -62,11 +68,21 @@ class Term:
 
 @dataclass(frozen=True)
 class Law:
-    """Terms with their coefficients (N m), and the share of the torque's square that they foretell on runs left out."""
+    """Terms with their coefficients (N m), and the share of the residual's square that they foretell on runs left out."""
 
     terms: tuple[Term, ...]
     coefficients: tuple[float, ...]
     r2: float
+
+
+@dataclass(frozen=True)
+class Course:
+    """How the model goes through one run, on the grid of its pressure: s (grid,), rad and rad/s (grid, n), Pa (grid,)."""
+
+    time: FloatArray
+    theta: FloatArray
+    rate: FloatArray
+    pressure: FloatArray
 
 
 @dataclass(frozen=True)
@@ -99,8 +115,8 @@ def propose(
     floor = binding(floors_of(problem, fitted))
     if structure(before, floor) < STRUCTURE_FLOORS:
         raise DataError(f"model {model.name}: what it leaves is at the floor; there is no law to propose")
-    runs = _residuals(problem, fitted)
-    laws = regress(library(runs), _nuisance(problem, runs), [result.torque for result, *_ in runs])
+    terms, parts = played(problem, fitted)
+    laws = regress(terms, parts)
     if not laws:
         raise DataError(
             f"model {model.name}: no term of the library foretells the residual torque of runs that it was not regressed on; "
@@ -109,10 +125,10 @@ def propose(
     name_files([file])  # what is written here is our own
     tried = []
     for law in laws:
-        write_text(file, effect_source(effect_id, law.terms, law.coefficients))
-        after = _refitted(problem, fitted, file, effect_id)
+        after = _refitted(problem, fitted, file, effect_id, law)
         if after is not None:
-            tried.append((after.solution.evaluation.cost, law, errors_of(problem, after)))
+            found = tuple(after.value(f"{effect_id}.c{k}") for k in range(1, len(law.terms) + 1))
+            tried.append((after.solution.evaluation.cost, replace(law, coefficients=found), errors_of(problem, after)))
     _, best, after = min(tried, key=lambda row: row[0], default=(0.0, laws[0], before))
     if not matters(before, after, floor):
         file.unlink(missing_ok=True)
@@ -125,7 +141,7 @@ def propose(
 
 def _described(file: Path, law: Law, held: tuple[float, float], unit: str) -> Proposal:
     sentence = (
-        f"The residual torque goes with {_listed(law.terms)}; with that law refitted the held-out error falls from "
+        f"What is left goes with {_listed(law.terms)}; with that law refitted the held-out error falls from "
         f"{rounded(held[0])} to {rounded(held[1])} {unit}. It is a description, not yet a cause: "
         f"`rfea improve CAMPAIGN --effect-file {file}` weighs it."
     )
@@ -137,30 +153,23 @@ def _listed(terms: Sequence[Term]) -> str:
     return " and ".join(term.words for term in terms)
 
 
-def _refitted(problem: Problem, fitted: Fitted, file: Path, effect_id: str) -> Fitted | None:
-    options = replace(
-        fitted.options,
-        effects=(*fitted.options.effects, effect_id),
-        effect_files=(*fitted.options.effect_files, file),
-        name=f"{fitted.options.name}+{effect_id}",
-    )
-    try:
-        return fit_added(problem, options, fitted)
-    except DataError:
-        return None
-
-
-def _residuals(problem: Problem, fitted: Fitted) -> list[tuple[ResidualTorque, Observed, float]]:
-    found = []
-    for item, clock in zip(problem.train, fitted.solution.clocks, strict=True):
-        result = residual_torque(fitted.model, fitted.par, item, float(clock))
-        if result is not None:
-            found.append((result, item, float(clock)))
-    if not found:
-        raise DataError(
-            "the residual torque needs at least 25 valid frames in a training run that the model can be simulated on"
+def _refitted(problem: Problem, fitted: Fitted, file: Path, effect_id: str, law: Law) -> Fitted | None:
+    """The model with a law; None where from no start it comes below the model without."""
+    for size in STARTS:
+        write_text(file, effect_source(effect_id, law.terms, [size * value for value in law.coefficients]))
+        options = replace(
+            fitted.options,
+            effects=(*fitted.options.effects, effect_id),
+            effect_files=(*fitted.options.effect_files, file),
+            name=f"{fitted.options.name}+{effect_id}",
         )
-    return found
+        try:
+            found = fit_added(problem, options, fitted)
+        except DataError:
+            continue
+        if found.solution.evaluation.cost < fitted.solution.evaluation.cost:
+            return found
+    return None
 
 
 def _near(place: FloatArray, at: float) -> FloatArray:
@@ -170,9 +179,9 @@ def _near(place: FloatArray, at: float) -> FloatArray:
 # -- the library -----------------------------------------------------------------------------------------------------------
 
 
-def library(runs: Sequence[tuple[ResidualTorque, Observed, float]]) -> list[Term]:
+def library(courses: Sequence[Course]) -> list[Term]:
     """All terms: a quantity, alone and with the place along the tube."""
-    each = [_quantities(*run) for run in runs]
+    each = [_quantities(course) for course in courses]
     places = {
         "": ("", np.ones_like),
         " * (1 - s)": (" near the clamp", lambda place: 1 - place),
@@ -184,19 +193,19 @@ def library(runs: Sequence[tuple[ResidualTorque, Observed, float]]) -> list[Term
     for law, (words, _) in each[0].items():
         for factor, (where, shape) in places.items():
             values = []
-            for quantities, (result, *_) in zip(each, runs, strict=True):
-                n = result.theta.shape[1]
+            for quantities, course in zip(each, courses, strict=True):
+                n = course.theta.shape[1]
                 values.append(quantities[law][1] * shape((np.arange(n) + 0.5) / n))
             terms.append(Term(law + factor, words + where, tuple(values)))
     return terms
 
 
-def _quantities(result: ResidualTorque, item: Observed, clock_s: float) -> dict[str, tuple[str, FloatArray]]:
-    """Law and words of every quantity with its values (frames, n): a, r, p, t, m and z stand for what `effect_source` declares."""
-    n = result.theta.shape[1]
-    a, r = n * result.theta, n * result.rate
-    p = np.broadcast_to(item.excitation.at(item.time + clock_s)[:, None] / 1e5, a.shape)
-    t = np.broadcast_to((item.time - item.excitation.start_s)[:, None], a.shape)
+def _quantities(course: Course) -> dict[str, tuple[str, FloatArray]]:
+    """Law and words of every quantity with its values (grid, n): a, r, p, t, m and z stand for what `effect_source` declares."""
+    n = course.theta.shape[1]
+    a, r = n * course.theta, n * course.rate
+    p = np.broadcast_to(course.pressure[:, None] / 1e5, a.shape)
+    t = np.broadcast_to((course.time - course.time[0])[:, None], a.shape)
     most = np.maximum.accumulate(np.maximum(a, 0.0), axis=0)
     out: dict[str, tuple[str, FloatArray]] = {
         "1": ("a constant torque", np.ones_like(a)),
@@ -217,7 +226,7 @@ def _quantities(result: ResidualTorque, item: Observed, clock_s: float) -> dict[
         "t * a": ("the angle times the time into the run", t * a),
     }
     for k, period in enumerate(MEMORIES_S):
-        z = _relaxed(item.time, a, period)
+        z = _relaxed(course.time, a, period)
         out[f"(a - z{k})"] = (f"the angle less its memory of {period:g} s", a - z)
     return out
 
@@ -231,77 +240,110 @@ def _relaxed(time: FloatArray, values: FloatArray, period: float) -> FloatArray:
     return out
 
 
-def _nuisance(problem: Problem, runs: Sequence[tuple[ResidualTorque, Observed, float]]) -> list[tuple[FloatArray, ...]]:
-    """Torques that the base parameters can make: what of a term they take up is not credited to it."""
-    columns: list[list[FloatArray]] = [[] for _ in range(7)]
-    for result, item, clock in runs:
-        n = result.theta.shape[1]
-        radius = inner_radius(problem.actuator, result.theta, problem.actuator.length / n)
-        wide = radius - problem.actuator.inner_radius
-        p = item.excitation.at(item.time + clock)[:, None]
-        up, down = np.maximum(result.rate, 0.0), np.minimum(result.rate, 0.0)
-        parts = (result.theta, result.theta * wide, up, up * wide, down, down * wide, p * radius**2)
-        for column, part in zip(columns, parts, strict=True):
-            column.append(np.broadcast_to(part, result.theta.shape))
-    return [tuple(column) for column in columns]
-
-
 # -- the regression ---------------------------------------------------------------------------------------------------------
 
 
-def regress(
-    terms: Sequence[Term], nuisance: Sequence[tuple[FloatArray, ...]], torque: Sequence[FloatArray]
-) -> list[Law]:
-    """The best laws, each begun with another quantity; cross-validated over runs, or over the halves of a single one."""
-    parts = _folds(torque)
-    base = [np.stack([values[r][rows].ravel() for values in nuisance], axis=1) for r, rows in parts]
-    target = [torque[r][rows].ravel() for r, rows in parts]
-    columns = {term.law: [term.values[r][rows].ravel() for r, rows in parts] for term in terms}
+def played(problem: Problem, fitted: Fitted) -> tuple[list[Term], list[FloatArray]]:
+    """All terms, and the normal equations (terms + 1, terms + 1) of each part of the training runs; the last is the residual.
 
-    def solved(laws: Sequence[str], fold: int | None) -> tuple[FloatArray, float]:
+    Columns are what a term of one N m changes in what is seen, in standard errors, less what base parameters and clocks can make.
+
+    Raises
+    ------
+    DataError
+        A training run cannot be simulated.
+    """
+    items = [item.rough(FRAMES) for item in problem.train]
+    names = fitted.model.names
+    free = [names.index(name) for name in fitted.coordinates.names]
+    clocks = fitted.solution.clocks
+    before = evaluate(fitted.model, fitted.par, items, free, clocks)
+    if before is None:
+        raise DataError("a training run cannot be simulated with steps of twice the usual length")
+    terms = library([_course(fitted, item) for item in items])
+    springs = float(fitted.par[0]) * np.sqrt(np.mean([np.mean(term**2) for term in terms[0].values]))
+    columns = [_answer(fitted, items, term, SMALL * springs, before) for term in terms]
+    basis, _ = np.linalg.qr(swallowable(before, fitted, len(free)))
+    wide = np.column_stack([*columns, -before.residual])
+    wide -= basis @ (basis.T @ wide)
+    return terms, [wide[rows].T @ wide[rows] for rows in _parts(items, before)]
+
+
+def _course(fitted: Fitted, item: Observed) -> Course:
+    excitation = item.excitation
+    time = excitation.start_s + excitation.step_s * np.arange(excitation.pressure.size)
+    motion = fitted.model.rigged(item.gravity, item.mounting, {}).simulate(fitted.par, excitation, time[:-1])
+    phi, rate = (np.concatenate([values, values[-1:]]) for values in (motion.phi, motion.rate))
+    return Course(time, np.diff(phi, axis=1), np.diff(rate, axis=1), excitation.pressure)
+
+
+def _answer(fitted: Fitted, items: Sequence[Observed], term: Term, torque: float, before: Evaluation) -> FloatArray:
+    """Change of the residual (rows,) for one N m of a term; none where it cannot be played."""
+    size = np.sqrt(np.mean([np.mean(values**2) for values in term.values]))
+    if not size > 0:
+        return np.zeros(before.residual.size)
+    driven = [
+        replace(item, excitation=replace(item.excitation, drive=torque / size * values))
+        for item, values in zip(items, term.values, strict=True)
+    ]
+    after = evaluate(fitted.model, fitted.par, driven, (), fitted.solution.clocks)
+    return np.zeros(before.residual.size) if after is None else (after.residual - before.residual) * (size / torque)
+
+
+def _parts(items: Sequence[Observed], before: Evaluation) -> list[NDArray[np.int64]]:
+    """Rows of each part: a run each, or the halves of a single run."""
+    rows = [np.arange(part.start, part.stop) for part in before.slices]
+    if len(items) > 1:
+        return rows
+    late = frame_of_row(items[0], rows[0].size) >= items[0].time.size // 2
+    return [rows[0][~late], rows[0][late]]
+
+
+def regress(terms: Sequence[Term], parts: Sequence[FloatArray]) -> list[Law]:
+    """The best laws, each begun with another quantity, cross-validated over the parts whose normal equations are given."""
+    total = np.sum(parts, axis=0)
+
+    def solved(chosen: Sequence[int], fold: int | None) -> tuple[FloatArray, float]:
         """Coefficients without one of the parts, and the squared error on it."""
-        wide = [np.column_stack([base[k], *(columns[law][k] for law in laws)]) for k in range(len(parts))]
-        used = [k for k in range(len(parts)) if k != fold]
-        design, goal = np.concatenate([wide[k] for k in used]), np.concatenate([target[k] for k in used])
-        scale = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
-        solution = np.asarray(np.linalg.lstsq(design / scale, goal, rcond=1e-6)[0] / scale, dtype=np.float64)
-        return solution, 0.0 if fold is None else float(np.sum((target[fold] - wide[fold] @ solution) ** 2))
+        rest = total if fold is None else total - parts[fold]
+        scale = np.sqrt(np.maximum(np.diag(rest)[chosen], 1e-300))
+        normal = rest[np.ix_(chosen, chosen)] / np.outer(scale, scale) + 1e-8 * np.eye(len(chosen))
+        found = np.linalg.solve(normal, rest[chosen, -1] / scale) / scale
+        all_ = np.append(np.zeros(len(terms)), -1.0)
+        all_[chosen] = found
+        return found, 0.0 if fold is None else float(all_ @ parts[fold] @ all_)
 
-    def error(laws: Sequence[str]) -> float:
-        return sum(solved(laws, fold)[1] for fold in range(len(parts)))
+    def error(chosen: Sequence[int]) -> float:
+        return sum(solved(chosen, fold)[1] for fold in range(len(parts)))
 
-    before = error([])
-    alone = {law: error([law]) for law in columns}
-    found, begun = list[Law](), set[str]()
-    for first in sorted(alone, key=lambda law: alone[law]):
+    before = float(total[-1, -1])
+    alone = {k: error([k]) for k in range(len(terms)) if total[k, k] > 0}
+    found, begun, seen = list[Law](), set[str](), list[set[int]]()
+    for first in sorted(alone, key=lambda k: alone[k]):
         if len(found) == MOST_LAWS or alone[first] > (1 - LEAST_GAIN) * before:
             break
-        quantity = re.split(r" \* exp\(| \* \(1 - s\)", first)[0]
+        quantity = re.split(r" \* exp\(| \* \(1 - s\)| \* s$", terms[first].law)[0]
         if quantity in begun:
             continue
         begun.add(quantity)
         chosen, now = [first], alone[first]
         while len(chosen) < MOST_TERMS:
-            tried = {law: error([*chosen, law]) for law in columns if law not in chosen}
-            best = min(tried, key=lambda law: tried[law])
+            tried = {k: error([*chosen, k]) for k in alone if k not in chosen}
+            best = min(tried, key=lambda k: tried[k])
             if tried[best] > (1 - LEAST_GAIN) * now:
                 break
             chosen.append(best)
             now = tried[best]
-        solution, _ = solved(chosen, None)
-        picked = tuple(next(term for term in terms if term.law == law) for law in chosen)
-        found.append(Law(picked, tuple(solution[-len(chosen) :].tolist()), 1 - now / before))
+            for one in chosen[:-1]:  # which another has made idle
+                rest = [k for k in chosen if k != one]
+                if (1 - LEAST_GAIN) * error(rest) <= now:
+                    chosen, now = rest, error(rest)
+        if set(chosen) in seen:
+            continue
+        seen.append(set(chosen))
+        coefficients, _ = solved(chosen, None)
+        found.append(Law(tuple(terms[k] for k in chosen), tuple(coefficients.tolist()), 1 - now / before))
     return found
-
-
-def _folds(torque: Sequence[FloatArray]) -> list[tuple[int, NDArray[np.int64]]]:
-    """Rows of each part: a run each, or the halves of a single run."""
-    parts = []
-    for run, values in enumerate(torque):
-        rows = np.arange(values.shape[0])
-        for part in np.array_split(rows, 2) if len(torque) == 1 else [rows]:
-            parts.append((run, part[:: max(1, part.size // FRAMES)]))
-    return parts
 
 
 # -- the file ----------------------------------------------------------------------------------------------------------------
@@ -358,7 +400,7 @@ def effect_source(effect_id: str, terms: Sequence[Term], coefficients: Sequence[
             {("," + chr(10) + "            ").join(relaxed)},
         }}
 """
-    return f'''"""A law for what the model leaves, as `rfea propose` has read it from the residual torque: {_listed(terms)}."""
+    return f'''"""A law for what the model leaves, as `rfea propose` has found it: {_listed(terms)}."""
 
 import sympy as sp
 
@@ -374,7 +416,7 @@ class Proposed(Effect):
 
     id = "{effect_id}"
     title = "Proposed: torque that goes with {_listed(terms)}"
-    reference = "regression of the residual torque; give the cause a name and a reference"
+    reference = "regression of what the model leaves; give the cause a name and a reference"
     parameters = {{
         {join(parameters)}
     }}

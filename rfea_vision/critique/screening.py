@@ -23,9 +23,9 @@ from rfea_vision.effects.catalogue import catalogue, find_effects, line_effects,
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observation import TUBE_LAG_S
 from rfea_vision.fitting.observed import Observed
-from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.residuals import Evaluation, evaluate
 from rfea_vision.fitting.rules import pushed
-from rfea_vision.fitting.uncertainty import BLOCK_S, _frame_of_row
+from rfea_vision.fitting.uncertainty import BLOCK_S, frame_of_row
 
 FloatArray = NDArray[np.float64]
 FRAMES_SCREENED = 400  # of each run: many times its independent values (rule.py), at a part of the cost
@@ -193,6 +193,18 @@ def sensitivities(
             progress(round_ + 1, len(points))
 
 
+def swallowable(result: Evaluation, fitted: Fitted, free: int) -> FloatArray:
+    """What base parameters and clocks can make of a residual: columns (rows, moves) of size one.
+
+    `free` parameters were differentiated by, those of the fit first. One that stands at a bound can take up nothing more.
+    """
+    clocks = [free + i for i in fitted.solution.clock_index]
+    coordinates = fitted.coordinates
+    moves = coordinates.matrix[list(coordinates.free)][:, coordinates.inside(fitted.solution.y)]
+    base = np.concatenate([result.jacobian[:, : moves.shape[0]] @ moves, result.jacobian[:, clocks]], axis=1)
+    return base / np.maximum(np.linalg.norm(base, axis=0), 1e-300)
+
+
 def _at_point(
     problem: Problem, fitted: Fitted, effects: Sequence[Effect], active: Sequence[Effect], point: dict[str, float]
 ) -> Iterator[Sensitivity]:
@@ -217,14 +229,9 @@ def _at_point(
         for part in (active[:half], active[half:]) if half else ():
             yield from _at_point(problem, fitted, part, part, point)
         return
-    nb = len(base_free)
-    clock_columns = [len(free) + i for i in fitted.solution.clock_index]
-    coordinates = fitted.coordinates
-    moves = coordinates.matrix[list(coordinates.free)][:, coordinates.inside(fitted.solution.y)]
-    base = np.concatenate([result.jacobian[:, :nb] @ moves, result.jacobian[:, clock_columns]], axis=1)
-    q, _ = np.linalg.qr(base / np.maximum(np.linalg.norm(base, axis=0), 1e-300))
+    q, _ = np.linalg.qr(swallowable(result, fitted, len(free)))
     residual = result.residual - q @ (q.T @ result.residual)
-    column = nb
+    column = len(base_free)
     for effect in active:
         names = list(effect.amplitudes())
         jacobian = result.jacobian[:, column : column + len(names)]
@@ -273,7 +280,7 @@ def screened_rows(rows: Sequence[Sensitivity], effects: Sequence[Effect]) -> lis
 def _clusters(items: Sequence, slices: Sequence[slice]) -> NDArray[np.int64]:
     out, first = [], 0
     for item, part in zip(items, slices, strict=True):
-        frame = _frame_of_row(item, part.stop - part.start)
+        frame = frame_of_row(item, part.stop - part.start)
         block = ((item.time - item.time[0]) / BLOCK_S).astype(int)
         out.append(first + block[frame])
         first += int(block.max()) + 1

@@ -317,7 +317,8 @@ def evaluate(
         jacobians.append(wide)
         slices.append(slice(start, start + residual.size))
         start += residual.size
-    stacked = np.concatenate(residuals)
-    if not np.all(np.isfinite(stacked)):
+    stacked, wide = np.concatenate(residuals), np.concatenate(jacobians)
+    # A motion that runs away may stay finite while its derivatives leave what a square of them can hold.
+    if not np.isfinite(np.vdot(stacked, stacked) + np.vdot(wide, wide)):
         return None
-    return Evaluation(stacked, np.concatenate(jacobians), tuple(slices), tuple(predicted))  # type: ignore[arg-type]
+    return Evaluation(stacked, wide, tuple(slices), tuple(predicted))  # type: ignore[arg-type]

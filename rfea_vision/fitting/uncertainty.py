@@ -40,7 +40,7 @@ class Uncertainty:
     weak: FloatArray
 
 
-def _frame_of_row(item: Observed, rows: int) -> NDArray[np.int64]:
+def frame_of_row(item: Observed, rows: int) -> NDArray[np.int64]:
     """Frame index of each residual row, in the order in which `residuals.rows` stacks them."""
     frames = item.time.size
     if item.observe in ("angle", "tip_y"):
@@ -124,7 +124,7 @@ def sandwich(
     blocks = 0
     for item, part in zip(items, slices, strict=True):
         gradient = normed[part] * residual[part, None]
-        frame = _frame_of_row(item, gradient.shape[0])
+        frame = frame_of_row(item, gradient.shape[0])
         block = ((item.time - item.time[0]) / block_length_s(item, residual[part]) + 1e-6).astype(int)[frame]
         totals = np.zeros((int(block.max()) + 1, count))
         np.add.at(totals, block, gradient)

@@ -75,5 +75,5 @@ def _judge(models: list[dict[str, Any]]) -> Step:
         )
     if last["verdict"] == "complete":
         return _step("add", "Nothing that matters is missing.", "Write the report", "report")
-    say = "Something is left that no effect in the catalogue explains: a law can be read from the residual torque, or written by you."
+    say = "Something is left that no effect in the catalogue explains: a law can be looked for, or written by you."
     return _step("law", say, "Propose a law", "propose", model=name)

@@ -1,20 +1,20 @@
-"""A law is read from a residual torque, written as an effect file, and is what was there."""
+"""A law is found in what a model leaves, written as an effect file, and is what was there."""
 
 from __future__ import annotations
-
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rfea_vision.critique.propose import effect_source, library, regress
-from rfea_vision.dynamics.simulation import Excitation
+from rfea_vision.critique import propose
+from rfea_vision.critique.propose import Course, effect_source, library, regress
 from rfea_vision.effects.catalogue import load_effect_file
 from rfea_vision.effects.permission import name_files
+from rfea_vision.fitting import fit_model
+from rfea_vision.options import FitOptions
 
 
-def _run(seed: int):
-    """A run of made-up motion: joint angles and rates (frames, 8), pressure on a grid, and no torque yet."""
+def _course(seed: int) -> Course:
+    """A run of made-up motion of eight joints."""
     rng = np.random.default_rng(seed)
     time = np.arange(0, 4, 0.02)
     angle = (
@@ -22,27 +22,34 @@ def _run(seed: int):
         * np.linspace(0.9, 1.1, 8)
         / 8
     )
-    result = SimpleNamespace(theta=angle, rate=np.gradient(angle, time, axis=0))
-    pressure = 1e5 * rng.uniform(0, 1, 20).repeat(20)
-    item = SimpleNamespace(time=time, excitation=Excitation(0.0, 0.01, pressure))
-    return result, item, 0.0
+    return Course(time, angle, np.gradient(angle, time, axis=0), 1e5 * rng.uniform(0, 1, 20).repeat(10))
+
+
+def _parts(terms, courses, residual):
+    """Normal equations of each run, of what angle and rate can make nothing."""
+    basis, _ = np.linalg.qr(
+        np.stack([np.concatenate([getattr(c, key).ravel() for c in courses]) for key in ("theta", "rate")], axis=1)
+    )
+    columns = [np.concatenate([values.ravel() for values in term.values]) for term in terms]
+    wide = np.column_stack([*columns, np.concatenate([values.ravel() for values in residual])])
+    wide -= basis @ (basis.T @ wide)
+    return [part.T @ part for part in np.split(wide, len(courses))]
 
 
 @pytest.mark.parametrize(
     "law", ["r * Abs(r)", "(a - z1)", "a**3 * s", "m * a", "p**2", "t * a * exp(-((s - 0.5) / 0.1)**2)"]
 )
 def test_the_law_that_made_a_torque_is_proposed_and_its_file_is_an_effect(tmp_path, law):
-    runs = [_run(seed) for seed in (1, 2, 3)]
-    terms = library(runs)
+    courses = [_course(seed) for seed in (1, 2, 3)]
+    terms = library(courses)
     rng = np.random.default_rng(0)
     truth = next(term for term in terms if term.law == law)
     size = 2e-4 / np.std(np.concatenate(truth.values))
-    base = [tuple(result.theta for result, *_ in runs), tuple(result.rate for result, *_ in runs)]
-    torque = [
-        size * values + 3e-3 * result.theta + 1e-5 * rng.standard_normal(values.shape)
-        for values, (result, *_) in zip(truth.values, runs, strict=True)
+    residual = [
+        size * values + 3e-3 * course.theta + 1e-5 * rng.standard_normal(values.shape)
+        for values, course in zip(truth.values, courses, strict=True)
     ]
-    best = regress(terms, base, torque)[0]
+    best = regress(terms, _parts(terms, courses, residual))[0]
     assert [term.law for term in best.terms] == [law]
     assert best.coefficients[0] == pytest.approx(size, rel=0.05) and best.r2 > 0.9
     file = tmp_path / "own.py"
@@ -53,7 +60,19 @@ def test_the_law_that_made_a_torque_is_proposed_and_its_file_is_an_effect(tmp_pa
 
 
 def test_no_law_is_proposed_for_noise():
-    runs = [_run(seed) for seed in (1, 2)]
+    courses = [_course(seed) for seed in (1, 2)]
     rng = np.random.default_rng(1)
-    base = [tuple(result.theta for result, *_ in runs)]
-    assert regress(library(runs), base, [1e-4 * rng.standard_normal(r.theta.shape) for r, *_ in runs]) == []
+    noise = [1e-4 * rng.standard_normal(course.theta.shape) for course in courses]
+    terms = library(courses)
+    assert regress(terms, _parts(terms, courses, noise)) == []
+
+
+def test_a_soft_ring_is_found_in_the_motion_of_the_tube(campaign, tmp_path):
+    """The twin's kink: a tenth of the tube is softer by a half, at a third of its length."""
+    recordings, actuator = campaign((("kink.c", 0.5), ("kink.at", 0.35)))
+    model = fit_model(recordings, actuator, FitOptions(segments=10, starts=0))
+    found = propose(model, recordings, tmp_path / "ring.py")
+    assert any("exp(-((s - 0.35)" in law for law in found.terms)
+    assert found.held_after < 0.5 * found.held_before and found.regression_r2 > 0.5
+    (effect,) = load_effect_file(found.file)
+    assert effect.parameters["c1"].start == pytest.approx(found.coefficients[0], rel=1e-5)
