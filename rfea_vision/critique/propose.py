@@ -271,7 +271,7 @@ def played(problem: Problem, fitted: Fitted) -> tuple[list[Term], list[FloatArra
 
 def _course(fitted: Fitted, item: Observed) -> Course:
     excitation = item.excitation
-    time = excitation.start_s + excitation.step_s * np.arange(excitation.pressure.size)
+    time = excitation.start_s + excitation.step_s * np.arange(excitation.pressure.size, dtype=np.float64)
     motion = fitted.model.rigged(item.gravity, item.mounting, {}).simulate(fitted.par, excitation, time[:-1])
     phi, rate = (np.concatenate([values, values[-1:]]) for values in (motion.phi, motion.rate))
     return Course(time, np.diff(phi, axis=1), np.diff(rate, axis=1), excitation.pressure)
