@@ -127,7 +127,7 @@ def propose(
     for law in laws:
         after = _refitted(problem, fitted, file, effect_id, law)
         if after is not None:
-            found = tuple(after.value(f"{effect_id}.c{k}") for k in range(1, len(law.terms) + 1))
+            found = tuple(after.values[f"{effect_id}.c{k}"] for k in range(1, len(law.terms) + 1))
             tried.append((after.solution.evaluation.cost, replace(law, coefficients=found), errors_of(problem, after)))
     _, best, after = min(tried, key=lambda row: row[0], default=(0.0, laws[0], before))
     if not matters(before, after, floor):
