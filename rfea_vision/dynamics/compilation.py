@@ -147,6 +147,7 @@ def constants(
     tube_length: float,
     mirror: float,
     offset: float,
+    linear_density: float,
 ) -> np.ndarray:
     """The vector of constants in the order of `laws.CONSTANTS`."""
-    return np.array([count, outer_radius, inner_radius, fluid_density, tube_length, mirror, offset])
+    return np.array([count, outer_radius, inner_radius, fluid_density, tube_length, mirror, offset, linear_density])

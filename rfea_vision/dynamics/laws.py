@@ -34,6 +34,7 @@ ARC = sp.Symbol("arc", positive=True)
 OUTER, INNER = sp.symbols("r_o r_i0", positive=True)
 FLUID_DENSITY = sp.Symbol("rho_f", positive=True)
 TUBE_LENGTH = sp.Symbol("tube_length", positive=True)
+LINEAR_DENSITY = sp.Symbol("mu", positive=True)
 MIRROR = sp.Symbol("mirror", real=True)
 OFFSET = sp.Symbol("offset", nonnegative=True)
 X, Y, VX, VY = sp.symbols("x y vx vy", real=True)
@@ -42,7 +43,7 @@ IS_LAST = sp.Symbol("is_last", nonnegative=True)
 MASS, INERTIA, ALONG = sp.symbols("mass inertia along", positive=True)
 ACROSS, GRAVITY, TIME = sp.symbols("across g time", real=True)
 
-CONSTANTS: tuple[sp.Symbol, ...] = (COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR, OFFSET)
+CONSTANTS: tuple[sp.Symbol, ...] = (COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR, OFFSET, LINEAR_DENSITY)
 BASE = {name: sp.Symbol(name, real=True) for name in BASE_PARAMETERS}
 
 #: What hooks are given by the name of the argument, beside the joint and what is composed at it.
@@ -73,6 +74,10 @@ class _Nothing(Effect):
 LEAST_SHARE = sp.Rational(1, 20)
 #: The bore is the paper's as long as the arc keeps this share of the shortening that would close it, and never closes.
 OPEN_SHARE = sp.Rational(1, 5)
+#: What flows out as a joint bends back is taken off at the joint, and never more than this share of its arc's mass: a chain of
+#: links of mass mu h with w taken off at each hinge keeps a positive mass matrix, however it is bent, as long as
+#: w < 7/24 mu h (a link that moves as a straight line holds mu h / 6 for either end; the last half link mu h / 8).
+MOST_OUTFLOW = sp.Rational(1, 4)
 
 
 def kept_above(value: sp.Expr, knee: Any, depth: Any) -> sp.Expr:
@@ -186,12 +191,15 @@ def compose(effects: Sequence[Effect]) -> Law:
         fx, fy = effect.body_force(GIVEN["body"])
         force = (force[0] + fx, force[1] + fy)
         mass = mass + effect.added_mass(joint)
+    if mass != 0:
+        most = MOST_OUTFLOW * LINEAR_DENSITY * ARC
+        mass = kept_above(mass, -most / 2, most / 2)
 
     def final(expression: Any) -> Any:
-        return sp.sympify(expression).subs(numbers)
+        return sp.sympify(expression).xreplace(numbers)
 
     def in_joint(expression: Any) -> Any:
-        return final(expression).subs(place_in_joint, simultaneous=True)
+        return final(expression).xreplace(place_in_joint)
 
     def values(hook: str, among: Sequence[Effect]) -> tuple[sp.Expr, ...]:
         return tuple(final(value) for value in composed(HOOKS[hook], among))

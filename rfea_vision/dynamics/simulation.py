@@ -104,7 +104,8 @@ class Model:
         chain = self.chain
         length = chain.base_length + chain.length.sum()
         radii = (chain.outer_radius, chain.inner_radius)
-        return constants(chain.count, *radii, chain.fluid_density, length, self.mirror, chain.offset)
+        density = chain.mass.sum() / chain.length.sum()
+        return constants(chain.count, *radii, chain.fluid_density, length, self.mirror, chain.offset, density)
 
     @cached_property
     def _weights(self) -> FloatArray:
