@@ -120,6 +120,7 @@ class Hints:
     region : where in the picture the tube moves
     exclude : where it never is: a hose, a hand, another tube
     colour : of the tube, red, green and blue of 255
+    marks : colour of marks on it, red, green and blue of 255
     masks : folder with one mask per frame, made by another program
     keypoints : table of points along the tube in every frame, made by another program
     """
@@ -130,6 +131,7 @@ class Hints:
     region: Box | None = None
     exclude: tuple[Box, ...] = ()
     colour: Colour | None = None
+    marks: Colour | None = None
     masks: Path | None = None
     keypoints: Path | None = None
 

@@ -122,6 +122,7 @@ def _hints(part: CameraPart, finder: Finder) -> Hints:
         region=part.region,
         exclude=tuple(part.exclude or ()),
         colour=part.colour,
+        marks=part.marks,
         masks=finder.file("camera.masks", part.masks, folder=True),
         keypoints=finder.file("camera.keypoints", part.keypoints),
     )

@@ -230,7 +230,7 @@ class ScalePart(_Part):
 class CameraPart(_Part):
     """How the pictures are to be read: `board` and `photos`, or `file` of an earlier calibration, or a `scale` alone.
 
-    `clamp`, `tip`, `centre_line`, `region`, `exclude` and `colour` are hints, in pixels of the first frame.
+    `clamp`, `tip`, `centre_line`, `region`, `exclude`, `colour` and `marks` are hints, in pixels of the first frame.
     `profile` names a file of calib/cameras, whose lens model is taken where `lens` is not given.
     """
 
@@ -249,6 +249,7 @@ class CameraPart(_Part):
     region: PixelBox | None = None
     exclude: list[PixelBox] | None = None
     colour: Rgb | None = None
+    marks: Rgb | None = None
     masks: str | None = None
     keypoints: str | None = None
 

@@ -50,9 +50,7 @@ def hinted_lines(
     """
     if len(line_px) >= 4:  # clamp, tip and two between: the person has drawn it
         return [smooth_line(line_px)]
-    across = clamp_px[1] - clamp_px[0]
-    inwards = np.array([-across[1], across[0]]) / max(float(np.linalg.norm(across)), 1e-9)
-    inwards *= 1.0 if inwards @ (line_px[-1] - line_px[0]) >= 0 else -1.0
+    inwards = leaving(clamp_px, line_px)
     likeness = _likeness(picture, line_px, inwards, half_px) if colour is None else like_colour(picture, colour)
     if allowed is not None:
         likeness = np.where(allowed, likeness, 0.0)
@@ -60,6 +58,13 @@ def hinted_lines(
     if len(line_px) == 2:
         lines += [smooth_line(line_px), smooth_line(_bow(line_px, inwards, length_px))]
     return lines
+
+
+def leaving(clamp_px: FloatArray, line_px: FloatArray) -> FloatArray:
+    """Unit vector (2,) square to a clamp's edges (2, 2), to the side on which the line (n, 2) ends."""
+    across = clamp_px[1] - clamp_px[0]
+    inwards = np.array([-across[1], across[0]]) / max(float(np.linalg.norm(across)), 1e-9)
+    return inwards if inwards @ (line_px[-1] - line_px[0]) >= 0 else -inwards
 
 
 def _bow(line_px: FloatArray, inwards: FloatArray, length_px: float) -> FloatArray:

@@ -19,11 +19,11 @@ LEAST_BACKING = 0.65  # of the inside must look like the body,
 # In the first frame so much of the body must stand out from what is around it. Of ten hard scenes of testing/phone.py the
 # arms had 0.24 and more, and what was pointed at beside them (1.6 to 5 half widths) 0.15 at most.
 LEAST_STANDING_OUT = 0.2
-# of both its edges so much must be seen there (arms 0.31 and more; beside them the worse edge 0.22 at most),
+# Of both its edges so much must be seen there (arms 0.31 and more; beside them the worse edge 0.22 at most),
 FIRST_SEEN = 0.25
 STILL_SEEN = 0.6  # and later so much of that, on one side at least,
 STILL_OUT = 0.7  # or so much of what stood out: with less of both it may be anything
-WIDTHS = (0.75, 1.5)  # median half width, of the first frame's
+WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone that was filmed swelled to 1.7
 LONGEST_LOST = 0.35  # of the length in one piece
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 WIDEST_ERROR = 0.6  # of the half width: standard error of the end that is still a measurement
@@ -135,7 +135,8 @@ def _folded(first: First, fit: Fit) -> str:
     span = int(np.clip(half / step, 2, STATIONS // 4))
     chords = fit.body.points[span:] - fit.body.points[:-span]  # half a width long: shorter ones wiggle
     heading = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
-    sharpest = float(np.max(np.abs(heading[span:] - heading[:-span]))) * half / (span * step)
+    bend = np.abs(heading[span:] - heading[:-span]) / (span * step)
+    sharpest = float(np.max(bend * fit.body.half[span:-span]))
     gathered = float(np.linalg.norm(chords, axis=1).min()) / (span * step)
     return "" if sharpest < SHARPEST and gathered > 0.4 else "the line that fits is folded"
 

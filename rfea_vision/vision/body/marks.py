@@ -1,0 +1,133 @@
+"""Coloured marks on the body: points of the material that their colour finds, also where edges and skin fail."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.vision.body.model import MARKED, STATIONS, Body, Picture, frame_of
+from rfea_vision.vision.body.sampling import SEEN
+from rfea_vision.vision.body.wall import Wall
+
+FloatArray = NDArray[np.float64]
+
+LEAST_PX = 12  # of a mark in the scaled picture: fewer are noise of a compressed picture's colours
+LIKE = 0.5  # of the way from the body's colour to the mark's: nearer is the mark
+SIZES = (0.5, 1.8)  # area over that of the first frame: less is half covered, more runs into another mark
+REACH = 2.0  # half widths around its foretold place; faster than that no skin is recognised either
+MARK_PX = 0.4  # standard error of a mark's middle: its colours have half the picture's resolution,
+MARK_SHARE = 0.1  # and glare and folds take this share of its radius
+HINTED = 30.0  # of a or b in 8 bits: a mark's colour from the one that is named
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Where a mark lies on the body, and what it looks like.
+
+    Attributes
+    ----------
+    share, across : of the length, and half widths from the centre line
+    colour, around : a and b (2,) of the mark, and of the body
+    area : px
+    """
+
+    share: float
+    across: float
+    colour: FloatArray
+    around: FloatArray
+    area: float
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A mark in a frame: what it is, the middle (2,) px of its colour, and the standard error of this in px."""
+
+    mark: Mark
+    place: FloatArray
+    stderr: float
+
+
+def place_of(mark: Mark, body: Body) -> FloatArray:
+    """Pixel (2,) at which the body carries a mark."""
+    at = mark.share * (STATIONS - 1)
+    low = min(int(at), STATIONS - 2)
+    point = body.points[low] + (at - low) * (body.points[low + 1] - body.points[low])
+    return point + mark.across * body.half[low] * frame_of(body.points)[1][low]
+
+
+def find_marks(picture: Picture, body: Body, hinted: FloatArray | None) -> list[Mark]:
+    """Marks of a first frame: patches on the body, within its outline, of another colour than it has.
+
+    Parameters
+    ----------
+    picture : CIELAB
+    body : as fitted
+    hinted : (3,) CIELAB of the marks, where they were named; other patches do not count then
+    """
+    _, normals = frame_of(body.points)
+    outline = np.vstack(
+        [body.points + body.half[:, None] * normals, (body.points - body.half[:, None] * normals)[::-1]]
+    )
+    inside = np.zeros(picture.shape[:2], dtype=np.uint8)
+    cv2.fillPoly(inside, [np.round(outline).astype(np.int32)], 1)
+    hue = picture[..., 1:].astype(float)
+    own = np.median(hue[inside > 0], axis=0) if inside.any() else np.zeros(2)
+    other = (np.max(np.abs(hue - own), axis=-1) > MARKED) & (inside > 0)
+    if hinted is not None:
+        other &= np.max(np.abs(hue - hinted[1:]), axis=-1) < HINTED
+    count, labels, _, _ = cv2.connectedComponentsWithStats(other.astype(np.uint8))
+    marks = []
+    for patch in (labels == k for k in range(1, count)):
+        colour = np.median(hue[patch], axis=0)
+        # The whole patch counts, also what lies beyond the outline.
+        middle, area = _middle(hue, own, colour, np.argwhere(patch).mean(axis=0)[::-1], 2.0 * float(body.half.max()))
+        if middle is None or area < LEAST_PX or area > (3.0 * float(body.half.max())) ** 2:
+            continue
+        near = int(np.argmin(np.linalg.norm(body.points - middle, axis=1)))
+        tangents, normals = frame_of(body.points)
+        step = body.length / (STATIONS - 1)
+        share = (near + float((middle - body.points[near]) @ tangents[near]) / step) / (STATIONS - 1)
+        across = float((middle - body.points[near]) @ normals[near]) / float(body.half[near])
+        if 0.0 <= share <= 1.0:
+            marks.append(Mark(share, across, colour, own, area))
+    return marks
+
+
+def marks_in(picture: Picture, marks: list[Mark], body: Body, wall: Wall) -> list[Seen]:
+    """The marks of the first frame that are seen near where the body would carry them."""
+    found = []
+    for mark in marks:
+        reach = REACH * float(np.median(body.half))
+        middle, area = _middle(picture[..., 1:], mark.around, mark.colour, place_of(mark, body), reach, wall)
+        if middle is not None and SIZES[0] < area / mark.area < SIZES[1]:
+            found.append(Seen(mark, middle, MARK_PX + MARK_SHARE * float(np.sqrt(area / np.pi))))
+    return found
+
+
+def _middle(
+    hue: NDArray[Any], own: FloatArray, colour: FloatArray, at: FloatArray, reach: float, wall: Wall | None = None
+) -> tuple[FloatArray | None, float]:
+    """Middle (2,) and area of the patch of a colour that is nearest to `at`, within `reach` px; None without any."""
+    low = np.maximum(np.floor(at - reach), 0).astype(int)
+    high = np.minimum(np.ceil(at + reach) + 1, hue.shape[1::-1]).astype(int)
+    if np.any(high <= low):
+        return None, 0.0
+    window = np.s_[low[1] : high[1], low[0] : high[0]]
+    along = (hue[window].astype(float) - own) @ (colour - own) / float((colour - own) @ (colour - own))
+    like = along > LIKE
+    if wall is not None:  # what hangs on the wall in that colour is no mark
+        hung = np.max(np.abs(wall.colour[window][..., 1:] - colour), axis=-1) < MARKED
+        like &= ~(hung & (wall.times[window] >= SEEN))
+    count, labels, _, middles = cv2.connectedComponentsWithStats(like.astype(np.uint8))
+    if count < 2:
+        return None, 0.0
+    sizes = np.bincount(labels.ravel(), minlength=count)[1:]
+    apart = np.linalg.norm(middles[1:] + low - at, axis=1) + np.where(sizes < LEAST_PX, np.inf, 0.0)
+    best = int(np.argmin(apart))
+    if not np.isfinite(apart[best]):
+        return None, 0.0
+    return middles[1 + best] + low, float(sizes[best])

@@ -1,0 +1,55 @@
+"""Coloured marks as points of the material."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from rfea_vision.vision.body.begin import first_body
+from rfea_vision.vision.body.follower import lab_of
+from rfea_vision.vision.body.marks import find_marks, marks_in, place_of
+from rfea_vision.vision.body.model import STATIONS
+from rfea_vision.vision.body.wall import Wall
+
+RED, GREEN, GREY = (200, 40, 40), (40, 150, 60), (130, 145, 165)
+
+
+def picture(aside: float = 0.0, *, covered: bool = False) -> np.ndarray:
+    """CIELAB (200, 120, 3) of a hanging arm 20 px wide with a red and a green mark, and a red pin on the wall beside it."""
+    rgb = np.full((200, 120, 3), 225, dtype=np.uint8)
+    left = round(50 + aside)
+    rgb[20:180, left : left + 20] = GREY
+    cv2.circle(rgb, (95, 150), 4, RED, -1)
+    if not covered:
+        cv2.circle(rgb, (left + 13, 150), 4, RED, -1)
+    cv2.circle(rgb, (left + 10, 90), 4, GREEN, -1)
+    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB))
+
+
+def arm(aside: float = 0.0):
+    points = np.column_stack([np.full(STATIONS, 59.5 + aside), np.linspace(20.0, 180.0, STATIONS)])
+    return first_body(picture(aside), points, 10.0)
+
+
+def test_marks_are_found_where_they_are_and_named_ones_alone():
+    body = arm()
+    marks = find_marks(picture(), body, None)
+    places = sorted((place_of(mark, body).round(1).tolist() for mark in marks), key=lambda place: place[1])
+    assert places == [[60.0, 90.0], [63.0, 150.0]]
+    (red,) = find_marks(picture(), body, lab_of(RED))
+    assert red.share == pytest.approx(130 / 160, abs=0.01)
+
+
+@pytest.mark.parametrize("aside", [-12.0, 9.0])
+def test_marks_are_followed_and_pins_are_not(aside):
+    """The arm moves aside, foretold where it was; a pin of the mark's colour hangs on the wall that is known."""
+    body, wall = arm(), Wall(picture().shape)
+    marks = find_marks(picture(), body, None)
+    wall.learn(picture(), body)
+    wall.times[:] = 9
+    found = marks_in(picture(aside), marks, body, wall)
+    moved = {round(seen.place[1]): seen.place[0] - place_of(seen.mark, body)[0] for seen in found}
+    assert moved == {90: pytest.approx(aside, abs=0.3), 150: pytest.approx(aside, abs=0.3)}
+    (left,) = marks_in(picture(aside, covered=True), marks, body, wall)
+    assert round(left.place[1]) == 90
