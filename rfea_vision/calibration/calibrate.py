@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,8 @@ from rfea_vision.calibration.projection import has_plane, tilt_deg
 from rfea_vision.calibration.quality import assess
 from rfea_vision.calibration.region import middle_of, over_region, reach_of
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.progress import Progress
 
-Progress = Callable[[int, int], None] | None
 MINIMUM_PHOTOS = 3  # three orientations determine a camera matrix (Zhang 2000, doi:10.1109/34.888718)
 # A richer lens must predict unseen photos this much better: less, and it may be modelling an uneven print;
 BETTER_BY = 0.2
@@ -46,7 +46,7 @@ def calibrate(
     lens: str = "auto",
     clamp_px: Sequence[Sequence[float]] | None = None,
     tube_length_mm: float | None = None,
-    progress: Progress = None,
+    progress: Progress | None = None,
 ) -> Calibration:
     """Calibrate a camera and the plane of motion.
 
@@ -136,7 +136,7 @@ def _why_too_few(views: Sequence[BoardView], refused: Sequence[Refused], board: 
 
 
 def find_views(
-    photos: Sequence[Path], board: Board, progress: Progress, like: Photo | None = None
+    photos: Sequence[Path], board: Board, progress: Progress | None, like: Photo | None = None
 ) -> tuple[list[BoardView], list[Refused], tuple[int, int]]:
     """Corners of every usable photo, the refused ones, and the picture size that most photos share."""
     sizes: dict[Path, tuple[int, int]] = {}

@@ -48,12 +48,6 @@ def read_photo(path: Path) -> Photo | None:
     return Photo(path, shown)
 
 
-def read_grey(path: Path) -> Picture | None:
-    """Read a picture as grey levels, turned as its file says; None if it cannot be read."""
-    photo = read_photo(path)
-    return None if photo is None else photo.shown()
-
-
 def reference_photo(photos: Sequence[Path], plane: Path | None) -> Photo | None:
     """The photo that the others are turned like: that of the plane; without one, the first of the commonest kind."""
     if plane is not None:

@@ -98,8 +98,8 @@ def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[Cam
 def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None) -> list[Problem]:
     """Look for the board in every photo; three with a board are needed."""
     from rfea_vision.calibration.corners import Refused, find_corners
-    from rfea_vision.calibration.photos import read_grey
     from rfea_vision.calibration.storage import load_calibration
+    from rfea_vision.readers.pictures import read_grey
 
     file = campaign.root / "campaign.yaml" if experiment is None else experiment.file
     name = None if experiment is None else experiment.name

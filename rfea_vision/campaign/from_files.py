@@ -22,7 +22,7 @@ _SIZES = ((9, 6), (8, 6), (7, 6), (7, 5), (8, 5), (10, 7), (11, 8), (6, 5), (7, 
 
 
 @dataclass(frozen=True)
-class Run:
+class RunFiles:
     """A film or track with the log that belongs to it; `why` says how they were brought together."""
 
     name: str
@@ -94,7 +94,7 @@ def _stem(path: Path) -> str:
     return "-".join(words) or path.parent.name.lower()
 
 
-def _runs(found: Sequence[FileGuess]) -> tuple[list[Run], list[FileGuess]]:
+def _runs(found: Sequence[FileGuess]) -> tuple[list[RunFiles], list[FileGuess]]:
     """Bring films and tracks together with logs: by name, then by folder, then in order where the numbers agree."""
     logs = [item for item in found if item.what == "log"]
     alone = [item for item in found if item.what == "unknown"]
@@ -126,7 +126,7 @@ def _runs(found: Sequence[FileGuess]) -> tuple[list[Run], list[FileGuess]]:
     pairs += [(item, None, "") for item in pending]
     pairs.sort(key=lambda pair: pair[0].path)
     names = _names([item.path for item, _, _ in pairs])
-    return [Run(name, *pair) for name, pair in zip(names, pairs, strict=True)], alone + logs
+    return [RunFiles(name, *pair) for name, pair in zip(names, pairs, strict=True)], alone + logs
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
@@ -191,7 +191,7 @@ def _brought_in(folder: Path, room: Path, path: Path) -> str:
     return path.name
 
 
-def _experiment(folder: Path, run: Run, held_out: bool, guesses: list[str]) -> str:
+def _experiment(folder: Path, run: RunFiles, held_out: bool, guesses: list[str]) -> str:
     where = run.name
     role, why = (
         ("validate", "the last run, set aside to judge the model")
@@ -218,7 +218,7 @@ def _experiment(folder: Path, run: Run, held_out: bool, guesses: list[str]) -> s
     return text + "sync: {method: motion}  # guessed: nothing says that the two clocks are one\n"
 
 
-def _campaign(folder: Path, runs: Sequence[Run], pictures: Sequence[Path], guesses: list[str]) -> str:
+def _campaign(folder: Path, runs: Sequence[RunFiles], pictures: Sequence[Path], guesses: list[str]) -> str:
     name = re.sub(r"[^\w .-]", "-", folder.resolve().name) or "campaign"
     said = {key.name: key for run in runs for key in run.motion.actuator}
     paper = "that of the paper's tube; measure yours"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,6 +27,7 @@ from rfea_vision.fitting.starts import observed_scale, without_vanishing_ends
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
 from rfea_vision.fitting.studies import leave_one_out, with_study
 from rfea_vision.options import FitOptions
+from rfea_vision.progress import Progress
 
 __all__ = [
     "FitOptions",
@@ -53,7 +54,6 @@ GOOD_STEADY = 50.0
 FAR_OFF = 0.1
 #: A coarse solution whose mean square grows by more than this on the full chain has not been carried over.
 CARRIED_WORSE = 1.5
-Progress = Callable[[int, int], None] | None
 
 
 def _first_cost(look: Solution | None) -> float:
@@ -110,7 +110,7 @@ def _steady_start(
     return fitted, record
 
 
-def fit_base(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:
+def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = None) -> Fitted:
     """Fit without a predecessor: steady state, several starts on a coarse chain, then the full one.
 
     The starts differ in r_hyd (which sets the ringing frequency once the statics are matched) and in damping, so that a
@@ -227,7 +227,7 @@ def effect_starts(model_effects: Sequence[Any], names: Sequence[str]) -> list[di
     return starts
 
 
-def fit_added(problem: Problem, options: FitOptions, previous: Fitted, progress: Progress = None) -> Fitted:
+def fit_added(problem: Problem, options: FitOptions, previous: Fitted, progress: Progress | None = None) -> Fitted:
     """Fit a model that has more effects than `previous`, from several starts for the new parameters, compared on thinned runs.
 
     Raises
@@ -278,7 +278,7 @@ def _tried(
         return refit(problem, options, values, segments, clocks, items=thin, **limits)
 
 
-def fit(problem: Problem, options: FitOptions, progress: Progress = None) -> Fitted:
+def fit(problem: Problem, options: FitOptions, progress: Progress | None = None) -> Fitted:
     """Base model first, then the effects asked for, all together; then other numbers of segments where they are asked for.
 
     Where the options say at which values to begin, the whole model is fitted from there, and from nowhere else.
@@ -337,7 +337,7 @@ def fit_model(
     recordings: Mapping[str, Recording],
     actuator: Actuator,
     options: FitOptions | None = None,
-    progress: Progress = None,
+    progress: Progress | None = None,
 ) -> ModelFit:
     """Fit the RSDA model to the training recordings and score it on the others (test runs are left alone).
 

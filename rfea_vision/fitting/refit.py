@@ -82,6 +82,13 @@ def refit(
 ) -> Fitted:
     """Fit from an earlier fit's values.
 
+    Parameters
+    ----------
+    previous, previous_segments : parameters by name, SI, of a chain of so many segments; what is missing starts as declared
+    clocks : (runs,) offsets in s to start from
+    most_evaluations, tolerance : where the optimiser stops at the latest, and the relative fall of the cost at which it does
+    items : runs to fit to, in place of all training runs
+
     Raises
     ------
     DataError

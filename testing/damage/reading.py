@@ -76,9 +76,9 @@ def frames(path: Path) -> None:
 
 
 def picture(path: Path) -> None:
-    from rfea_vision.calibration.photos import read_grey
+    from rfea_vision.calibration.photos import read_photo
 
-    read_grey(path)
+    read_photo(path)
 
 
 def camera(path: Path) -> None:
