@@ -117,7 +117,10 @@ def end(process: subprocess.Popen[str]) -> list[dict[str, Any]]:
     said, complaints = process.communicate(timeout=MOST_S)
     if "Traceback" in complaints or not said:
         raise AssertionError(f"exit code {process.returncode}: {complaints[-600:]}")
-    return json.loads(said)["campaigns"]
+    told = json.loads(said)
+    if "campaigns" not in told:
+        raise AssertionError(f"exit code {process.returncode}: {told.get('error')}")
+    return told["campaigns"]
 
 
 def _wrong(campaigns: list[dict[str, Any]], folder: Path, wanted: dict[str, bytes] | None) -> list[str]:

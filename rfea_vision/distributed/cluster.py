@@ -34,7 +34,6 @@ _SETTINGS = {
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
     "distributed.nanny.pre-spawn-environ": _ONE_THREAD,
-    "distributed.comm.timeouts.connect": f"{_ANSWER_S:g}s",
 }
 
 

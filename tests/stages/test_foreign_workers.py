@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 pytest.importorskip("distributed")
 
-from rfea_vision.distributed import cluster
-from rfea_vision.distributed.tasks import fingerprint
-from rfea_vision.errors import InputError
+from rfea_vision.distributed import batch, cluster
+from rfea_vision.distributed.tasks import Settings, fingerprint
+from rfea_vision.errors import DataError, InputError
 
 
 class Scheduler:
@@ -46,3 +48,17 @@ def test_a_worker_that_will_not_do_is_named(answer, says, monkeypatch):
 def test_one_that_will_do_is_taken(tmp_path):
     cluster._check_workers(Scheduler((fingerprint(), [])), "tcp://a:1", [tmp_path])  # type: ignore[arg-type]
     cluster._check_workers(Scheduler("asked"), "tcp://a:1", [tmp_path])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("own", "without_s", "given_up"), [(False, 20, False), (False, 60, True), (True, 60, False), (True, 900, True)]
+)
+def test_workers_of_this_machine_may_take_their_time_to_come_back(own, without_s, given_up):
+    client = SimpleNamespace(
+        status="running", cluster=object() if own else None, scheduler_info=Scheduler(None).scheduler_info
+    )
+    settings = Settings(fingerprint(), "", False, False, ())
+    run = batch._Batch([], None, client, settings, None)  # type: ignore[arg-type]
+    run.seen_workers -= without_s
+    with pytest.raises(DataError, match="all workers have gone") if given_up else nullcontext():
+        run._look_after()
