@@ -119,7 +119,7 @@ def propose(
     laws = regress(terms, parts)
     if not laws:
         raise DataError(
-            f"model {model.name}: no term of the library foretells the residual torque of runs that it was not regressed on; "
+            f"model {model.name}: no term of the library foretells what is left of runs that it was not regressed on; "
             "'rfea compare' says where and when it is large"
         )
     name_files([file])  # what is written here is our own
@@ -129,12 +129,13 @@ def propose(
         if after is not None:
             found = tuple(after.values[f"{effect_id}.c{k}"] for k in range(1, len(law.terms) + 1))
             tried.append((after.solution.evaluation.cost, replace(law, coefficients=found), errors_of(problem, after)))
-    _, best, after = min(tried, key=lambda row: row[0], default=(0.0, laws[0], before))
-    if not matters(before, after, floor):
+    helping = [row for row in tried if matters(before, row[2], floor)]
+    if not helping:
         file.unlink(missing_ok=True)
         raise DataError(
-            f"model {model.name}: the best law of the library, {_listed(best.terms)}, does not lower the held-out error"
+            f"model {model.name}: the best law of the library, {_listed(laws[0].terms)}, does not lower the held-out error"
         )
+    _, best, after = min(helping, key=lambda row: row[0])
     write_text(file, effect_source(effect_id, best.terms, best.coefficients))
     return _described(file, best, (before.held, after.held), "mm" if problem.train[0].has_tip else "deg")
 
