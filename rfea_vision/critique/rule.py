@@ -33,9 +33,9 @@ class Rule:
     """The numbers of the rule: all there are.
 
     ============ ======= ===============================================================================================
-    independent  n_s     chosen on 46 campaigns of two plants, and no worse on 118 more (docs/critique.md): below, names are lost; above,
-                         wrong names are won with right ones; benchmarks/probabilities.py keeps what another value needs to be tried
-                         on the same refits
+    independent  n_s     chosen on 46 campaigns of two plants, and no worse on 118 more (docs/critique.md): below, names are lost;
+                         above, wrong names are won with right ones; benchmarks/probabilities.py keeps what another value needs
+                         to be tried on the same refits
     outside      -       probability that stays with causes outside of the catalogue; unseen: of an effect that nothing speaks for. By
                          most likelihood on 164 campaigns of two plants, 0.064 and 0.012 (benchmarks/probability_sweep.py)
     resolution   r       floors; what docs/formats.md calls too little to matter
