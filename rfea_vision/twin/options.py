@@ -12,13 +12,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-import pint
-
 from rfea_vision.artefacts import Actuator
 from rfea_vision.drive import ValveCommands
 from rfea_vision.errors import InputError
 from rfea_vision.twin.excitation import Programme
 from rfea_vision.twin.stress import Stress
+from rfea_vision.units import parse_quantity, split_quantity
 
 
 @dataclass(frozen=True)
@@ -232,9 +231,6 @@ def unknown_parameter(key: str) -> str:
     return f"--hidden {key}: not known to the twin; known are {', '.join(known)}"
 
 
-_units = pint.UnitRegistry(cache_folder=None)
-
-
 def parse_hidden(items: Iterable[str]) -> dict[str, float]:
     """Read ``effect.parameter=value unit`` into SI values.
 
@@ -279,18 +275,8 @@ def with_partners(values: Mapping[str, float]) -> dict[str, float]:
 def _quantity(key: str, text: str) -> float:
     unit = HIDDEN[key].unit
     try:
-        quantity = _units.Quantity(text)
-    except Exception as error:  # pint raises a dozen types for malformed text
-        raise InputError(f"--hidden {key}: '{text}' is not a value; write a number in {unit}") from error
-    quantity = quantity if isinstance(quantity, pint.Quantity) else _units.Quantity(quantity, "")
-    wanted = _units.Unit("" if unit == "1" else unit)
-    bare_number = not any(character.isalpha() or character == "%" for character in text.lower().replace("e", ""))
-    if bare_number and unit != "1":
-        raise InputError(f"--hidden {key}: '{text}' has no unit; write it as {text}{unit.replace(' ', '*')}")
-    try:
-        value = float(quantity.to(wanted).magnitude)
-    except pint.DimensionalityError as error:
-        raise InputError(f"--hidden {key}: '{text}' cannot be read as {unit}; give it in that unit") from error
-    if not math.isfinite(value):
-        raise InputError(f"--hidden {key}: '{text}' is not finite; give a number")
-    return value
+        if unit == "1" and not (bare := split_quantity(text))[1]:
+            return bare[0]
+        return parse_quantity(text, unit, example=f"2 {unit}")
+    except ValueError as error:
+        raise InputError(f"--hidden {key}: {error}") from error

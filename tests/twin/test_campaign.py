@@ -36,11 +36,11 @@ def test_hidden_effects_are_read_with_their_units() -> None:
     [
         ("maxwell", "write effect.parameter=value"),
         ("maxwell.T=1.2", "no unit"),
-        ("maxwell.T=1.2 mm", "cannot be read as s"),
+        ("maxwell.T=1.2 mm", "converts to 's'"),
         ("maxwell.x=1", "maxwell.k1, maxwell.T"),
         ("ghost.a=1", "known are"),
-        ("payload.m=", "not a value"),
-        ("virtual_work.a=nan", "not finite"),
+        ("payload.m=", "not a number"),
+        ("virtual_work.a=nan", "not a number"),
     ],
 )
 def test_a_wrong_hidden_effect_is_refused_in_one_sentence(text: str, complaint: str) -> None:
