@@ -82,6 +82,8 @@ def read_campaign(path: Path | str, out: Path | str | None = None, *, trust: boo
         return _nothing(folder, "is a file; give the campaign folder that it belongs to")
     if not is_folder(folder):
         return _nothing(folder, "no such folder; give a campaign folder ('rfea init DIR' makes one)")
+    if is_file(_out(folder, out)):
+        return _nothing(_out(folder, out), "is a file; the results need a folder: name another with --out DIR")
     link = reach.link_out(_out(folder, None)) if out is None else None
     if link is not None:
         return _nothing(link, f"{reach.refusal(link.resolve())}; or keep results elsewhere with --out DIR")

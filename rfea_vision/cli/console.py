@@ -8,7 +8,7 @@ import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TextIO
 
 import click
 from rich.console import Console
@@ -34,9 +34,9 @@ _MOST_NAMED = 6  # unchanged stages that are listed by name
 
 
 def print_error(message: str, exit_code: int, *, as_json: bool, quiet: bool = False) -> None:
-    """Print one line on stderr, and with --json the same as JSON on stdout."""
+    """Print one sentence on stderr, and with --json the same as JSON on stdout."""
     if not quiet:
-        click.echo(f"rfea: {message}", err=True)
+        click.echo(_between_words(f"rfea: {message}", sys.stderr), err=True)
     if as_json:
         click.echo(json.dumps({"status": "error", "exit_code": exit_code, "error": message}))
 
@@ -58,14 +58,20 @@ def _finite(value: Any) -> Any:
 
 def say(text: str, *, indent: str = "") -> None:
     """Print a sentence on stdout; on a terminal it is broken between words, elsewhere it stays one line."""
-    if sys.stdout.isatty():
-        width = shutil.get_terminal_size().columns
-        text = textwrap.fill(
-            text, width, initial_indent=indent, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-        )
-    else:
-        text = indent + text
-    click.echo(text)
+    click.echo(_between_words(text, sys.stdout, indent))
+
+
+def _between_words(text: str, stream: TextIO, indent: str = "") -> str:
+    if not stream.isatty():
+        return indent + text
+    return textwrap.fill(
+        text,
+        shutil.get_terminal_size().columns,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def say_next(command: str, why: str = "") -> None:

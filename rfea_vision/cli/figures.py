@@ -33,11 +33,14 @@ def figures_command(
     They go to rfea/figures: each in every format, one or two columns of a journal wide, units on the axes, and the numbers drawn
     as CSV. The same results give the same bytes. What is out of date is redone first.
     """
+    from rfea_vision.figures.saving import refuse_unknown_formats
     from rfea_vision.stages.publishing import figures
 
+    wanted = [name.strip() for name in formats.split(",")]
+    refuse_unknown_formats(wanted)
     with opened(campaign, out, force=("report",) if force else ()) as work:
         work.report()
-        files = figures(work, formats=[name.strip() for name in formats.split(",")], style=style, model=model)
+        files = figures(work, formats=wanted, style=style, model=model)
     if as_json:
         print_json({"folder": str(files[0].parent), "files": [path.name for path in files]})
         return

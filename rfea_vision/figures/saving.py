@@ -39,6 +39,13 @@ _METADATA = {
 }
 
 
+def refuse_unknown_formats(formats: Sequence[str]) -> None:
+    """Raise an InputError that names what is none of `FORMATS`."""
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown or not formats:
+        raise InputError(f"--format: '{', '.join(unknown)}' is unknown; choose of {', '.join(FORMATS)}")
+
+
 def save_plates(
     plates: Sequence[Plate], folder: Path, *, formats: Sequence[str] = FORMATS, style: str = "paper"
 ) -> list[Path]:
@@ -56,9 +63,7 @@ def save_plates(
     InputError
         If matplotlib is not installed, or a format is unknown.
     """
-    unknown = [name for name in formats if name not in FORMATS]
-    if unknown or not formats:
-        raise InputError(f"--format: '{', '.join(unknown)}' is unknown; choose of {', '.join(FORMATS)}")
+    refuse_unknown_formats(formats)
     written: list[Path] = []
     with _drawing(style) as figure_of:
         for plate in plates:

@@ -18,6 +18,7 @@ from rfea_vision.options.given import (
     read_bounds,
     read_fixed,
     read_priors,
+    read_start,
     write_bounds,
     write_fixed,
     write_priors,
@@ -83,7 +84,7 @@ class FitOptions:
         )
     )
     start: Annotated[
-        Mapping[str, float], known_values(read_fixed), Asked(("fit",), "NAME=VALUE", write=write_fixed)
+        Mapping[str, float], known_values(read_start), Asked(("fit",), "NAME=VALUE", write=write_fixed)
     ] = Field(
         default_factory=dict,
         description="Begin here alone, as in k_ref=0.3N*m/rad; what is left out begins as in the paper; may be repeated.",

@@ -104,7 +104,16 @@ def _write(values: Mapping[str, Any], options: Any, between: str) -> list[str]:
 
 def read_fixed(items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
     """Read ``r_hyd=3.6mm``."""
-    return {name: _value("--fix", item, text, _unit(name, units)) for item, name, text in _split("--fix", items, units)}
+    return _read_values("--fix", items, units)
+
+
+def read_start(items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
+    """Read what a fit begins from, written as what it holds."""
+    return _read_values("--start", items, units)
+
+
+def _read_values(option: str, items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
+    return {name: _value(option, item, text, _unit(name, units)) for item, name, text in _split(option, items, units)}
 
 
 def read_priors(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:

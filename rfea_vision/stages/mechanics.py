@@ -68,10 +68,7 @@ def last_model(work: Runner) -> str | None:
 
 def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
-    if options.effects:  # a slip is told before anything is measured
-        from rfea_vision.effects.catalogue import find_effects
-
-        find_effects([name.partition("@")[0] for name in options.effects], options.effect_files)
+    _refuse_unknown(options.effects, options.effect_files)
     recordings = measurement.recordings(work, *PREDICTED_ROLES)
     actuator = common_actuator(work, recordings)
     options = fit_apart(work, options)
@@ -85,6 +82,14 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
 
     stage = _fit_stage(work, options, recordings, actuator)
     return work.run(stage, make=make, load=lambda: ModelFit.load(folder / "model.json"))
+
+
+def _refuse_unknown(effects: tuple[str, ...], files: tuple[Path, ...]) -> None:
+    """A slip in a name or in a file of one's own is told before anything is measured."""
+    if effects or files:
+        from rfea_vision.effects.catalogue import find_effects
+
+        find_effects([name.partition("@")[0] for name in effects], files)
 
 
 def _fitted(
@@ -186,6 +191,7 @@ def propose(work: Runner, name: str, file: Path | None) -> Proposal:
 
 def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Stored[Ladder]:
     """Climb the ladder; every rung is written as it comes, and a climb that was interrupted goes on from there."""
+    _refuse_unknown(options.effects, (*options.effect_files, *critique.effect_files))
     recordings = measurement.recordings(work, "train", "validate", "test")
     actuator = common_actuator(work, recordings)
     options, critique = climb_apart(work, options), _with_files(critique, options)

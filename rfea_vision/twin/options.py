@@ -190,7 +190,7 @@ class TwinOptions:
                 raise InputError(unknown_parameter(key))
         for key in ("duration_s", "rate_Hz", "pressure_max_kPa", "angle_max", "step_s"):
             if not getattr(self, key) > 0:
-                raise InputError(f"simulate: {key} must be positive")
+                raise InputError(f"simulate: {key.partition('_')[0]} must be positive ({key} is {getattr(self, key):g})")
         for key, given in (("kinds", self.kinds), ("peaks_kPa", self.peaks_kPa)):
             if given and len(given) != len(self.roles):
                 raise InputError(f"simulate: {key} must have one entry for each of the {len(self.roles)} experiments")
@@ -274,6 +274,8 @@ def with_partners(values: Mapping[str, float]) -> dict[str, float]:
 
 def _quantity(key: str, text: str) -> float:
     unit = HIDDEN[key].unit
+    if "," in text:  # pint takes a comma for one between thousands
+        raise InputError(f"--hidden {key}: '{text}' has a decimal comma; write {text.replace(',', '.')}")
     try:
         if unit == "1" and not (bare := split_quantity(text))[1]:
             return bare[0]

@@ -41,7 +41,8 @@ class Desk:
         self.single = is_campaign(self.folder)
         self.campaigns = [self.folder] if self.single else campaigns_below(self.folder)
         if not self.campaigns:
-            raise InputError(f"{folder}: holds no campaign; 'rfea init DIR' makes one")
+            what = "holds no campaign" if self.folder.is_dir() else "no such folder"
+            raise InputError(f"{folder}: {what}; 'rfea init DIR' makes one")
         self.log: list[dict[str, Any]] = []
         self.ending: Callable[[], bool] = lambda: False
         self.own_files: set[Path] = set()  # effect files that this user has typed or opened

@@ -54,6 +54,10 @@ def test_a_narrow_terminal_breaks_no_word(monkeypatch, capsys):
     console.say(" ".join(words))
     shown = capsys.readouterr().out
     assert all(word in shown for word in words) and "0.0065" in shown
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    console.print_error(f"there is no effect of this name: {' '.join(words)}", 2, as_json=False)
+    told = capsys.readouterr().err.splitlines()
+    assert max(map(len, told)) <= 34 and all(any(word in line for line in told) for word in words)
 
 
 def test_a_tie_stands_wherever_its_member_does(tmp_path, capsys):
