@@ -47,6 +47,7 @@ from rfea_vision.vision.curve import (
     turning,
     vertices_of,
 )
+from rfea_vision.vision.derive.doubts import PROFILE_SHARE
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Begin, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
@@ -74,7 +75,7 @@ LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the firs
 # Of the half width: rims, glare and shadows move an edge alike in many frames. Over eleven clear scenes of testing/phone.py
 # the line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
 SYSTEMATIC = 0.1
-ALONG_SYSTEMATIC = 0.02  # of the half width, likewise of the end's rays
+FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
 SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond its last shape
 
 _LINEAR = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
@@ -366,21 +367,23 @@ class BodyFollower:
         numbers[fitted.WIDTH] = 2.0 * self.scene.half_mm
         numbers[fitted.ONE_SIDED] = float(np.mean(fit.seen[:, 0] != fit.seen[:, 1]))
         mm2 = self.px_per_mm**-2
-        # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line.
+        half = float(np.median(fit.body.half))
+        floor = (FLOOR * half) ** 2 * mm2
+        # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to
+        # noise the curves would be smoothed, and the clamp's place with them.
         mistaken = float(np.median(self.first.half)) - self._pointed_half()
-        across = ((SYSTEMATIC * float(np.median(fit.body.half))) ** 2 + mistaken**2) * mm2
-        along_floor = (ALONG_SYSTEMATIC * float(np.median(fit.body.half))) ** 2 * mm2
+        numbers[fitted.PROFILE] = float(np.hypot(SYSTEMATIC * half, mistaken)) / self.scale / PROFILE_SHARE
         k = COEFFICIENTS
         work.covariance[:] = 0.0
         work.covariance[:k, :k] = _TO_COEFFICIENTS @ fit.covariance[NORMAL, NORMAL] @ _TO_COEFFICIENTS.T * mm2
         work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * mm2
-        work.covariance[np.diag_indices(len(work.covariance))] += across
+        work.covariance[np.diag_indices(len(work.covariance))] += floor
         # What the frame itself says along the body counts in full; what was carried into it may lag.
         lag = (LAGS * (self.lengths[1] - self.lengths[0])) ** 2 * UNIFORMLY
         carried = np.linalg.inv(fit.covariance[ALONG, ALONG] + lag)
         along = float(ALONG_BASIS[-1] @ np.linalg.inv(fit.own + carried) @ ALONG_BASIS[-1])
         along = max(along, float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]))
-        numbers[fitted.TIP_VARIANCE] = along * mm2 + along_floor + (POINTED_PX / self.scene.px_per_mm) ** 2
+        numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
 
 
 def lab_of(colour: tuple[int, int, int]) -> FloatArray:
