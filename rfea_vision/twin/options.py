@@ -190,7 +190,9 @@ class TwinOptions:
                 raise InputError(unknown_parameter(key))
         for key in ("duration_s", "rate_Hz", "pressure_max_kPa", "angle_max", "step_s"):
             if not getattr(self, key) > 0:
-                raise InputError(f"simulate: {key.partition('_')[0]} must be positive ({key} is {getattr(self, key):g})")
+                raise InputError(
+                    f"simulate: {key.partition('_')[0]} must be positive ({key} is {getattr(self, key):g})"
+                )
         for key, given in (("kinds", self.kinds), ("peaks_kPa", self.peaks_kPa)):
             if given and len(given) != len(self.roles):
                 raise InputError(f"simulate: {key} must have one entry for each of the {len(self.roles)} experiments")

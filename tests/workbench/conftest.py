@@ -69,7 +69,13 @@ def serve() -> Iterator[Callable[..., Served]]:
     assert [process.wait(timeout=60) for process in open_ones] == [0] * len(open_ones), "Ctrl-C did not end it cleanly"
 
 
-@pytest.fixture(scope="module")
+def idle(page: Any) -> None:
+    """Wait until nothing that was asked for is under way."""
+    page.wait_for_selector("html:not([data-busy])", timeout=300_000)
+    assert page.locator("#fault").is_hidden(), page.text_content("#fault")
+
+
+@pytest.fixture(scope="session")
 def chromium() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 

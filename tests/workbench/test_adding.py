@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import time
 
 import pytest
 
 from rfea_vision.campaign import load_campaign
+
+from .conftest import idle
 
 pytestmark = pytest.mark.chromium
 
@@ -44,12 +45,6 @@ def served(serve, work):
     return serve(work)
 
 
-def idle(page) -> None:
-    time.sleep(0.3)
-    page.wait_for_selector("#job", state="hidden", timeout=300_000)
-    assert page.locator("#fault").is_hidden(), page.text_content("#fault")
-
-
 def test_an_effect_is_ticked_its_rung_appears_and_unticked_it_is_back(work, served, visit):
     page = visit(served.address)
     assert (
@@ -66,9 +61,14 @@ def test_an_effect_is_ticked_its_rung_appears_and_unticked_it_is_back(work, serv
     page.wait_for_selector('[data-rung="base+maxwell"][aria-checked="true"]', timeout=300_000)
     idle(page)
     first, last = (
-        float(page.text_content(f'[data-rung="{name}"] .error').split()[-2]) for name in ("base", "base+maxwell")
+        page.text_content(f'[data-rung="{name}"] .error').split()[-2] for name in ("base", "base+maxwell")
     )
-    assert last < first / 3
+    assert float(last) < float(first) / 3
+    page.click('.places a[href="#/batch"]')
+    page.wait_for_selector("#batch tr.on")
+    told = page.locator("#batch tr.on td").all_text_contents()
+    assert told[:4] == [f"{first} → {last} mm", "not asked", "maxwell", "3 of 3 runs"]
+    page.click('.places a[href="#/add"]')
     page.uncheck('#candidates input[value="maxwell"]')
     page.wait_for_selector('[data-rung="base"][aria-checked="true"]')
     assert "rfea fit" in page.text_content("#log")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
 from rfea_vision.artefacts import Track
 from rfea_vision.campaign import load_campaign
 
+from .conftest import idle
 from .filmed import HIDDEN, RATE_HZ, write_film
 
 pytestmark = pytest.mark.chromium
@@ -49,19 +48,11 @@ def point(page, at, until=None) -> None:
     page.mouse.up()
 
 
-def idle(page) -> None:
-    """Wait until no command is under way."""
-    time.sleep(0.3)
-    page.wait_for_selector("#job", state="hidden", timeout=300_000)
-    assert page.locator("#fault").is_hidden(), page.text_content("#fault")
-
-
 def test_a_tube_is_found_where_one_points(film, served, visit):
     folder, places = film
     page = visit(served.address)
     assert "have not been measured" in page.text_content("#next-say")
     page.click("#next-do")
-    page.wait_for_selector("#job", state="visible")
     idle(page)
     tip = Track.load(folder / "rfea" / "swing" / "track.nc").dataset["tip"].values
     assert abs(tip[30, 0] - tip[0, 0]) < 1.0, "without a hint it is the other tube, which hangs still"

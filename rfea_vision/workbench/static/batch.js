@@ -1,8 +1,8 @@
 // Campaigns: where each of a folder stands, and what runs on which worker.
 import {show} from "../report/report.js";
 import {h, one} from "./dom.js";
-import {ask, get, here} from "./server.js";
-import {guarded} from "./main.js";
+import {get, here} from "./server.js";
+import {guarded, order} from "./main.js";
 
 const verdicts = {complete: "complete", missing: "something is missing", unexplained: "unexplained"};
 const running = new Map(); // folder -> what is said of it while a batch runs
@@ -11,7 +11,7 @@ export function build() {
   one('[data-panel="batch"]').append(
     h("h2", {}, "Campaigns"), h("p", {class: "muted", id: "batch-folder"}),
     h("div", {class: "scroll"}, h("table", {class: "matrix", id: "batch"}, h("thead", {}, h("tr", {}, ...["Campaign", "Held-out error", "Verdict", "Added", "Measured", "Next", "Now"].map(text => h("th", {scope: "col"}, text)))), h("tbody", {}, h("tr", {}, h("td", {colSpan: 7, class: "muted"}, "Reading the campaigns…"))))),
-    h("div", {class: "buttons"}, h("button", {type: "button", id: "run-all", onclick: () => guarded(() => ask("../../batch", {}))}, "Run all of them")),
+    h("div", {class: "buttons"}, h("button", {type: "button", id: "run-all", onclick: () => order("../../batch", {})}, "Run all of them")),
     h("p", {class: "muted", id: "tasks", role: "status"}));
 }
 // The error of the first model and of the last, as far as there are two.

@@ -2,7 +2,7 @@
 import {chooseExperiment, experiment, Figure, manifest, on, plots, show, state, timeBox, timeScale} from "../report/report.js";
 import {figure, h, one} from "./dom.js";
 import {ask, get} from "./server.js";
-import {begin, campaign, guarded, reload as reloadAll} from "./main.js";
+import {begin, busy, campaign, guarded, reload as reloadAll} from "./main.js";
 import {pixelOf} from "./setup.js";
 
 const lamp = {film: null, picture: null, drag: null};
@@ -62,7 +62,8 @@ function showClock() {
 
 async function method(name, more = {}) {
   const e = spec();
-  if (!await guarded(() => ask(`sync/${numberOf(e)}`, {method: name, ...more}))) return;
+  busy(true);
+  if (!await guarded(() => ask(`sync/${numberOf(e)}`, {method: name, ...more}))) { busy(false); return; }
   state.shift = 0;
   await guarded(reloadAll);
   await begin("sync", {names: [e.name]}, `Bring ${e.name} on one clock`);

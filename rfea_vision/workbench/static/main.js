@@ -62,8 +62,14 @@ export async function doNext() {
   if (next.do) await begin(next.do, next.options, next.label); else await guarded(reload);
 }
 
-// Begin a command on this campaign; what goes wrong is said on the page.
-export const begin = (what, options, label) => guarded(() => ask("job", {do: what, options, label}));
+// Begin a command on this campaign; what goes wrong is said on the page. From the click until what came of it is shown the
+// page is busy.
+export const begin = (what, options, label) => order("job", {do: what, options, label});
+export async function order(address, body) {
+  busy(true);
+  if (!await guarded(() => ask(address, body))) busy(false);
+}
+export function busy(on_) { if (on_) document.documentElement.dataset.busy = "yes"; else delete document.documentElement.dataset.busy; }
 export async function guarded(action) {
   try { one("#fault").hidden = true; return await action(); } catch (error) { complain(error.message); return undefined; }
 }
@@ -75,6 +81,7 @@ function hear(event) {
   if (event.event === "begun") campaign.job = event;
   const mine = event.index === here, box = one("#job");
   if (event.event === "begun") {
+    busy(true);
     box.hidden = false; one("#job-label").textContent = event.label || event.do; one("#job-command").textContent = event.command ?? ""; one("#job-say").textContent = ""; one("#job-bar").removeAttribute("value");
     one("#next").classList.add("busy");
   }
@@ -84,8 +91,8 @@ function hear(event) {
   if (event.event === "note" && mine) guarded(reload);
   if (["finished", "failed", "stopped"].includes(event.event)) {
     box.hidden = true; one("#next").classList.remove("busy"); campaign.job = null;
-    if (event.event === "failed") complain(event.error);
-    if (mine) guarded(reload).then(() => settled.forEach(action => action(event)));
+    const done = () => { if (event.event === "failed") complain(event.error); busy(false); }; // said last: what follows clears it
+    if (mine) guarded(reload).then(() => settled.forEach(action => action(event))).then(done); else done();
   }
   for (const part of Object.values(steps)) part.hear?.(event, mine);
 }

@@ -2,7 +2,7 @@
 import {show} from "../report/report.js";
 import {every, h, one} from "./dom.js";
 import {ask, get} from "./server.js";
-import {begin, campaign, complain, guarded, onJob, reload as reloadAll} from "./main.js";
+import {begin, campaign, complain, guarded, onJob, order, reload as reloadAll} from "./main.js";
 
 const seen = {run: 0, frame: 0, film: null, picture: null, line: null, reason: "", tool: "look", points: [], cursor: null, tried: new Map(), photo: -1};
 const tools = {
@@ -206,7 +206,7 @@ async function tryOut() {
   const name = run().name;
   seen.tried.set(name, []);
   take("look");
-  await guarded(() => ask(`try/${numberOf(run())}`, {seconds: 2}));
+  await order(`try/${numberOf(run())}`, {seconds: 2});
 }
 export function hear(event, mine) {
   if (!mine || event.event !== "tried") return;
