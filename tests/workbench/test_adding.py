@@ -60,9 +60,7 @@ def test_an_effect_is_ticked_its_rung_appears_and_unticked_it_is_back(work, serv
     page.click("#fit-ticked")
     page.wait_for_selector('[data-rung="base+maxwell"][aria-checked="true"]', timeout=300_000)
     idle(page)
-    first, last = (
-        page.text_content(f'[data-rung="{name}"] .error').split()[-2] for name in ("base", "base+maxwell")
-    )
+    first, last = (page.text_content(f'[data-rung="{name}"] .error').split()[-2] for name in ("base", "base+maxwell"))
     assert float(last) < float(first) / 3
     page.click('.places a[href="#/batch"]')
     page.wait_for_selector("#batch tr.on")
