@@ -68,8 +68,10 @@ def run_job(job: dict[str, Any], say: Say) -> Any:
 
     name_files(job["options"].get("effect_files", ()))  # the desk has seen that the user typed or opened them
     work = open_campaign(job["campaign"], job.get("out"), listener=Speaking(say))
+    options = dict(job["options"])
+    model = [options.pop("model")] if "model" in options else []  # stands first, as on the command line
     try:
-        result = getattr(work, job["do"])(**job["options"])
+        result = getattr(work, job["do"])(*model, **options)
     finally:
         work.cache.save_hashes()
     return {"file": str(result.file), "sentence": result.sentence} if job["do"] == "propose" else None
