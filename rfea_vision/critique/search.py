@@ -26,6 +26,7 @@ from rfea_vision.critique.subsets import MOST_TOGETHER, Combinations, Proposal
 from rfea_vision.critique.trials import Trial, Trials, plain
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, forms_of
+from rfea_vision.fitting.fit import BENT, farthest, stiff_start
 
 #: Sets of one, two, three and four effects that are refitted from the model as it stands, and from each better one found then.
 FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)
@@ -168,12 +169,27 @@ class Search:
         rows = list(sensitivities(self.trials.problem, centre.fitted, offered))
         if centre is self.present:
             self.screened = screened_rows(rows, offered)
+            self._afresh(offered, max(widths))
         sure = (SURE if centre is self.present else 1) if self.structure(centre) >= STRUCTURE_FLOORS else 0
         proposals = Combinations(rows).best(have, min(room, len(widths)), max(widths))
         for size, (group, width) in enumerate(zip(proposals, widths, strict=False)):
             for rank, proposal in enumerate(group[:width]):
                 if (size < 2 and rank < sure) or self._worth(centre, proposal):
                     self.trials.refit(centre, proposal.effects, proposal.start)
+
+    def _afresh(self, offered: Sequence[Effect], most: int) -> None:
+        """Where the present model is bent too far out of shape for a linear step to rank effects: each from a base that is not."""
+        problem, fitted = self.trials.problem, self.present.fitted
+        if farthest(problem.train, fitted.solution, problem.actuator.length) < BENT:
+            return
+        stiff, grids = stiff_start(problem, fitted), {row.effect: row.grid for row in reversed(self.screened)}
+        looks = []
+        for effect in available(offered, set(map(plain, self.present.effects))):
+            grid = {f"{effect.id}.{name}": value for name, value in grids.get(effect.id, {}).items()}
+            near = self.trials.glance(self.present, (effect.id,), {**stiff, **grid})
+            looks += [] if near is None else [(near.solution.cost, effect.id, near.values)]
+        for _, name, values in sorted(looks, key=lambda look: look[:2])[:most]:
+            self.trials.refit(self.present, (name,), values)
 
     def _worth(self, centre: Trial, proposal: Proposal) -> bool:
         """Whether a refit could earn its price: if it left nothing at all, and if it did twice as well as its linear step.

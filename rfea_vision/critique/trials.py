@@ -19,9 +19,9 @@ from rfea_vision.fitting.fit import Fitted, Problem, refit
 from rfea_vision.fitting.solver import ROUGH_FRAMES
 from rfea_vision.options import FitOptions
 
-#: Evaluations at most on thinned runs in long steps, and then on all frames; and the share of the cost that one more must still
-#: win. What has not converged is called worse than it is, so the share ends most of them. Work is counted, never timed.
-ROUGH_EVALUATIONS, FULL_EVALUATIONS = 25, 12
+#: Evaluations at most on thinned runs in long steps, then on all frames, and for a glance; and the share of the cost that one more
+#: must still win. What has not converged is called worse than it is, so the share ends most of them. Work is counted, never timed.
+ROUGH_EVALUATIONS, FULL_EVALUATIONS, GLANCE_EVALUATIONS = 25, 12, 12
 ROUGH_GAIN, FULL_GAIN = 1e-4, 3e-4
 #: Where a refit starts again from the optimum of a smaller model: this share of the usual start of what is new.
 FAINT = 0.02
@@ -138,23 +138,32 @@ class Trials:
         names = tuple(chosen.get(effect.id, effect.id) for effect in every)
         return replace(like.options, effects=names, fixed=fixed, effect_files=files, name=name), values, absent
 
-    def _from(self, options: FitOptions, values: Mapping[str, float], like: Fitted) -> Fitted | None:
-        """Fit from these values: first on thinned runs in long steps, then on all frames."""
-        segments, clocks = like.options.segments, like.solution.clocks
+    def glance(self, base: Trial, added: Sequence[str], start: Mapping[str, float]) -> Fitted | None:
+        """A set fitted on thinned runs alone, in long steps: to see whether a refit is worth it."""
+        options, values, _ = self._options(base, base.effects | set(added))
+        return self._near(options, {**values, **_values(base), **start}, base.fitted, GLANCE_EVALUATIONS)
+
+    def _near(
+        self, options: FitOptions, values: Mapping[str, float], like: Fitted, most: int = ROUGH_EVALUATIONS
+    ) -> Fitted | None:
         rough = [o.rough(ROUGH_FRAMES) for o in self.problem.train]
         try:
-            near = refit(
-                self.problem, options, values, segments, clocks,
-                items=rough, most_evaluations=ROUGH_EVALUATIONS, tolerance=ROUGH_GAIN,
+            return refit(
+                self.problem, options, values, like.options.segments, like.solution.clocks,
+                items=rough, most_evaluations=most, tolerance=ROUGH_GAIN,
             )  # fmt: skip
-            values = dict(zip(near.model.names, near.par.tolist(), strict=True))
-            clocks = near.solution.clocks
         except DataError:
-            pass  # what a long step does not survive, that of the log may
+            return None
+
+    def _from(self, options: FitOptions, values: Mapping[str, float], like: Fitted) -> Fitted | None:
+        """Fit from these values: first on thinned runs in long steps, then on all frames."""
+        near = self._near(options, values, like)  # what a long step does not survive, that of the log may
+        begin = (values, like.solution.clocks) if near is None else (near.values, near.solution.clocks)
         try:
             return refit(
-                self.problem, options, values, segments, clocks, most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN
-            )
+                self.problem, options, begin[0], like.options.segments, begin[1],
+                most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN,
+            )  # fmt: skip
         except DataError:
             return None
 

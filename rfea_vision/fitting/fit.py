@@ -50,8 +50,9 @@ AGREEING_STARTS = 3  # starts that end within 0.1 % of one cost leave no doubt; 
 STIFFER_STARTS = (1.5, 3.0, 6.0)  # factors on the stiffness, tried in turn until the tube has a steady state
 #: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
 GOOD_STEADY = 50.0
-#: A start whose tip is off by this share of the length, or this many rad, at some moment is not the only one to try.
-FAR_OFF = 0.1
+#: A start whose tip is off by this share of the length, or this many rad, at some moment is not the only one to try; at half of
+#: it a base is bent too much out of shape to be the only place where an effect begins.
+FAR_OFF, BENT = 0.1, 0.05
 #: A coarse solution whose mean square grows by more than this on the full chain has not been carried over.
 CARRIED_WORSE = 1.5
 
@@ -149,7 +150,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
             found = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
             if solution is None or (found is not None and found.cost < solution.cost):
                 solution = found
-            if solution is not None and not _far_off(thin, solution, problem.actuator.length):
+            if solution is not None and farthest(thin, solution, problem.actuator.length) < FAR_OFF:
                 break
         waterfall.append(_attempt(f"r_hyd x {arm:.2f}, damping x {damping:.2f}", solution))
         solutions += [] if solution is None else [solution]
@@ -176,15 +177,25 @@ def _attempt(label: str, solution: Solution | None) -> dict[str, Any]:
     return {"start": label, "cost": solution.cost, "status": "converged" if solution.converged else "stopped early"}
 
 
-def _far_off(items: Sequence[Observed], solution: Solution, length_m: float) -> bool:
-    """Whether the modelled tube is somewhere else altogether now and then, as one is that was fitted onto the edge of buckling."""
+def farthest(items: Sequence[Observed], solution: Solution, length_m: float) -> float:
+    """By how much the modelled tube is somewhere else at the worst moment: of the tip as a share of the length, or rad."""
     gaps = [
         np.linalg.norm(item.points[:, -1] - one.points[:, -1], axis=1) / length_m
         if item.has_tip
         else np.abs(item.angle - one.angle)
         for item, one in zip(items, solution.evaluation.predicted, strict=True)
     ]
-    return max(float(np.max(gap)) for gap in gaps) > FAR_OFF
+    return max(float(np.max(gap)) for gap in gaps)
+
+
+def stiff_start(problem: Problem, fitted: Fitted) -> dict[str, float]:
+    """Base parameters to begin at where those of a fit are bent out of shape: of the paper's table at this size, stiffer, no slopes."""
+    reference = base_reference(problem.actuator, fitted.options.segments)
+    reference[:6] *= observed_scale(problem.train, problem.actuator)
+    reference[0] *= STIFFER_STARTS[0]
+    reference[[1, 3, 5]] = 0.0
+    start = dict(zip(fitted.model.names[:7], reference.tolist(), strict=True))
+    return {name: value for name, value in start.items() if name not in fitted.options.fixed}
 
 
 def _refined(
@@ -238,6 +249,8 @@ def fit_added(problem: Problem, options: FitOptions, previous: Fitted, progress:
     model = make_model(problem.actuator, options, problem.mirror)
     new = [effect.id for effect in model.effects if effect.id not in {e.id for e in previous.model.effects}]
     starts = effect_starts(model.effects, new)
+    if farthest(problem.train, previous.solution, problem.actuator.length) > BENT:
+        starts += [{**stiff_start(problem, previous), **start} for start in starts]
     best: Fitted | None = None
     waterfall = []
     for index, start in enumerate(starts):

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rfea_vision import open_campaign
 from rfea_vision.artefacts import Ladder, Recording
 from rfea_vision.critique import improve, power_study
 from rfea_vision.critique.diagnosis import Judgement, judge
 from rfea_vision.fitting import fit_model
-from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.fit import BENT, farthest, fit, make_problem
 from rfea_vision.options import CritiqueOptions, FitOptions
+from rfea_vision.twin import TwinOptions, simulate
 
 OPTIONS = FitOptions(segments=6, starts=0)
 RIVALS = ("payload", "gravity_tilt", "maxwell", "stiffness_profile")
@@ -126,3 +128,19 @@ def test_a_rest_curvature_that_varies_is_found_behind_its_twin(campaign):
     offered = ("rest_curvature", "rest_curvature_profile", "pressure_offset", "gravity_tilt")
     diagnosis = judged(campaign(hidden), offered).diagnosis
     assert diagnosis.named == ["rest_curvature", "rest_curvature_profile"]
+
+
+def test_a_tube_that_widens_is_told_though_the_base_model_is_bent_out_of_shape(tmp_path):
+    """The base model swallows it in values from which neither a linear step nor a refit finds back."""
+    options = TwinOptions(
+        hidden={"radial_expansion.c": 7e-8}, seed=1273, roles=("train", "train", "validate"), duration_s=6.0, rate_Hz=60.0,
+        joints=16, sync="common_clock", noise_mm=0.1, write_truth=False,
+    )  # fmt: skip
+    simulate(tmp_path / "tube", options)
+    problem = make_problem(dict(open_campaign(tmp_path / "tube").sync()), options.actuator)
+    bent = {"k_ref": 0.195, "k_slope": -1441.0, "b_pos_ref": 2.8e-3, "b_pos_slope": -30.0, "r_hyd": 4.59e-3}
+    fitted = fit(problem, FitOptions(segments=8, start=bent))
+    assert farthest(problem.train, fitted.solution, options.actuator.length) > BENT
+    found = judge(problem, fitted, candidates=("radial_expansion", "pressure_stiffening"))
+    assert found.diagnosis.named == ["radial_expansion"] and found.verdict.share > 0.99
+    assert found.verdict.best.fitted.values["radial_expansion.c"] == pytest.approx(7e-8, rel=0.05)
