@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks._commit import commit
 from benchmarks.probability_sweep import sweep
 from benchmarks.probability_tables import DOCUMENT, diagram, document
@@ -110,7 +112,7 @@ def run_all(plant: str, seeds: Sequence[int], path: Path = RESULTS) -> None:
             continue
         try:
             line = run_case(case)
-        except RfeaError as error:
+        except (RfeaError, np.linalg.LinAlgError) as error:  # the latter where the second plant itself runs away
             line = {"key": case.key, "plant": plant, "seed": seed, "kind": "failed", "error": str(error)}
         line["commit"] = version
         with path.open("a", encoding="utf-8") as file:
