@@ -75,7 +75,7 @@ def idle(page: Any) -> None:
     assert page.locator("#fault").is_hidden(), page.text_content("#fault")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
 

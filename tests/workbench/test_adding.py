@@ -45,6 +45,15 @@ def served(serve, work):
     return serve(work)
 
 
+def test_a_command_that_fails_says_why_and_the_sentence_stays(served, visit):
+    page = visit(served.address)
+    main = "import(document.querySelector('script[type=module]').src)"
+    page.evaluate(f"{main}.then(main => main.begin('diagnose', {{model: 'nope'}}))")
+    page.wait_for_selector("#fault:has-text(\"no model 'nope'\")")
+    page.wait_for_selector("html:not([data-busy])")
+    assert "no model 'nope'" in page.text_content("#fault") and page.locator("#fault").is_visible()
+
+
 def test_an_effect_is_ticked_its_rung_appears_and_unticked_it_is_back(work, served, visit):
     page = visit(served.address)
     assert (
@@ -135,13 +144,3 @@ def test_an_offset_is_dragged_and_kept(work, served, visit):
     idle(page)
     sync = load_campaign(work).experiment(run).sync
     assert sync.method == "offset" and 1e3 * sync.value_s == pytest.approx(after, abs=0.01)
-
-
-def test_a_command_that_fails_says_why_and_the_sentence_stays(served, visit):
-    page = visit(served.address)
-    asked = "JSON.stringify({do: 'diagnose', options: {model: 'nope'}})"
-    begin = f"{{method: 'POST', headers: {{'Content-Type': 'application/json'}}, body: {asked}}}"
-    page.evaluate(f"fetch('job', {begin}).then(answer => answer.text())")
-    page.wait_for_selector("#fault:has-text(\"no model 'nope'\")")
-    page.wait_for_selector("html:not([data-busy])")
-    assert "no model 'nope'" in page.text_content("#fault") and page.locator("#fault").is_visible()
