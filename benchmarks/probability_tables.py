@@ -27,8 +27,8 @@ def document(lines: Sequence[Line]) -> str:
     parts = [
         "# Probabilities, counted\n",
         "Written by `python -m benchmarks.probabilities --tables` from `benchmarks/probabilities/results.jsonl` and nothing else.\n",
-        f"{len(lines)} campaigns at commit {commits}, drawn before the method was finished and run once. The one free number of the\n"
-        f"rule (n_s in [critique.md](critique.md)) was chosen on {_CALIBRATED_ON}, not on these. Half of what is hidden is drawn from\n"
+        f"{len(lines)} campaigns at commit {commits}, drawn before the method was finished and run once. The free numbers of the\n"
+        f"rule (in [critique.md](critique.md)) were chosen on {_CALIBRATED_ON}, not on these. Half of what is hidden is drawn from\n"
         "the twin, half from a second plant (`other`) that shares no code with model or twin, and whose laws have other forms than\n"
         "the catalogue's. All that was hidden counts, also what is too weak to be seen.\n",
         "![How often a probability was right](probabilities.svg)\n",
