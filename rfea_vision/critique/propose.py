@@ -13,57 +13,40 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.diagnosis import refit_artefact
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, errors_of, matters, structure
 from rfea_vision.critique.screening import swallowable
+from rfea_vision.critique.terms import Course, Term, effect_source, library, listed
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added, make_problem
 from rfea_vision.fitting.observed import Observed
-from rfea_vision.fitting.residuals import Evaluation, evaluate
+from rfea_vision.fitting.residuals import Evaluation, as_it_stood, evaluate
 from rfea_vision.fitting.scoring import options_of
 from rfea_vision.fitting.uncertainty import frame_of_row
 from rfea_vision.units import rounded
 
-FloatArray = NDArray[np.float64]
 #: A term is kept where it lowers the error on runs left out of the regression by this share of its square (as in docs/formats.md),
 #: and a law has no more terms than a person reads.
 LEAST_GAIN, MOST_TERMS = 0.1, 4
 #: Laws that are refitted, each begun with another quantity: a linear step ranks them no better than that.
 MOST_LAWS = 3
-#: Relaxation times of the memories on offer (s): a log of four apart, from a fast damper's to a slow creep's.
-MEMORIES_S = (0.3, 1.2, 5.0)
-#: Rate at which the direction of motion counts as turned (rad/s of the whole tube): that of `coulomb`.
-TURNED = 0.05
-#: Middles of the places at which a term may act alone.
-SPOTS = (0.2, 0.35, 0.5, 0.65, 0.8)
 #: Frames of each run that are looked at: more are correlated and tell nothing new.
 FRAMES = 200
-#: Size of the torque that a term is played with, as a share of the springs' own: small, so that the motion answers in proportion.
+#: Size of the torque that a term is played with, in rad of the first spring: small, so that the motion answers in proportion.
 SMALL = 1e-3
 #: Shares of the linear step from which a law is refitted, until it comes below the model without: a spring may lose more than it has.
 STARTS = (1.0, 0.3)
-#: Bounds of a fitted coefficient, in times of what it starts from.
-ROOM = 10.0
-
-
-@dataclass(frozen=True)
-class Term:
-    """One term of the library: its law in the words of an effect file, and its values (grid, n) along each run."""
-
-    law: str
-    words: str
-    values: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True)
@@ -73,16 +56,6 @@ class Law:
     terms: tuple[Term, ...]
     coefficients: tuple[float, ...]
     r2: float
-
-
-@dataclass(frozen=True)
-class Course:
-    """How the model goes through one run, on the grid of its pressure: s (grid,), rad and rad/s (grid, n), Pa (grid,)."""
-
-    time: FloatArray
-    theta: FloatArray
-    rate: FloatArray
-    pressure: FloatArray
 
 
 @dataclass(frozen=True)
@@ -133,7 +106,7 @@ def propose(
     if not helping:
         file.unlink(missing_ok=True)
         raise DataError(
-            f"model {model.name}: the best law of the library, {_listed(laws[0].terms)}, does not lower the held-out error"
+            f"model {model.name}: the best law of the library, {listed(laws[0].terms)}, does not lower the held-out error"
         )
     _, best, after = min(helping, key=lambda row: row[0])
     write_text(file, effect_source(effect_id, best.terms, best.coefficients))
@@ -142,16 +115,12 @@ def propose(
 
 def _described(file: Path, law: Law, held: tuple[float, float], unit: str) -> Proposal:
     sentence = (
-        f"What is left goes with {_listed(law.terms)}; with that law refitted the held-out error falls from "
+        f"What is left goes with {listed(law.terms)}; with that law refitted the held-out error falls from "
         f"{rounded(held[0])} to {rounded(held[1])} {unit}. It is a description, not yet a cause: "
         f"`rfea improve CAMPAIGN --effect-file {file}` weighs it."
     )
     laws = tuple(term.law for term in law.terms)
     return Proposal(file, laws, law.coefficients, law.r2, held[0], held[1], unit, sentence)
-
-
-def _listed(terms: Sequence[Term]) -> str:
-    return " and ".join(term.words for term in terms)
 
 
 def _refitted(problem: Problem, fitted: Fitted, file: Path, effect_id: str, law: Law) -> Fitted | None:
@@ -171,74 +140,6 @@ def _refitted(problem: Problem, fitted: Fitted, file: Path, effect_id: str, law:
         if found.solution.evaluation.cost < fitted.solution.evaluation.cost:
             return found
     return None
-
-
-def _near(place: FloatArray, at: float) -> FloatArray:
-    return np.exp(-(((place - at) / 0.1) ** 2))
-
-
-# -- the library -----------------------------------------------------------------------------------------------------------
-
-
-def library(courses: Sequence[Course]) -> list[Term]:
-    """All terms: a quantity, alone and with the place along the tube."""
-    each = [_quantities(course) for course in courses]
-    places = {
-        "": ("", np.ones_like),
-        " * (1 - s)": (" near the clamp", lambda place: 1 - place),
-        " * s": (" near the tip", lambda place: place),
-    }
-    for at in SPOTS:
-        places[f" * exp(-((s - {at}) / 0.1)**2)"] = (f" at {100 * at:.0f} % of the length", partial(_near, at=at))
-    terms = []
-    for law, (words, _) in each[0].items():
-        for factor, (where, shape) in places.items():
-            values = []
-            for quantities, course in zip(each, courses, strict=True):
-                n = course.theta.shape[1]
-                values.append(quantities[law][1] * shape((np.arange(n) + 0.5) / n))
-            terms.append(Term(law + factor, words + where, tuple(values)))
-    return terms
-
-
-def _quantities(course: Course) -> dict[str, tuple[str, FloatArray]]:
-    """Law and words of every quantity with its values (grid, n): a, r, p, t, m and z stand for what `effect_source` declares."""
-    n = course.theta.shape[1]
-    a, r = n * course.theta, n * course.rate
-    p = np.broadcast_to(course.pressure[:, None] / 1e5, a.shape)
-    t = np.broadcast_to((course.time - course.time[0])[:, None], a.shape)
-    most = np.maximum.accumulate(np.maximum(a, 0.0), axis=0)
-    out: dict[str, tuple[str, FloatArray]] = {
-        "1": ("a constant torque", np.ones_like(a)),
-        "a": ("the angle", a),
-        "a * Abs(a)": ("the angle times its size", a * np.abs(a)),
-        "a**3": ("the cube of the angle", a**3),
-        "cos(a)": ("the cosine of the angle", np.cos(a)),
-        "r": ("the rate", r),
-        "r * Abs(r)": ("the rate times its size", r * np.abs(r)),
-        "r * a": ("the rate times the angle", r * a),
-        f"tanh(r / {TURNED})": ("the direction of motion", np.tanh(r / TURNED)),
-        "p": ("the pressure", p),
-        "p * a": ("the pressure times the angle", p * a),
-        "p**2": ("the square of the pressure", p**2),
-        "m": ("the largest bend so far", most),
-        "m * a": ("the angle times the largest bend so far", most * a),
-        "t": ("the time into the run", t),
-        "t * a": ("the angle times the time into the run", t * a),
-    }
-    for k, period in enumerate(MEMORIES_S):
-        z = _relaxed(course.time, a, period)
-        out[f"(a - z{k})"] = (f"the angle less its memory of {period:g} s", a - z)
-    return out
-
-
-def _relaxed(time: FloatArray, values: FloatArray, period: float) -> FloatArray:
-    out = np.empty_like(values)
-    out[0] = values[0]
-    for k in range(1, time.size):
-        decay = np.exp(-(time[k] - time[k - 1]) / period)
-        out[k] = decay * out[k - 1] + (1 - decay) * 0.5 * (values[k] + values[k - 1])
-    return out
 
 
 # -- the regression ---------------------------------------------------------------------------------------------------------
@@ -262,8 +163,7 @@ def played(problem: Problem, fitted: Fitted) -> tuple[list[Term], list[FloatArra
     if before is None:
         raise DataError("a training run cannot be simulated with steps of twice the usual length")
     terms = library([_course(fitted, item) for item in items])
-    springs = float(fitted.par[0]) * np.sqrt(np.mean([np.mean(term**2) for term in terms[0].values]))
-    columns = [_answer(fitted, items, term, SMALL * springs, before) for term in terms]
+    columns = [_answer(fitted, items, term, SMALL * float(fitted.par[0]), before) for term in terms]
     basis, _ = np.linalg.qr(swallowable(before, fitted, len(free)))
     wide = np.column_stack([*columns, -before.residual])
     wide -= basis @ (basis.T @ wide)
@@ -273,7 +173,9 @@ def played(problem: Problem, fitted: Fitted) -> tuple[list[Term], list[FloatArra
 def _course(fitted: Fitted, item: Observed) -> Course:
     excitation = item.excitation
     time = excitation.start_s + excitation.step_s * np.arange(excitation.pressure.size, dtype=np.float64)
-    motion = fitted.model.rigged(item.gravity, item.mounting, {}).simulate(fitted.par, excitation, time[:-1])
+    motion = as_it_stood(fitted.model, fitted.par, item, time[:-1])
+    if not motion.ok:
+        raise DataError(f"experiment {item.name}: {motion.message}")
     phi, rate = (np.concatenate([values, values[-1:]]) for values in (motion.phi, motion.rate))
     return Course(time, np.diff(phi, axis=1), np.diff(rate, axis=1), excitation.pressure)
 
@@ -347,94 +249,4 @@ def regress(terms: Sequence[Term], parts: Sequence[FloatArray]) -> list[Law]:
     return found
 
 
-# -- the file ----------------------------------------------------------------------------------------------------------------
-
-
-def effect_source(effect_id: str, terms: Sequence[Term], coefficients: Sequence[float]) -> str:
-    """The law as an effect file, as people write it by hand."""
-    laws = [term.law for term in terms]
-    text = " ".join(laws)
-    memories = [k for k in range(len(MEMORIES_S)) if f"z{k}" in text]
-    states, rates, relaxed, names = [], [], [], []
-    if "m" in _words(text):
-        states.append('"m": "rad"')
-        rates.append(
-            '"m": sp.Piecewise(((joint.tube_angle - self.m) / self.follow, joint.tube_angle > self.m), (0, True))'
-        )
-        relaxed.append('"m": sp.Piecewise((joint.tube_angle, joint.tube_angle > 0), (0, True))')
-        names.append("m = self.m")
-    if "t" in _words(text):
-        states.append('"t": "s"')
-        rates.append('"t": sp.Integer(1)')
-        relaxed.append('"t": sp.Integer(0)')
-        names.append("t = self.t / self.second")
-    for k in memories:
-        states.append(f'"z{k}": "rad"')
-        rates.append(f'"z{k}": (joint.tube_angle - self.z{k}) / ({MEMORIES_S[k]} * self.second)')
-        relaxed.append(f'"z{k}": joint.tube_angle')
-        names.append(f"z{k} = self.z{k}")
-    for name, meaning in (
-        ("a", "joint.tube_angle"), ("r", "joint.tube_rate * self.second"), ("p", "joint.pressure / self.bar"), ("s", "joint.position"),
-    ):  # fmt: skip
-        if name in _words(text):
-            names.append(f"{name} = {meaning}")
-    parameters = []
-    for k, (term, value) in enumerate(zip(terms, coefficients, strict=True), 1):
-        limit = ROOM * max(abs(value), 1e-9)
-        parameters.append(
-            f'"c{k}": EffectParameter("N*m", 0.0, {-limit:.6g}, {limit:.6g}, {value:.6g}, "{term.words}"),'
-        )
-    sum_ = " + ".join(f"self.c{k} * {_sympy(law)}" for k, law in enumerate(laws, 1))
-    join = "\n        ".join
-    hooks = ""
-    if states:
-        hooks = f"""
-    states = {{{", ".join(states)}}}
-
-    def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
-        return {{
-            {("," + chr(10) + "            ").join(rates)},
-        }}
-
-    def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
-        return {{
-            {("," + chr(10) + "            ").join(relaxed)},
-        }}
-"""
-    return f'''"""A law for what the model leaves, as `rfea propose` has found it: {_listed(terms)}."""
-
-import sympy as sp
-
-from rfea_vision.effects.base import Effect, EffectParameter, Joint
-
-
-class Proposed(Effect):
-    """Torque per joint: {" + ".join(f"c{k} {law}" for k, law in enumerate(laws, 1))}.
-
-    a is the tube's angle (rad), r its rate (rad/s), p the pressure (bar), s the place from clamp to tip, t the time (s),
-    m the largest angle so far, z0.. the angle as it was remembered.
-    """
-
-    id = "{effect_id}"
-    title = "Proposed: torque that goes with {_listed(terms)}"
-    reference = "regression of what the model leaves; give the cause a name and a reference"
-    parameters = {{
-        {join(parameters)}
-    }}
-    constants = {{"second": ("s", 1.0), "bar": ("Pa", 1e5), "follow": ("s", 0.0002)}}
-{hooks}
-    def joint_torque(self, joint: Joint) -> sp.Expr:
-        {join(names) if names else "pass"}
-        return {sum_}
-'''
-
-
-def _words(text: str) -> set[str]:
-    return set(re.findall(r"[a-z]\w*", text))
-
-
-def _sympy(law: str) -> str:
-    return re.sub(r"\b(tanh|cos|exp|Abs)\b", r"sp.\1", f"({law})" if "-" in law or "+" in law else law)
-
-
-__all__ = ["Proposal", "effect_source", "library", "propose"]
+__all__ = ["Proposal", "propose", "regress"]

@@ -37,7 +37,7 @@ class Rule:
                          above, wrong names are won with right ones; benchmarks/probabilities.py keeps what another value needs
                          to be tried on the same refits
     outside      -       probability that stays with causes outside of the catalogue; unseen: of an effect that nothing speaks for. By
-                         most likelihood on 164 campaigns of two plants, 0.064 and 0.012 (benchmarks/probability_sweep.py)
+                         most likelihood on 164 campaigns of two plants, 0.062 and 0.009 (benchmarks/probability_sweep.py)
     resolution   r       floors; what docs/formats.md calls too little to matter
     expected     -       effects missing from a model before anything was seen: one, which the catalogue's K share
     likely       -       a half: the probability from which an effect is named, by docs/formats.md

@@ -86,9 +86,7 @@ def predict_observed(
 def why_not(model: Model, par: FloatArray, item: Observed, clock_s: float = 0.0) -> str:
     """Why an experiment cannot be simulated: when, where in the log, and why. Empty where it can."""
     frames = np.clip(item.time + clock_s, item.excitation.start_s, item.excitation.end_s)
-    rigged, values = _as_rigged(model, par, item)
-    start = {} if item.held is None else item.held.start(model.chain)
-    message = rigged.simulate(values, item.excitation, frames, **start).message
+    message = as_it_stood(model, par, item, frames).message
     if message or predict_observed(model, par, item, (), clock_s) is not None:
         return message
     return "the start of the run, which the log does not tell, could not be found"
@@ -156,6 +154,13 @@ def _predict(
     if known:  # these are not to be found from this run
         dpoints[..., known], dangle[..., known] = 0.0, 0.0
     return Predicted(motion, points + shift, dpoints, angle, dangle, zero)
+
+
+def as_it_stood(model: Model, par: FloatArray, item: Observed, frames_s: FloatArray) -> Motion:
+    """Motion of a run at some instants, from where its rig held it and with what is known of it."""
+    rigged, values = _as_rigged(model, par, item)
+    start = {} if item.held is None else item.held.start(model.chain)
+    return rigged.simulate(values, item.excitation, frames_s, **start)
 
 
 def _as_rigged(model: Model, par: FloatArray, item: Observed) -> tuple[Model, FloatArray]:

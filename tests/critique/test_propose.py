@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rfea_vision.critique import propose
-from rfea_vision.critique.propose import Course, effect_source, library, regress
+from rfea_vision.critique.propose import regress
+from rfea_vision.critique.terms import Course, effect_source, library
 from rfea_vision.effects.catalogue import load_effect_file
 from rfea_vision.effects.permission import name_files
 from rfea_vision.fitting import fit_model

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from rfea_vision.vision.body.begin import first_body
-from rfea_vision.vision.body.follower import lab_of
 from rfea_vision.vision.body.marks import find_marks, marks_in, place_of
-from rfea_vision.vision.body.model import STATIONS
+from rfea_vision.vision.body.model import STATIONS, lab_of
 from rfea_vision.vision.body.wall import Wall
 
 RED, GREEN, GREY = (200, 40, 40), (40, 150, 60), (130, 145, 165)

@@ -32,8 +32,10 @@ from rfea_vision.vision.body.model import (
     Picture,
     follow_colours,
     frame_of,
+    lab_of,
     learn_colours,
     marks_found,
+    robust_displacement,
     skin_of,
 )
 from rfea_vision.vision.body.rules import First, elsewhere, refused
@@ -296,8 +298,8 @@ class BodyFollower:
             return body
         across = np.sum(moved * normals[station], axis=1)
         along = np.sum(moved * tangents[station], axis=1)
-        n = _robust_spline(NORMAL_BASIS[station], across, kept)
-        t = _robust_spline(ALONG_BASIS[station], along, kept)
+        n = robust_displacement(NORMAL_BASIS[station], across, kept, FLOW_PX)
+        t = robust_displacement(ALONG_BASIS[station], along, kept, FLOW_PX)
         moved_line = body.points + (NORMAL_BASIS @ n)[:, None] * normals + (ALONG_BASIS @ t)[:, None] * tangents
         foot = self.foot[0]  # it stays: what the flow moves along there is the body slipping out of it
         begin = 1 + int(np.argmax((moved_line[1:] - foot) @ tangents[0] > 0.0))
@@ -386,27 +388,6 @@ class BodyFollower:
         numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
 
 
-def lab_of(colour: tuple[int, int, int]) -> FloatArray:
-    """Red, green and blue of 255 as the pictures have them: (3,) of CIELAB in 8 bits."""
-    pixel = np.array([[colour]], dtype=np.uint8)
-    return np.asarray(cv2.cvtColor(pixel, cv2.COLOR_RGB2LAB)[0, 0], dtype=float)
-
-
 def _likeness(fit: Fit) -> float:
     """How much of a fit is seen: its inside, and its edges."""
     return float(np.mean(fit.backing) + np.mean(fit.seen))
-
-
-def _robust_spline(rows: FloatArray, values: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
-    """Coefficients of a smooth displacement through `values` (n,), of which some may be anything."""
-    count = rows.shape[1]
-    bend = np.diff(np.eye(count), n=2, axis=0)
-    penalty = 3.0 * bend.T @ bend + 1e-3 * np.eye(count)
-    weight = kept.astype(float)
-    solution = np.zeros(count)
-    for scale in (8.0, 4.0, 2.0, 1.0, 1.0):
-        matrix = rows.T @ (weight[:, None] * rows) + penalty
-        solution = np.linalg.solve(matrix, rows.T @ (weight * values))
-        off = (values - rows @ solution) / (scale * FLOW_PX)
-        weight = kept / (1.0 + off**2) ** 2
-    return np.asarray(solution, dtype=float)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -124,3 +125,26 @@ def _colours(picture: Picture, body: Body, across: FloatArray, least: FloatArray
     middle = np.median(near, axis=1)  # glare and marks are few
     spread = 1.4826 * np.median(np.abs(near - middle[:, None]), axis=1)
     return np.stack([middle, spread**2 + least], axis=1)
+
+
+def lab_of(colour: tuple[int, int, int]) -> FloatArray:
+    """Red, green and blue of 255 as the pictures have them: (3,) of CIELAB in 8 bits."""
+    pixel = np.array([[colour]], dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(pixel, cv2.COLOR_RGB2LAB)[0, 0], dtype=float)
+
+
+def robust_displacement(
+    rows: FloatArray, values: FloatArray, kept: NDArray[np.bool_], scatter_px: float
+) -> FloatArray:
+    """Coefficients of a smooth displacement through `values` (n,), of which some may be anything; the others scatter by so much."""
+    count = rows.shape[1]
+    bend = np.diff(np.eye(count), n=2, axis=0)
+    penalty = 3.0 * bend.T @ bend + 1e-3 * np.eye(count)
+    weight = kept.astype(float)
+    solution = np.zeros(count)
+    for scale in (8.0, 4.0, 2.0, 1.0, 1.0):
+        matrix = rows.T @ (weight[:, None] * rows) + penalty
+        solution = np.linalg.solve(matrix, rows.T @ (weight * values))
+        off = (values - rows @ solution) / (scale * scatter_px)
+        weight = kept / (1.0 + off**2) ** 2
+    return np.asarray(solution, dtype=float)

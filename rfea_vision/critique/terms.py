@@ -1,0 +1,200 @@
+"""The terms of a proposed law: their values along a run, and the effect file that says the same in the words that people write."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from rfea_vision.arrays import FloatArray
+
+#: Relaxation times of the memories on offer (s): a log of four apart, from a fast damper's to a slow creep's.
+MEMORIES_S = (0.3, 1.2, 5.0)
+#: Rate at which the direction of motion counts as turned (rad/s of the whole tube): that of `coulomb`.
+TURNED = 0.05
+#: Middles of the places at which a term may act alone.
+SPOTS = (0.2, 0.35, 0.5, 0.65, 0.8)
+#: Bounds of a fitted coefficient, in times of what it starts from.
+ROOM = 10.0
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of the library: its law in the words of an effect file, and its values (grid, n) along each run."""
+
+    law: str
+    words: str
+    values: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True)
+class Course:
+    """How the model goes through one run, on the grid of its pressure: s (grid,), rad and rad/s (grid, n), Pa (grid,)."""
+
+    time: FloatArray
+    theta: FloatArray
+    rate: FloatArray
+    pressure: FloatArray
+
+
+def library(courses: Sequence[Course]) -> list[Term]:
+    """All terms: a quantity, alone and with the place along the tube."""
+    each = [_quantities(course) for course in courses]
+    places = {
+        "": ("", np.ones_like),
+        " * (1 - s)": (" near the clamp", lambda place: 1 - place),
+        " * s": (" near the tip", lambda place: place),
+    }
+    for at in SPOTS:
+        places[f" * exp(-((s - {at}) / 0.1)**2)"] = (f" at {100 * at:.0f} % of the length", partial(_near, at=at))
+    terms = []
+    for law, (words, _) in each[0].items():
+        for factor, (where, shape) in places.items():
+            values = []
+            for quantities, course in zip(each, courses, strict=True):
+                n = course.theta.shape[1]
+                values.append(quantities[law][1] * shape((np.arange(n) + 0.5) / n))
+            terms.append(Term(law + factor, words + where, tuple(values)))
+    return terms
+
+
+def _quantities(course: Course) -> dict[str, tuple[str, FloatArray]]:
+    """Law and words of every quantity with its values (grid, n): a, r, p, t, m and z stand for what `effect_source` declares."""
+    n = course.theta.shape[1]
+    a, r = n * course.theta, n * course.rate
+    p = np.broadcast_to(course.pressure[:, None] / 1e5, a.shape)
+    t = np.broadcast_to((course.time - course.time[0])[:, None], a.shape)
+    most = np.maximum.accumulate(np.maximum(a, 0.0), axis=0)
+    out: dict[str, tuple[str, FloatArray]] = {
+        "1": ("a constant torque", np.ones_like(a)),
+        "a": ("the angle", a),
+        "a * Abs(a)": ("the angle times its size", a * np.abs(a)),
+        "a**3": ("the cube of the angle", a**3),
+        "cos(a)": ("the cosine of the angle", np.cos(a)),
+        "r": ("the rate", r),
+        "r * Abs(r)": ("the rate times its size", r * np.abs(r)),
+        "r * a": ("the rate times the angle", r * a),
+        f"tanh(r / {TURNED})": ("the direction of motion", np.tanh(r / TURNED)),
+        "p": ("the pressure", p),
+        "p * a": ("the pressure times the angle", p * a),
+        "p**2": ("the square of the pressure", p**2),
+        "m": ("the largest bend so far", most),
+        "m * a": ("the angle times the largest bend so far", most * a),
+        "t": ("the time into the run", t),
+        "t * a": ("the angle times the time into the run", t * a),
+    }
+    for k, period in enumerate(MEMORIES_S):
+        z = _relaxed(course.time, a, period)
+        out[f"(a - z{k})"] = (f"the angle less its memory of {period:g} s", a - z)
+    return out
+
+
+def _relaxed(time: FloatArray, values: FloatArray, period: float) -> FloatArray:
+    out = np.empty_like(values)
+    out[0] = values[0]
+    for k in range(1, time.size):
+        decay = np.exp(-(time[k] - time[k - 1]) / period)
+        out[k] = decay * out[k - 1] + (1 - decay) * 0.5 * (values[k] + values[k - 1])
+    return out
+
+
+def _near(place: FloatArray, at: float) -> FloatArray:
+    return np.exp(-(((place - at) / 0.1) ** 2))
+
+
+def listed(terms: Sequence[Term]) -> str:
+    """Terms in words."""
+    return " and ".join(term.words for term in terms)
+
+
+def effect_source(effect_id: str, terms: Sequence[Term], coefficients: Sequence[float]) -> str:
+    """The law as an effect file, as people write it by hand."""
+    laws = [term.law for term in terms]
+    text = " ".join(laws)
+    memories = [k for k in range(len(MEMORIES_S)) if f"z{k}" in text]
+    states, rates, relaxed, names = [], [], [], []
+    if "m" in _words(text):
+        states.append('"m": "rad"')
+        rates.append(
+            '"m": sp.Piecewise(((joint.tube_angle - self.m) / self.follow, joint.tube_angle > self.m), (0, True))'
+        )
+        relaxed.append('"m": sp.Piecewise((joint.tube_angle, joint.tube_angle > 0), (0, True))')
+        names.append("m = self.m")
+    if "t" in _words(text):
+        states.append('"t": "s"')
+        rates.append('"t": sp.Integer(1)')
+        relaxed.append('"t": sp.Integer(0)')
+        names.append("t = self.t / self.second")
+    for k in memories:
+        states.append(f'"z{k}": "rad"')
+        rates.append(f'"z{k}": (joint.tube_angle - self.z{k}) / ({MEMORIES_S[k]} * self.second)')
+        relaxed.append(f'"z{k}": joint.tube_angle')
+        names.append(f"z{k} = self.z{k}")
+    for name, meaning in (
+        ("a", "joint.tube_angle"), ("r", "joint.tube_rate * self.second"), ("p", "joint.pressure / self.bar"), ("s", "joint.position"),
+    ):  # fmt: skip
+        if name in _words(text):
+            names.append(f"{name} = {meaning}")
+    parameters = []
+    for k, (term, value) in enumerate(zip(terms, coefficients, strict=True), 1):
+        limit = ROOM * max(abs(value), 1e-9)
+        parameters.append(
+            f'"c{k}": EffectParameter("N*m", 0.0, {-limit:.6g}, {limit:.6g}, {value:.6g}, "{term.words}"),'
+        )
+    sum_ = " + ".join(f"self.c{k} * {_sympy(law)}" for k, law in enumerate(laws, 1))
+    join = "\n        ".join
+    hooks = ""
+    if states:
+        hooks = f"""
+    states = {{{", ".join(states)}}}
+
+    def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
+        return {{
+            {("," + chr(10) + "            ").join(rates)},
+        }}
+
+    def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
+        return {{
+            {("," + chr(10) + "            ").join(relaxed)},
+        }}
+"""
+    return f'''"""A law for what the model leaves, as `rfea propose` has found it: {listed(terms)}."""
+
+import sympy as sp
+
+from rfea_vision.effects.base import Effect, EffectParameter, Joint
+
+
+class Proposed(Effect):
+    """Torque per joint: {" + ".join(f"c{k} {law}" for k, law in enumerate(laws, 1))}.
+
+    a is the tube's angle (rad), r its rate (rad/s), p the pressure (bar), s the place from clamp to tip, t the time (s),
+    m the largest angle so far, z0.. the angle as it was remembered.
+    """
+
+    id = "{effect_id}"
+    title = "Proposed: torque that goes with {listed(terms)}"
+    reference = "regression of what the model leaves; give the cause a name and a reference"
+    parameters = {{
+        {join(parameters)}
+    }}
+    constants = {{"second": ("s", 1.0), "bar": ("Pa", 1e5), "follow": ("s", 0.0002)}}
+{hooks}
+    def joint_torque(self, joint: Joint) -> sp.Expr:
+        {join(names) if names else "pass"}
+        return {sum_}
+'''
+
+
+def _words(text: str) -> set[str]:
+    return set(re.findall(r"[a-z]\w*", text))
+
+
+def _sympy(law: str) -> str:
+    return re.sub(r"\b(tanh|cos|exp|Abs)\b", r"sp.\1", f"({law})" if "-" in law or "+" in law else law)
+
+
+__all__ = ["Course", "Term", "effect_source", "library", "listed"]
