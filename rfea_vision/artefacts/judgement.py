@@ -84,6 +84,7 @@ class ModelFit(_Json):
     noise_floor_deg: float | None = None  # where only an angle was measured
     noise_floor_source: str = ""
     experiments: dict[str, ExperimentScore]
+    ratio_only: bool = False  # whether r_hyd was held because these runs tell only its ratio to the stiffness
     warnings: list[str] = Field(default_factory=list)
     # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
     steady_state: dict[str, Any] = Field(default_factory=dict)

@@ -115,7 +115,8 @@ def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
         ]
     )
     parse_effects(options.effects, options.segments)
-    return refit(problem, options, values, model.segments, clocks, most_evaluations=15)
+    fitted = refit(problem, options, values, model.segments, clocks, most_evaluations=15)
+    return replace(fitted, ratio_only=model.ratio_only)
 
 
 def diagnose(

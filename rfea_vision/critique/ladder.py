@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
+from rfea_vision.fitting.ratio import lever_free, with_lever_held
 from rfea_vision.fitting.scoring import as_artefact, score
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
@@ -84,15 +86,22 @@ def _climbed(problem: Problem, fitted: Fitted, name: str, trials: Trials) -> Fit
     trial = trials.done.get(key) or _tried_alone(trials, trials.stands(fitted), name)
     if trial is None:
         return None
-    options = replace(
-        fitted.options, effects=(*fitted.options.effects, name), name=f"{fitted.options.name}+{plain(name)}",
-        effect_files=trials.effect_files or fitted.options.effect_files,
-    )  # fmt: skip
-    values = dict(zip(trial.fitted.model.names, trial.fitted.par.tolist(), strict=True))
+    effects, named = (*fitted.options.effects, name), f"{fitted.options.name}+{plain(name)}"
     try:
-        return refit(problem, options, values, options.segments, trial.fitted.solution.clocks)
+        return _stood_up(problem, fitted, trial, effects, named, trials.effect_files)
     except DataError:
         return None
+
+
+def _stood_up(
+    problem: Problem, below: Fitted, trial: Trial, effects: Sequence[str], name: str, files: Sequence[Path] = ()
+) -> Fitted:
+    """What the search has tried as a model of the ladder, under a law of its own and the options of the model below."""
+    options = replace(
+        lever_free(below), effects=tuple(effects), name=name, effect_files=tuple(files) or below.options.effect_files
+    )
+    clocks = trial.fitted.solution.clocks
+    return with_lever_held(problem, refit(problem, options, trial.fitted.values, options.segments, clocks))
 
 
 def _look_back(fitted: Fitted, trials: Trials, floor: float, keep: str) -> tuple[Fitted, set[str]]:
@@ -111,11 +120,8 @@ def _look_back(fitted: Fitted, trials: Trials, floor: float, keep: str) -> tuple
             continue
         names = common_runs([without.errors, whole.errors])
         if not matters(without.errors.on(names), whole.errors.on(names), floor):
-            base_name = fitted.options.name.split("+")[0]
-            options = replace(fitted.options, effects=tuple(rest), name="+".join((base_name, *map(plain, rest))))
-            known = dict(zip(without.fitted.model.names, without.fitted.par.tolist(), strict=True))
-            clocks = without.fitted.solution.clocks
-            return refit(trials.problem, options, known, options.segments, clocks), {plain(effect)}
+            name = "+".join((fitted.options.name.split("+")[0], *map(plain, rest)))
+            return _stood_up(trials.problem, fitted, without, rest, name), {plain(effect)}
     return fitted, set()
 
 

@@ -21,6 +21,7 @@ from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE
 from rfea_vision.critique.screening import Sensitivity, available, offered, sensitivities
 from rfea_vision.fitting.fit import make_problem
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.scoring import options_of
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +62,7 @@ def power_study(
         One row per amplitude on offer.
     """
     problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
-    fitted = refit_artefact(model, problem)
+    fitted = with_lever_free(problem, refit_artefact(model, problem))
     floor = binding(floors_of(problem, fitted))
     present = {e.id for e in fitted.model.effects}
     effects = available(offered(problem, fitted, candidates, effect_files), present)

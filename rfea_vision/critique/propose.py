@@ -31,6 +31,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
 from rfea_vision.fitting.fit import Fitted, Problem, fit_added, make_problem
 from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.residuals import Evaluation, as_it_stood, evaluate
 from rfea_vision.fitting.scoring import options_of
 from rfea_vision.fitting.uncertainty import frame_of_row
@@ -83,7 +84,7 @@ def propose(
         Nothing is left that a law could explain, or no law foretells runs that it was not regressed on.
     """
     problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
-    fitted = refit_artefact(model, problem)
+    fitted = with_lever_free(problem, refit_artefact(model, problem))
     before = errors_of(problem, fitted)
     floor = binding(floors_of(problem, fitted))
     if structure(before, floor) < STRUCTURE_FLOORS:

@@ -16,6 +16,7 @@ from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, find_effects, load_effect_file, plain, split_joint
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, refit
+from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.solver import ROUGH_FRAMES
 from rfea_vision.options import FitOptions
 
@@ -59,7 +60,8 @@ class Trials:
     done: dict[frozenset[str], Trial | None] = field(default_factory=dict)
 
     def stands(self, fitted: Fitted, effects: frozenset[str] | None = None) -> Trial:
-        """Take note of a fit that was made elsewhere."""
+        """Take note of a fit that was made elsewhere, its lever free: what more effects leave may tell it (fitting/ratio.py)."""
+        fitted = with_lever_free(self.problem, fitted)
         key = frozenset(fitted.options.effects) if effects is None else effects
         trial = Trial(key, fitted, errors_of(self.problem, fitted))
         self.done[key] = trial

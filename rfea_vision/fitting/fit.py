@@ -17,7 +17,7 @@ from rfea_vision.fitting.coordinates import base_reference, build
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.profile import profile
-from rfea_vision.fitting.ratio import only_ratio
+from rfea_vision.fitting.ratio import lever_free, with_lever_held
 from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit, refit_from
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.rules import under_rules
@@ -268,12 +268,11 @@ def fit_added(problem: Problem, options: FitOptions, previous: Fitted, progress:
     if best is None:
         raise DataError(f"model {options.name}: none of its starts could be simulated")
     return replace(
-        refit_from(problem, options, best),
+        with_lever_held(problem, refit_from(problem, options, best)),
         plateaus=previous.plateaus,
         steady=previous.steady,
         starts=tuple(waterfall),
         jumps=previous.jumps,
-        ratio_only=previous.ratio_only,
     )
 
 
@@ -300,29 +299,17 @@ def fit(problem: Problem, options: FitOptions, progress: Progress | None = None)
     if options.start:
         fitted = _without_jumps(problem, refit(problem, options, options.start, options.segments))
     else:
-        fitted = _with_lever_held(problem, fit_base(problem, replace(options, effects=()), progress))
+        fitted = with_lever_held(problem, fit_base(problem, replace(options, effects=()), progress))
         fitted = _without_jumps(problem, fitted)
-        options = replace(options, loss=fitted.options.loss, fixed=fitted.options.fixed)
-        fitted = replace(fitted, options=options)
         if options.effects:
-            fitted = fit_added(problem, options, fitted, progress=progress)
+            found = lever_free(fitted)
+            fitted = fit_added(problem, replace(options, loss=found.loss, fixed=found.fixed), fitted, progress=progress)
+        else:
+            options = replace(options, loss=fitted.options.loss, fixed=fitted.options.fixed)
+            fitted = replace(fitted, options=options)
     if options.study_segments or options.auto_segments:
         fitted = with_study(problem, fitted)
     return fitted
-
-
-def _with_lever_held(problem: Problem, fitted: Fitted) -> Fitted:
-    """Hold the lever at its usual value where the runs tell no more than its ratio to the stiffness."""
-    if not only_ratio(fitted, problem.train):
-        return fitted
-    options = fitted.options
-    lever = float(base_reference(problem.actuator, options.segments)[6])
-    share = lever / fitted.par[6]
-    scaled = np.concatenate([fitted.par[:7] * share, fitted.par[7:]])
-    known = dict(zip(fitted.model.names, scaled, strict=True))
-    options = replace(options, fixed={**options.fixed, "r_hyd": lever})
-    held = refit(problem, options, known, options.segments, fitted.solution.clocks)
-    return replace(fitted, options=options, coordinates=held.coordinates, solution=held.solution, ratio_only=True)
 
 
 def _without_jumps(problem: Problem, fitted: Fitted) -> Fitted:

@@ -1,14 +1,18 @@
-"""Runs that tell only the ratio of stiffness and lever: whether they do, and the sentence that says so."""
+"""Runs that tell only the ratio of stiffness and lever: whether they do, what is done then, and the sentence that says so."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observed import Observed
-from rfea_vision.fitting.refit import Fitted
+from rfea_vision.fitting.problem import Problem
+from rfea_vision.fitting.refit import Fitted, refit, refit_from
 from rfea_vision.fitting.uncertainty import uncertainty_of
+from rfea_vision.options import FitOptions
 
 #: A lever that the data tell no better than to this share is not told by them: its bounds are 25 % apart.
 LOOSE_SHARE = 0.1
@@ -23,6 +27,42 @@ def only_ratio(fitted: Fitted, items: Sequence[Observed]) -> bool:
     at = names.index("r_hyd")
     size = fitted.coordinates.matrix[6, at] * np.sqrt(found.covariance[at, at]) / fitted.par[6]
     return bool(found.undetermined[at] or size > LOOSE_SHARE)
+
+
+def with_lever_held(problem: Problem, fitted: Fitted) -> Fitted:
+    """The same fit with the lever held at its usual value, where the runs tell no more than its ratio to the stiffness."""
+    if not only_ratio(fitted, problem.train):
+        return fitted
+    options = fitted.options
+    lever = float(base_reference(problem.actuator, options.segments)[6])
+    share = lever / fitted.par[6]
+    known = {
+        name: value * (share if k < 7 else 1.0)
+        for k, (name, value) in enumerate(zip(fitted.model.names, fitted.par.tolist(), strict=True))
+    }
+    options = replace(options, fixed={**options.fixed, "r_hyd": lever})
+    held = refit(problem, options, known, options.segments, fitted.solution.clocks)
+    return replace(fitted, options=options, coordinates=held.coordinates, solution=held.solution, ratio_only=True)
+
+
+def with_lever_free(problem: Problem, fitted: Fitted) -> Fitted:
+    """The same fit with the lever free where the rule had held it.
+
+    What a model leaves blurs what its runs tell: with the effect that is missing they may well tell the lever, and where it
+    is held off its value some other effect would be called in to make up for it.
+    """
+    if not fitted.ratio_only:
+        return fitted
+    freed = refit_from(problem, lever_free(fitted), fitted)
+    return replace(
+        fitted, options=freed.options, coordinates=freed.coordinates, solution=freed.solution, ratio_only=False
+    )
+
+
+def lever_free(fitted: Fitted) -> FitOptions:
+    """The options of a fit without what the rule held."""
+    held = {"r_hyd"} if fitted.ratio_only else set()
+    return replace(fitted.options, fixed={n: v for n, v in fitted.options.fixed.items() if n not in held})
 
 
 def about_ratio(parameters: Mapping[str, tuple[float, float | None]], lever: float) -> str:

@@ -177,6 +177,7 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
         noise_floor_deg=floor_deg,
         noise_floor_source=source,
         experiments=scores,
+        ratio_only=fitted.ratio_only,
         warnings=[
             *_ruled(problem, fitted, found.parameters),
             *found.sentences,

@@ -10,11 +10,13 @@ import pytest
 
 from rfea_vision.artefacts import Candidate, Diagnosis, Recording
 from rfea_vision.critique import diagnose, improve
+from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.ladder import Step, next_step
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting import fit_model
+from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.options import FitOptions
 
 OPTIONS = FitOptions(segments=6, starts=0)
@@ -116,3 +118,16 @@ def test_a_chain_that_is_too_coarse_is_made_finer(campaign):
     assert diagnosis.named[:1] == ["segments"]
     fine, _ = diagnose(fit_model(recordings, actuator, replace(OPTIONS, segments=12)), recordings)
     assert "segments" not in {c.effect for c in fine.candidates}
+
+
+def test_a_lever_that_was_held_by_rule_is_not_made_up_for_by_an_effect(campaign):
+    """What a misfit blurs (k / r_hyd alone is told) the better model tells: the lever is free again while effects are weighed."""
+    recordings, actuator = campaign()
+    problem = make_problem(recordings, actuator)
+    held = fit(problem, replace(OPTIONS, fixed={"r_hyd": 3.3e-3}))
+    rivals = ("virtual_work", "pressure_gain")
+    asked_for = judge(problem, held, candidates=rivals).diagnosis
+    assert asked_for.named and asked_for.named[0] in rivals, "a person's value stands, and something makes up for it"
+    ruled = judge(problem, replace(held, ratio_only=True), candidates=rivals)
+    assert ruled.diagnosis.verdict == "complete"
+    assert ruled.search.present.fitted.values["r_hyd"] > 3.5e-3, "of six bodies, towards the twin's 3.564 mm and beyond"
