@@ -66,6 +66,9 @@ class Search:
         self.independent = effective_count(self.trials.problem, self.present.fitted)
         self.count = self.rule.count(self.independent)
         self.screened: list[Screened] = []
+        self.removes: dict[
+            str, float
+        ] = {}  # by effect: the share of the squared error that it takes away by itself, at a glance
         self._quietest: Trial | None = None
         self.floors = self._settled()
 
@@ -150,14 +153,14 @@ class Search:
         return self._led(self.weigh())
 
     def _led(self, weighed: list[Weighed]) -> list[Weighed]:
-        """The same, led by the set that is likely together with those it is tied with: two that share a claim do not lose it."""
+        """The same, led by the best of those sets that are likeliest together: two that share a claim do not lose it."""
         near = [item for item in weighed if weighed[0].weight - item.weight < EVEN]
-
-        def together(item: Weighed) -> float:
-            rivals = {id(row): row for rows in self.tied([item, *near]).values() for row in rows}
-            return item.probability + sum(row.probability for row in rivals.values())
-
-        first = max(near, key=together)
+        groups = []
+        for item in near:
+            others = [row for rows in self.tied([item, *near]).values() for row in rows]
+            groups.append([item, *(row for row in near if row in others)])
+        together = max(groups, key=lambda group: sum(item.probability for item in group))
+        first = max(together, key=lambda item: item.weight)
         return [first, *(item for item in weighed if item is not first)]
 
     def _look_from(self, centre: Trial, widths: Sequence[int]) -> None:
@@ -169,6 +172,7 @@ class Search:
         rows = list(sensitivities(self.trials.problem, centre.fitted, offered))
         if centre is self.present:
             self.screened = screened_rows(rows, offered)
+            self.removes = {row.effect: row.explained for row in reversed(self.screened)}
             self._afresh(offered, max(widths))
         sure = (SURE if centre is self.present else 1) if self.structure(centre) >= STRUCTURE_FLOORS else 0
         proposals = Combinations(rows).best(have, min(room, len(widths)), max(widths))
@@ -187,7 +191,9 @@ class Search:
         for effect in available(offered, set(map(plain, self.present.effects))):
             grid = {f"{effect.id}.{name}": value for name, value in grids.get(effect.id, {}).items()}
             near = self.trials.glance(self.present, (effect.id,), {**stiff, **grid})
-            looks += [] if near is None else [(near.solution.cost, effect.id, near.values)]
+            if near is not None:
+                looks.append((near.solution.cost, effect.id, near.values))
+                self.removes[effect.id] = 1 - near.solution.mean_square / fitted.solution.mean_square
         for _, name, values in sorted(looks, key=lambda look: look[:2])[:most]:
             self.trials.refit(self.present, (name,), values)
 
@@ -226,7 +232,7 @@ class Search:
     def _rivals(self) -> None:
         """Nobody is named without its rivals refitted in its place: those said to be mistaken for it, and those that look like it.
 
-        An effect looks like another that is named alone where its linear step would remove half as much, as a refit may turn out.
+        An effect looks like another that is named alone where it would at a glance remove half as much, as a refit may turn out.
         Where the best set leaves something, the former are tried in all their forms.
         """
         best = self.weigh()[0]
@@ -235,8 +241,8 @@ class Search:
             others = [one for one in look_alikes(self.effects, own) if one not in best.added]
             forms = [form for one in others for form in (forms_of(one) if left else ())]
             if len(best.added) == 1:
-                least = max((row.explained for row in self.screened if row.effect == own), default=np.inf) / LENIENT
-                others += [row.effect for row in self.screened if row.effect != own and row.explained >= least]
+                least = self.removes.get(own, np.inf) / LENIENT
+                others += [name for name, share in self.removes.items() if name != own and share >= least]
             base = self.without(best, own) or self.present
             possible = {e.id for e in available(self.effects, {plain(one) for one in base.effects})}
             # of a grid its best point
@@ -262,7 +268,10 @@ class Search:
     # -- what it says --------------------------------------------------------------------------------------------------
 
     def tied(self, weighed: Sequence[Weighed]) -> dict[str, list[Weighed]]:
-        """For each member of the best set, the sets with another effect in its place that do alike and are as likely."""
+        """For each member of the best set, the sets with another effect in its place that are as likely and do alike.
+
+        One does alike that cannot be told from the best set, or from another of its rivals.
+        """
         best, out = weighed[0], {}
         for own in best.added:
             without = self.without(best, own)
@@ -270,7 +279,10 @@ class Search:
                 new = set(other.added) - set(best.added)
                 if len(new) != 1 or set(best.added) - set(other.added) != {own} or without is None:
                     continue
-                if best.weight - other.weight < EVEN and self._alike(best.trial, other.trial, without):
+                known = [best, *out.get(own, [])]
+                if best.weight - other.weight < EVEN and any(
+                    self._alike(one.trial, other.trial, without) for one in known
+                ):
                     out.setdefault(own, []).append(other)
         return out
 
