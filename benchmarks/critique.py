@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from benchmarks.hidden_campaigns import recordings_of
+from benchmarks.probable_campaigns import by_twin
 from rfea_vision.critique import improve
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.fitting.fit import fit, make_problem
@@ -25,7 +25,7 @@ def run() -> list[dict[str, Any]]:
         options = TwinOptions(
             hidden=hidden, seed=5, duration_s=20.0, joints=24, roles=("train", "train", "train", "validate")
         )
-        recordings, actuator = recordings_of(options)
+        recordings, actuator = by_twin(options)
         problem = make_problem(recordings, actuator)
         fitted = fit(problem, FitOptions())
         begun = time.perf_counter()

@@ -21,6 +21,7 @@ from benchmarks.probability_sweep import sweep
 from benchmarks.probability_tables import DOCUMENT, diagram, document
 from benchmarks.probable_campaigns import Case, draw, recordings_of
 from rfea_vision.critique.diagnosis import Judgement, judge
+from rfea_vision.critique.trials import Trial
 from rfea_vision.errors import RfeaError
 from rfea_vision.files import write_text
 from rfea_vision.fitting import FitOptions
@@ -87,13 +88,26 @@ def _said(judgement: Judgement) -> dict[str, Any]:
 
 
 def _told(judgement: Judgement, case: Case) -> dict[str, Any]:
-    """Held-out errors of what was named and of a fit that is told the truth, in the catalogue's own laws."""
+    """Held-out errors of what was named and of a fit that is told the truth, in the catalogue's own laws.
+
+    And what that leaves, in floors, without each of the hidden effects: an effect that leaves less than one cannot be found.
+    """
     search, best = judgement.search, judgement.verdict.best
     start = stiff_start(search.trials.problem, search.present.fitted)  # also where the base model is bent out of shape
-    truth = search.trials.refit(search.present, [names[0] for names in case.laws], start) if case.laws else None
-    if truth is None or set(truth.errors.runs) != set(best.errors.runs):
+    names = [own[0] for own in case.laws]
+
+    def told(effects: Sequence[str]) -> Trial | None:
+        return search.trials.refit(search.present, effects, start) if effects else search.present
+
+    truth = told(names)
+    if not names or truth is None or set(truth.errors.runs) != set(best.errors.runs):
         return {}
-    return {"named_error": float(f"{best.errors.held:.4g}"), "told_error": float(f"{truth.errors.held:.4g}")}
+    without = [told([one for one in names if one != own]) for own in names]
+    return {
+        "named_error": float(f"{best.errors.held:.4g}"),
+        "told_error": float(f"{truth.errors.held:.4g}"),
+        "without": [None if one is None else round(one.errors.held / search.floor, 3) for one in without],
+    }
 
 
 def read_results(path: Path = RESULTS) -> list[dict[str, Any]]:

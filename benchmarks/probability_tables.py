@@ -105,15 +105,18 @@ def _counts(title: str, lines: Sequence[Line], each: Mapping[str, Sequence[Claim
             f"catalogue) in {within} of {len(ratios)}; median ratio {median(ratios):.3f}.\n"
         )
     out += [
-        "| hidden | campaigns | hidden effects | named | where the base model leaves a floor or more | named |",
-        "|---|---|---|---|---|---|",
+        "| hidden | campaigns | hidden effects | named | where the base model leaves a floor or more | named | without which the "
+        "true model leaves a floor or more | named |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for kind in ("single", "pair", "triple"):
         own = [line for line in lines if line["kind"] == kind]
         seen = [line for line in own if line["floors"] >= LEAST_FLOORS]
-        figures = [f"{sum(right for *_, right in part)} | {sum(right and p >= 0.5 for _, p, right in part)}" for part in (
-            [one for line in group for one in each[line["key"]]] for group in (own, seen)
-        )]  # fmt: skip
+        parts = [[one for line in group for one in each[line["key"]]] for group in (own, seen)]
+        parts.append([one for line in own for one in seen_alone(line, each[line["key"]])])
+        figures = [
+            f"{sum(right for *_, right in part)} | {sum(right and p >= 0.5 for _, p, right in part)}" for part in parts
+        ]
         out.append(f"| {kind} | {len(own)} | {' | '.join(figures)} |")
     nothing = [line for line in lines if line["kind"] == "nothing"]
     outside = [line for line in lines if line["kind"] == "outside"]
@@ -123,6 +126,11 @@ def _counts(title: str, lines: Sequence[Line], each: Mapping[str, Sequence[Claim
         f"Outside of the catalogue: {sum(bool(line['named']) for line in outside)} of {len(outside)} given a name.\n"
     )
     return "\n".join(out)
+
+
+def seen_alone(line: Line, found: Sequence[Claim]) -> list[Claim]:
+    """Of the claims, of which the first are about what was hidden, those about effects without which a floor or more is left."""
+    return [one for one, floors in zip(found, line.get("without", ()), strict=False) if (floors or 0.0) >= LEAST_FLOORS]
 
 
 def untried(line: Line) -> list[Claim]:

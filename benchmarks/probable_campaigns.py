@@ -14,7 +14,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from benchmarks.hidden_campaigns import AMPLITUDES, NOISE_MM, OUTSIDE, PARTNERS, SIGNED
 from rfea_vision import open_campaign
 from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.twin import TwinOptions
@@ -23,6 +22,57 @@ from testing.claims import LAWS
 from testing.other_plant import OtherTube, centre_line, simulate
 
 FloatArray = NDArray[np.float64]
+NOISE_MM = 0.06
+#: Of each of the twin's effects: an amplitude that leaves about five noise floors, and the most that is tried.
+AMPLITUDES: dict[str, tuple[float, float]] = {
+    "virtual_work.a": (0.6, 1.0),
+    "variable_mass.a": (1.0, 2.0),
+    "payload.m": (1e-3, 2e-2),
+    "com_offset.a": (0.8, 1.0),
+    "gravity_tilt.angle": (0.05, 0.45),
+    "rest_curvature.angle": (0.05, 0.8),
+    "nonlinear_stiffness.c": (0.05, 0.8),
+    "pressure_stiffening.c": (5e-7, 5e-6),
+    "stiffness_profile.a1": (0.05, 0.5),
+    "damping_profile.a1": (0.5, 0.8),
+    "nonlinear_damping.c": (0.1, 4.0),
+    "maxwell.k1": (0.05, 1.0),
+    "hysteresis.tau_h": (5e-4, 1e-2),
+    "coulomb.tau_c": (3e-4, 1e-2),
+    "mullins.c": (0.03, 0.4),
+    "radial_expansion.c": (1e-7, 3e-7),
+    "compressibility.c": (1e-7, 3e-7),
+    "fluid_inertia.I": (2e8, 2e10),
+    "fluid_damping.R": (1e9, 5e10),
+    "drag.c": (200.0, 1.8e3),
+    "contact.k": (10.0, 1e3),
+    "base_rotation.c": (1.0, 30.0),
+    "pressure_lag.T": (0.02, 0.2),
+    "pressure_offset.p0": (2e3, 5e4),
+    "time_offset.dt": (0.01, 0.1),
+    "clock_drift.d": (3e-3, 0.03),
+    "camera_scale.s": (0.01, 0.1),
+    "plane_tilt.a": (0.3, 1.5),
+    "fan.F": (0.02, 1.0),
+    "warm_up.c": (0.05, 0.5),
+    "shaking.a": (0.2, 5.0),
+    "heavy_section.m": (1e-3, 2e-2),
+    "kink.c": (0.3, 1.0),
+}
+OUTSIDE = ("fan", "warm_up", "shaking", "heavy_section", "kink")
+#: Partners that vanish with the amplitude: drawn between these, evenly in the logarithm.
+PARTNERS: dict[str, dict[str, tuple[float, float]]] = {
+    "maxwell": {"maxwell.T": (0.25, 2.5)},
+    "hysteresis": {"hysteresis.w": (0.1, 0.6)},
+    "coulomb": {"coulomb.w": (0.05, 0.2)},
+    "mullins": {"mullins.s": (0.4, 1.2)},
+    "contact": {"contact.d": (0.05, 0.09)},
+    "warm_up": {"warm_up.T": (2.0, 6.0)},
+    "shaking": {"shaking.f": (2.0, 5.0)},
+    "heavy_section": {"heavy_section.at": (0.3, 0.6)},
+    "kink": {"kink.at": (0.25, 0.5)},
+}
+SIGNED = ("gravity_tilt", "rest_curvature", "com_offset", "plane_tilt", "stiffness_profile", "pressure_offset")
 ROLES = ("train", "train", "validate")
 DURATION_S, RATE_HZ, ANGLE_NOISE_DEG = 6.0, 60.0, 0.2
 FRACTIONS = np.linspace(0, 1, 9)
@@ -134,6 +184,11 @@ def _by_twin(case: Case) -> tuple[dict[str, Recording], Actuator]:
         sync="offset" if clocks else "common_clock",
         write_truth=False,
     )
+    return by_twin(options)
+
+
+def by_twin(options: TwinOptions) -> tuple[dict[str, Recording], Actuator]:
+    """Make a campaign of the twin in a folder that goes again, and read it as a user's."""
     with tempfile.TemporaryDirectory() as folder:
         simulate_twin(Path(folder) / "campaign", options)
         found = open_campaign(Path(folder) / "campaign").sync()

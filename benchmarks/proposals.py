@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks._commit import commit
-from benchmarks.hidden_campaigns import OUTSIDE
-from benchmarks.probable_campaigns import UNKNOWN, Case, even, of_other, of_twin, recordings_of
+from benchmarks.probable_campaigns import OUTSIDE, UNKNOWN, Case, even, of_other, of_twin, recordings_of
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import errors_of
 from rfea_vision.critique.propose import propose
@@ -60,7 +59,9 @@ def cases() -> list[Case]:
         rng = np.random.default_rng(SEED + 100 + k)
         hidden = {name: even(rng, *UNKNOWN[name])} if name in UNKNOWN else of_other(name, rng)[0]
         out.append(Case("other", SEED + 100 + k, "outside", hidden, (), angle_only=False))
-    out += [Case("twin" if k % 2 else "other", SEED + 200 + k, "nothing", {}, (), angle_only=False) for k in range(NOTHING)]
+    out += [
+        Case("twin" if k % 2 else "other", SEED + 200 + k, "nothing", {}, (), angle_only=False) for k in range(NOTHING)
+    ]
     return out
 
 
