@@ -157,7 +157,7 @@ def _hidden_states(model: Model, par: FloatArray, motion: ChainMotion, substeps:
     for k in range(len(motion.angle)):
         states[k] = z
         for _ in range(substeps):
-            model.law.module.joint_law(
+            model.law.loops.joint_law(
                 np.ascontiguousarray(motion.angle[k]),
                 np.ascontiguousarray(motion.rate[k]),
                 z,

@@ -1,6 +1,8 @@
 """A law ready to run: derived once, kept as source in the user's cache folder, compiled by Numba.
 
-The generated modules are kept under a hash of the effects' sources, so a law is derived and compiled once per machine.
+What is derived of a law is kept under a hash of the effects' sources, so a law is derived once per machine. Its compiled
+loops are kept under a hash of their own text: laws that differ only in what is evaluated once a run (mass, gravity, clamp,
+line, camera, clock) share them, and so do the same effects in another order.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import platformdirs
@@ -28,19 +30,29 @@ if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
 
 
+class Loops(NamedTuple):
+    """What is compiled of a law: joints, their derivatives by the parameters, hidden states at rest, forces on the bodies."""
+
+    joint_law: Any
+    joint_law_parameters: Any
+    relaxed_states: Any
+    body_force: Any
+
+
 @dataclass(frozen=True)
 class CompiledLaw:
     """A law ready to run: compiled joint law and body force, and NumPy functions for what is evaluated once a run.
 
     Each hook that is evaluated once a run is an attribute by its name: a function of (par, con, *its own symbols) that
     returns the value(s) with the derivatives with respect to every parameter behind them. `active` are those of these
-    hooks that an effect changes. `chambers` are those with effects of their own: `line` has what these make of the hooks.
+    hooks that an effect changes. `effects` are in the order of the parameters. `chambers` are those with effects of their
+    own: `line` has what these make of the hooks.
     """
 
     effects: tuple[str, ...]
     parameters: tuple[str, ...]
     state_count: int
-    module: ModuleType
+    loops: Loops
     once: ModuleType
     has_body_force: bool
     has_added_mass: bool
@@ -92,7 +104,8 @@ def _key(effects: Sequence[Effect]) -> str:
     return digest.hexdigest()[:24]
 
 
-def _load(path: Path, name: str) -> ModuleType:
+def _load(path: Path) -> ModuleType:
+    name = f"rfea_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ImportError(path)
@@ -117,26 +130,41 @@ def compile_law(effects: Sequence[Effect] = ()) -> CompiledLaw:
 
 
 _compiled: dict[str, CompiledLaw] = {}
+_loops: dict[str, Any] = {}
 
 
 def _compile(effects: Sequence[Effect], key: str) -> CompiledLaw:
-    path = _cache_folder() / f"law_{key}.py"
-    beside = path.with_name(f"law_{key}_numpy.py")
-    if not (path.exists() and beside.exists()):
-        # SymPy takes half a second to import, and is not needed for a law that is in the cache.
-        from rfea_vision.dynamics.generation import generate, generate_numpy
-        from rfea_vision.dynamics.laws import compose
+    folder = _cache_folder()
+    path = folder / f"law_{key}.py"
+    if not path.exists():
+        _derive(effects, path)
+    once = _load(path)
+    if not all((folder / f"{module}.py").exists() for module in once.LOOPS.values()):
+        _derive(effects, path)
+    loops = {name: _loop(folder / f"{module}.py", name) for name, module in once.LOOPS.items()}
+    return CompiledLaw(loops=Loops(**loops), once=once, **once.FACTS)
 
-        law = compose(effects)
-        for target, text in ((path, generate(law)), (beside, generate_numpy(law))):
-            write_text(target, text)
-    numeric = _load(beside, f"rfea_law_{key}_numpy")
-    return CompiledLaw(
-        effects=tuple(effect.id for effect in effects),
-        module=_load(path, f"rfea_law_{key}"),
-        once=numeric,
-        **numeric.FACTS,
-    )
+
+def _derive(effects: Sequence[Effect], path: Path) -> None:
+    """Write what is derived of a law, and the loops that are not there yet: Numba keeps compiled code by the age of the file."""
+    # SymPy takes half a second to import, and is not needed for a law that is in the cache.
+    from rfea_vision.dynamics.generation import generate, generate_numpy
+    from rfea_vision.dynamics.laws import compose
+
+    law = compose(effects)
+    modules = {}
+    for name, text in generate(law).items():
+        modules[name] = f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
+        loop = path.with_name(f"{modules[name]}.py")
+        if not loop.exists():
+            write_text(loop, text)
+    write_text(path, generate_numpy(law, modules))
+
+
+def _loop(path: Path, name: str) -> Any:
+    if path.stem not in _loops:
+        _loops[path.stem] = getattr(_load(path), name)
+    return _loops[path.stem]
 
 
 def constants(

@@ -1,12 +1,13 @@
 """From a composed law to source text: exact derivatives by SymPy, common subexpressions shared, printed as Python.
 
-Two modules come of a law: its loops over joints and bodies for Numba, and NumPy functions for what is evaluated once a run.
+A law gives loops over joints and bodies for Numba, each a module of its own, and a module of NumPy functions for what is
+evaluated once a run. Laws that differ in the latter alone have the same loops, word for word.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import sympy as sp
@@ -74,8 +75,8 @@ def _function(
     name: str,
     arguments: str,
     signature: str,
-    law: Law,
     targets: list[tuple[str, sp.Expr]],
+    law: Law,
     per_item: dict[sp.Symbol, str],
     count: str,
 ) -> str:
@@ -85,7 +86,7 @@ def _function(
             raise InputError("effect law: a derivative could not be formed; write it with differentiable functions")
     body = _unpack(law, expressions, "        ", per_item)
     return (
-        f"\n@njit(void({signature}), nogil=True, cache=True, error_model='numpy', _nrt=False)\n"
+        f"{_HEADER}\n@njit(void({signature}), nogil=True, cache=True, error_model='numpy', _nrt=False)\n"
         f"def {name}({arguments}):\n    for j in range({count}):\n{body or '        pass'}\n"
         f"{_assignments(targets, '        ')}\n"
     )
@@ -124,14 +125,13 @@ def force_columns(law: Law) -> list[list[sp.Expr]]:
     return [[part, *(_derivative(part, symbol) for symbol in KINEMATIC)] for part in law.body_force]
 
 
-def generate(law: Law) -> str:
-    """Source text of the compiled module for a composed law."""
+def generate(law: Law) -> dict[str, str]:
+    """Source text of each loop that is compiled of a composed law, by the names in `compilation.Loops`."""
     targets = [(f"out[j, {index}]", column) for index, column in enumerate(joint_columns(law))]
     joint_arguments = "thetas, rates, z, felt, positions, arcs, weights, par, con, out"
     joint_signature = "VECTOR, VECTOR, MATRIX, float64, VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX"
-    source = _HEADER + _function(
-        "joint_law", joint_arguments, joint_signature, law, targets, _joint_items(law), "thetas.size"
-    )
+    joints = (law, _joint_items(law), "thetas.size")
+    texts = {"joint_law": _function("joint_law", joint_arguments, joint_signature, targets, *joints)}
 
     rows = [law.torque, law.added_mass, *law.state_rates]
     parameter_targets = [
@@ -140,15 +140,15 @@ def generate(law: Law) -> str:
         for column, symbol in enumerate(law.symbols)
     ]
     cube = joint_signature.rsplit(", ", 1)[0] + ", float64[:, :, ::1]"
-    source += _function(
-        "joint_law_parameters", joint_arguments, cube, law, parameter_targets, _joint_items(law), "thetas.size"
+    texts["joint_law_parameters"] = _function(
+        "joint_law_parameters", joint_arguments, cube, parameter_targets, *joints
     )
 
     relaxed_targets: list[tuple[str, sp.Expr]] = []
     for index, (value, columns) in enumerate(zip(law.relaxed, relaxed_columns(law), strict=True)):
         columns = [*columns, *(_derivative(value, symbol) for symbol in law.symbols)]
         relaxed_targets += [(f"out[j, {index}, {column}]", item) for column, item in enumerate(columns)]
-    source += _function("relaxed_states", joint_arguments, cube, law, relaxed_targets, _joint_items(law), "thetas.size")
+    texts["relaxed_states"] = _function("relaxed_states", joint_arguments, cube, relaxed_targets, *joints)
 
     force_targets: list[tuple[str, sp.Expr]] = []
     for row, (component, columns) in enumerate(zip(law.body_force, force_columns(law), strict=True)):
@@ -156,16 +156,16 @@ def generate(law: Law) -> str:
         force_targets += [(f"out[j, {row}, {column}]", item) for column, item in enumerate(columns)]
     items = {symbol: f"motion[j, {index}]" for index, symbol in enumerate(KINEMATIC)}
     items[laws.BODY_LENGTH] = "length[j]"
-    source += _function(
+    texts["body_force"] = _function(
         "body_force",
         "motion, length, par, con, out",
         "MATRIX, VECTOR, VECTOR, VECTOR, float64[:, :, ::1]",
-        law,
         force_targets,
+        law,
         items,
         "length.size",
     )
-    return source
+    return texts
 
 
 def _numpy_function(name: str, law: Law, expressions: Sequence[sp.Expr], own: Sequence[sp.Symbol]) -> str:
@@ -175,9 +175,13 @@ def _numpy_function(name: str, law: Law, expressions: Sequence[sp.Expr], own: Se
     return inspect.getsource(function).replace("_lambdifygenerated", name, 1)
 
 
-def generate_numpy(law: Law) -> str:
-    """Source text of the NumPy functions, and of what there is to know of the law without deriving it again."""
+def generate_numpy(law: Law, loops: Mapping[str, str]) -> str:
+    """Source text of the NumPy functions, and of what there is to know of the law without deriving it again.
+
+    loops : the module in which each compiled loop stands
+    """
     facts = {
+        "effects": law.effects,
         "parameters": law.parameters,
         "state_count": len(law.states),
         "has_body_force": law.body_force != (0, 0),
@@ -186,6 +190,7 @@ def generate_numpy(law: Law) -> str:
         "chambers": tuple(law.lines),
     }
     text = '"""Generated: do not edit."""\nfrom numpy import *\n\nFACTS = ' + repr(facts) + "\n"
+    text += f"LOOPS = {dict(loops)!r}\n"
     written = [(name, name, values) for name, values in law.once.items()]
     for index, line in enumerate(law.lines.values()):
         written += [(f"{name}_{index}", name, values) for name, values in line.items()]

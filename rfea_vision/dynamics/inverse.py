@@ -96,7 +96,6 @@ def joint_torques(
     phi, rate, acceleration : (frames, n + 1) absolute angles with the clamp first; states (frames, n, m); pressure (frames,) in Pa
     """
     par = np.asarray(par, dtype=float)
-    module = model.law.module
     felt = np.empty(pressure.shape)
     felt[:] = model.law.felt_pressure(par, model._constants, pressure)[0][0]
     needed = np.empty((phi.shape[0], model.chain.bodies))
@@ -104,5 +103,6 @@ def joint_torques(
         np.ascontiguousarray(values, dtype=float) for values in (phi, rate, acceleration, states)
     )
     system = model.system(par)
-    _joint_torques(module.joint_law, module.body_force, system, angles, rates, accelerations, hidden, felt, needed)
+    laws = model.law.loops
+    _joint_torques(laws.joint_law, laws.body_force, system, angles, rates, accelerations, hidden, felt, needed)
     return needed

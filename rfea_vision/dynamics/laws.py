@@ -96,6 +96,7 @@ def _kept_positive(value: sp.Expr, at_rest: sp.Symbol) -> sp.Expr:
 class Law:
     """The composed expressions and the order of parameters and states."""
 
+    effects: tuple[str, ...]  # in the order of their parameters, states and weights: see `laid_out`
     parameters: tuple[str, ...]  # "k_ref", ..., "maxwell.k1", ...
     symbols: tuple[sp.Symbol, ...]
     states: tuple[sp.Symbol, ...]
@@ -149,8 +150,17 @@ def _joint_torque(joint: Joint, effects: Sequence[Effect]) -> sp.Expr:
     return hydraulic - joint.stiffness * (THETA - rest) - joint.damping * RATE + added
 
 
+def laid_out(effects: Sequence[Effect]) -> list[Effect]:
+    """Effects in the order of their parameters: those that act at every step of a run first, by name.
+
+    What is compiled for every step is then the same text whatever else a model has, and compiled once.
+    """
+    stepwise = [effect for effect in effects if effect.acts_at_every_step()]
+    return sorted(stepwise, key=lambda effect: effect.id) + [effect for effect in effects if effect not in stepwise]
+
+
 def compose(effects: Sequence[Effect]) -> Law:
-    """Apply every effect to the paper's law.
+    """Apply every effect to the paper's law, in the order given.
 
     Raises
     ------
@@ -169,7 +179,8 @@ def compose(effects: Sequence[Effect]) -> Law:
     mass: sp.Expr = sp.Integer(0)
     place_in_joint: Any = {}
     numbers: Any = {}
-    for effect in effects:
+    layout = laid_out(effects)
+    for effect in layout:
         weight = sp.Symbol(f"weight__{effect.id}", real=True)
         weights.append(weight)
         for name, symbol in effect.symbol_map().items():
@@ -207,6 +218,7 @@ def compose(effects: Sequence[Effect]) -> Law:
     common = [effect for effect in effects if not effect.chamber]
     chambers = dict.fromkeys(effect.chamber for effect in effects if effect.chamber)
     return Law(
+        effects=tuple(effect.id for effect in layout),
         parameters=tuple(names),
         symbols=tuple(symbols),
         states=tuple(states),

@@ -140,8 +140,8 @@ class Stepper:
         self._lag_s = max(scalar(model.law.line_time_constant, self.par, model._constants)[0], 0.0)
         self._tableau = TABLEAUX[2]
         self._nodes = self._tableau.sum(axis=1)
-        module = model.law.module
-        self._laws = np.array([*_addresses(module.joint_law, JOINT_LAW), *_addresses(module.body_force, FORCE_LAW)])
+        loops = model.law.loops
+        self._laws = np.array([*_addresses(loops.joint_law, JOINT_LAW), *_addresses(loops.body_force, FORCE_LAW)])
         self._no_drive = np.zeros(0)
         self.start(pressure_Pa)
 

@@ -81,7 +81,7 @@ class Model:
     def rigged(self, gravity: float, mounting: float, known: Mapping[str, float] | None = None) -> Model:
         """The same tube under gravity (m/s^2) from another side (rad), with the effects that `known` names beside its own.
 
-        Parameters of those effects come last in the vector; their values are the caller's.
+        Parameters of those effects stand where the law has them; their values are the caller's.
         """
         own = {effect.id for effect in self.effects}
         more = tuple(dict.fromkeys(name.split(".")[0] for name in known or {} if name.split(".")[0] not in own))
@@ -110,10 +110,10 @@ class Model:
     @cached_property
     def _weights(self) -> FloatArray:
         weights = np.ones((self.chain.bodies, max(len(self.effects), 1)))
-        for column, effect in enumerate(self.effects):
-            if effect.id in self.at:
+        for column, effect in enumerate(self.law.effects):
+            if effect in self.at:
                 weights[:, column] = 0.0
-                weights[self.at[effect.id] - 1, column] = 1.0
+                weights[self.at[effect] - 1, column] = 1.0
         return weights
 
     def _bodies(self, par: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -206,7 +206,7 @@ class Model:
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
-        module, system = self.law.module, self.system(par)
+        system = self.system(par)
         index = np.asarray(free, dtype=np.int64)
         given = None if change is None else change[None]
         actual, slopes = sensed(self.law.felt_pressure, par, self._constants, np.array([float(pressure)]), given)
@@ -215,12 +215,11 @@ class Model:
         phi = np.zeros(n + 1) if start is None else start.copy()
         states = np.zeros((n, m))
         S_phi, S_z = np.zeros((n + 1, index.size)), np.zeros((n, m, index.size))
-        laws = (module.joint_law, module.joint_law_parameters, module.relaxed_states, module.body_force)
 
         def solve(value: float, guess: FloatArray, wanted: NDArray[np.int64], falling: float = 0.0) -> bool:
             nonlocal stability
             status, stability = equilibrium(
-                *laws, system, value, dpressure, torque, wanted, falling, guess, states, S_phi, S_z
+                *self.law.loops, system, value, dpressure, torque, wanted, falling, guess, states, S_phi, S_z
             )
             return status == OK and stability > 0
 
@@ -310,11 +309,11 @@ class Model:
         else:
             phi, om = (np.concatenate([[0.0], np.cumsum(values)]) for values in start)
             begin = (phi, om, np.zeros((n, m)), np.zeros((n + 1, p)), np.zeros((n, m, p)))
-        module = self.law.module
+        loops = self.law.loops
         status, done, taken, iterations = integrate(
-            module.joint_law,
-            module.joint_law_parameters,
-            module.body_force,
+            loops.joint_law,
+            loops.joint_law_parameters,
+            loops.body_force,
             self.system(par),
             self._course(par, excitation, frames_s, index),
             Trace(*begin, out_phi, out_om, out_z, out_S),  # pyright: ignore[reportCallIssue]
@@ -341,9 +340,8 @@ class Model:
         if self.law.state_count:
             system = self.system(par)
             felt = float(self.law.felt_pressure(par, self._constants, pressure)[0][0])
-            law: Any = self.law.module.relaxed_states
             at = (system.position, system.arc, system.weights, system.par, system.con)
-            law(theta, np.zeros(n), np.zeros((n, m)), felt, *at, relaxed)
+            self.law.loops.relaxed_states(theta, np.zeros(n), np.zeros((n, m)), felt, *at, relaxed)
         slopes = np.ascontiguousarray(relaxed[:, :, 3 + free])
         return phi, np.zeros(n + 1), relaxed[:, :, 0].copy(), np.zeros((n + 1, free.size)), slopes
 

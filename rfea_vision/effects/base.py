@@ -308,6 +308,11 @@ class Effect:
         """Whether this effect changes `hook`."""
         return getattr(cls, hook) is not getattr(Effect, hook)
 
+    @classmethod
+    def acts_at_every_step(cls) -> bool:
+        """Whether it changes what is evaluated at every step of a run, and not once a run."""
+        return bool(cls.states) or any(cls.overrides(name) for name, item in HOOKS.items() if not item.once)
+
     def symbol_map(self) -> dict[str, sp.Symbol]:
         """Parameter name to symbol."""
         return {name: self._symbols[name] for name in self.parameters}

@@ -115,7 +115,7 @@ def _predict(
     fractions: FloatArray | None = None,
 ) -> Predicted | None:
     """Simulate an experiment whose excitation is all known."""
-    model, par = _as_rigged(model, par, item)
+    model, par, free = _as_rigged(model, par, item, free)
     row = model.law.time_shift(par, model._constants, item.time - item.middle_s)[0]
     shift = np.broadcast_to(np.asarray(row[0], dtype=float), item.time.shape)
     frames = np.clip(item.time + shift + clock_s, item.excitation.start_s, item.excitation.end_s)
@@ -123,7 +123,6 @@ def _predict(
     motion = model.simulate(par, item.excitation, frames, free, **start)
     if not motion.ok:
         return None
-    free = list(free)
     # The velocity is one more sensitivity: that to time.
     extended = np.concatenate([motion.sensitivity, motion.rate[:, :, None]], axis=2)
     for column, k in enumerate(free):
@@ -158,22 +157,23 @@ def _predict(
 
 def as_it_stood(model: Model, par: FloatArray, item: Observed, frames_s: FloatArray) -> Motion:
     """Motion of a run at some instants, from where its rig held it and with what is known of it."""
-    rigged, values = _as_rigged(model, par, item)
+    rigged, values, _ = _as_rigged(model, par, item)
     start = {} if item.held is None else item.held.start(model.chain)
     return rigged.simulate(values, item.excitation, frames_s, **start)
 
 
-def _as_rigged(model: Model, par: FloatArray, item: Observed) -> tuple[Model, FloatArray]:
-    """The model as the rig of this run stands, with what is known of the run in place of what is fitted."""
-    model = model.rigged(item.gravity, item.mounting, item.conditions)
+def _as_rigged(
+    model: Model, par: FloatArray, item: Observed, free: Sequence[int] = ()
+) -> tuple[Model, FloatArray, list[int]]:
+    """The model as the rig of this run stands, with what is known of the run in place of what is fitted; where `free` is in it."""
+    rigged = model.rigged(item.gravity, item.mounting, item.conditions)
     if not item.conditions:
-        return model, par
-    own = dict(zip(model.names, par, strict=False))
-    specs = {f"{e.id}.{name}": spec for e in model.effects for name, spec in e.parameters.items()}
+        return rigged, par, list(free)
+    own = dict(zip(model.names, par, strict=True))
+    specs = {f"{e.id}.{name}": spec for e in rigged.effects for name, spec in e.parameters.items()}
     rest = {name: spec.start if spec.absent is None else spec.absent for name, spec in specs.items()}
-    return model, np.array(
-        [item.conditions.get(name, own.get(name, rest.get(name))) for name in model.names], dtype=float
-    )
+    values = [item.conditions.get(name, own.get(name, rest.get(name))) for name in rigged.names]
+    return rigged, np.array(values, dtype=float), [rigged.names.index(model.names[k]) for k in free]
 
 
 def seen_by_camera(

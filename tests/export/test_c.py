@@ -39,12 +39,14 @@ MODELS = {
 def _model(name, **options):
     segments, joints, ids, at = MODELS[name]
     model = Model(Chain.tube(Actuator(), segments, joints), tuple(catalogue()[i]() for i in ids), at=at, **options)
-    par = list(scaled(PUBLISHED["8-DoF"].vector(), 8, segments))
+    base = scaled(PUBLISHED["8-DoF"].vector(), 8, segments)
+    par = dict(zip(model.names, base, strict=False))
     for effect in model.effects:
-        par += [(s.grid or (s.start,))[0] if s.absent is None else s.start for s in effect.parameters.values()]
+        for key, spec in effect.parameters.items():
+            par[f"{effect.id}.{key}"] = (spec.grid or (spec.start,))[0] if spec.absent is None else spec.start
     if "coulomb" in ids:
-        par[model.names.index("coulomb.w")] = 0.1
-    return model, np.array(par)
+        par["coulomb.w"] = 0.1
+    return model, np.array([par[key] for key in model.names])
 
 
 class Exported:

@@ -1,6 +1,7 @@
 """Fits of other rigs and runs: conditions that are known, runs that are let go, and what is held by rule."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -242,3 +243,18 @@ def test_a_force_at_the_tip_bends_as_a_cantilever_and_its_derivatives_are_right(
         difference = (above - below) / (2e-4 * par[k])
         smallest = 1e-6 * np.abs(difference).max()
         np.testing.assert_allclose(motion.sensitivity[:, :, k], difference, rtol=1e-4, atol=smallest)
+
+
+def test_what_is_known_of_a_run_stands_beside_what_is_fitted(runs):
+    """Wherever the law puts the parameter that only this run knows, the fitted ones keep their derivatives."""
+    item = replace(observe_recording(runs["bare"]), conditions={"drag.c": 0.5})
+    chain, values = Chain.tube(BEAM, SEGMENTS), {"maxwell.k1": 0.1, "maxwell.T": 0.4, "drag.c": 0.5}
+    own = Model(chain, find_effects(["maxwell"]))
+    both = Model(chain, find_effects(["maxwell", "drag"]))
+    seen, wanted = (
+        predict_observed(model, np.append(TRUTH, [values[name] for name in model.names[7:]]), item, free)
+        for model, free in ((own, range(9)), (both, [both.names.index(name) for name in own.names]))
+    )
+    assert both.names[7] == "drag.c" and seen is not None and wanted is not None
+    assert np.array_equal(seen.points, wanted.points) and np.array_equal(seen.dpoints, wanted.dpoints)
+    assert all(seen.dpoints[..., k].any() for k in (7, 8))

@@ -135,9 +135,9 @@ def _law(model, par, theta, rate, states, pressure):
     position, arc = np.linspace(0, 1, theta.size), np.full(theta.size, model.chain.arc[0])
     weights = np.ones((theta.size, max(len(model.effects), 1)))
     arguments = (theta, rate, states, pressure, position, arc, weights, par, model._constants)
-    model.law.module.joint_law(*arguments, out)
+    model.law.loops.joint_law(*arguments, out)
     derivatives = np.zeros((theta.size, 2 + model.law.state_count, par.size))
-    model.law.module.joint_law_parameters(*arguments, derivatives)
+    model.law.loops.joint_law_parameters(*arguments, derivatives)
     return out, derivatives
 
 
@@ -168,7 +168,7 @@ def test_effect_that_claims_to_dissipate_takes_energy(name, actuator, published)
     if model.law.has_body_force:
         rng = np.random.default_rng(0)
         motion, out = rng.normal(0, 0.1, (50, 4)), np.zeros((50, 2, 5 + par.size))
-        model.law.module.body_force(motion, np.full(50, 0.01), par, model._constants, out)
+        model.law.loops.body_force(motion, np.full(50, 0.01), par, model._constants, out)
         assert np.all((out[:, :, 0] * motion[:, 2:]).sum(axis=1) < 0)
         return
     if model.law.changes(
@@ -186,7 +186,7 @@ def test_effect_that_claims_to_dissipate_takes_energy(name, actuator, published)
         if m:
             free = np.zeros((1, m, 3 + par.size))
             position, arc = np.zeros(1), model.chain.arc[:1]
-            model.law.module.relaxed_states(
+            model.law.loops.relaxed_states(
                 angle[:1].copy(), np.zeros(1), z, 0.0, position, arc, np.ones((1, 1)), par, model._constants, free
             )
             z[0, :m] = free[0, :, 0]
@@ -213,3 +213,14 @@ def test_a_line_of_second_order_is_two_of_the_first_in_series(actuator, publishe
     delayed = replace(excitation, pressure=late + excitation.pressure[0])
     wanted, prompt = (Model(chain).simulate(published, one, frames).phi for one in (delayed, excitation))
     assert np.abs(found.phi - wanted).max() < 0.01 * np.abs(prompt - wanted).max()
+
+
+def test_what_is_evaluated_once_a_run_costs_no_compiling(actuator):
+    """Line, clamp and the order of effects change nothing that is compiled; every parameter stands under its name."""
+    alone, lagged, turned = (
+        _model(actuator, *ids).law
+        for ids in (("drag", "maxwell"), ("pressure_lag", "maxwell", "drag"), ("maxwell", "payload", "drag"))
+    )
+    assert lagged.loops == turned.loops == alone.loops != _model(actuator, "drag").law.loops
+    assert alone.parameters[7:] == ("drag.c", "maxwell.k1", "maxwell.T") and lagged.parameters[10:] == ("pressure_lag.T",)
+    assert _model(actuator, "drag").law.loops.joint_law is _model(actuator, "base_rotation").law.loops.joint_law
