@@ -28,10 +28,13 @@ def reasons_of(track: Track) -> dict[str, int]:
 
 def few_frames(track: Track) -> str:
     """A sentence where too little of a run was measured; empty else."""
-    frames, measured = len(track.time_s), int(track.valid.sum())
+    reasons = reasons_of(track)
+    # A copy of the frame before tells nothing, nor anything against the film.
+    frames = len(track.time_s) - reasons.pop("duplicate", 0)
+    measured = int(track.valid.sum())
     if measured >= LEAST_MEASURED * frames:
         return ""
-    reason, count = next(iter(reasons_of(track).items()))
+    reason, count = next(iter(reasons.items()))
     return f"only {measured} of {frames} frames were measured ({count} {reason}); {reason_of(reason).remedy}"
 
 

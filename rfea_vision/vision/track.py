@@ -91,19 +91,18 @@ def track_frames(
             rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
             if follower.start is None and done >= GIVE_UP_AFTER:
                 break
-            if pointed and done >= EDGES_TRIED and rows.good < EDGES_ALONE * len(rows):
+            if pointed and done >= EDGES_TRIED and rows.share < EDGES_ALONE:
                 break
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))
-    if pointed and rows.good < EDGES_ENOUGH * len(rows):
+    if pointed and rows.share < EDGES_ENOUGH:
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
-        if seen.good == 0 or rows.good < max(
-            EDGES_ALONE * len(rows), seen.good
-        ):  # 0: nothing is where it was pointed at
+        # Where the body reads nothing, nothing is where it was pointed at.
+        if seen.good == 0 or rows.share < max(EDGES_ALONE, seen.share):
             follower, rows = body, seen
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
-    if follower.start is None or rows.good < LEAST_SHARE * len(rows):
+    if follower.start is None or rows.share < LEAST_SHARE:
         measured = f"{rows.good} of {len(rows)} frames could be measured" if rows.any_valid else "no tube found"
         remedy = ""
         if follower.start is not None and rows.good >= 3:
@@ -117,7 +116,7 @@ def track_frames(
         "clamp_found_by": follower.start.base.kind,
         "polarity": follower.start.polarity,
     }
-    if rows.good < EDGES_ENOUGH * len(rows):
+    if rows.share < EDGES_ENOUGH:
         attributes["advice"] = next_hint(source, scene, rows.reasons)
     rows.marked = follower.marked and follower.good >= 3
     return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))

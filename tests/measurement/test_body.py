@@ -14,6 +14,7 @@ from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.rules import First, elsewhere
+from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.track import make_scene
 from testing.phone import Arm, Room, clear_scene, film
 
@@ -125,6 +126,25 @@ def test_hints_decide_between_two_lines_from_clamp_to_tip(more, taken):
     follower = BodyFollower(make_scene(calibration, actuator, "image", hints, (260, 260)), 1.0)
     follower.next(picture, 0.0)
     assert np.linalg.norm(follower.body.points[32] - lines[taken][40]) < 6.0
+
+
+def test_copies_of_a_moving_arm_are_said_and_do_not_count_against_a_film():
+    """Every other picture of a moving arm was written twice; once it rests, equal pictures are measured like all others."""
+    calibration = scaled_by_distance((160, 200), [[0, 0], [100, 0]], 50.0)
+    actuator = Actuator(outer_radius=0.005, inner_radius=0.002, length=0.06)
+    hints = Hints(clamp=((70.0, 30.0), (90.0, 30.0)), tip=(80.0, 150.0))
+    follower = BodyFollower(make_scene(calibration, actuator, "image", hints, (160, 200)), 1.0)
+    rows = Rows(9, 4)
+    t = np.linspace(0, 1, 60)
+    bends, light = [0, 4, 4, 8, 8, 12, 12, 12, 12, 12], [0, 0, 0, 0, 0, 0, 0, 9, 5, 5]
+    for frame, bend in enumerate(bends):
+        line = np.column_stack([80.0 + bend * t**2, 30.0 + 120.0 * t])
+        picture = np.full((200, 160, 3), 220, dtype=np.uint8)
+        cv2.polylines(picture, [np.round(line * 16).astype(np.int32)], False, (60, 160, 90), 19, cv2.LINE_AA, 4)
+        picture[:8, :8] -= np.uint8(light[frame])  # a lamp in the corner
+        rows.append(float(frame), follower.next(picture, float(frame)), follower)
+    assert [reason == "duplicate" for reason in rows.reasons] == [False, *[False, True] * 3, *[False] * 3]
+    assert rows.good == 7 and rows.share == 1.0
 
 
 def test_the_share_of_a_line_that_lies_where_the_arm_never_is():

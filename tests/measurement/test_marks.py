@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.vision.body.begin import first_body
+from rfea_vision.vision.body.fit import UNKNOWNS, fit_body
 from rfea_vision.vision.body.marks import find_marks, marks_in, place_of
 from rfea_vision.vision.body.model import STATIONS, lab_of
 from rfea_vision.vision.body.wall import Wall
@@ -52,3 +53,20 @@ def test_marks_are_followed_and_pins_are_not(aside):
     assert moved == {90: pytest.approx(aside, abs=0.3), 150: pytest.approx(aside, abs=0.3)}
     (left,) = marks_in(picture(aside, covered=True), marks, body, wall)
     assert round(left.place[1]) == 90
+
+
+@pytest.mark.parametrize(("marked", "aside"), [(True, 0.0), (False, 2.0)])
+def test_rubber_that_swells_to_one_side_leaves_its_material_where_the_marks_are(marked, aside):
+    """The right edge moves out by 4 px, and the marks stay: so does the line, which without marks lies between the edges."""
+    body, wall = arm(), Wall(picture().shape)
+    marks = find_marks(picture(), body, None) if marked else []
+    swollen = picture()
+    grey = swollen[30, 60].copy()
+    swollen[24:180, 70:74] = grey
+    clamp = np.array([body.points[0], [0.0, 1.0]])
+    prior = np.eye(UNKNOWNS) * 1e-2
+    for _ in range(3):
+        seen = marks_in(swollen, marks, body, wall)
+        body = fit_body(swollen, wall, body, None, None, prior, clamp, np.full(STATIONS, 10.0), 8.0, marks=seen).body
+    assert np.median(body.points[20:60, 0]) - 59.5 == pytest.approx(aside, abs=1.0)
+    assert np.median(body.half[20:60]) == pytest.approx(12.0, abs=0.7)

@@ -19,6 +19,7 @@ from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
     ALONG_BASIS,
     NORMAL_BASIS,
+    SHARES,
     STATIONS,
     WIDTH_BASIS,
     Body,
@@ -35,10 +36,14 @@ NORMAL, ALONG, WIDTH = slice(0, 11), slice(11, 17), slice(17, 25)
 UNKNOWNS = 25
 TURNS = 3
 CORRELATED = 3.0  # edges of so many neighbouring stations err alike
-CLAMP_PX = 0.4  # where the body begins stays where it was pointed at,
+CLAMP_PX = 0.4  # along the body, where it begins stays where it was pointed at,
+# Share of the half width to which it stays there across the body: people point beside it, and rubber gives way in a clamp.
+CLAMP_SHARE = 0.1
 CLAMP_TURNS = 0.2  # rad, 1 s.d.: it leaves squarely; in films of silicone held by tape it turned by 0.3 there
 CLAMP_SWELLS = 0.05  # of the half width, 1 s.d.: what holds the body keeps its width
-SHAPE_PX = 1.5  # second differences of a frame's displacement across the body
+# Second differences of what a frame moves across the body beyond what its skin foretold: in three films of silicone that
+# swells, rims and glare folded the line at 1.5, and all were read at 0.3; at 0.15 one was lost.
+SHAPE_PX = 0.3
 BENDS_GRADUALLY = 0.06  # third differences of the line, over the spacing of its coefficients
 SWELLS = 0.15  # of the half width, 1 s.d.: edges that are seen easily outweigh it
 STRETCHES_GRADUALLY = 0.02  # second differences of the places along it, likewise
@@ -48,6 +53,10 @@ TO_NORMAL, TO_ALONG, TO_WIDTH = (np.linalg.pinv(basis) for basis in (NORMAL_BASI
 # Share of what skin and end rays say along the body that is to be believed: over eleven clear scenes of testing/phone.py the
 # end was off by 1.6 to 13 times (5.4 in the middle) their standard error.
 TRUSTED = 1.0 / 5.4**2
+# Of the half width, 1 s.d.: rubber that swells to one side moves the middle of its edges off its material. As SYSTEMATIC
+# of the follower; in films of silicone with a mark near its end the middle went 0.4 off it.
+LEANS = 0.1
+LEAN_BASIS = basis_matrix(SHARES, 5)
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
 
@@ -129,7 +138,8 @@ def fit_body(
         vector[NORMAL] -= shape.T @ shape @ total[NORMAL]
         _add_shape(matrix, vector, body, normals, rest_half)
         if outline:
-            _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0))
+            leans = LEANS * float(np.median(body.half)) if marks else 0.0
+            _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0), leans)
         if skin is not None:
             match_skin(cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin, information, pull, alike)
             _add_skin(matrix, vector, information, pull, alike)
@@ -195,7 +205,7 @@ def _add_clamp(
     off = clamp[0] - body.points[0]
     turn = float(np.arctan2(normal @ clamp[1], tangent @ clamp[1]))
     for part, row, value, sigma in (
-        (NORMAL, NORMAL_BASIS[0], off @ normal, CLAMP_PX),
+        (NORMAL, NORMAL_BASIS[0], off @ normal, CLAMP_SHARE * rest_half[0]),
         (ALONG, ALONG_BASIS[0], off @ tangent, CLAMP_PX),
         (NORMAL, TURN_ROW / body.length, turn, CLAMP_TURNS),
         (WIDTH, WIDTH_BASIS[0], rest_half[0] - body.half[0], CLAMP_SWELLS * rest_half[0]),
@@ -219,18 +229,28 @@ def _add_marks(
             vector[part] += basis[near] * float(off @ direction[near]) / (share * seen.stderr**2)
 
 
-def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_seen: FloatArray) -> None:
-    """Both sides of every station: the left one moves with n + w, the right one with -n + w."""
+def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_seen: FloatArray, leans: float) -> None:
+    """Both sides of every station: the left one moves with n + w, the right one with -n + w.
+
+    Where something else holds the material, the middle between the edges may lie `leans` px (1 s.d.) off it.
+    """
+    part = np.r_[NORMAL, WIDTH]
+    count = len(part)
+    rows = np.hstack([NORMAL_BASIS, WIDTH_BASIS, LEAN_BASIS])
+    full, pull = np.zeros((rows.shape[1], rows.shape[1])), np.zeros(rows.shape[1])
+    full[count:, count:] = np.eye(LEAN_BASIS.shape[1]) / max(leans, 1e-3) ** 2
     for side, sign in ((0, 1.0), (1, -1.0)):
         value, variance = edges[:, side, 0], edges[:, side, 1] * CORRELATED
         weight = np.where(np.isfinite(variance), share_seen / variance, 0.0)
         middle = np.median(value[weight > 0]) if np.any(weight > 0) else 0.0
         share = np.abs(value - middle) * np.sqrt(weight)
         weight = weight * np.minimum(1.0, 3.0 * HUBER / np.maximum(share, 1e-9))
-        rows = np.hstack([sign * NORMAL_BASIS, WIDTH_BASIS])
-        part = np.r_[NORMAL, WIDTH]
-        matrix[np.ix_(part, part)] += rows.T @ (weight[:, None] * rows)
-        vector[part] += rows.T @ (weight * value)
+        rows[:, :11], rows[:, count:] = sign * NORMAL_BASIS, sign * LEAN_BASIS
+        full += rows.T @ (weight[:, None] * rows)
+        pull += rows.T @ (weight * value)
+    carried = np.linalg.solve(full[count:, count:], full[count:, :count]).T
+    matrix[np.ix_(part, part)] += full[:count, :count] - carried @ full[count:, :count]
+    vector[part] += pull[:count] - carried @ pull[count:]
 
 
 def _add_skin(

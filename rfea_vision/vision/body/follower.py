@@ -72,6 +72,7 @@ SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
 # Half widths: an end so near the hint is believed in; farther off it is a line behind the body, or a shadow.
 END_NEAR = 0.45
+MOVING_PX = 0.5  # from frame to frame: a body that moves so and then not at all was written twice
 POINTED_PX = 1.0  # how well a person points, in px of the film
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
 # Of the half width: rims, glare and shadows move an edge alike in many frames. Over eleven clear scenes of testing/phone.py
@@ -119,6 +120,7 @@ class BodyFollower:
         self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was
         self.refusal = ""
         self.frame = -1
+        self.moved_px = 0.0  # by the last frame, where it moved most
         self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.marks: list[Mark] = []
@@ -136,7 +138,8 @@ class BodyFollower:
             self._begin(lab, guided)
             fit = self._fit(lab, self.body, self._spread(), 0.8)
         elif self.missed == 0 and np.array_equal(lab, self._lab):
-            return "duplicate"
+            # Compressed pictures of a body at rest may be alike, too.
+            return "duplicate" if self.moved_px > MOVING_PX else ""
         else:
             fit = self._fit(lab, *self._foretold(lab), 0.8 if self.missed == 0 else 1.5)
             if guided is not None:
@@ -327,6 +330,8 @@ class BodyFollower:
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
+        if self.good:
+            self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
         self.body, self.covariance, self._lab = fit.body, fit.covariance, lab
         if self.good == 0:
             self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))

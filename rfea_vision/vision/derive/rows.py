@@ -68,7 +68,7 @@ class Rows:
         self._width_rows = np.ascontiguousarray(basis_matrix(at_nodes, WIDTH_COEFFICIENTS))
         self._blocks: list[Block] = []
         self.covariance_sum = np.zeros((COEFFICIENTS, COEFFICIENTS))  # at unit pixel noise, to be averaged
-        self.good = 0
+        self.good, self.copies = 0, 0  # frames measured, and frames that repeat the one before
         self.marked = False  # whether the profiles are worth reading
         self.reasons: list[str] = []
 
@@ -130,6 +130,11 @@ class Rows:
         return np.array([reason == "" for reason in self.reasons])
 
     @property
+    def share(self) -> float:
+        """Of the frames that are no copy of the one before, those that were measured."""
+        return self.good / max(len(self) - self.copies, 1)
+
+    @property
     def any_valid(self) -> bool:
         return any(reason == "" for reason in self.reasons)
 
@@ -163,6 +168,7 @@ class Rows:
         block["time"][n] = time_s
         block["lamp"][n] = lamp
         self.reasons.append(reason)
+        self.copies += reason == "duplicate"
         if reason:
             return
         block["coefficients"][n] = follower.state.coefficients - follower.moved_mm
