@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.fitting.coordinates import base_reference, stiffness_per_modulus
-from rfea_vision.fitting.refit import Fitted
+from rfea_vision.fitting.refit import Fitted, carried
 
 #: Young's modulus of PDMS, Pa, over the usual curing temperatures: Johnston et al. 2014, doi:10.1088/0960-1317/24/3/035017.
 PDMS_MODULUS = (1.3e6, 3.0e6)
@@ -13,11 +13,13 @@ MODULUS_FACTOR = 5.0
 RUBBER_DENSITY = (700.0, 2500.0)
 #: Times the published value, scaled to the tube's size, at which k or b have run away; bounds end at 50.
 RUNAWAY = 45.0
+#: A start is kept a little inside of the bounds; one that is moved by more than this share was outside.
+MOVED = 0.01
 
 
 def alarms(fitted: Fitted, actuator: Actuator) -> list[str]:
-    """Sentences on densities, masses and moduli that a rubber tube cannot have."""
-    out = []
+    """Sentences on densities, masses and moduli that a rubber tube cannot have, and on starts that no fit may have."""
+    out = _moved_starts(fitted, actuator)
     low, high = RUBBER_DENSITY
     named = actuator.material.upper() in ("PDMS", "SILICONE", "RUBBER")
     if named and actuator.mass_per_length is None and not low <= actuator.density <= high:
@@ -41,6 +43,20 @@ def alarms(fitted: Fitted, actuator: Actuator) -> list[str]:
             f"({PDMS_MODULUS[0] / 1e6:.1f} to {PDMS_MODULUS[1] / 1e6:.1f} MPa): check the radii and the unit of the pressure."
         )
     return out
+
+
+def _moved_starts(fitted: Fitted, actuator: Actuator) -> list[str]:
+    """Values from which the fit was asked to begin, and which lie outside of its bounds."""
+    options, names = fitted.options, fitted.model.names
+    wanted = carried(fitted.model, actuator, options.segments, options.start, options.segments)
+    begun = fitted.coordinates.parameters(fitted.coordinates.coordinates(wanted))
+    moved = [k for k in fitted.coordinates.free if names[k] in options.start]
+    return [
+        f"start {names[k]} = {wanted[k]:.4g} lies outside of the fit's bounds: it began at {begun[k]:.4g} (SI units); "
+        f"wider ones are given by '--bound {names[k]}=LOW..HIGH'."
+        for k in moved
+        if abs(begun[k] - wanted[k]) > MOVED * abs(wanted[k])
+    ]
 
 
 def runaway(fitted: Fitted, actuator: Actuator) -> str:

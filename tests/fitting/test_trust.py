@@ -7,6 +7,7 @@ import pytest
 
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model
+from rfea_vision.fitting.alarms import alarms
 from rfea_vision.fitting.fit import fit, make_problem, refit
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.prediction import predict
@@ -116,6 +117,14 @@ def test_values_that_no_tube_has_raise_an_alarm(fitted, exact):
     thin = replace(problem, actuator=replace(problem.actuator, material="PDMS", inner_radius=0.00395))
     assert any("Young's modulus" in warning for warning in as_artefact(thin, free).warnings)
     assert not any("modulus" in warning or "density" in warning for warning in as_artefact(problem, free).warnings)
+
+
+def test_a_start_that_no_fit_may_have_is_named(fitted, exact):
+    """Three metres for three millimetres: the fit begins at its bound, and says so; a start inside is begun from in silence."""
+    problem, free = fitted
+    for lever, moved in ((3.0, ["start r_hyd = 3 "]), (exact[2]["r_hyd"], [])):
+        one = replace(free, options=replace(free.options, start={**exact[2], "r_hyd": lever}))
+        assert [said[:16] for said in alarms(one, problem.actuator) if "start" in said] == moved
 
 
 def test_profile_likelihood_agrees_where_the_error_is_a_parabola(exact):
