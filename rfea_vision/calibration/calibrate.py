@@ -16,7 +16,7 @@ from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import Bundle, Lens, first_fisheye, solve_bundle, solve_pose
 from rfea_vision.calibration.corners import BoardView, Refused, find_corners
-from rfea_vision.calibration.misfits import doubt_of_plane, same_picture, without_misfits
+from rfea_vision.calibration.misfits import doubt_of_plane, refuse_part_of_larger, same_picture, without_misfits
 from rfea_vision.calibration.photos import Photo, read_photo, reference_photo
 from rfea_vision.calibration.projection import has_plane, tilt_deg
 from rfea_vision.calibration.quality import assess
@@ -68,12 +68,13 @@ def calibrate(
     InputError
         If a photo is unreadable, or `lens` unknown.
     DataError
-        If fewer than three photos show the board, or they do not determine the lens.
+        If fewer than three photos show the board, a larger one is seen, or they do not determine the lens.
     """
     if lens != "auto" and lens not in LENSES:
         raise InputError(f"camera.lens: '{lens}' is unknown; use auto, {' or '.join(LENSES)}")
     like = reference_photo(photos, plane)
     views, refused, size = find_views(photos, board, progress, like)
+    refuse_part_of_larger(views, board, like)
     if len(views) < MINIMUM_PHOTOS:
         raise DataError(_why_too_few(views, refused, board))
     plane_view = find_plane(plane, board, size) if plane is not None else None

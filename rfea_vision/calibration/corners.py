@@ -57,6 +57,8 @@ def find_corners(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardView
             path, f"incomplete: cut off, a corner lies {max(to_border, 0.0):.0f} px from the border of the picture"
         )
     rise = _edge_rise(grey, found, board.inner_corners)
+    if not np.isfinite(rise) and shown_grid(grey) not in (None, _larger_first(board.inner_corners)):  # no edges between them
+        return _why_no_checkerboard(path, grey, board.inner_corners)
     if rise > BLURRED_RISE_OF_SQUARE * square_px:
         return _blurred(path, rise, square_px)
     return BoardView(path, board.corners_mm, found, rise)
@@ -183,6 +185,12 @@ def _shown_board(grey: NDArray[np.uint8]) -> tuple[NDArray[np.float64], tuple[in
     if (columns, rows) == (3, 3) or _smallest_spacing(places, (columns, rows)) < 3:
         return None  # the seed alone, from which nothing grew, is found in any texture
     return places, (columns, rows)
+
+
+def shown_grid(grey: NDArray[np.uint8]) -> tuple[int, int] | None:
+    """Inner corners, the larger number first, of the largest checkerboard in the picture; None where there is none."""
+    found = _shown_board(grey)
+    return None if found is None else _larger_first(found[1])
 
 
 def _larger_first(grid: tuple[int, int]) -> tuple[int, int]:

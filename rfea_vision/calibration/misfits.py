@@ -8,6 +8,7 @@ on (least trimmed squares, Rousseeuw 1984), and the others are judged by it.
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,11 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import Lens, solve_bundle, solve_pose
-from rfea_vision.calibration.corners import BoardView, Refused
+from rfea_vision.calibration.corners import BoardView, Refused, shown_grid
+from rfea_vision.calibration.photos import Photo, read_photo
 from rfea_vision.calibration.reprojection import rms_distance
 from rfea_vision.errors import DataError
 
+ASKED_FOR_GRID = 4  # photos, a quarter of a second each: in one of six a stray corner had grown a grid by a row
 FEWEST = 4  # photos: of fewer, nobody knows which is the bad one
 POOR_PHOTO, POOR_PX = 3.0, 0.1  # times the median distance, and at least so much
 STARTS, START_WITH, ROUNDS = 6, 5, 4  # random sets of photos, photos in each, and rounds of leaving out
@@ -33,6 +37,31 @@ def same_picture(path: Path, grey: NDArray[np.uint8], seen: dict[str, Path]) -> 
     key = hashlib.sha256(str(grey.shape).encode() + grey.tobytes()).hexdigest()
     earlier = seen.setdefault(key, path)
     return None if earlier == path else Refused(path, f"the same picture as {earlier.name}")
+
+
+def refuse_part_of_larger(views: Sequence[BoardView], board: Board, like: Photo | None) -> None:
+    """Refuse a declared checkerboard that is only a part of the one in the photos: which part was found may differ.
+
+    Raises
+    ------
+    DataError
+        If two of the first photos show the same larger grid, before one shows the declared one.
+    """
+    declared, larger = sorted(board.inner_corners), Counter[tuple[int, int]]()
+    for view in views[:ASKED_FOR_GRID] if board.kind == "checkerboard" else ():
+        photo = read_photo(view.file)
+        shown = None if photo is None else shown_grid(photo.shown(like))
+        if shown is None:
+            continue
+        if sorted(shown) == declared:
+            return
+        larger[shown] += all(a >= b for a, b in zip(sorted(shown), declared, strict=True))
+        if larger[shown] == 2:
+            raise DataError(
+                f"camera.board.inner_corners: [{board.inner_corners[0]}, {board.inner_corners[1]}] is a part of a larger "
+                f"board: photos such as {view.file.name} show {shown[0]} x {shown[1]} inner corners; write "
+                f"[{shown[0]}, {shown[1]}]"
+            )
 
 
 def without_misfits(

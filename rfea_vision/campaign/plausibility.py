@@ -29,6 +29,8 @@ _AIR_kPa = (80.0, 110.0)
 _UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
 # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
 _TOO_LONG = 50.0
+# mm of the tip, or deg: a tube beside the one that was driven seemed to move by 0.008 mm, a few of its standard errors.
+_STILL = 0.05
 # Of the pressure's variance, that a linear function of the tip's place, up to half a second later, gives again: 0.85 to 1.00 over the
 # runs of a twin and of a real finger, 0.26 for a staircase beside the log of a sum of sines.
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
@@ -110,6 +112,9 @@ def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_k
     seen = np.isfinite(motion).all(axis=1) & (time_s >= log_s[0]) & (time_s <= log_s[-1])
     if seen.sum() < 20:
         return []
+    swing_kPa = float(np.ptp(pressure_kPa))
+    if swing_kPa > _LOW_KPA and (still := _stillness(motion[seen], "mm" if "tip" in track else "deg")):
+        return [f"goes by {swing_kPa:.3g} kPa and {still}; is it the right tube? 'rfea open' lets you point at it"]
     design = np.column_stack([motion[seen], np.ones(seen.sum())])
     shares = []
     for lag_s in _LAGS_S:
@@ -122,6 +127,12 @@ def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_k
     return [
         f"the motion follows this pressure to {100 * max(max(shares), 0.0):.0f} % only; is it the log of another run?"
     ]
+
+
+def _stillness(motion: FloatArray, unit: str) -> str:
+    """Say by how little what was tracked (n, 1 or 2) moves, where that is next to nothing; empty where it moves."""
+    farthest = float(np.linalg.norm(np.ptp(np.percentile(motion, (1, 99), axis=0), axis=0)))
+    return f"what was tracked moves by {farthest:.2g} {unit} only" if farthest < _STILL else ""
 
 
 def of_rate(given_Hz: float | None, own_Hz: float | None) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, WorstPlace
+from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, Rung, WorstPlace
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.evidence import candidate_rows, swallowed
 from rfea_vision.critique.next_experiment import design_next
@@ -45,11 +45,13 @@ def judge(
     where: Sequence[WorstPlace] = (),
     goes_with: Sequence[dict[str, Any]] = (),
     trials: Trials | None = None,
+    scored: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
     """Diagnose a solved fit: training runs fit, validation runs judge, test runs are not looked at.
 
-    `trials` hold what the rungs below have tried; `goes_with` is what the residual torque depends on.
+    `trials` hold what the rungs below have tried; `goes_with` is what the residual torque depends on; `scored` is the held-out
+    error that `model.json` has.
     """
     asked = options or CritiqueOptions()
     trials = trials or Trials(problem, asked.effect_files)
@@ -63,7 +65,7 @@ def judge(
 
     trials.progress = step
     effects = offered(problem, fitted, candidates, asked.effect_files)
-    search = Search(trials, trials.stands(fitted), effects, wide=asked.stand_ins)
+    search = Search(trials, trials.stands(fitted), effects, wide=asked.stand_ins, scored=scored)
     if candidates is None and screen_segments(
         problem, fitted, search.floor
     ):  # what needs no law is tried before any law
@@ -104,6 +106,12 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, A
     )
 
 
+def held_of(model: ModelFit) -> float | None:
+    """Error of a fit on the runs that judge, as it was scored."""
+    rung = Rung.of(model, added=None, verdict="")
+    return rung.error("train") if rung.error("validate") is None else rung.error("validate")
+
+
 def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
     """The solved fit behind a `model.json`, by a last step of the optimiser from its values."""
     options = options_of(model)
@@ -138,9 +146,10 @@ def diagnose(
     asked = options or CritiqueOptions()
     asked = replace(asked, effect_files=asked.effect_files or fitted.options.effect_files)
     judgement = judge(
-        problem, fitted, asked, candidates=candidates, where=where, goes_with=goes_with, progress=progress
-    )
+        problem, fitted, asked, candidates=candidates, where=where, goes_with=goes_with, progress=progress,
+        scored=held_of(model),
+    )  # fmt: skip
     return judgement.diagnosis, judgement.next_pressure
 
 
-__all__ = ["Judgement", "diagnose", "judge", "refit_artefact"]
+__all__ = ["Judgement", "diagnose", "held_of", "judge", "refit_artefact"]

@@ -14,7 +14,7 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import Comparison, Diagnosis, Ladder, ModelFit, Rung
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.comparison import compare, goes_with
-from rfea_vision.critique.diagnosis import judge, refit_artefact
+from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
 from rfea_vision.critique.measures import common_runs, delta_bic, matters
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.critique.refinement import TITLE as SEGMENTS_TITLE
@@ -266,6 +266,7 @@ def _judged(
         where=comparison.where,
         goes_with=goes_with(comparison),
         trials=climb.trials,
+        scored=held_of(artefact),
     )
     climb.note(artefact, judgement.diagnosis)
     if on_rung is not None:

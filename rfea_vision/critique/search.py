@@ -61,6 +61,9 @@ class Search:
     effects: tuple[Effect, ...]
     rule: Rule = RULE
     wide: bool = False  # whether to refit what could help, too, though it could not become likely
+    scored: float | None = (
+        None  # held-out error of the present model as `model.json` has it, by finer steps than those here
+    )
 
     def __post_init__(self) -> None:
         self.independent = effective_count(self.trials.problem, self.present.fitted)
@@ -81,6 +84,11 @@ class Search:
             self.floors = floors_of(self.trials.problem, quietest.fitted)
             self.floor = binding(self.floors)
         return self.floors
+
+    @property
+    def held(self) -> float:
+        """Held-out error of the present model as people are told of it."""
+        return self.present.errors.held if self.scored is None else self.scored
 
     # -- the rule ------------------------------------------------------------------------------------------------------
 

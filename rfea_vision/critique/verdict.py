@@ -112,12 +112,14 @@ def sets_of(search: Search, weighed: Sequence[Weighed]) -> list[EffectSet]:
 
 def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, Any]]) -> Remainder:
     """What the named set leaves."""
-    unit, held = search.floors.unit, verdict.best.errors.held
-    left = 1 - verdict.share
+    unit, left = search.floors.unit, 1 - verdict.share
+    known = verdict.best is search.present
+    held = search.held if known else verdict.best.errors.held
+    told = rounded(held) if known else foreseen(held)
     if verdict.sufficient:
-        sentence = f"What is left, {rounded(held)} {unit}, is at the floor ({rounded(search.floor)} {unit})."
+        sentence = f"What is left, {told} {unit}, is at the floor ({rounded(search.floor)} {unit})."
     else:
-        sentence = f"{100 * left:.0f} % of the squared error above the floor is left: {rounded(held)} {unit} on runs that judge."
+        sentence = f"{100 * left:.0f} % of the squared error above the floor is left: {told} {unit} on runs that judge."
         if goes_with:
             sentence += f" {100 * goes_with[0]['r2']:.0f} % of its torque goes with {goes_with[0]['what']}."
     return Remainder(share=left, goes_with=list(goes_with), sentence=sentence, **{f"rmse_{unit}": held})  # type: ignore[arg-type]
@@ -141,6 +143,11 @@ def percent(probability: float) -> str:
     return f"{100 * min(max(probability, 0.01), 0.99):.0f} %"
 
 
+def foreseen(error: float) -> str:
+    """The error of a model that only the search has fitted, in its longer steps: a fit of its own may differ in the third digit."""
+    return f"about {rounded(error, 2)}"
+
+
 def _missing(search: Search, found: Verdict) -> str:
     problem, unit = search.trials.problem, search.floors.unit
     runs = "runs that were not used" if problem.validate else "the training runs (there are no validation runs)"
@@ -149,8 +156,8 @@ def _missing(search: Search, found: Verdict) -> str:
     )
     verb, it = ("is", "it") if len(found.named) == 1 else ("are", "them")
     text = (
-        f"{titles} {verb} missing: adding {it} takes the error on {runs} from {rounded(search.present.errors.held)} to "
-        f"{rounded(found.best.errors.held)} {unit}, {100 * found.share:.0f} % of the squared error above the floor."
+        f"{titles} {verb} missing: adding {it} takes the error on {runs} from {rounded(search.held)} to "
+        f"{foreseen(found.best.errors.held)} {unit}, {100 * found.share:.0f} % of the squared error above the floor."
     )
     for tie in found.tied:
         text += f" These data cannot tell {tie.effects[0]} from {' or '.join(tie.effects[1:])}: {tie.split_by} would."
@@ -159,7 +166,7 @@ def _missing(search: Search, found: Verdict) -> str:
 
 def _complete(search: Search, found: Verdict) -> str:
     unit = search.floors.unit
-    held, floor = rounded(found.best.errors.held), rounded(search.floor)
+    held, floor = rounded(search.held), rounded(search.floor)
     if found.sufficient:
         return f"Nothing is missing that matters: the held-out error is {held} {unit}, the floor {floor} {unit}."
     return f"The held-out error ({held} {unit}, floor {floor} {unit}) is not lowered by 10 % by any effect on offer."
@@ -167,7 +174,7 @@ def _complete(search: Search, found: Verdict) -> str:
 
 def _unexplained(search: Search, found: Verdict) -> str:
     unit = search.floors.unit
-    left = max(found.best.errors.held**2 - search.floor**2, 0.0) ** 0.5
+    left = max(search.held**2 - search.floor**2, 0.0) ** 0.5
     text = f"Structure of {rounded(left)} {unit} is left above the floor, and no effect of the catalogue is likely to be its cause."
     nearest = next((item for item in found.weighed if item.added), None)
     if nearest is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -139,6 +139,9 @@ class FitOptions:
     auto_segments: bool = Field(
         default=False, description="Whether `segments` is only where the search for their number begins."
     )
+    named: Annotated[
+        bool, Field(exclude=True, description="Whether `name` was asked for: told by itself, and in no record.")
+    ] = field(default=False, compare=False)
 
     @model_validator(mode="before")
     @classmethod
@@ -151,6 +154,7 @@ class FitOptions:
         listed = values.get(key) or ()
         if not isinstance(listed, str):
             values[key] = tuple(dict.fromkeys(name for item in listed for name in str(item).split(",")))
+            values.setdefault("named", bool(values.get("name")))
             values["name"] = values.get("name") or "+".join(("base", *values[key]))
         name = str(values.get("name"))
         if "/" in name or "\\" in name or name.startswith("."):

@@ -34,7 +34,7 @@ def fit_apart(work: Runner, options: FitOptions) -> FitOptions:
     other = _others(work, options.name, options)
     if "fit" in work.force or not other:
         return options
-    if options.name != "+".join(("base", *options.effects)):
+    if options.named:
         raise InputError(
             f"--name {options.name}: that model was fitted with other options ({', '.join(other)}); choose another name, or "
             "replace it with --force"

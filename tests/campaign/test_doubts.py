@@ -62,6 +62,14 @@ def _of_another_run(folder):
     table.to_csv(folder / "steps" / "pressure.csv", index=False)
 
 
+def _still(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    rng = np.random.default_rng(0)
+    for name in ("tip_x_mm", "tip_y_mm"):
+        table[name] = table[name].iloc[0] + 0.002 * rng.standard_normal(len(table))
+    table.to_csv(folder / "steps" / "track.csv", index=False)
+
+
 SLIPS = pytest.mark.parametrize(
     ("spoil", "says"),
     [
@@ -76,6 +84,7 @@ SLIPS = pytest.mark.parametrize(
         (_copied, "is the same log, row by row, as that of 'sine'"),
         (_copied_track, "is the same track, row by row, as that of 'sine'"),
         (_of_another_run, "is it the log of another run?"),
+        (_still, "is it the right tube?"),
     ],
 )
 

@@ -83,6 +83,12 @@ def test_the_right_number_of_corners_is_named(tmp_path):
         calibrate(files, plane, Board("checkerboard", (7, 5), 0.012))
 
 
+def test_a_part_of_the_board_is_not_taken_for_it(tmp_path):
+    files, plane = taken(tmp_path, PLAIN, 3)
+    with pytest.raises(DataError, match=r"inner_corners: \[6, 5\] is a part of .* show 9 x 6 .* write \[9, 6\]"):
+        calibrate(files, plane, Board("checkerboard", (6, 5), 0.012))
+
+
 def test_three_photos_do_and_say_that_they_are_few(tmp_path):
     files, plane = taken(tmp_path, PLAIN, 3)
     calibration = calibrate(files, plane, BOARD)

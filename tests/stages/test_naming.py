@@ -57,6 +57,10 @@ def test_a_name_that_was_asked_for_is_not_taken_from_another_model(work):
     store(work, FitOptions(name="mine"))
     with pytest.raises(InputError, match=r"--name mine: .* \(segments 16\)"):
         fit_apart(work, FitOptions(name="mine", segments=8))
+    store(work, FitOptions())
+    with pytest.raises(InputError, match=r"--name base: .* \(segments 16\)"):
+        fit_apart(work, FitOptions(name="base", segments=8))
+    assert fit_apart(work, FitOptions(name="base")).name == "base"
     work.force = {"fit"}
     assert fit_apart(work, FitOptions(name="mine", segments=8)).name == "mine"
 

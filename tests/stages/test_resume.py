@@ -11,6 +11,7 @@ from rfea_vision import open_campaign
 from rfea_vision.artefacts import Ladder
 from rfea_vision.critique import ladder as climbing
 from rfea_vision.twin import TwinOptions, simulate
+from rfea_vision.units import rounded
 
 CHOICES = {"segments": 4, "starts": 0}
 
@@ -47,3 +48,5 @@ def test_an_interrupted_improve_goes_on(tmp_path: Path, monkeypatch: pytest.Monk
     assert judged == [(), ("gravity_tilt",), ("gravity_tilt",)], "the first rung is not judged again"
     assert [rung.added for rung in ladder.rungs] == [None, "gravity_tilt"]
     assert ladder.rungs[-1].verdict == "complete"
+    told = rounded(ladder.rungs[-1].error("validate"))
+    assert f"the held-out error is {told} mm" in ladder.stopped_because, "one figure of one error"
