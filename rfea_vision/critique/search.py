@@ -148,7 +148,8 @@ class Search:
         centre, seen = self.present, set[frozenset[str]]()
         for _ in range(ROUNDS):
             seen.add(centre.effects)
-            self._look_from(centre, FIRST if centre is self.present else LATER)
+            if centre is self.present or self._can_win(len(centre.effects - self.present.effects) + 1):
+                self._look_from(centre, FIRST if centre is self.present else LATER)
             if self.weigh()[0].trial.effects in seen:
                 self._forms()
                 self._leave_one_out()  # what is left of a set without one member is where its rivals start from
@@ -174,7 +175,8 @@ class Search:
     def _look_from(self, centre: Trial, widths: Sequence[int]) -> None:
         have = frozenset(plain(one) for one in centre.effects)
         offered = tuple(e for e in self.effects if e.id not in have)
-        room = MOST_TOGETHER - len(centre.effects - self.present.effects)
+        already = len(centre.effects - self.present.effects)
+        room = MOST_TOGETHER - already
         if not offered or room <= 0:
             return
         rows = list(sensitivities(self.trials.problem, centre.fitted, offered))
@@ -186,7 +188,8 @@ class Search:
         proposals = Combinations(rows).best(have, min(room, len(widths)), max(widths))
         for size, (group, width) in enumerate(zip(proposals, widths, strict=False)):
             for rank, proposal in enumerate(group[:width]):
-                if (size < 2 and rank < sure) or self._worth(centre, proposal):
+                sure_one = rank < sure and (size == 0 or (size == 1 and self._can_win(already + 2)))
+                if sure_one or self._worth(centre, proposal):
                     self.trials.refit(centre, proposal.effects, proposal.start)
 
     def _afresh(self, offered: Sequence[Effect], most: int) -> None:
@@ -212,14 +215,16 @@ class Search:
         """
         if self.wide and LENIENT * proposal.fall >= 1 - (1 - MATTERS_SHARE) ** 2:
             return True
-        best = self.weigh()[0]
         added = centre.effects | set(proposal.effects)
-        price = self._price(added)
-        perfect = -self.count * float(np.log(self._room))
-        if perfect - price <= best.weight and best.trial is not self.present:
+        if self.weigh()[0].trial is not self.present and not self._can_win(len(added - self.present.effects)):
             return False
         gain = -0.5 * self.count * float(np.log(max(1 - proposal.fall, 1e-6)))
-        return LENIENT * gain >= price - self._price(centre.effects)
+        return LENIENT * gain >= self._price(added) - self._price(centre.effects)
+
+    def _can_win(self, size: int) -> bool:
+        """Whether a set of so many effects that left nothing at all would be better than the best so far."""
+        perfect = -self.count * float(np.log(self._room))
+        return perfect - self.rule.price(size, len(catalogue())) > self.weigh()[0].weight
 
     def _forms(self) -> None:
         """Members of the best set in their other forms, one at a time: where it leaves something, or stands at a bound.
