@@ -13,6 +13,10 @@ import yaml
 _APOSTROPHE = re.compile(r"(?<!\\)((?:\\\\)*)\\'")
 
 
+# OpenCV writes .Nan, which YAML takes for a word: it knows .nan, .NaN and .NAN.
+_NOT_A_NUMBER = re.compile(r"\.Nan\b")
+
+
 class _Loader(yaml.SafeLoader):
     pass
 
@@ -38,8 +42,9 @@ def read_camera(path: Path) -> dict[str, Any]:
     text = path.read_text(encoding="utf-8")
     if text.startswith("%YAML"):  # OpenCV writes "%YAML:1.0", which is not a YAML directive
         text = text.split("\n", 1)[1]
+    text = _NOT_A_NUMBER.sub(".nan", _APOSTROPHE.sub(r"\1'", text))
     try:
-        record = yaml.load(_APOSTROPHE.sub(r"\1'", text), Loader=_Loader)
+        record = yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         raise ValueError(f"not an OpenCV YAML file: {error}") from error
     if not isinstance(record, dict) or "camera_matrix" not in record:

@@ -84,12 +84,17 @@ def _measurement(evidence: Evidence) -> str:
     runs = [experiment for experiment in evidence.experiments if experiment.recording is not None]
     text = ""
     if evidence.camera:
-        camera = evidence.camera
+        camera, quality = evidence.camera, evidence.camera.get("quality")
+        note = str(quality.get("note") or "") if isinstance(quality, dict) else ""
         rms = camera.get("rms", camera.get("rms_px"))
         text += (
-            f"The camera ({camera.get('image_width')} x {camera.get('image_height')} pixels) was calibrated as a "
-            f"{lens_words(camera.get('model'))} (Zhang 2000); the root mean square reprojection error was "
-            f"{number(rms)} pixels. "
+            f"Pixels were turned into millimetres by a {note}. "
+            if note.startswith("scale")
+            else (
+                f"The camera ({camera.get('image_width')} x {camera.get('image_height')} pixels) was calibrated as a "
+                f"{lens_words(camera.get('model'))} (Zhang 2000); the root mean square reprojection error was "
+                f"{number(rms)} pixels. "
+            )
         )
     if runs:
         names = listing(f"{run.name} ({_ROLES.get(run.role, run.role)})" for run in runs)

@@ -42,18 +42,24 @@ def _measure(experiments: list[dict[str, Any]]) -> Step | None:
 
 
 def _begin(experiments: list[dict[str, Any]]) -> Step:
-    """With everything measured and no model: look at what was refused, then fit."""
+    """With everything measured and no model: look at what was refused or is doubted, then fit."""
+    fit = _step("play", "Everything is measured.", "Fit the paper's model", "fit", add=[])
+    heedless = {"otherwise": fit | {"label": "Fit all the same"}}
     for item in experiments:
         if item["tracked"]["good"] < (1 - MANY_REFUSED) * item["tracked"]["frames"]:
             say = f"Many frames of {item['name']} were refused: look why, or fit without them."
-            return _step("setup", say, "See the refused frames", experiment=item["name"])
+            return _step("setup", say, "See the refused frames", experiment=item["name"]) | heedless
     if not all(item["logged"] for item in experiments):
         return _step(
             "setup", "The tube is tracked; a model needs a pressure log: name it in experiment.yaml.", "Look again"
         )
     if not any(item["role"] == "train" for item in experiments):
         return _step("setup", "No run has 'role: train': a model needs one to be fitted to.", "Look again")
-    return _step("play", "Everything is measured.", "Fit the paper's model", "fit", add=[])
+    for item in experiments:
+        if doubts := item["recorded"]["doubts"]:
+            where, label = ("setup", "Look at its film") if item["pictures"] else ("clock", "Look at its curves")
+            return _step(where, f"{item['name']}: {doubts}", label, experiment=item["name"]) | heedless
+    return fit
 
 
 def _judge(models: list[dict[str, Any]]) -> Step:

@@ -100,17 +100,18 @@ def _counted(reasons: list[str]) -> list[dict[str, Any]]:
 
 
 def _clock(file: Path) -> dict[str, Any] | None:
-    """Offset of the clocks and its standard error in ms; None before synchronisation."""
+    """Offset of the clocks and its standard error in ms, and what is doubted of the run; None before synchronisation."""
     try:
         with h5netcdf.File(file, "r") as data:
-            found = {key: data.attrs.get(key) for key in ("sync_method", "offset_s", "offset_stderr_s")}
+            keys = ("sync_method", "offset_s", "offset_stderr_s", "doubts", "pressure_doubts")
+            found = {key: text.decode() if isinstance(text := data.attrs.get(key), bytes) else text for key in keys}
     except OSError:
         return None
     if found["offset_s"] is None:
         return None
-    method = found["sync_method"]
     return {
-        "method": method.decode() if isinstance(method, bytes) else str(method),
+        "method": str(found["sync_method"]),
+        "doubts": "; ".join(str(found[key]) for key in ("doubts", "pressure_doubts") if found[key]),
         "offset_ms": 1e3 * float(found["offset_s"]),
         "stderr_ms": None if found["offset_stderr_s"] is None else 1e3 * float(found["offset_stderr_s"]),
     }

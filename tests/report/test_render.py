@@ -12,6 +12,8 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Recording, Track
+from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.calibration.storage import save_calibration
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import render
 from rfea_vision.report.collect import collect
@@ -58,6 +60,14 @@ def test_says_what_was_found(small: Path) -> None:
     assert "rfea improve tube-A" in text
     for name in TWO:
         assert name in text
+
+
+def test_a_scale_without_a_board_is_told_as_such(copy: Path) -> None:
+    scale = scaled_by_distance((360, 640), [[180.0, 100.0], [180.0, 372.0]], 155.0)
+    save_calibration(copy / "calibration" / "camera.yaml", scale)
+    text = words(page_of(copy))
+    assert "by a scale from 155 mm over 272 px; lens and tilt of the camera are assumed" in text
+    assert "was calibrated as" not in text and "What is assumed" in text and "photos cannot be judged" not in text
 
 
 def test_asks_nothing_of_the_network(small: Path) -> None:

@@ -50,11 +50,11 @@ function showNext() {
   const next = campaign.state.next, button = one("#next-do");
   one("#next-say").textContent = next.say;
   button.hidden = !next.label; button.textContent = next.label ?? "";
+  one("#next-otherwise").hidden = !next.otherwise; one("#next-otherwise").textContent = next.otherwise?.label ?? "";
   one("#next-command").textContent = next.command ?? "";
   for (const link of every(".places a")) link.classList.toggle("wanted", link.hash === `#/${next.panel}`);
 }
-export async function doNext() {
-  const next = campaign.state?.next;
+export async function doNext(next = campaign.state?.next) {
   if (!next?.label) return;
   go(next.panel);
   if (next.experiment) chooseExperiment(manifest.experiments.findIndex(e => e.name === next.experiment));
@@ -114,7 +114,7 @@ let going = false;
 const keys = {
   ArrowLeft: event => step(event.shiftKey ? -10 : -1), ArrowRight: event => step(event.shiftKey ? 10 : 1), " ": () => playFilm(),
   "[": () => chooseExperiment(state.experiment - 1), "]": () => chooseExperiment(state.experiment + 1),
-  "+": () => zoom("in"), "=": () => zoom("in"), "-": () => zoom("out"), 0: () => zoom("all"), t: toggleTheme, n: doNext, "?": () => one("#help").showModal(),
+  "+": () => zoom("in"), "=": () => zoom("in"), "-": () => zoom("out"), 0: () => zoom("all"), t: toggleTheme, n: () => doNext(), "?": () => one("#help").showModal(),
 };
 function listenKeys() {
   addEventListener("keydown", event => {
@@ -137,6 +137,7 @@ function wire() {
   listen("#theme", "click", toggleTheme);
   listen("#keys", "click", () => one("#help").showModal());
   listen("#next-do", "click", () => doNext());
+  listen("#next-otherwise", "click", () => doNext(campaign.state.next.otherwise));
   listen("#job-stop", "click", () => guarded(() => ask("../../stop", {})));
   listen("[data-zoom]", "click", element => zoom(element.dataset.zoom));
   listen("#scrub", "input", element => setTime(poseTime(Number(element.value))));

@@ -1,0 +1,33 @@
+"""The next step: one at a time, and none past a doubt without its being said."""
+
+from __future__ import annotations
+
+import pytest
+
+from rfea_vision.workbench.guide import next_step
+
+
+def run(doubts="", *, good=100, pictures=True):
+    tracked, recorded = {"good": good, "frames": 100}, {"doubts": doubts}
+    measured = {"logged": True, "changed": False, "tracked": tracked, "recorded": recorded}
+    return {"name": "steps", "role": "train", "pictures": pictures, **measured}
+
+
+def test_a_measured_campaign_is_fitted():
+    step = next_step([run()], [])
+    assert step["do"] == "fit" and "otherwise" not in step
+
+
+@pytest.mark.parametrize(
+    ("item", "panel", "says"),
+    [
+        (run("is it the right tube?"), "setup", "steps: is it the right tube?"),
+        (run("is it in Pa?", pictures=False), "clock", "steps: is it in Pa?"),
+        (run(good=50), "setup", "Many frames of steps were refused"),
+    ],
+)
+def test_what_is_doubted_is_looked_at_first_and_may_be_fitted_all_the_same(item, panel, says):
+    step = next_step([item], [])
+    assert step["panel"] == panel and says in step["say"] and step["experiment"] == "steps" and step["do"] is None
+    assert step["otherwise"]["do"] == "fit"
+    assert next_step([item], [{"name": "base", "effects": [], "verdict": None, "named": []}])["do"] == "diagnose"
