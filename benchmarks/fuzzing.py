@@ -1,7 +1,7 @@
 """Fuzzing: files that were cut, flipped, swapped, blown up or made up, given to every reader and to the artefacts fed back.
 
 A reader may return, or raise one sentence meant for people. Anything else is a fault: another exception, a traceback on the
-standard error, a process that ends, more than 20 s, more than 2 GB, or numbers that are not finite or out of order.
+standard error, a process that ends, more than 20 s of processor time, more than 2 GB, or numbers that are not finite or out of order.
 
 ``python -m benchmarks.fuzzing`` reads in a process that is watched, so that a hang or a crash is a fault like others and
 the next input follows. Each shard (all readers, `SHARD` inputs each, here or apart) is a line of `ROWS` with the code that

@@ -23,10 +23,12 @@ import numpy as np
 from rfea_vision.errors import DataError, InputError
 
 MOST_BYTES = 1_750_000_000  # so that all of it stays below 2 GB
-ANSWER_S = 60.0  # the largest table that is read takes a few seconds
+#: Processor time of one answer: the largest table that is read takes a few seconds, and a wall clock counts what other programs take.
+MOST_CPU_S = 15
+ANSWER_S = 120.0  # of a wall clock, for a reader that waits
 _START = (
     "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from rfea_vision.readers.serving import serve; "
-    "serve(int(sys.argv[2]))"
+    "serve(int(sys.argv[2]), int(sys.argv[3]))"
 )
 _KINDS = "biufM"  # of arrays that cross as they are; text crosses as JSON
 _LENGTH = struct.Struct("<Q")
@@ -137,11 +139,9 @@ class _Process:
                     f"{path}: cannot be read within {ANSWER_S:g} s; it is damaged, or not what it says it is"
                 ) from error
             except (OSError, EOFError, ValueError, KeyError, TypeError, struct.error) as error:
+                limits = f"needed more than {MOST_BYTES / 1e9:g} GB or {MOST_CPU_S} s of processor time"
                 self._end()
-                limit = f"{MOST_BYTES / 1e9:g} GB"
-                raise InputError(
-                    f"{path}: ended the process that read it, or needed more than {limit}; export it again"
-                ) from error
+                raise InputError(f"{path}: ended the process that read it, or {limits}; export it again") from error
             except BaseException:
                 self._end()
                 raise
@@ -161,7 +161,7 @@ class _Process:
                 "HDF5_PLUGIN_PATH": "",
             }
             self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _START, paths, str(MOST_BYTES)],
+                [sys.executable, "-P", "-c", _START, paths, str(MOST_BYTES), str(MOST_CPU_S)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=os.environ | quiet,
             )  # fmt: skip
             self.owner = os.getpid()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Generator
 from contextlib import suppress
 from dataclasses import replace
@@ -17,8 +18,8 @@ from rfea_vision.readers.apart import begin_serving, receive, send
 _MOST_WRITTEN_BYTES = 1 << 30  # a reader that writes more unpacks a bomb
 
 
-def serve(most_bytes: int) -> None:
-    """Answer until nobody asks any more."""
+def serve(most_bytes: int, most_cpu_s: int) -> None:
+    """Answer until nobody asks any more; an answer that takes more processor time than this ends the process."""
     begin_serving()
     _limit(most_bytes)
     # what a library prints must not get into the answers
@@ -38,6 +39,7 @@ def serve(most_bytes: int) -> None:
             asked = receive(read)
         except EOFError:
             return
+        _limit_time(most_cpu_s)
         try:
             answer = {"value": _answer(films, asked.pop("what"), Path(asked.pop("path")), asked)}
         except RfeaError as error:
@@ -58,6 +60,15 @@ def _limit(most_bytes: int) -> None:
     for kind, most in (("RLIMIT_DATA", most_bytes), ("RLIMIT_FSIZE", _MOST_WRITTEN_BYTES), ("RLIMIT_CORE", 0)):
         with suppress(ValueError, OSError, AttributeError):
             resource.setrlimit(getattr(resource, kind), (most, most))
+
+
+def _limit_time(most_cpu_s: int) -> None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    used_s = int(time.process_time()) + 1
+    resource.setrlimit(resource.RLIMIT_CPU, (used_s + most_cpu_s, resource.getrlimit(resource.RLIMIT_CPU)[1]))
 
 
 def _answer(films: _Films, what: str, path: Path, given: dict[str, Any]) -> Any:

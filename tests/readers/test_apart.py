@@ -102,6 +102,15 @@ def test_memory_is_bounded(tmp_path, strangers, monkeypatch):
         read_table(tmp_path / "a.csv")
 
 
+def test_processor_time_is_bounded(tmp_path, strangers, monkeypatch):
+    """A file may make a parser turn for minutes, as HDF5 does over a list of dimensions that announces millions."""
+    monkeypatch.setattr(apart, "MOST_CPU_S", 0)
+    monkeypatch.setattr(apart, "_reading", apart._Process())
+    (tmp_path / "a.csv").write_text("time_s,x\n" + "1.5,2.5\n" * 9_000_000)
+    with pytest.raises(InputError, match="0 s of processor time"):
+        read_table(tmp_path / "a.csv")
+
+
 def test_nothing_of_the_folder_it_stands_in_is_imported(tmp_path, strangers, monkeypatch):
     monkeypatch.setattr(apart, "_reading", apart._Process())
     spy = tmp_path / "ran"
