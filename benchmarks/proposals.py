@@ -45,8 +45,8 @@ OTHER = (
     "drag",
 )
 NOTHING = 6
-#: First seeds: those from 3000 to 3205 were looked at while the method was made.
-SEED = 3300
+#: First seeds: those below 3600 were looked at while the method was made.
+SEED = 3600
 
 
 def cases() -> list[Case]:
