@@ -9,8 +9,8 @@ from itertools import islice
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.calibration.projection import project
 from rfea_vision.readers.video import FrameSource
@@ -18,8 +18,6 @@ from rfea_vision.vision.body.begin import hinted_lines
 from rfea_vision.vision.body.follower import BodyFollower, scale_for
 from rfea_vision.vision.edges.fitted import new_workspace
 from rfea_vision.vision.find.begin import Scene, begin, line_of
-
-FloatArray = NDArray[np.float64]
 
 TRIED = 60  # frames: two seconds of a phone's film
 GAIN = 0.05  # of these frames: less is no reason to point again

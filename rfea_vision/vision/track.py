@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, Calibration, Hints, Track, bend_sign
 from rfea_vision.calibration.photos import unlike_film
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
@@ -23,7 +24,6 @@ from rfea_vision.vision.derive.shape import build_dataset
 from rfea_vision.vision.find.begin import Scene, scale_at
 from rfea_vision.vision.follow.follower import Follower
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int], None] | None
 
 LEAST_SHARE = 0.5  # of the frames: a film of which less was measured tells more of what disturbs than of the tube

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.graph import route_through_array
 
+from rfea_vision.arrays import FloatArray
+from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.model import SHARES, STATIONS, Body, Picture, frame_of, learn_colours, new_body
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix, fit_curve
-
-FloatArray = NDArray[np.float64]
 
 FIRST_COEFFICIENTS = 7
 SECTION = np.linspace(-2.2, 2.2, 45)  # half widths across the body,
@@ -155,8 +155,8 @@ def standing_out(picture: Picture, body: Body, half_px: float) -> float:
     profile = np.median(strip[: PIECES * (STATIONS // PIECES)].reshape(PIECES, -1, *strip.shape[1:]), axis=1)
     around = profile[:, np.abs(SECTION) > BESIDE]
     middle = np.median(around, axis=1, keepdims=True)
-    scatter = 1.4826 * np.median(np.abs(around - middle), axis=1, keepdims=True) + np.array(NOISE)
-    clear = np.max(np.abs(profile - middle) / scatter, axis=2) > CLEAR
+    around_it = scatter(np.swapaxes(around, 0, 1))[:, None] + np.array(NOISE)
+    clear = np.max(np.abs(profile - middle) / around_it, axis=2) > CLEAR
     return float(np.mean(clear[:, np.abs(SECTION) < 1.0]))
 
 

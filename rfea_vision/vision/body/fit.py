@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
+from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.marks import Seen, place_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
@@ -29,8 +31,6 @@ from rfea_vision.vision.body.model import (
 from rfea_vision.vision.body.sampling import RAYS, match_skin, measure_edges, measure_end, support
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.curve import basis_matrix
-
-FloatArray = NDArray[np.float64]
 
 NORMAL, ALONG, WIDTH = slice(0, 11), slice(11, 17), slice(17, 25)
 UNKNOWNS = 25
@@ -274,8 +274,8 @@ def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray) -> None:
     if len(found) < RAYS // 2:
         return
     middle = float(np.median(found))
-    scatter = 1.4826 * float(np.median(np.abs(found - middle))) + END_PX
-    sigma = 1.25 * scatter * np.sqrt(2.0 / len(found))  # of the median; two rays next to each other see the same
+    spread = float(scatter(found)) + END_PX
+    sigma = 1.25 * spread * np.sqrt(2.0 / len(found))  # of the median; two rays next to each other see the same
     row = ALONG_BASIS[-1] / sigma
     matrix[ALONG, ALONG] += np.outer(row, row)
     vector[ALONG] += row * middle / sigma

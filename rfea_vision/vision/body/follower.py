@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.vision.body.begin import (
     even,
@@ -53,8 +54,6 @@ from rfea_vision.vision.derive.doubts import PROFILE_SHARE
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Begin, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
-
-FloatArray = NDArray[np.float64]
 
 HALF_PX = 12.0  # the picture is scaled until the body is twice as wide; never enlarged
 FIRST_TURNS = 8

@@ -9,14 +9,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.errors import InputError
 from rfea_vision.readers.pictures import read_grey
 from rfea_vision.vision.body.midline import Refusal, midline_from_mask
 
-FloatArray = NDArray[np.float64]
 Guide = Callable[[int], FloatArray | None]  # number of a frame to points (n, 2) px from clamp to tip
 
 PICTURES = (".png", ".bmp", ".tif", ".tiff")

@@ -9,11 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.body.model import MARKED, STATIONS, Body, Picture, frame_of
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
-
-FloatArray = NDArray[np.float64]
 
 LEAST_PX = 12  # of a mark in the scaled picture: fewer are noise of a compressed picture's colours
 LIKE = 0.5  # of the way from the body's colour to the mark's: nearer is the mark

@@ -12,7 +12,7 @@ from scipy.ndimage import map_coordinates
 from skimage.graph import MCP_Geometric
 from skimage.morphology import skeletonize
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
 
 LEAST_SLENDER = 4.0  # length over width
 WIDEST = 1.75  # widest place over the median width: more is a body that touches itself

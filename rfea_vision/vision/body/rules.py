@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.body.fit import ALONG, Fit
 from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, STATIONS
-
-FloatArray = NDArray[np.float64]
 
 # Limits of the table at the end, set on the even scenes of testing/phone.py,
 # that of the last body width on scene 7.

@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.edges import fitted
-
-FloatArray = NDArray[np.float64]
 
 ORIGIN_PX = 0.01  # what is left of the origin's error in any film: the same in all frames
 PROFILE_SHARE = 1.5  # of the width of an edge, for each share of its light step that is not a blurred step

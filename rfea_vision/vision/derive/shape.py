@@ -9,8 +9,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import project
+from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.derive.doubts import ORIGIN_PX, Doubts, doubts
 from rfea_vision.vision.derive.elongation import angles, elongation_of
@@ -20,8 +22,6 @@ from rfea_vision.vision.derive.smooth import Smoothed, smooth
 from rfea_vision.vision.derive.systematic import CalibrationError
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Scene
-
-FloatArray = NDArray[np.float64]
 
 STRAIGHTEST_SHARE = 0.1
 WITH_BEND = 2.0  # variance that is not noise, over what of it the length shows: not what changes slowly with the bend
@@ -152,10 +152,10 @@ def _beyond_noise(numbers: FloatArray, turning: FloatArray, inflation: float, si
     bend = numbers[:, fitted.BEND]
     hinge = numbers[:, fitted.LENGTH] - signed_half_mm * bend
     smooth_part = np.polyval(np.polyfit(bend, hinge, 2 if np.ptp(bend) > 0.05 else 0), bend)
-    scatter = 1.4826 * float(np.median(np.abs(hinge - smooth_part)))
+    seen = float(scatter(hinge - smooth_part))
     by_bend = signed_half_mm**2 * turning / numbers[:, fitted.LENGTH] ** 2
     noise = float(np.sqrt(inflation * np.median(numbers[:, fitted.TIP_VARIANCE] + by_bend)))
-    return float(np.clip(scatter / noise, 1.0, 10.0))
+    return float(np.clip(seen / noise, 1.0, 10.0))
 
 
 def _origin(coefficients: FloatArray) -> FloatArray:
@@ -209,9 +209,9 @@ def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: flo
     scatter, is the same in all of them: a compressed video repeats the still parts of its pictures.
     """
     across = _start_across(coefficients)
-    scatter = 1.4826 * np.median(np.abs(np.diff(across))) / np.sqrt(2) if len(across) > 4 else 0.0
-    shared = STILL * max(float(np.median(variance)) - scatter**2, 0.0)
-    return float(np.sqrt((ORIGIN_PX / px_per_mm) ** 2 + shared + 1.57 * scatter**2 / max(len(across), 1)))
+    noise = float(scatter(np.diff(across))) / np.sqrt(2) if len(across) > 4 else 0.0
+    shared = STILL * max(float(np.median(variance)) - noise**2, 0.0)
+    return float(np.sqrt((ORIGIN_PX / px_per_mm) ** 2 + shared + 1.57 * noise**2 / max(len(across), 1)))
 
 
 def _start_across(coefficients: FloatArray) -> FloatArray:

@@ -16,13 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.curve import basis_matrix
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.edges import fitted
-
-FloatArray = NDArray[np.float64]
 
 TAUS_MM = np.geomspace(3e-3, 10.0, 36)
 SAMPLE = 400

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import perturbed_cameras, project, unproject
 from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
-
-FloatArray = NDArray[np.float64]
 
 
 class CalibrationError:

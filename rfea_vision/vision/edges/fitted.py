@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.curve import COEFFICIENTS, VERTICES, WIDTH_COEFFICIENTS
 from rfea_vision.vision.edges.edgels import LEVEL_COLUMNS, MAX_STATIONS, STATION_COLUMNS
 from rfea_vision.vision.edges.step import Steps, steps
-
-FloatArray = NDArray[np.float64]
 
 
 class FrameFit(NamedTuple):

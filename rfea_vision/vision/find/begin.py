@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import project, unproject
 from rfea_vision.vision.curve import (
@@ -23,8 +24,6 @@ from rfea_vision.vision.edges.fitted import State, Workspace
 from rfea_vision.vision.edges.sides import fit_sides, measure_sides, move_state, update_levels
 from rfea_vision.vision.find.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates, light_at_end
 from rfea_vision.vision.find.locate import Path, cut_at, find_paths, hinted_paths
-
-FloatArray = NDArray[np.float64]
 
 LEAST_SCORE = 0.02  # of something of unknown place: below it lies all that is a quarter longer or shorter than the tube
 # How far from where a person points the tube may be, in half widths: at the clamp both its edges were pointed at; its end may

@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import project
 from rfea_vision.vision.curve import basis_matrix
-
-FloatArray = NDArray[np.float64]
 
 STEP_MM = 0.05
 HALF_WINDOW_MM = 1.0

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
+from rfea_vision.scatter import scatter
 
 LEAST_PX, LEAST_MM = 0.5, 0.15  # less than either is no bump: a clamp may give way a little
 UNLIKELY = 6.0  # times the scatter of the clamp's place in the first frames
@@ -27,8 +27,7 @@ class CameraWatch:
     def __init__(self, places: FloatArray, px_per_mm: float) -> None:
         self.first = np.median(places, axis=0)
         self.now = self.first.copy()
-        scatter = float(np.max(1.4826 * np.median(np.abs(places - self.first), axis=0)))
-        self.limit_mm = max(LEAST_PX / px_per_mm, LEAST_MM, UNLIKELY * scatter)
+        self.limit_mm = max(LEAST_PX / px_per_mm, LEAST_MM, UNLIKELY * float(scatter(places).max()))
         self._pending: list[FloatArray] = []
         self._seen: list[FloatArray] = []  # since it moved
 

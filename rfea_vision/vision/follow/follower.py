@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.curve import point_and_tangent
 from rfea_vision.vision.derive.doubts import ORIGIN_PX
 from rfea_vision.vision.derive.markers import SAMPLES, has_texture, light_along
@@ -19,8 +20,6 @@ from rfea_vision.vision.follow.coarse import bend_search
 from rfea_vision.vision.follow.frame import fit_frame
 from rfea_vision.vision.follow.judge import SETTLED_PX, Judge
 from rfea_vision.vision.follow.motion import Motion
-
-FloatArray = NDArray[np.float64]
 
 SEARCH_PX = 12.0
 WIDEST_SWING_RAD = 1.2  # more bend or less than in the last frame seen

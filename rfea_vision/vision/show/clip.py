@@ -10,16 +10,14 @@ from typing import Any
 import av
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.errors import DataError
 from rfea_vision.files import whole_file
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.track import matched_to
-
-FloatArray = NDArray[np.float64]
 
 PLAYBACK_HZ = 30
 KEY_FRAME_EVERY = 6  # frequent key frames, so that a page can jump anywhere
