@@ -54,14 +54,20 @@ def repeat_notes(repeats: int, frames: int) -> list[str]:
     return [f"at least {repeats} frames show the picture before once more, and were left out"]
 
 
-def repetition(offsets: FloatArray, shares: FloatArray, own: FloatArray, *, experiment: str) -> str:
-    """A note where the excitation nearly repeats; an error where nothing tells the repetitions apart.
+def repetition(
+    offsets: FloatArray, shares: FloatArray, own: FloatArray, *, slowest_s: float, experiment: str
+) -> tuple[str, float]:
+    """A note where the excitation nearly repeats, or is slow; an error where nothing tells the repetitions apart.
+
+    Slow is what leaves several offsets within `slowest_s` of one another, and none farther away: then the best is taken, with
+    a standard error (s), the second of the two returned, by which each of them is as likely.
 
     Parameters
     ----------
     offsets : (n,) s
     shares : explained share of the motion, less what lies outside of the log
     own : explained share of what lies within the log
+    slowest_s : the longest period that is compared
 
     Raises
     ------
@@ -71,10 +77,17 @@ def repetition(offsets: FloatArray, shares: FloatArray, own: FloatArray, *, expe
     best = int(np.argmax(shares))
     rivals = _rivals(offsets, own, best)
     if len(rivals) == 0:
-        return ""
+        return "", 0.0
     # Where a rival leaves more of the film outside of the log, the better covered offset is taken, and that is said.
     covered = np.divide(shares, own, out=np.zeros_like(shares), where=own > 0)
     as_good = rivals[covered[rivals] > 0.97 * covered[best]]
+    away_s = float(np.max(np.abs(offsets[as_good] - offsets[best]), initial=0.0))
+    if 0 < away_s < slowest_s:
+        note = (
+            f"the pressure changes too slowly to tell offsets within {away_s:.2f} s apart: the fit is left to find the best of "
+            "them; begin the run with a step, or use sync.method led, trigger or offset"
+        )
+        return note, away_s / float(np.sqrt(2))
     if len(as_good):
         nearest = as_good[np.argmin(np.abs(offsets[as_good] - offsets[best]))]
         raise DataError(
@@ -86,7 +99,7 @@ def repetition(offsets: FloatArray, shares: FloatArray, own: FloatArray, *, expe
     return (
         f"the excitation nearly repeats after {abs(offsets[nearest] - offsets[best]):.2f} s; "
         "the offset at which the log covers most of the film was taken"
-    )
+    ), 0.0
 
 
 def _rivals(offsets: FloatArray, own: FloatArray, best: int) -> NDArray[np.intp]:

@@ -105,14 +105,14 @@ def align_by_motion(
             f"{experiment}: sync: the motion explains only {100 * shares[best]:.0f} % of the pressure at any offset; "
             "check that video and log belong together, or use sync.method offset"
         )
-    repeats = repetition(offsets, shares, own, experiment=experiment)
+    repeats, doubt_s = repetition(offsets, shares, own, slowest_s=1 / LOW_HZ, experiment=experiment)
     found = refine(seen, target, float(offsets[best]), (offsets, shares))
     shifted = time * (1 + 1e-6 * found.drift_ppm) + found.offset_s
     within = (shifted > log_time_s[0]) & (shifted < log_time_s[-1])
     pressed = np.interp(shifted[within], log_time_s, pressure_kPa)
     check_direction(motion.bend_rad[within], pressed, experiment=experiment, bends=bends)
     # A slow log knows the pressure between its samples by a line only.
-    error = float(np.hypot(found.offset_stderr_s, BETWEEN_SAMPLES / log_rate**2))
+    error = float(np.linalg.norm([found.offset_stderr_s, BETWEEN_SAMPLES / log_rate**2, doubt_s]))
     notes = [
         *log_notes(log_time_s, target.gaps),
         *repeat_notes(motion.repeats, len(time)),

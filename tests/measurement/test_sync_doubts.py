@@ -10,6 +10,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.sync import synchronise
+from rfea_vision.sync.ambiguity import repetition
 from rfea_vision.twin import TwinOptions, simulate
 
 from .test_sync import made
@@ -98,6 +99,21 @@ def test_an_excitation_that_repeats_is_not_guessed_at():
     pressure = 100 + 40 * np.sin(2 * np.pi * log / 0.9)
     with pytest.raises(DataError, match=r"the excitation repeats.*sync\.method led, trigger or offset"):
         sync(Track(dataset), PressureLog(log, pressure + rng.normal(0, 0.05, len(log))))
+
+
+def test_a_pressure_that_changes_slowly_has_a_wide_error_and_one_that_repeats_is_refused():
+    """Offsets that explain a motion equally well within a period of the band are left to the fit; farther ones are not."""
+    offsets = np.arange(-10, 10, 0.006)
+
+    def told(*places):
+        share = 0.5 + 0.45 * sum(np.exp(-(((offsets - place) / 0.1) ** 2)) for place in places)
+        return repetition(offsets, share + 1e-4 * (np.abs(offsets - places[0]) < 0.3), share, slowest_s=1.25, experiment="a")
+
+    assert told(0.35) == ("", 0.0)
+    note, doubt_s = told(0.35, -0.3)
+    assert "too slowly to tell offsets within 0.65 s apart" in note and doubt_s == pytest.approx(0.65 / np.sqrt(2), rel=0.02)
+    with pytest.raises(DataError, match="the excitation repeats"):
+        told(0.35, -0.3, 4.0)
 
 
 def lamp_run(seed, *, rate=240.0, noise=4.0, offset=0.2, drift=0.0, inverted=False, even=False):
