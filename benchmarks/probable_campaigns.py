@@ -12,16 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from rfea_vision import open_campaign
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.twin import TwinOptions
 from rfea_vision.twin import simulate as simulate_twin
 from testing.claims import LAWS
 from testing.other_plant import OtherTube, centre_line, simulate
 
-FloatArray = NDArray[np.float64]
 NOISE_MM = 0.06
 #: Of each of the twin's effects: an amplitude that leaves about five noise floors, and the most that is tried.
 AMPLITUDES: dict[str, tuple[float, float]] = {

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Comparison, ModelFit, WorstPlace
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.critique.elongation import describe_elongation
@@ -17,7 +18,6 @@ from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import all_residual_torques, summarise_torque
 from rfea_vision.units import rounded
 
-FloatArray = NDArray[np.float64]
 WORST_PLACES = 5  # listed; a page has room for no more
 WINDOW_S = 0.25  # over which the error is averaged: about one swing of the paper's tube
 PRESSURE_BANDS = 6  # of the error over pressure; each still has frames of every phase in a run of 6 s

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dct
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Floors
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.noise import noise_floor_deg, noise_floor_mm
@@ -14,7 +14,6 @@ from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.scatter import third_difference_noise
 
-FloatArray = NDArray[np.float64]
 #: Differences over frames up to this far apart are noise, not motion: a tenth of the period of the fastest ringing seen (5 Hz).
 NOISE_SPAN_S = 0.02
 #: Residuals may raise the noise floor by this factor at most: beyond, they are not noise.

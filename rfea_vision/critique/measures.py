@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observed import Observed
@@ -15,7 +14,6 @@ from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import gaps
 from rfea_vision.fitting.solver import fit_clocks
 
-FloatArray = NDArray[np.float64]
 #: An effect matters if it lowers the held-out error by this share and by this many noise floors (docs/formats.md).
 MATTERS_SHARE = 0.10
 MATTERS_FLOORS = 0.2

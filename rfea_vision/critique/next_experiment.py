@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import NextExperiment
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.units import rounded
 
-FloatArray = NDArray[np.float64]
 DURATION_S = 8.0  # of the proposed run: room for two swings up and down, and pauses
 STEP_S = 2e-3  # of its pressure; valves are slower
 #: Steps of the search for pace and amplitude, how often both are tried, and the slowest pace (its inverse is the fastest).

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
+
 PHASES = ("rest", "rise", "hold", "fall", "reversal", "ringing")
 SMOOTHING_S = 0.04  # of the pressure before its slope is taken: longer than a sensor's ripple, shorter than a step
 REVERSAL_S = 0.15  # about a change of direction: a half swing of the paper's tube

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
@@ -23,8 +22,6 @@ from rfea_vision.fitting.fit import make_problem
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.scoring import options_of
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

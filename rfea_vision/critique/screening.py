@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, find_effects, line_effects, load_effect_file
@@ -27,7 +28,6 @@ from rfea_vision.fitting.residuals import Evaluation, evaluate
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.fitting.uncertainty import BLOCK_S, frame_of_row
 
-FloatArray = NDArray[np.float64]
 FRAMES_SCREENED = 400  # of each run: many times its independent values (rule.py), at a part of the cost
 #: A slope of which less than this share is left, once base parameters and clocks are projected out, says nothing.
 SWALLOWED = 0.05

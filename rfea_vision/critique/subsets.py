@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.critique.screening import Sensitivity, bounded_step, room
 
-FloatArray = NDArray[np.float64]
 MOST_TOGETHER = 4  # effects in one set: larger ones are reached from the better set, found first
 #: Pairs, and triples, from which larger sets are built. With the sixty columns of the catalogue: some 8,000 small solves.
 BEAM = 60

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.polynomial import legendre
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.critique.phases import label_phases
@@ -27,7 +27,6 @@ from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import rebuild
 
-FloatArray = NDArray[np.float64]
 SHAPES = 4  # Legendre functions of the position along the tube
 WINDOW_S = 0.06  # of the polynomial that differentiates twice: a quarter of a swing, so that it follows ringing
 
