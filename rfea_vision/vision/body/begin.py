@@ -12,7 +12,17 @@ from skimage.graph import route_through_array
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
-from rfea_vision.vision.body.model import SHARES, STATIONS, Body, Picture, frame_of, learn_colours, new_body
+from rfea_vision.vision.body.fit import TO_ALONG
+from rfea_vision.vision.body.model import (
+    ALONG_BASIS,
+    SHARES,
+    STATIONS,
+    Body,
+    Picture,
+    frame_of,
+    learn_colours,
+    new_body,
+)
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix, fit_curve
 
@@ -127,14 +137,16 @@ def smooth_line(points: FloatArray) -> FloatArray:
 
 
 def spaced(line: FloatArray, like: FloatArray) -> FloatArray:
-    """Stations on a line with the distances of `like`: rubber does not change its length from one frame to the next.
+    """Stations on a line with the distances of `like`, without what gathers there: rubber stretches gradually, and little in a frame.
 
     The flow of smooth rubber tells little along it, and what it tells is that of the wall behind.
     """
     beyond = line[-1] + 3.0 * (line[-1] - line[-4])
     line = np.vstack([line, beyond])
     steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    wanted = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(like, axis=0), axis=1))])
+    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(like, axis=0), axis=1))])
+    wanted = ALONG_BASIS @ (TO_ALONG @ stations)
+    wanted -= wanted[0]
     return np.column_stack([np.interp(wanted, steps, line[:, c]) for c in (0, 1)])
 
 

@@ -58,6 +58,7 @@ from rfea_vision.vision.find.ends import End
 HALF_PX = 12.0  # the picture is scaled until the body is twice as wide; never enlarged
 FIRST_TURNS = 8
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
+NEAR_CLAMP = STATIONS // 4  # stations that cannot lie behind it: farther on a body may curl back
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_WINDOW = (17, 17)
 FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
@@ -304,7 +305,8 @@ class BodyFollower:
         t = robust_displacement(ALONG_BASIS[station], along, kept, FLOW_PX)
         moved_line = body.points + (NORMAL_BASIS @ n)[:, None] * normals + (ALONG_BASIS @ t)[:, None] * tangents
         foot = self.foot[0]  # it stays: what the flow moves along there is the body slipping out of it
-        begin = 1 + int(np.argmax((moved_line[1:] - foot) @ tangents[0] > 0.0))
+        behind = np.flatnonzero((moved_line[1:NEAR_CLAMP] - foot) @ self.foot[1] <= 0.0)
+        begin = 2 + int(np.max(behind, initial=-1))
         body.points = spaced(np.vstack([foot, moved_line[begin:]]), self.body.points)
         return body
 
