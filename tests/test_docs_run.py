@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from rfea_vision.cli.root import run
+from rfea_vision.critique import screening, trials
+from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.twin import TwinOptions, simulate
 from tests.test_docs import ROOT, blocks, commands
 
@@ -22,6 +24,9 @@ LEFT_OUT = {
 }
 #: What a page leaves to the reader's choice.
 CHOSEN = {"CAMPAIGN": "tube-A", "MODEL": "base", "OUT": "out"}
+#: What a critique chooses among here: that a line runs does not hang on how many effects there are, that of the whole catalogue is
+#: tested with the commands.
+EFFECTS = ("gravity_tilt", "maxwell", "payload", "pressure_lag", "stiffness_profile")
 
 
 @pytest.fixture(scope="module")
@@ -45,6 +50,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        few = {name: catalogue()[name] for name in EFFECTS}
+        for module in (screening, trials):
+            patch.setattr(module, "catalogue", lambda: few)
         yield folder
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rfea_vision.campaign import plausibility
 from rfea_vision.campaign.loading import read_campaign
-from rfea_vision.campaign.problems import Problem
+from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
 from rfea_vision.errors import RfeaError
 
@@ -24,7 +24,7 @@ class Checked:
     """The experiments found, with their roles, and what is wrong."""
 
     experiments: dict[str, str]
-    problems: tuple[Problem, ...]
+    problems: tuple[FileProblem, ...]
 
 
 def check_campaign(path: Path, progress: Callable[[int, int], None] | None = None, *, trust: bool = False) -> Checked:
@@ -63,7 +63,7 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
     return Checked({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
 
 
-def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[Problem]:
+def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FileProblem]:
     """Doubt dimensions that are right in form and unlikely in size: above all, diameters given as radii."""
     problems = []
     for tube in dict.fromkeys((campaign.actuator, *(item.actuator for item in active))):
@@ -82,8 +82,8 @@ def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[Problem
     return problems
 
 
-def _odd(campaign: Campaign, key: str, text: str) -> Problem:
-    return Problem(campaign.root / "campaign.yaml", text, f"actuator.{key}", severity="warning")
+def _odd(campaign: Campaign, key: str, text: str) -> FileProblem:
+    return FileProblem(campaign.root / "campaign.yaml", text, f"actuator.{key}", severity="warning")
 
 
 def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[CameraSpec, ExperimentSpec | None]]:
@@ -95,7 +95,7 @@ def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[Cam
     return found
 
 
-def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None) -> list[Problem]:
+def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None) -> list[FileProblem]:
     """Look for the board in every photo; three with a board are needed."""
     from rfea_vision.calibration.corners import Refused, find_corners
     from rfea_vision.calibration.storage import load_calibration
@@ -103,12 +103,12 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
 
     file = campaign.root / "campaign.yaml" if experiment is None else experiment.file
     name = None if experiment is None else experiment.name
-    problems: list[Problem] = []
+    problems: list[FileProblem] = []
     if camera.file is not None:
         try:
             load_calibration(camera.file)
         except RfeaError as error:
-            problems.append(Problem(file, str(error), "camera.file", experiment=name))
+            problems.append(FileProblem(file, str(error), "camera.file", experiment=name))
     if camera.board is None:
         return problems
     seen = 0
@@ -118,21 +118,21 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
         grey = read_grey(photo)
         if grey is None:
             message = f"{photo} is not a readable picture; take it out or copy it again"
-            problems.append(Problem(file, message, key, experiment=name))
+            problems.append(FileProblem(file, message, key, experiment=name))
             continue
         found = find_corners(photo, grey, camera.board)
         if not isinstance(found, Refused):
             seen += key == "camera.photos"
         elif key == "camera.plane":
-            problems.append(Problem(file, f"{photo.name}: {found.reason}", key, experiment=name))
+            problems.append(FileProblem(file, f"{photo.name}: {found.reason}", key, experiment=name))
         else:
             refused.setdefault(found.reason, []).append(photo.name)
     for reason, photos in refused.items():  # what ails many photos alike is said once
         message = f"{_some(photos)}: {reason}"
-        problems.append(Problem(file, message, "camera.photos", severity="warning", experiment=name))
+        problems.append(FileProblem(file, message, "camera.photos", severity="warning", experiment=name))
     if camera.photos and seen < 3:
         message = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
-        problems.append(Problem(file, message, "camera.photos", experiment=name))
+        problems.append(FileProblem(file, message, "camera.photos", experiment=name))
     return problems
 
 
@@ -143,10 +143,10 @@ def _some(names: list[str]) -> str:
 
 def _experiment_problems(
     experiment: ExperimentSpec, highest: dict[str, float], *, pressure_said: bool
-) -> list[Problem]:
+) -> list[FileProblem]:
     """Read what belongs to a run; its highest pressure (kPa) is kept in `highest`."""
     file = experiment.file
-    problems: list[Problem] = []
+    problems: list[FileProblem] = []
     pictures_s = track_s = track = None
     try:
         if experiment.video is not None:
@@ -163,7 +163,7 @@ def _experiment_problems(
             if source is not None:
                 pictures_s = source.times_s()
                 if text := _unlike_photos(experiment.camera, source.size):
-                    problems.append(Problem(file, text, "video", experiment=experiment.name))
+                    problems.append(FileProblem(file, text, "video", experiment=experiment.name))
         elif experiment.track is not None:
             from rfea_vision.readers.tracks import read_track
 
@@ -179,7 +179,7 @@ def _experiment_problems(
             problems += [_warning(experiment, "track", text) for text in said]
     except RfeaError as error:
         key = "track" if experiment.track is not None else "video"
-        problems.append(Problem(file, str(error), key, experiment=experiment.name))
+        problems.append(FileProblem(file, str(error), key, experiment=experiment.name))
     if experiment.pressure.constant:
         return problems
     if experiment.pressure.missing:
@@ -190,7 +190,7 @@ def _experiment_problems(
 
         log = read_pressure(experiment.pressure, experiment.name)
     except RfeaError as error:
-        problems.append(Problem(file, str(error), "pressure", experiment=experiment.name))
+        problems.append(FileProblem(file, str(error), "pressure", experiment=experiment.name))
         return problems
     highest[experiment.name] = float(abs(log.pressure_kPa).max())
     said = plausibility.of_pressure(log.pressure_kPa)
@@ -215,5 +215,5 @@ def _unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
     return unlike_film((width, height), film_px)
 
 
-def _warning(experiment: ExperimentSpec, key: str, text: str) -> Problem:
-    return Problem(experiment.file, text, key, severity="warning", experiment=experiment.name)
+def _warning(experiment: ExperimentSpec, key: str, text: str) -> FileProblem:
+    return FileProblem(experiment.file, text, key, severity="warning", experiment=experiment.name)

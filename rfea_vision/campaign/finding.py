@@ -6,7 +6,7 @@ import re
 from glob import has_magic
 from pathlib import Path
 
-from rfea_vision.campaign.problems import Problem, problem_at
+from rfea_vision.campaign.problems import FileProblem, problem_at
 from rfea_vision.campaign.reach import REMEDY, Reach
 from rfea_vision.campaign.yaml_file import YamlFile
 from rfea_vision.files import is_file, is_folder
@@ -20,7 +20,7 @@ class Finder:
 
     def __init__(self, reach: Reach, folders: Folders, files: Files, experiment: str | None) -> None:
         self.reach, self.folders, self.files, self.experiment = reach, folders, files, experiment
-        self.problems: list[Problem] = []
+        self.problems: list[FileProblem] = []
 
     def complain(self, key: str, message: str) -> None:
         self.problems.append(problem_at(self.files, key, message, experiment=self.experiment))

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.campaign.problems import Problem, problem_at, validation_problems
+from rfea_vision.campaign.problems import FileProblem, problem_at, validation_problems
 from rfea_vision.campaign.reach import Reach
 from rfea_vision.campaign.resolve import resolve_actuator, resolve_camera, resolve_experiment
 from rfea_vision.campaign.schema import CampaignFile, ExperimentFile
@@ -62,10 +62,10 @@ class Reading:
 
     campaign: Campaign | None
     broken: tuple[ExperimentSpec, ...]
-    problems: tuple[Problem, ...]
+    problems: tuple[FileProblem, ...]
 
     @property
-    def blocked(self) -> Problem | None:
+    def blocked(self) -> FileProblem | None:
         """The first error that stands above all experiments, if there is one."""
         above = (item for item in self.problems if item.severity == "error" and item.experiment is None)
         return next(above, None)
@@ -110,7 +110,7 @@ def _instead(folder: Path) -> str:
 
 
 def _nothing(folder: Path, message: str) -> Reading:
-    return Reading(None, (), (Problem(folder, message),))
+    return Reading(None, (), (FileProblem(folder, message),))
 
 
 def _out(folder: Path, out: Path | str | None) -> Path:
@@ -175,7 +175,7 @@ def _read_within(reach: Reach, path: Path) -> YamlFile:
 
 def _read_experiment(
     reach: Reach, path: Path, shared: YamlFile | None, said: set[str]
-) -> tuple[ExperimentSpec | None, list[Problem]]:
+) -> tuple[ExperimentSpec | None, list[FileProblem]]:
     """Read one experiment.yaml on top of what the campaign shares; `said` are parts that were complained of there.
 
     The experiment is returned as far as it is understood; None only if the file cannot be read at all.
@@ -206,29 +206,29 @@ def _read_experiment(
     return experiment, problems
 
 
-def _part(problem: Problem) -> str:
+def _part(problem: FileProblem) -> str:
     return problem.key.split(".")[0]
 
 
-def _about(problem: Problem, problems: list[Problem]) -> bool:
+def _about(problem: FileProblem, problems: list[FileProblem]) -> bool:
     """Say whether the part of the file that a problem is about is among those complained of already."""
     return _part(problem) in {_part(other) for other in problems}
 
 
-def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) -> list[Problem]:
+def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) -> list[FileProblem]:
     """What can only be seen over all experiments together."""
     if not experiments and complete:
         message = "no experiment here; each needs its own folder with an experiment.yaml ('rfea init DIR' writes one)"
-        return [Problem(file, message)]
+        return [FileProblem(file, message)]
     problems = []
     names = [item.name for item in experiments]
     for item in experiments:
         if names.count(item.name) > 1:
             message = f"'{item.name}' names {names.count(item.name)} experiments; give each its own"
-            problems.append(Problem(item.file, message, "name", experiment=item.name))
+            problems.append(FileProblem(item.file, message, "name", experiment=item.name))
         if item.repeat_of is not None and complete and (item.repeat_of not in names or item.repeat_of == item.name):
             message = f"no other experiment is called '{item.repeat_of}'; there are {', '.join(names)}"
-            problems.append(Problem(item.file, message, "repeat_of", experiment=item.name))
+            problems.append(FileProblem(item.file, message, "repeat_of", experiment=item.name))
     chambers = {item.name: sorted(part.chamber for part in item.pressure.chambers) for item in experiments}
     for item in experiments:
         if not item.pressure.missing and chambers[item.name] != (first := chambers[experiments[0].name]):
@@ -238,28 +238,28 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
             message = (
                 f"has the chambers {own}, '{experiments[0].name}' has {other}; name the same ones in all experiments"
             )
-            problems.append(Problem(item.file, message, "pressure", experiment=item.name))
+            problems.append(FileProblem(item.file, message, "pressure", experiment=item.name))
     both_ways = [item for item in experiments if {part.sign for part in item.pressure.chambers} == {1, -1}]
     if any(item.actuator.kind == "tube" for item in both_ways):
         message = (
             "a tube has its inextensible side on one side, and the chambers bend it to both; a section that bends about its "
             "middle is for example 'section: {kind: rod, chamber_area: 60 mm^2}'"
         )
-        problems.append(Problem(file, message, "actuator.section", severity="warning"))
+        problems.append(FileProblem(file, message, "actuator.section", severity="warning"))
     roles = {item.role for item in experiments}
     if complete and "train" not in roles:
         problems.append(
-            Problem(file, "no experiment has 'role: train'; give that role to at least one experiment.yaml", "role")
+            FileProblem(file, "no experiment has 'role: train'; give that role to at least one experiment.yaml", "role")
         )
     if "train" in roles and "validate" not in roles and complete:
         message = "no experiment has 'role: validate', so nothing judges a model on data it has not seen; set one aside"
-        problems.append(Problem(file, message, "role", severity="warning"))
+        problems.append(FileProblem(file, message, "role", severity="warning"))
     return problems
 
 
 def _actuator(
     parsed: CampaignFile | ExperimentFile, files: tuple[YamlFile, ...], experiment: str | None = None
-) -> tuple[Actuator | None, list[Problem]]:
+) -> tuple[Actuator | None, list[FileProblem]]:
     if parsed.actuator is None:
         message = "is missing; the tube of the paper is assumed"
         return Actuator(), [problem_at(files, "actuator", message, severity="warning", experiment=experiment)]
@@ -272,7 +272,7 @@ def _actuator(
 
 def _validate(
     model: type[_Model], content: Mapping[str, Any], files: tuple[YamlFile, ...], experiment: str | None = None
-) -> tuple[_Model, list[Problem]]:
+) -> tuple[_Model, list[FileProblem]]:
     """Return the file as far as it is valid: parts with a problem are left out, and their problems returned."""
     try:
         return model.model_validate(content), []
@@ -298,9 +298,9 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
     return merged
 
 
-def _file_problem(path: Path, error: InputError, experiment: str | None = None) -> Problem:
+def _file_problem(path: Path, error: InputError, experiment: str | None = None) -> FileProblem:
     """Take the leading ``path:line`` of a reader's error apart again."""
     text = str(error).removeprefix(str(path))
     match = re.match(r"^(?::(\d+))?:\s*(.*)$", text, re.DOTALL)
     line, message = (int(match[1]) if match[1] else None, match[2]) if match else (None, text)
-    return Problem(path, message, line=line, experiment=experiment)
+    return FileProblem(path, message, line=line, experiment=experiment)

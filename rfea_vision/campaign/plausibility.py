@@ -37,7 +37,7 @@ _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
 
 
 def of_pressure(pressure_kPa: FloatArray) -> list[str]:
-    """Doubt a pressure: its unit, or that it is one."""
+    """Doubt a pressure (samples,): its unit, or that it is one."""
     highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
     if highest > _HIGH_KPA:
         return [f"reaches {highest:.0f} kPa; is it in Pa? pressure.unit says which unit it is in"]
@@ -98,7 +98,8 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
 def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray) -> list[str]:
     """Doubt that a log belongs to a run: a tube follows its pressure, and its motion tells most of it again.
 
-    `time_s` are those of the frames on the log's clock. Runs that are alike cannot be told apart by this.
+    `time_s` (frames,) are those of the frames on the log's clock, `log_s` and `pressure_kPa` (samples,) the log's. Runs that are
+    alike cannot be told apart by this.
     """
     motion = (
         track["tip"].values

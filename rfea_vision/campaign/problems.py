@@ -15,7 +15,7 @@ from rfea_vision.campaign.yaml_file import KeyPath, YamlFile
 
 
 @dataclass(frozen=True)
-class Problem:
+class FileProblem:
     """One thing that is wrong. An ``error`` stops the stages; a ``warning`` is worth knowing."""
 
     file: Path
@@ -41,24 +41,24 @@ def problem_at(
     *,
     severity: Literal["error", "warning"] = "error",
     experiment: str | None = None,
-) -> Problem:
+) -> FileProblem:
     """Place a problem at the file, among `files`, that holds most of the dotted `key`; else at the first."""
     file, line = _locate(tuple(files), tuple(key.split(".")))
-    return Problem(file.path, message, key, line, severity, experiment)
+    return FileProblem(file.path, message, key, line, severity, experiment)
 
 
 def validation_problems(
     error: ValidationError, model: type[BaseModel], files: Iterable[YamlFile], experiment: str | None = None
-) -> list[Problem]:
+) -> list[FileProblem]:
     """Turn pydantic's findings into problems, one per key."""
     files = tuple(files)
-    problems: dict[KeyPath, Problem] = {}
+    problems: dict[KeyPath, FileProblem] = {}
     # a misspelt key is also a missing one: the misspelling is what to mend
     found = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
     for item in found:
         keys = _keys_as_written(item["loc"], files, keep_last=item["type"] == "missing")
         file, line = _locate(files, keys)
-        problem = Problem(file.path, _explain(item, model), ".".join(map(str, keys)), line, "error", experiment)
+        problem = FileProblem(file.path, _explain(item, model), ".".join(map(str, keys)), line, "error", experiment)
         problems.setdefault(keys, problem)
     return list(problems.values())
 

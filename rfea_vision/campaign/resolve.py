@@ -9,7 +9,7 @@ from math import pi
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.board import Board
 from rfea_vision.campaign.finding import Files, Finder, Folders
-from rfea_vision.campaign.problems import Problem
+from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.reach import Reach
 from rfea_vision.campaign.schema import (
     ActuatorPart,
@@ -43,7 +43,7 @@ SCALE_EXAMPLE = "scale: {points: [[212, 80], [230, 640]], distance: 155 mm}"
 
 def resolve_camera(
     part: CameraPart, reach: Reach, folders: Folders, files: Files, experiment: str | None = None
-) -> tuple[CameraSpec | None, list[Problem]]:
+) -> tuple[CameraSpec | None, list[FileProblem]]:
     """Return the camera, or what is wrong with it."""
     finder = Finder(reach, folders, files, experiment)
     photographed = part.board is not None and part.photos is not None
@@ -134,7 +134,7 @@ def _lens_of(profile: str | None) -> str:
 
 def resolve_experiment(
     parsed: ExperimentFile, name: str, actuator: Actuator, reach: Reach, folders: Folders, files: Files
-) -> tuple[ExperimentSpec, list[Problem]]:
+) -> tuple[ExperimentSpec, list[FileProblem]]:
     """Return the experiment as far as it can be resolved, and what is wrong with it."""
     role = parsed.role or "train"
     finder = Finder(reach, folders, files, name)

@@ -39,7 +39,7 @@ _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @dataclass(frozen=True)
-class Finding:
+class Checked:
     """One thing looked at: ``ok``, ``absent`` (something optional) or ``broken``."""
 
     what: str
@@ -48,21 +48,21 @@ class Finding:
     purpose: str
 
 
-def examine() -> list[Finding]:
+def examine() -> list[Checked]:
     """Look at Python, the packages, the processors, the folders and the browser."""
     python_ok = sys.version_info >= (3, 11)
     findings = [
-        Finding("rfea-vision", "ok", __version__, ""),
-        Finding("python", "ok" if python_ok else "broken", platform.python_version(), "3.11 or newer"),
-        Finding("processors", "ok", str(os.cpu_count()), "tracking and fitting use two"),
+        Checked("rfea-vision", "ok", __version__, ""),
+        Checked("python", "ok" if python_ok else "broken", platform.python_version(), "3.11 or newer"),
+        Checked("processors", "ok", str(os.cpu_count()), "tracking and fitting use two"),
     ]
     findings += [_package(name, module, purpose, needed=True) for name, (module, purpose) in _NEEDED.items()]
     findings += [_package(name, module, purpose, needed=False) for name, (module, purpose) in _OPTIONAL.items()]
     browser = next((path for name in _BROWSERS if (path := shutil.which(name))), None)
-    findings.append(Finding("browser", "ok" if browser else "absent", browser or "-", "tests of the report"))
+    findings.append(Checked("browser", "ok" if browser else "absent", browser or "-", "tests of the report"))
     temporary = Path(tempfile.gettempdir())
     writable = os.access(temporary, os.W_OK)
-    findings.append(Finding("temporary folder", "ok" if writable else "broken", str(temporary), "unfinished files"))
+    findings.append(Checked("temporary folder", "ok" if writable else "broken", str(temporary), "unfinished files"))
     return findings
 
 
@@ -73,13 +73,13 @@ def _version(name: str) -> str | None:
         return None
 
 
-def _package(name: str, module: str, purpose: str, *, needed: bool) -> Finding:
+def _package(name: str, module: str, purpose: str, *, needed: bool) -> Checked:
     found = _version(name) or _version(_ALSO.get(name, name))
     if found is None:
-        return Finding(name, "broken" if needed else "absent", "not installed", purpose)
+        return Checked(name, "broken" if needed else "absent", "not installed", purpose)
     try:
         import_module(module)
     except Exception as error:  # a broken binary raises whatever it likes; that is what is looked for here
         reason = " ".join(str(error).split())
-        return Finding(name, "broken", f"{found} does not load ({reason[:80]})", purpose)
-    return Finding(name, "ok", found, purpose)
+        return Checked(name, "broken", f"{found} does not load ({reason[:80]})", purpose)
+    return Checked(name, "ok", found, purpose)

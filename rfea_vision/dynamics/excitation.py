@@ -36,7 +36,11 @@ class Excitation:
         longest_step_s: float = LONGEST_STEP_S,
         chambers_Pa: Mapping[str, tuple[float, FloatArray]] | None = None,
     ) -> Excitation:
-        """Put a log on a grid aligned with its own samples: every sample of a regular log up to 1 kHz is a grid point."""
+        """Put a log on a grid aligned with its own samples: every sample of a regular log up to 1 kHz is a grid point.
+
+        time_s, pressure_Pa : (samples,) the log; from_s, to_s : what of it is to be covered; longest_step_s : of the grid
+        chambers_Pa : of several chambers, by name, the sign with which each bends, and its own pressure (samples,)
+        """
         period = float(np.median(np.diff(time_s)))
         step = period / np.ceil(period / longest_step_s - 1e-6) if period > longest_step_s / 2 else longest_step_s
         first = time_s[0] + np.floor((from_s - time_s[0]) / step + 1e-9) * step

@@ -36,7 +36,7 @@ KINEMATIC = (laws.X, laws.Y, laws.VX, laws.VY)
 def _derivative(expression: sp.Expr, symbol: sp.Symbol) -> Any:
     result = sp.diff(expression, symbol)
     # sign(x) has a derivative at 0 alone; the laws are piecewise smooth and Newton only needs one side.
-    return result.replace(sp.DiracDelta, lambda *_: sp.Integer(0))
+    return result.replace(sp.DiracDelta, lambda *_: sp.Integer(0)) if result.has(sp.DiracDelta) else result
 
 
 class _Printer(PythonCodePrinter):

@@ -374,7 +374,10 @@ class Model:
     def line_at_rest(
         self, par: FloatArray, rest: Steady, fractions: FloatArray, free: Sequence[int] = ()
     ) -> tuple[FloatArray, FloatArray]:
-        """Points of a steady state at fractions of the centre line's length: (m, 2) in m, and (m, 2, p) derivatives."""
+        """Points of a steady state at fractions of the centre line's length: (m, 2) in m, and (m, 2, p) derivatives.
+
+        par : (parameters,) in SI, in the order of `names`; fractions : (m,) from clamp (0) to tip (1)
+        """
         still, pivot = np.zeros((1, rest.phi.size)), self.pivot(par, free)
         index = np.asarray(free, dtype=np.int64)
         motion = Motion(OK, "", rest.phi[None], still, rest.states[None], rest.sensitivity[None], index, pivot=pivot)

@@ -47,6 +47,7 @@ class Coordinates:
     prior_targets: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def parameters(self, y: FloatArray) -> FloatArray:
+        """Full parameter vector (SI) at the coordinates `y`."""
         return self.offset + self.matrix @ y
 
     def inside(self, y: FloatArray) -> NDArray[np.bool_]:

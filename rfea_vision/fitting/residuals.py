@@ -42,6 +42,10 @@ def predict_observed(
 ) -> Predicted | None:
     """Simulate one experiment and look at it as the camera did; None if the simulation fails.
 
+    par : (parameters,) in SI, in the order of `model.names`; free : places in it to differentiate by
+    clock_s : what is added to the times of the frames to have those of the log
+    fractions : (k,) places on the centre line, 0 at the clamp; by default those that were observed
+
     What a run does not tell (`nuisance`) is found and eliminated here.
     """
     unknowns = item.unknowns
@@ -179,7 +183,11 @@ def _as_rigged(
 def seen_by_camera(
     model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: list[int], pressure: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Points on the centre line as the camera reports them, with their derivatives; pressure (frames,) at the sensor in Pa."""
+    """Points on the centre line as the camera reports them (frames, k, 2) in m, with their derivatives (frames, k, 2, p).
+
+    par : (parameters,) in SI; fractions : (k,) of the line's length; free : places in `par` to differentiate by
+    pressure : (frames,) at the sensor in Pa
+    """
     points, dpoints = model.centre_line(seen, fractions)
     if model.law.changes("line_shift"):
         shift_out, dshift_out = _shifted_line(model, par, seen, fractions, free, pressure)
@@ -297,6 +305,7 @@ def evaluate(
 ) -> Evaluation | None:
     """Residual and Jacobian [free parameters, one clock per experiment]; None if any simulation fails.
 
+    par : (parameters,) in SI; clocks : (experiments,) offset of each clock in s, 0 by default
     Experiments run on up to two threads; the result does not depend on how many.
     """
     offsets = np.zeros(len(items)) if clocks is None else clocks

@@ -90,7 +90,10 @@ def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
 def score(
     problem: Problem, model: Any, par: FloatArray, items: Sequence[Observed], clocks: FloatArray | None = None
 ) -> tuple[dict[str, ExperimentScore], dict[str, Gaps], dict[str, float]]:
-    """Score each experiment; its clock is adjusted where it was found from the motion."""
+    """Score each experiment; its clock is adjusted where it was found from the motion.
+
+    par : (parameters,) in SI; clocks : (experiments,) offset of each clock in s, fitted here by default
+    """
     offsets = fit_clocks(model, items, par) if clocks is None else clocks
     scores, parts, used = {}, {}, {}
     length_mm = problem.actuator.length / MM

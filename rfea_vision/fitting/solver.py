@@ -172,8 +172,10 @@ def solve(
     tolerance: float = 1e-7,
     loss: Literal["auto", "linear", "huber"] = "linear",
 ) -> Solution | None:
-    """Minimise from `start` (full parameter vector); None where not even the start can be simulated.
+    """Minimise from `start` (full parameter vector, SI); None where not even the start can be simulated.
 
+    clocks : (experiments,) offset of each clock in s at the start, 0 by default
+    most_evaluations, tolerance : of residual and Jacobian; relative change of the sum of squares at which it ends
     Experiments whose clock was found from their motion get it as a nuisance parameter. The robust loss is that of Huber
     (doi:10.1214/aoms/1177703732), linear beyond five robust standard deviations of the residual at the start; ``auto`` is
     for the caller to decide, and linear here.

@@ -23,7 +23,7 @@ Design = Mapping[str, tuple[float, str]]
 
 
 @dataclass(frozen=True)
-class Tube:
+class GroupMember:
     """One campaign of a group: its name, its design variables (value and unit), and what was found out."""
 
     name: str
@@ -36,17 +36,17 @@ class Tube:
         return self.evidence.last
 
 
-def parameters_of(tube: Tube) -> dict[str, Parameter]:
+def parameters_of(tube: GroupMember) -> dict[str, Parameter]:
     """The parameters of a tube's last model; stiffness and damping of the whole tube."""
     return of_the_tube(tube.last.fit) if tube.last is not None else {}
 
 
-def group_plates(tubes: Sequence[Tube]) -> list[Plate]:
+def group_plates(tubes: Sequence[GroupMember]) -> list[Plate]:
     """Each parameter that two tubes share, over each design variable of which they have different values."""
     return [plate for plate, _ in _drawn(tubes)]
 
 
-def _drawn(tubes: Sequence[Tube]) -> list[tuple[Plate, str]]:
+def _drawn(tubes: Sequence[GroupMember]) -> list[tuple[Plate, str]]:
     """Each plate, and a sentence about the tubes that are not in it."""
     found: list[tuple[Plate, str]] = []
     values = {tube.name: parameters_of(tube) for tube in tubes}
@@ -64,7 +64,7 @@ def _drawn(tubes: Sequence[Tube]) -> list[tuple[Plate, str]]:
     return found
 
 
-def _left_out(tubes: Sequence[Tube], variable: str, name: str, values: Mapping[str, Mapping[str, Parameter]]) -> str:
+def _left_out(tubes: Sequence[GroupMember], variable: str, name: str, values: Mapping[str, Mapping[str, Parameter]]) -> str:
     """Which tubes a plate does not show, and why."""
     reasons = {
         "no model": [t.name for t in tubes if t.last is None],
@@ -77,11 +77,11 @@ def _left_out(tubes: Sequence[Tube], variable: str, name: str, values: Mapping[s
     return f"Not in it: {'; '.join(said)}." if said else ""
 
 
-def _units(tubes: Sequence[Tube], variable: str) -> set[str]:
+def _units(tubes: Sequence[GroupMember], variable: str) -> set[str]:
     return {tube.design[variable][1] for tube in tubes if variable in tube.design}
 
 
-def _not_drawn(tubes: Sequence[Tube]) -> list[str]:
+def _not_drawn(tubes: Sequence[GroupMember]) -> list[str]:
     """Design variables over which nothing can be drawn, as their units differ."""
     variables = dict.fromkeys(key for tube in tubes for key in tube.design)
     units = {variable: sorted(_units(tubes, variable)) for variable in variables}
@@ -110,7 +110,7 @@ def _half(item: Parameter) -> float:
     return max(abs(end - item.value) for end in item.interval_95)
 
 
-def render_group(tubes: Sequence[Tube], *, title: str = "Tubes") -> str:
+def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes") -> str:
     """Make the page of a group: one HTML document without any link to another file."""
     titles: dict[str, str] = {}
     for tube in tubes:
@@ -130,7 +130,7 @@ def render_group(tubes: Sequence[Tube], *, title: str = "Tubes") -> str:
     )  # fmt: skip
 
 
-def _row(tube: Tube) -> dict[str, Any]:
+def _row(tube: GroupMember) -> dict[str, Any]:
     step = tube.last
     shown = errors_of(step, tube.evidence) if step is not None else None
     verdict = step.verdict if step is not None else ""
@@ -139,7 +139,7 @@ def _row(tube: Tube) -> dict[str, Any]:
             "model": step.rung.model if step is not None else ""}  # fmt: skip
 
 
-def _effects(tube: Tube) -> dict[str, dict[str, Any]]:
+def _effects(tube: GroupMember) -> dict[str, dict[str, Any]]:
     """What each effect is to a tube: part of its model, named beyond it, or tied; with probability and share where known."""
     if tube.last is None:
         return {}

@@ -93,13 +93,13 @@ def group(works: Sequence[Runner], path: Path) -> list[Path]:
     """Write one page of many campaigns, and its drawings with their data beside it; the page is the first of the files."""
     from rfea_vision.figures import save_plates
     from rfea_vision.report.collect import collect
-    from rfea_vision.report.group import Tube, group_plates, render_group
+    from rfea_vision.report.group import GroupMember, group_plates, render_group
 
     names = [work.campaign.name for work in works]
     labels = [
         name if names.count(name) == 1 else work.campaign.root.name for name, work in zip(names, works, strict=True)
     ]
-    tubes = [Tube(label, work.campaign.design, collect(work.out)) for label, work in zip(labels, works, strict=True)]
+    tubes = [GroupMember(label, work.campaign.design, collect(work.out)) for label, work in zip(labels, works, strict=True)]
     write_text(path, render_group(tubes, title=path.stem.replace("-", " ")))
     return [path, *save_plates(group_plates(tubes), path.with_name(f"{path.stem}-figures"))]
 

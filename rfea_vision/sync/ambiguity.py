@@ -115,6 +115,8 @@ def _rivals(offsets: FloatArray, own: FloatArray, best: int) -> NDArray[np.intp]
 def check_direction(bend_rad: FloatArray, pressure_kPa: FloatArray, *, experiment: str, bends: str) -> None:
     """A tube under pressure bends; if it straightens instead, direction or sign are wrong.
 
+    bend_rad, pressure_kPa : (frames,) angle to the side where it should bend, and the pressure at the same times
+
     Raises
     ------
     DataError

@@ -79,6 +79,8 @@ def align_by_motion(
 ) -> Alignment:
     """Estimate offset and drift.
 
+    log_time_s, pressure_kPa : (samples,) the log on its own clock; bends : the side to which pressure bends the tube
+
     Raises
     ------
     DataError

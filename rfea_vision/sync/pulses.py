@@ -27,6 +27,7 @@ _NOTHING = (np.empty(0), np.empty(0))
 def switch_times(time_s: FloatArray, signal: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
     """Times at which a two-level signal switches, between samples by interpolation, and whether up (1) or down (-1).
 
+    time_s, signal : (samples,); samples that are not finite are left out.
     Noise that crosses the middle without leaving its level does not count. Empty for a signal without two levels.
     """
     good = np.isfinite(signal)
@@ -63,6 +64,8 @@ def align_by_trigger(
     by_motion: Callable[[], Alignment] | None = None,
 ) -> Alignment:
     """One pulse per frame, or one at the first frame.
+
+    log_time_s, signal : (samples,) clock of the log, and the trigger's level in any unit; a pulse begins where it rises
 
     Where even pulses begin before the film, neither they nor the frames tell which is the first frame's: `by_motion`,
     where it is given, is asked for an offset that need only be right to a fraction of a frame.
@@ -145,6 +148,8 @@ def _pulses_before(
 
 def align_by_lamp(track: Track, log_time_s: FloatArray, signal: FloatArray, *, experiment: str) -> Alignment:
     """Pair the lamp's switching in the picture with that in the log; the pattern of intervals decides which is which.
+
+    log_time_s, signal : (samples,) clock of the log, and the lamp's level in any unit
 
     Raises
     ------

@@ -135,7 +135,15 @@ def _align(
 
 
 def check_log(time_s: FloatArray, pressure_kPa: FloatArray, experiment: str, *, moving: bool) -> list[str]:
-    """Say what is wrong with a log: flat or too short is an error for sync by motion, saturation a note."""
+    """Say what is wrong with a log: flat or too short is an error for sync by motion, saturation a note.
+
+    time_s, pressure_kPa : (samples,) the log on its own clock; moving : whether the clocks are found from the motion
+
+    Raises
+    ------
+    DataError
+        If sync by motion is asked for, and the log lasts less than a second or is flat.
+    """
     swing = float(np.ptp(pressure_kPa))
     if moving and time_s[-1] - time_s[0] < 1.0:
         raise DataError(

@@ -63,7 +63,7 @@ class Chosen:
 
 
 @dataclass(frozen=True)
-class Run:
+class PlayedRun:
     """One recording made ready: as the fit sees it, and with the long steps of a look."""
 
     item: Observed
@@ -81,12 +81,12 @@ class Player:
     """Simulates the training and held-out runs of a campaign with any parameters."""
 
     def __init__(self, experiments: Mapping[str, Experiment]) -> None:
-        self.runs: dict[str, Run] = {}
+        self.runs: dict[str, PlayedRun] = {}
         for name, experiment in experiments.items():
             if experiment.recording is not None and experiment.role in ROLES:
                 recording = Recording(experiment.recording)
                 item = observe_recording(recording)
-                self.runs[name] = Run(item, quickened(item), experiment, recording)
+                self.runs[name] = PlayedRun(item, quickened(item), experiment, recording)
         self._models: dict[Any, Future[Model]] = {}
         self._threads = ThreadPoolExecutor(2)
         self._lock = threading.Lock()
@@ -209,7 +209,7 @@ def _vector(chosen: Chosen, model: Model, values: Mapping[str, float]) -> np.nda
     return np.array([known.get(name, first) for name, first in zip(model.names, start, strict=True)], dtype=float)
 
 
-def _errors(runs: Mapping[str, Run], seen: Mapping[str, Predicted | None]) -> dict[str, Any]:
+def _errors(runs: Mapping[str, PlayedRun], seen: Mapping[str, Predicted | None]) -> dict[str, Any]:
     """Root mean square error of every run and role: of the tip in mm or, where only an angle was measured, of it in deg."""
     squares: dict[str, np.ndarray | None] = {}
     with_tip = all(run.item.has_tip for run in runs.values())

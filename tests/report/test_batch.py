@@ -111,12 +111,12 @@ def test_pair_in_a_browser(chromium: Browser, tube_a: Path, sample: Path, tmp_pa
 
 def test_many_tubes_on_one_page(sample):
     from rfea_vision.report.collect import collect
-    from rfea_vision.report.group import Tube, group_plates, parameters_of, render_group
+    from rfea_vision.report.group import GroupMember, group_plates, parameters_of, render_group
 
     pytest.importorskip("matplotlib")
     evidence = collect(sample)
     turns = {"A": 12.0, "B": 24.0, "<C>": 36.0}
-    tubes = [Tube(name, {"turns": (count, ""), "load": (30.0, "g")}, evidence) for name, count in turns.items()]
+    tubes = [GroupMember(name, {"turns": (count, ""), "load": (30.0, "g")}, evidence) for name, count in turns.items()]
     plates = group_plates(tubes)
     assert {plate.name.split("-over-")[1] for plate in plates} == {"turns"}  # the load is the same in all
     stiffness = next(plate for plate in plates if plate.name.startswith("k_ref"))
@@ -130,7 +130,7 @@ def test_many_tubes_on_one_page(sample):
     assert all(effect in page for effect in ("in the model", "36", "30 g"))
     assert page.count("<svg") == len(plates) and "http://" not in page.replace("http://www.w3.org", "")
     assert "Not in it" not in page
-    lacking = Tube("D", {"load": (3.0, "mm")}, evidence)
+    lacking = GroupMember("D", {"load": (3.0, "mm")}, evidence)
     page = render_group([*tubes, lacking])
     assert page.count("Not in it: D (no turns in its design).") == len(plates)
     assert "load is given in g and mm: write it in one unit" in page
