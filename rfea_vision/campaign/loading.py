@@ -105,6 +105,8 @@ def _instead(folder: Path) -> str:
     if near:
         kind = "experiment" if near[0].lower().startswith("e") else "campaign"
         return f"there is {near[0]}: call it {kind}.yaml"
+    if folder.name == OUTPUT_FOLDER and (folder.parent / "campaign.yaml").is_file():
+        return f"these are the results; give the campaign, '{folder.parent}'"
     below = sorted(path.parent.name for path in folder.glob("*/campaign.yaml"))
     return f"give the folder {below[0]} in it" if below else "'rfea init DIR' writes both to fill in"
 

@@ -123,6 +123,7 @@ IN_COMMANDS = [
     (("fit", "CAMPAIGN", "--add", "Maxwell"), "did you mean 'maxwell'?"),
     (("fit", "CAMPAIGN", "--add", "maxwell", "coulomb"), "as in --add maxwell --add coulomb"),
     (("fit", "CAMPAIGN", "--segments", "many"), "is no whole number"),
+    (("fit", "CAMPAIGN", "--add", "coulomb@40"), "must be a whole number from 1 to 16"),
     (("fit", "CAMPAIGN", "--fix", "stiffness=3N*m/rad"), "the base model's are k_ref"),
     (("fit", "CAMPAIGN", "--start", "r_hyd=3.6kg"), "--start r_hyd=3.6kg: 'kg' is not a unit of the right kind"),
     (("fit", "CAMPAIGN", "--effect-file", "CAMPAIGN/steps/track.csv"), "not a Python file"),
