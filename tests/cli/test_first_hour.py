@@ -1,5 +1,6 @@
 """What a beginner meets: sentences that end in the right place, whatever was typed or filled in wrongly."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -58,6 +59,16 @@ def test_a_narrow_terminal_breaks_no_word(monkeypatch, capsys):
     console.print_error(f"there is no effect of this name: {' '.join(words)}", 2, as_json=False)
     told = capsys.readouterr().err.splitlines()
     assert max(map(len, told)) <= 34 and all(any(word in line for line in told) for word in words)
+
+
+def test_the_table_shows_what_ranks_the_candidates(tmp_path, capsys):
+    rows = [
+        {"effect": "maxwell", "probability": 0.99, "share": 0.98, "score_p": 1.0, "refitted": True},
+        {"effect": "drag", "probability": 0.01, "share": 0.12, "score_p": 1.0, "refitted": True},
+    ]
+    model.print_diagnosis(Diagnosis(model="base", verdict="missing", candidates=rows), tmp_path, tmp_path)
+    table = capsys.readouterr().out
+    assert "score" not in table and re.search(r"maxwell +99 % +98 %", table) and re.search(r"drag +1 % +12 %", table), table
 
 
 def test_a_tie_stands_wherever_its_member_does(tmp_path, capsys):

@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import av
 import pytest
@@ -18,7 +19,9 @@ from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import page, render, render_index
 from rfea_vision.report.collect import collect
 from rfea_vision.report.films import fit_films
+from rfea_vision.report.pack import Pack
 from rfea_vision.report.prose import effect_titles, how_it_ended, in_words
+from rfea_vision.report.series import pack_prediction
 from testing.report.sample import RUNGS, write_sample
 from tests.report.test_render import page_of, words
 
@@ -197,3 +200,21 @@ def test_text_stands_out_from_its_paper(theme: str, ink: str, paper: str) -> Non
     tokens = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
     high, low = sorted((luminance(tokens[ink]), luminance(tokens[paper])), reverse=True)
     assert (high + 0.05) / (low + 0.05) >= 4.5
+
+
+def test_a_test_run_is_drawn_after_the_end_and_a_curve_with_its_band(small: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(small, tmp_path / "rfea"))
+    room = folder / "models" / RUNGS[0]
+    groups: dict[str | None, xr.Dataset] = {name: read_dataset(room / "prediction.nc", group=name) for name in TWO}
+    last = groups.pop(TWO[1])
+    write_datasets(room / "prediction.nc", groups)
+
+    def drawn() -> dict[str, Any]:
+        evidence = collect(folder)
+        run = next(run for run in evidence.experiments if run.name == TWO[1])
+        return pack_prediction(evidence.steps[0], run, Pack())
+
+    assert "tip" not in drawn() and "prediction" in drawn()["why"]
+    error = xr.ones_like(last["tip"]).assign_attrs(quantile_95=1.96)
+    write_datasets(room / "prediction-test.nc", {TWO[1]: last.assign(tip_stderr=error)})
+    assert {"tip", "tip_band"} <= drawn().keys()
