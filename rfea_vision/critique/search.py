@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -285,19 +285,22 @@ class Search:
 
         One does alike that cannot be told from the best set, or from another of its rivals.
         """
-        best, out = weighed[0], {}
-        for own in best.added:
-            without = self.without(best, own)
-            for other in weighed[1:]:
-                new = set(other.added) - set(best.added)
-                if len(new) != 1 or set(best.added) - set(other.added) != {own} or without is None:
-                    continue
-                known = [best, *out.get(own, [])]
-                if best.weight - other.weight < EVEN and any(
-                    self._alike(one.trial, other.trial, without) for one in known
-                ):
-                    out.setdefault(own, []).append(other)
+        out = dict[str, list[Weighed]]()
+        for own, other in _in_place(weighed):
+            without, known = self.without(weighed[0], own), [weighed[0], *out.get(own, [])]
+            if without is not None and any(self._alike(one.trial, other.trial, without) for one in known):
+                out.setdefault(own, []).append(other)
         return out
+
+    def as_likely(self, weighed: Sequence[Weighed]) -> dict[str, list[Weighed]]:
+        """For each member of the best set, the sets with another effect in its place that are as likely, likeliest effect first."""
+        alone, out = self.probabilities(weighed, {}), dict[str, list[Weighed]]()
+        for own, other in _in_place(weighed):
+            out.setdefault(own, []).append(other)
+        have = set(weighed[0].added)
+        return {
+            own: sorted(rows, key=lambda row: -max(alone[n] for n in {*row.added} - have)) for own, rows in out.items()
+        }
 
     def _alike(self, one: Trial, other: Trial, without: Trial) -> bool:
         apart, change = _distance(one, other), _distance(one, without)
@@ -326,6 +329,16 @@ class Search:
 
     def structure(self, trial: Trial) -> float:
         return structure(trial.errors, self.floor)
+
+
+def _in_place(weighed: Sequence[Weighed]) -> Iterator[tuple[str, Weighed]]:
+    """Members of the best set, each with the sets that hold another effect in its place and are as likely."""
+    best = weighed[0]
+    for own in best.added:
+        for other in weighed[1:]:
+            new, gone = set(other.added) - set(best.added), set(best.added) - set(other.added)
+            if len(new) == 1 and gone == {own} and best.weight - other.weight < EVEN:
+                yield own, other
 
 
 def _distance(one: Trial, other: Trial) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -38,10 +38,13 @@ class Verdict:
 
 def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     """Name what is likely to be there and matters; call the model complete where nothing matters; else unexplained."""
-    ties = {own: rows[: MOST_TIED - 1] for own, rows in search.tied(weighed).items()}
-    probability = search.probabilities(weighed, ties)
     top = weighed[0]
-    likely = [one for one in top.added if probability[one] >= search.rule.likely and search.matters(weighed, one)]
+    ties, probability, likely = _likely(search, weighed, search.tied(weighed))
+    if (
+        not likely
+    ):  # by itself, or with what does alike: those between which the odds do not decide may be likely together
+        shared = _likely(search, weighed, search.as_likely(weighed))
+        ties, probability, likely = shared if shared[2] else (ties, probability, likely)
     follows = {e.id for e in search.effects if set(e.goes_with) & set(likely)}  # what needs another is added after it
     likely.sort(key=lambda one: (one in follows, -_worth(search, top, one)))
     own = next((item for item in weighed if set(item.added) == set(likely)), weighed[0])
@@ -66,6 +69,18 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     )  # fmt: skip
     words = {"missing": _missing, "complete": _complete, "unexplained": _unexplained}[verdict](search, found)
     return Verdict(**{**vars(found), "sentence": words})
+
+
+def _likely(
+    search: Search, weighed: list[Weighed], ties: Mapping[str, list[Weighed]]
+) -> tuple[dict[str, list[Weighed]], dict[str, float], list[str]]:
+    """The ties that are told, the probability of every effect with them, and members of the best set that are likely and matter."""
+    told = {own: rows[: MOST_TIED - 1] for own, rows in ties.items()}
+    probability = search.probabilities(weighed, told)
+    likely = [
+        one for one in weighed[0].added if probability[one] >= search.rule.likely and search.matters(weighed, one)
+    ]
+    return told, probability, likely
 
 
 def _other(best: Weighed, row: Weighed) -> str:

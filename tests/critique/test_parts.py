@@ -23,6 +23,7 @@ from rfea_vision.critique.screening import Sensitivity
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.trials import Trials
+from rfea_vision.critique.verdict import _likely
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.noise import noise_floor_mm
@@ -314,3 +315,27 @@ def test_a_claim_is_counted_once_for_a_tie_and_a_hidden_law_that_was_never_tried
     assert [(p, right) for _, p, right in found] == [(0.8, True), (0.6, True), (0.0, True), (0.95, False)]
     assert brier(found) == pytest.approx((0.04 + 0.16 + 1 + 0.9025) / 4)
     assert calibration_error(found) == pytest.approx((2 * 0.3 + 1 + 0.95) / 4)
+
+
+def test_what_the_odds_do_not_decide_is_claimed_together(monkeypatch):
+    """Three effects of one kind, each with a quarter of the odds, are no reason to say that nothing is likely."""
+    search: Any = object.__new__(Search)
+    search.rule = RULE
+    monkeypatch.setattr(Search, "matters", lambda *_: True)
+    monkeypatch.setattr(Search, "without", lambda *_: None)  # so that none of them does alike
+    shares = {
+        ("hysteresis",): 0.3,
+        ("mullins",): 0.22,
+        ("maxwell",): 0.1,
+        ("maxwell", "drag"): 0.15,
+        (): 0.1,
+        ("payload",): 0.01,
+    }
+    rows: list[Any] = [
+        Weighed(SimpleNamespace(), own, float(np.log(share)), share, 0.0)  # type: ignore[arg-type]
+        for own, share in sorted(shares.items(), key=lambda item: -item[1])
+    ]
+    assert _likely(search, rows, search.tied(rows)) == ({}, pytest.approx(search.probabilities(rows, {})), [])
+    ties, probability, likely = _likely(search, rows, search.as_likely(rows))
+    assert likely == ["hysteresis"] and [row.added for row in ties["hysteresis"]] == [("maxwell",), ("mullins",)]
+    assert probability["hysteresis"] == probability["mullins"] == pytest.approx(RULE.told(0.77))
