@@ -86,6 +86,14 @@ def test_every_figure_is_painted(opened: Browser) -> None:
     assert bare == []
 
 
+def test_a_curve_is_drawn_by_what_one_can_see_of_it(opened: Browser) -> None:
+    """Of ten points to a pixel the peak stays, a gap stays a gap, and what goes back and forth is left alone."""
+    thin = opened.run("""(() => { const xs = Float64Array.from({length: 1000}, (_, i) => i / 10), ys = xs.map(x => Math.sin(x));
+      ys[503] = 9; ys[700] = NaN; const [x, y] = visible(xs, ys); return [x.length, Math.max(...y.filter(v => v === v)), y.filter(v => v !== v).length]; })()""")
+    assert thin[0] < 250 and thin[1:] == [9, 1]
+    assert opened.run("(() => { const xs = Float64Array.from({length: 1000}, (_, i) => i % 7); return visible(xs, xs)[0].length; })()") == 1000
+
+
 def test_opens_on_the_failure_at_its_worst_moment(opened: Browser) -> None:
     assert opened.run("document.querySelector('[role=radio][aria-checked=true]').dataset.choose") == "0"
     first = opened.run(

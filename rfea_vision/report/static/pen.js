@@ -1,11 +1,30 @@
 // One drawing, two papers: canvas for the screen, SVG for saving and printing.
+// Of a curve with several points to a pixel, the lowest and the highest in each pixel are all that can be seen; the others only take time.
+// What goes back and forth, or has few points, stays as it is.
+function visible(xs, ys) {
+  const n = xs.length;
+  if (n < 400 || n < 3 * (xs[n - 1] - xs[0])) return [xs, ys];
+  const x = [], y = [];
+  let column = NaN, low = -1, high = -1;
+  const close = () => { if (low >= 0) for (const i of low === high ? [low] : [Math.min(low, high), Math.max(low, high)]) { x.push(xs[i]); y.push(ys[i]); } low = high = -1; };
+  for (let i = 0; i < n; i++) {
+    if (i && !(xs[i] >= xs[i - 1])) return [xs, ys];
+    if (!(ys[i] === ys[i])) { close(); x.push(NaN); y.push(NaN); continue; }
+    if (Math.round(xs[i]) !== column) { close(); column = Math.round(xs[i]); }
+    if (low < 0 || ys[i] < ys[low]) low = i;
+    if (high < 0 || ys[i] > ys[high]) high = i;
+  }
+  close();
+  return [x, y];
+}
+
 class CanvasPen {
   constructor(context, width, height, colours) {
     Object.assign(this, {c: context, width, height, colours});
     context.lineJoin = context.lineCap = "round";
   }
-  line(xs, ys, colour, width = 1.6, dash = []) {
-    const c = this.c;
+  line(allX, allY, colour, width = 1.6, dash = []) {
+    const c = this.c, [xs, ys] = visible(allX, allY);
     c.beginPath();
     let down = false;
     for (let i = 0; i < xs.length; i++) {

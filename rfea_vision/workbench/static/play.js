@@ -108,10 +108,16 @@ async function next(exact = false) {
       if (exact) continue;
       document.documentElement.dataset.lookMs = String(performance.now() - begun);
       one("#look").textContent = `${Math.round(performance.now() - begun)} ms from slider to picture`;
-      rest = setTimeout(() => { again = true; if (!busy) next(true); }, RESTING_MS);
+      rest = setTimeout(settle, RESTING_MS);
     } catch (error) { complain(error.message); break; }
   }
   busy = false;
+}
+// A slider that is held may move on at any moment, and must not wait for an exact look.
+function settle() {
+  if (document.querySelector("#sliders :active")) { rest = setTimeout(settle, RESTING_MS); return; }
+  again = true;
+  if (!busy) next(true);
 }
 function showLook(header, block, run, exact) {
   live.experiments = {[run]: unpack(header.run, block)};
