@@ -8,6 +8,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 from importlib import import_module, resources
 from pathlib import Path
+from threading import Lock
+from types import ModuleType
 from typing import Any
 
 import anyio.to_thread
@@ -21,6 +23,7 @@ from rfea_vision.errors import RfeaError
 from rfea_vision.workbench.desk import Desk
 
 LARGEST_BODY = 1_000_000
+_IMPORTING = Lock()
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 
 
@@ -104,10 +107,16 @@ async def _body(request: Request) -> dict[str, Any]:
     return content
 
 
+def loaded(name: str) -> ModuleType:
+    """A module of the package, imported by one thread at a time: two that wait for each other's would see half of them."""
+    with _IMPORTING:
+        return import_module(f"rfea_vision.{name}")
+
+
 def _said(answer: str, *arguments: Any) -> Response:
     """The answer of that name, or why there is none; the libraries behind them are loaded when the first is asked for."""
     try:
-        return getattr(import_module("rfea_vision.workbench.answers"), answer)(*arguments)
+        return getattr(loaded("workbench.answers"), answer)(*arguments)
     except RfeaError as error:
         return JSONResponse({"error": str(error)}, 422)
     except (KeyError, TypeError, ValueError) as error:
@@ -136,8 +145,7 @@ EXPORTED = (
 
 def of_report(name: str) -> Response:
     """The report's style sheet, and its scripts as one module."""
-    from rfea_vision.report.page import static as text_of
-
+    text_of = loaded("report.page").static
     if name == "style.css":
         return Response(str(text_of(name)), media_type="text/css")
     if name != "report.js":

@@ -6,14 +6,13 @@ import secrets
 import socket
 import threading
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 import uvicorn
 
 from rfea_vision.workbench.desk import Desk
 from rfea_vision.workbench.guard import Guard
-from rfea_vision.workbench.routes import application
+from rfea_vision.workbench.routes import application, loaded
 
 TOKEN_BYTES = 24  # 192 bits: cannot be tried out
 
@@ -61,5 +60,5 @@ def _announce(server: uvicorn.Server, desk: Desk, ready: Callable[[str], None], 
     if server.started:
         ready(address)
         desk.worker.warm()
-        import_module("rfea_vision.workbench.answers")  # while the browser opens
-        import_module("rfea_vision.workbench.play")
+        loaded("workbench.answers")  # while the browser opens
+        loaded("workbench.play")
