@@ -6,6 +6,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from skimage.io import imread
 from rfea_vision.artefacts import Recording
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import render
+from rfea_vision.report.page import static
 from testing.report.browser import Browser
 from testing.report.sample import RUNGS, write_sample
 
@@ -88,10 +90,17 @@ def test_every_figure_is_painted(opened: Browser) -> None:
 
 def test_a_curve_is_drawn_by_what_one_can_see_of_it(opened: Browser) -> None:
     """Of ten points to a pixel the peak stays, a gap stays a gap, and what goes back and forth is left alone."""
-    thin = opened.run("""(() => { const xs = Float64Array.from({length: 1000}, (_, i) => i / 10), ys = xs.map(x => Math.sin(x));
-      ys[503] = 9; ys[700] = NaN; const [x, y] = visible(xs, ys); return [x.length, Math.max(...y.filter(v => v === v)), y.filter(v => v !== v).length]; })()""")
+
+    def ran(script: str) -> Any:
+        return opened.run(f"(() => {{ {static('pen.js')}; {script} }})()")
+
+    thin = ran("""const xs = Float64Array.from({length: 1000}, (_, i) => i / 10), ys = xs.map(x => Math.sin(x));
+      ys[503] = 9; ys[700] = NaN; const [x, y] = visible(xs, ys);
+      return [x.length, Math.max(...y.filter(v => v === v)), y.filter(v => v !== v).length];""")
     assert thin[0] < 250 and thin[1:] == [9, 1]
-    assert opened.run("(() => { const xs = Float64Array.from({length: 1000}, (_, i) => i % 7); return visible(xs, xs)[0].length; })()") == 1000
+    assert (
+        ran("const xs = Float64Array.from({length: 1000}, (_, i) => i % 7); return visible(xs, xs)[0].length;") == 1000
+    )
 
 
 def test_opens_on_the_failure_at_its_worst_moment(opened: Browser) -> None:
