@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rfea_vision.cli.root import run
-from rfea_vision.critique import screening, trials
+from rfea_vision.critique import screening
 from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.twin import TwinOptions, simulate
 from tests.test_docs import ROOT, blocks, commands
@@ -51,8 +51,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         few = {name: catalogue()[name] for name in EFFECTS}
-        for module in (screening, trials):
-            patch.setattr(module, "catalogue", lambda: few)
+        patch.setattr(screening, "catalogue", lambda: few)
         yield folder
 
 
