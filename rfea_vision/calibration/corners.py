@@ -57,11 +57,10 @@ def find_corners(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardView
             path, f"incomplete: cut off, a corner lies {max(to_border, 0.0):.0f} px from the border of the picture"
         )
     rise = _edge_rise(grey, found, board.inner_corners)
-    if not np.isfinite(rise) and shown_grid(grey) not in (
-        None,
-        _larger_first(board.inner_corners),
-    ):  # no edges between them
-        return _why_no_checkerboard(path, grey, board.inner_corners)
+    if not np.isfinite(rise):  # no edges between them
+        another = _why_no_checkerboard(path, grey, board.inner_corners)
+        if another.shown not in (None, _larger_first(board.inner_corners)):
+            return another
     if rise > BLURRED_RISE_OF_SQUARE * square_px:
         return _blurred(path, rise, square_px)
     return BoardView(path, board.corners_mm, found, rise)
