@@ -7,6 +7,7 @@ import json
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Recording, bend_sign
@@ -31,6 +32,8 @@ STEPS_PER_PERIOD = 5
 SLOWEST_STEP_S = 8e-3
 #: Log before the first frame that is simulated too, at most; what came before has died away by the first frame after half.
 LONGEST_BEFORE_S, SETTLED_S = 3.0, 1.5
+#: Frames about one that tell what the tube does there: of fewer, bursts of wrong frames would be taken for it.
+ABOUT_FRAMES = 51
 #: A log whose pressure stands still for this long at first is taken to begin with the tube at rest.
 STILL_PA, STILL_S = 1e3, 0.25
 
@@ -89,10 +92,13 @@ def _without_jumps(points: FloatArray, angle: FloatArray, sigma: FloatArray) -> 
     padded = np.pad(signal, ((3, 3), (0, 0)), mode="edge")
     window = np.lib.stride_tricks.sliding_window_view(padded, 7, axis=0)
     deviation = np.abs(signal - np.median(window, axis=-1)).max(axis=1)
-    # What a still or moving tube does between frames sets the scale; a jump is far beyond both that and the noise.
-    scale = np.median(deviation) * 12 + (10 * np.median(sigma[:, -1]) if sigma.shape[1] else 0.0)
+    # What a still or moving tube does between frames sets the scale, over the run and about the frame: a tube that shakes while it is
+    # held, and rests for most of the run, does not jump. A jump is far beyond that and the noise.
+    about = median_filter(deviation, ABOUT_FRAMES, mode="nearest")
+    noise = 10 * np.median(sigma[:, -1]) if sigma.shape[1] else 0.0
+    scale = 12 * np.maximum(np.median(deviation), about) + noise
     spread = np.ptp(window, axis=-1).max(axis=1)
-    return (deviation <= max(scale, 1e-9)) | (deviation < 0.5 * np.median(spread))
+    return (deviation <= np.maximum(scale, 1e-9)) | (deviation < 0.5 * np.median(spread))
 
 
 def observe_recording(

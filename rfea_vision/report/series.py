@@ -157,6 +157,9 @@ def pack_modelled(
     kinds = {"series": pack.rows(len(time), MOST_SAMPLES), "carpet": pack.rows(len(time), MOST_COLUMNS)}
     kinds["pose"] = _pose_rows(experiment, data, pack)
     where = {kind: nearest(modelled["time"].values, time[rows]) for kind, rows in kinds.items()}
+    shown = np.flatnonzero(np.isfinite(modelled["bend_angle"].values)) if "bend_angle" in modelled else np.zeros(0, int)
+    if shown.size:  # frames that the fit left out have no modelled tube: the nearest that has is drawn
+        where["pose"] = shown[nearest(modelled["time"].values[shown], time[kinds["pose"]])]
     record: dict[str, Any] = {"why": why}
     for key, name, kind in (
         ("tip", "tip", "series"),

@@ -9,6 +9,7 @@ from rfea_vision.artefacts import Recording
 from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.fit import make_model, make_problem
+from rfea_vision.fitting.observation import _without_jumps
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions
 from tests.fitting.runs import NOISE_MM, OPTIONS, changed, noisy
@@ -246,3 +247,13 @@ def test_fewer_frames_tell_the_same_with_wider_intervals(runs):
     for name, one in few.parameters.items():
         assert one.value == pytest.approx(every.parameters[name].value, abs=3 * one.stderr)
         assert one.stderr > every.parameters[name].stderr
+
+
+def test_a_tube_that_shakes_while_it_is_held_does_not_jump():
+    """An inclinometer at rest for most of a run, shaking for a quarter of it, and twice wrong for one frame."""
+    rng = np.random.default_rng(3)
+    angle = 1e-3 * rng.standard_normal(800)
+    angle[300:500] += 0.5 + 0.02 * rng.standard_normal(200)
+    angle[[120, 400]] += 1.5
+    kept = _without_jumps(np.zeros((800, 0, 2)), angle, np.zeros((800, 0)))
+    assert not kept[[120, 400]].any() and kept.mean() > 0.99
