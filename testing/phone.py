@@ -112,6 +112,7 @@ def film(
     lines, tips = [], []
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=Fraction(rate_Hz).limit_denominator(1000))
+        stream.codec_context.thread_count = 1  # with more, a busy machine encodes another film
         stream.width, stream.height, stream.pix_fmt = *room.size, "yuv420p"
         stream.options = {"crf": str(room.crf), "preset": "fast"}
         for number, bend in enumerate(bends_rad):

@@ -98,7 +98,8 @@ def test_the_line_does_not_slide_along_smooth_rubber(tmp_path):
     track = tracked(tmp_path / "film.mp4", truth)
     off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
     assert track.valid[-10:].all() and not track.valid[15:17].any()
-    assert set(track.dataset["reason"].values[~track.valid]) == {"touches_border"}
+    assert set(track.dataset["reason"].values[12:20][~track.valid[12:20]]) == {"touches_border"}
+    assert track.valid.sum() >= 27
     assert "film a wider view" in track.dataset.attrs["advice"]
     assert np.nanmax(off) < 4.5  # mm, of 80: three encodings of the film gave 2.9 to 4.0
 
