@@ -61,17 +61,15 @@ class Search:
     effects: tuple[Effect, ...]
     rule: Rule = RULE
     wide: bool = False  # whether to refit what could help, too, though it could not become likely
-    scored: float | None = (
-        None  # held-out error of the present model as `model.json` has it, by finer steps than those here
-    )
+    #: Held-out error of the present model as `model.json` has it, by finer steps than those here.
+    scored: float | None = None
 
     def __post_init__(self) -> None:
         self.independent = effective_count(self.trials.problem, self.present.fitted)
         self.count = self.rule.count(self.independent)
         self.screened: list[Screened] = []
-        self.removes: dict[
-            str, float
-        ] = {}  # by effect: the share of the squared error that it takes away by itself, at a glance
+        # By effect: the share of the squared error that it takes away by itself, at a glance.
+        self.removes: dict[str, float] = {}
         self._quietest: Trial | None = None
         self.floors = self._settled()
 

@@ -40,9 +40,8 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     """Name what is likely to be there and matters; call the model complete where nothing matters; else unexplained."""
     top = weighed[0]
     ties, probability, likely = _likely(search, weighed, search.tied(weighed))
-    if (
-        not likely
-    ):  # by itself, or with what does alike: those between which the odds do not decide may be likely together
+    # Not by itself, nor with what does alike: those between which the odds do not decide may be likely together.
+    if not likely:
         shared = _likely(search, weighed, search.as_likely(weighed))
         ties, probability, likely = shared if shared[2] else (ties, probability, likely)
     follows = {e.id for e in search.effects if set(e.goes_with) & set(likely)}  # what needs another is added after it
