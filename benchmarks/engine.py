@@ -19,9 +19,9 @@ import numpy as np
 from benchmarks._engine_rows import jax_rows, step_rows
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED, scaled
-from rfea_vision.dynamics.shape import hinge_line_tip
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.catalogue import catalogue
+from testing.geometry import hinge_line_tip
 
 SECONDS = 20.0
 FRAMES = np.arange(0, SECONDS - 0.01, 1 / 240)

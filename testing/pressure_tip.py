@@ -14,8 +14,8 @@ from rfea_vision.effects.base import BASE_UNITS, Effect
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, build
 from rfea_vision.fitting.steady_fit import Plateau, fit_steady
-from rfea_vision.steady import steady_curve
 from testing.real_records import PressureTable
+from testing.steady import steady_curve
 
 FloatArray = NDArray[np.float64]
 TIP = np.array([1.0])

@@ -119,9 +119,3 @@ def centre_line(phi, S, segment_length, outer_radius, polygon, pivot, dpivot, fr
                     dH[0, q] += d_chord * ux + chord * uy * d_middle
                     dH[1, q] += d_chord * uy - chord * ux * d_middle
             passed += reach
-
-
-def hinge_line_tip(theta: np.ndarray, segment_length: float) -> np.ndarray:
-    """Tip of the hinge line, eq. KinematicsClosedForm: theta (..., n) in rad to (..., 2) in m, clamp end at the origin."""
-    phi = np.cumsum(np.asarray(theta, dtype=float), axis=-1)
-    return -segment_length * np.stack([np.sin(phi).sum(axis=-1), np.cos(phi).sum(axis=-1)], axis=-1)

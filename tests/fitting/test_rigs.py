@@ -21,7 +21,7 @@ from rfea_vision.fitting.problem import make_problem
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.refit import refit
 from rfea_vision.fitting.residuals import predict_observed
-from rfea_vision.steady import bending_angle
+from testing.steady import bending_angle
 
 BEAM = Actuator(outer_radius=0.015, inner_radius=0.0075, length=0.1, density=1070.0, kind="rectangle", width=0.03)
 SEGMENTS = 4

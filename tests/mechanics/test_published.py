@@ -5,9 +5,9 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.parameters import PER_DEGREE, PUBLISHED, as_paper
-from rfea_vision.dynamics.shape import hinge_line_tip
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
-from rfea_vision.steady import bending_angle, holding_pressure, limit_point, steady_curve
+from testing.geometry import hinge_line_tip
+from testing.steady import bending_angle, holding_pressure, limit_point, steady_curve
 
 
 def _tip_mm(name, pressure):

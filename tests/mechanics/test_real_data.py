@@ -7,10 +7,10 @@ from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.parameters import scaled
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.errors import InputError
-from rfea_vision.steady import steady_curve
 from testing.chain_diagnosis import ChainRecord, diagnose_chain, residual_torque
 from testing.pressure_tip import fit_pressure_tip, fit_table
 from testing.real_records import pressure_tables, published_friction, two_links
+from testing.steady import steady_curve
 
 
 @pytest.mark.parametrize("bends", ["left", "right"])

@@ -5,15 +5,13 @@ import pytest
 
 from rfea_vision.dynamics.inverse import joint_torques
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
-from rfea_vision.tube import (
+from rfea_vision.tube import body_inertia, body_mass, inner_radius
+from testing.geometry import (
     AS_PRINTED,
-    body_inertia,
-    body_mass,
     flow_needed,
     fluid_volume,
     fluid_volume_rate,
     hydraulic_torque,
-    inner_radius,
     potential_energy,
 )
 
