@@ -1,8 +1,9 @@
-"""What another n_s would have said of campaigns that were run: all sets that were refitted stand in their lines."""
+"""What another n_s or f would have said of campaigns that were run: all sets that were refitted stand in their lines."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 from benchmarks.probability_tables import SURE
@@ -10,7 +11,8 @@ from rfea_vision.critique.rule import RULE, Rule
 from rfea_vision.effects.catalogue import catalogue
 from testing.claims import Claim, brier, calibration_error, claims
 
-TRIED = (2, 3, 4, 5, 6, 8, 10, 14)
+TRIED = (4, 8, 12, 16, 24)
+TRIED_FORMS = (0.0, 0.03, 0.05, 0.08)
 #: Nothing speaks for an effect whose probability is below this.
 FAINT = 0.02
 
@@ -19,10 +21,11 @@ def probabilities(line: dict[str, Any], rule: Rule) -> dict[str, float]:
     """Of every effect of one campaign: that it, or a member of its tie, is there, as this rule weighs the refits."""
     count = rule.count(line["independent"])
     weights = []
+    whole = next(item["excess"] for item in line["sets"] if not item["effects"])
     for item in line["sets"]:
         roles = dict.fromkeys(item["excess"], "train") | {list(item["excess"])[-1]: "validate"}  # the last run judges
         price = rule.price(len(item["effects"]), len(catalogue()))
-        weights.append(rule.evidence(item["excess"], roles, line["room"], count) - price)
+        weights.append(rule.evidence(item["excess"], whole, roles, line["room"], count) - price)
     each = rule.posterior(weights)
     mates = {name: set(tie) for tie in line["tied"] for name in tie}
     found = {name for item in line["sets"] for name in item["effects"]}
@@ -35,13 +38,13 @@ def probabilities(line: dict[str, Any], rule: Rule) -> dict[str, float]:
 
 
 def sweep(lines: Sequence[dict[str, Any]]) -> str:
-    """A table of n_s: calibration error, Brier score, names, wrong ones, and what was hidden and found."""
+    """A table of n_s and f: calibration error, Brier score, names, wrong ones, and what was hidden and found."""
     out = [
-        "| n_s | calibration error | Brier | named | wrong | above 0.9 | wrong | hidden | found |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| n_s | f | calibration error | Brier | named | wrong | above 0.9 | wrong | hidden | found |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for count in TRIED:
-        rule = Rule(independent=count)
+    for count, form in product(TRIED, TRIED_FORMS):
+        rule = Rule(independent=count, form=form)
         rows: list[Claim] = [
             one
             for line in lines
@@ -51,13 +54,17 @@ def sweep(lines: Sequence[dict[str, Any]]) -> str:
         named, sure = [r for r in rows if r[1] >= rule.likely], [r for r in rows if r[1] > SURE]
         hidden = [r for r in rows if r[2]]
         figures = [
-            f"{count}", f"{calibration_error(rows):.3f}", f"{brier(rows):.3f}", f"{len(named)}", f"{sum(not r[2] for r in named)}",
+            f"{count}", f"{form:g}", f"{calibration_error(rows):.3f}", f"{brier(rows):.3f}",
+            f"{len(named)}", f"{sum(not r[2] for r in named)}",
             f"{len(sure)}", f"{sum(not r[2] for r in sure)}", f"{len(hidden)}", f"{sum(r[1] >= rule.likely for r in hidden)}",
         ]  # fmt: skip
         out.append("| " + " | ".join(figures) + " |")
     outside, unseen = shares(lines)
     return "\n".join(
-        [*out, f"\nAt n_s = {RULE.independent:g}, by Laplace's rule: outside {outside:.3f}, unseen {unseen:.3f}."]
+        [
+            *out,
+            f"\nAt n_s = {RULE.independent:g} and f = {RULE.form:g}, by Laplace's rule: outside {outside:.3f}, unseen {unseen:.3f}.",
+        ]
     )
 
 

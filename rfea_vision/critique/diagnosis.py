@@ -12,13 +12,16 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, Rung, WorstPlace
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.evidence import candidate_rows, swallowed
+from rfea_vision.critique.measures import Errors, errors_of
 from rfea_vision.critique.next_experiment import design_next
 from rfea_vision.critique.refinement import SEGMENTS, screen_segments
 from rfea_vision.critique.screening import offered
 from rfea_vision.critique.search import Search
 from rfea_vision.critique.trials import Trials, plain
 from rfea_vision.critique.verdict import Verdict, decide, remainder_of, sets_of
+from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
+from rfea_vision.fitting.ratio import lever_free
 from rfea_vision.fitting.scoring import options_of
 from rfea_vision.options import CritiqueOptions
 
@@ -65,7 +68,8 @@ def judge(
 
     trials.progress = step
     effects = offered(problem, fitted, candidates, asked.effect_files)
-    search = Search(trials, trials.stands(fitted), effects, wide=asked.stand_ins, scored=scored)
+    base = _errors_without_effects(problem, fitted) if fitted.options.effects else None
+    search = Search(trials, trials.stands(fitted), effects, wide=asked.stand_ins, scored=scored, base=base)
     if candidates is None and screen_segments(
         problem, fitted, search.floor
     ):  # what needs no law is tried before any law
@@ -82,6 +86,18 @@ def judge(
         update={"where": list(where), "next_experiment": following}
     )
     return Judgement(diagnosis, search, verdict, pressure)
+
+
+def _errors_without_effects(problem: Problem, fitted: Fitted) -> Errors | None:
+    """Errors of the base model below one that has effects; None where it cannot be simulated."""
+    free = lever_free(fitted)
+    fixed = {name: value for name, value in free.fixed.items() if "." not in name}
+    options = replace(free, effects=(), fixed=fixed, name="base")
+    try:
+        base = refit(problem, options, fitted.values, options.segments, fitted.solution.clocks)
+    except DataError:
+        return None
+    return errors_of(problem, base)
 
 
 def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, Any]]) -> Diagnosis:

@@ -4,11 +4,12 @@ No law of a catalogue is that of a real tube. So every set of effects S, the emp
 with a size and correlation of its own (Kennedy and O'Hagan 2001, doi:10.1111/1467-9868.00294; Brynjarsdottir and O'Hagan
 2014, doi:10.1088/0266-5611/30/11/114007). With its size integrated out, n independent values of it weigh
 
-    log evidence(S) = -n/2 mean over runs of log(X(S) + r^2) - price(S)
+    log evidence(S) = -n/2 mean over runs of log(X(S) + r^2 + f^2 (X(base) - X(S))) - price(S)
 
 X is the squared error above the irreproducible floor on a run, r what of that is never told apart. Training and held-out
 runs count half each. A large remainder tempers every claim, as only the ratio of remainders speaks; where little is left,
-the same ratio is sharp.
+the same ratio is sharp, but for this: a law of the catalogue is right to a share f of the motion that it makes. With r^2 goes f^2
+of what the set has taken away of X since the base model, so that no second effect is called in for the faults of a first one's form.
 
 `n` is not the number of frames. Neighbouring values are correlated, which leaves n_c of them (frames over the correlation time
 of the residual); and a discrepancy is a fault of the law, the same in every run, of which a longer record tells no more:
@@ -33,18 +34,19 @@ class Rule:
     """The numbers of the rule: all there are.
 
     ============ ======= ===============================================================================================
-    independent  n_s     chosen on 164 campaigns of two plants: below, names are lost; on 42 of them, run once more, 8 to 14
-                         name the same (docs/critique.md); benchmarks/probabilities.py keeps what another value needs to be tried
-    outside      -       probability that stays with causes outside of the catalogue: by Laplace's rule of succession, 0.031, from 28
-                         strong claims on those 42, of which none was wrong; unseen: of an effect that nothing speaks for, likewise
-                         from 0.009 to 0.017 (benchmarks/probability_sweep.py)
+    independent  n_s     both chosen on 156 campaigns of two plants, whose every refit stands in benchmarks/probabilities: without f,
+    form         f       each larger n_s finds more and is wrong more often above 0.9; with it, 12 finds as much as 8 without, and
+                         is half as often wrong there (benchmarks/probability_sweep.py, docs/critique.md)
+    outside      -       probability that stays with causes outside of the catalogue, and of an effect that nothing speaks for:
+    unseen       -       by Laplace's rule of succession, of strong claims on those campaigns and of faint ones
     resolution   r       floors; what docs/formats.md calls too little to matter
     expected     -       effects missing from a model before anything was seen: one, which the catalogue's K share
     likely       -       a half: the probability from which an effect is named, by docs/formats.md
     ============ ======= ===============================================================================================
     """
 
-    independent: float = 8.0
+    independent: float = 12.0
+    form: float = 0.05
     outside: float = 0.03
     unseen: float = 0.01
     resolution: float = MATTERS_FLOORS
@@ -59,11 +61,24 @@ class Rule:
         """Log of the prior odds against so many effects of the catalogue's."""
         return effects * float(np.log(catalogue / self.expected))
 
-    def evidence(self, excess: Mapping[str, float], roles: Mapping[str, str], room: float, count: float) -> float:
-        """Log evidence before the price: excess is the squared error above the floor by run, of which room^2 is not told apart."""
+    def evidence(
+        self,
+        excess: Mapping[str, float],
+        whole: Mapping[str, float],
+        roles: Mapping[str, str],
+        room: float,
+        count: float,
+    ) -> float:
+        """Log evidence before the price: excess is the squared error above the floor by run, of which room^2 is not told apart.
+
+        `whole` is that of the base model.
+        """
         groups: dict[bool, list[float]] = {}
         for name, value in excess.items():
-            groups.setdefault(roles[name] == "train", []).append(float(np.log(max(value, 0.0) + room**2 + 1e-300)))
+            left = max(value, 0.0)
+            explained = max(whole.get(name, left) - left, 0.0)
+            alike = room**2 + self.form**2 * explained
+            groups.setdefault(roles[name] == "train", []).append(float(np.log(left + alike + 1e-300)))
         return -0.5 * count * float(np.mean([np.mean(values) for values in groups.values()]))
 
     def posterior(self, log_weights: Sequence[float]) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,7 @@ from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import (
     MATTERS_SHARE,
     STRUCTURE_FLOORS,
+    Errors,
     common_runs,
     effective_count,
     matters,
@@ -63,6 +64,8 @@ class Search:
     wide: bool = False  # whether to refit what could help, too, though it could not become likely
     #: Held-out error of the present model as `model.json` has it, by finer steps than those here.
     scored: float | None = None
+    #: Errors of the model without any effect, which the forms of effects are measured against; of the present one where it has none.
+    base: Errors | None = None
 
     def __post_init__(self) -> None:
         self.independent = effective_count(self.trials.problem, self.present.fitted)
@@ -128,8 +131,11 @@ class Search:
     def _weight(self, trial: Trial, names: set[str]) -> float:
         errors = trial.errors.on(names)
         roles = {name: run.role for name, run in errors.runs.items()}
-        evidence = self.rule.evidence(errors.excess(self.floor), roles, self._room, self.count)
-        return evidence - self._price(trial.effects)
+        return self._evidence(errors.excess(self.floor), roles) - self._price(trial.effects)
+
+    def _evidence(self, excess: Mapping[str, float], roles: Mapping[str, str]) -> float:
+        whole = (self.base or self.present.errors).excess(self.floor)
+        return self.rule.evidence(excess, whole, roles, self._room, self.count)
 
     @property
     def _room(self) -> float:
@@ -221,7 +227,8 @@ class Search:
 
     def _can_win(self, size: int) -> bool:
         """Whether a set of so many effects that left nothing at all would be better than the best so far."""
-        perfect = -self.count * float(np.log(self._room))
+        runs = self.present.errors.runs
+        perfect = self._evidence(dict.fromkeys(runs, 0.0), {name: run.role for name, run in runs.items()})
         return perfect - self.rule.price(size, len(catalogue())) > self.weigh()[0].weight
 
     def _forms(self) -> None:
@@ -243,8 +250,9 @@ class Search:
     def _rivals(self) -> None:
         """Nobody is named without its rivals refitted in its place: those said to be mistaken for it, and those that look like it.
 
-        An effect looks like another that is named alone where it would at a glance remove half as much, as a refit may turn out.
-        Where the best set leaves something, the former are tried in all their forms.
+        Of a rival that is as likely, the rivals are refitted, too. An effect looks like another that is named alone where it would
+        at a glance remove half as much, as a refit may turn out. Where the best set leaves something, the former are tried in all
+        their forms.
         """
         best = self.weigh()[0]
         left = self.structure(best.trial) >= STRUCTURE_FLOORS
@@ -258,10 +266,15 @@ class Search:
             possible = {e.id for e in available(self.effects, {plain(one) for one in base.effects})}
             # of a grid its best point
             starts = {row.effect: {**row.grid, **row.step} for row in reversed(self.screened)}
-            for name in dict.fromkeys([*others, *forms]):
-                if plain(name) in possible & set(starts):
-                    start = {f"{plain(name)}.{k}": v for k, v in starts[plain(name)].items()}
-                    self.trials.refit(base, (name,), start)
+            names = list(dict.fromkeys([*others, *forms]))
+            for name in names:  # it grows
+                if plain(name) not in possible & set(starts):
+                    continue
+                start = {f"{plain(name)}.{k}": v for k, v in starts[plain(name)].items()}
+                rival = self.trials.refit(base, (name,), start)
+                if rival is not None and best.weight - self._weight(rival, set(rival.errors.runs)) < EVEN:
+                    known = {*map(plain, names), *best.added}
+                    names += [one for one in look_alikes(self.effects, plain(name)) if one not in known]
 
     def _leave_one_out(self) -> None:
         """Refit the best set without each of its members; and every other that would be the best if it cost one effect less."""

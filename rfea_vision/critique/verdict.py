@@ -73,13 +73,17 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
 def _likely(
     search: Search, weighed: list[Weighed], ties: Mapping[str, list[Weighed]]
 ) -> tuple[dict[str, list[Weighed]], dict[str, float], list[str]]:
-    """The ties that are told, the probability of every effect with them, and members of the best set that are likely and matter."""
+    """The ties that are told, the probability of every effect with them, and members of the best set that are likely and matter.
+
+    Only what is named shares its claim with those that it cannot be told from.
+    """
     told = {own: rows[: MOST_TIED - 1] for own, rows in ties.items()}
     probability = search.probabilities(weighed, told)
     likely = [
         one for one in weighed[0].added if probability[one] >= search.rule.likely and search.matters(weighed, one)
     ]
-    return told, probability, likely
+    shared = {own: rows for own, rows in told.items() if own in likely}
+    return told, search.probabilities(weighed, shared), likely
 
 
 def _other(best: Weighed, row: Weighed) -> str:
