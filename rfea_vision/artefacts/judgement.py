@@ -152,6 +152,8 @@ class Candidate(_Json):
     validate_rmse_deg: float | None = None
     delta_bic: float | None = None
     parameters: dict[str, Parameter] = Field(default_factory=dict)
+    # all parameters of the model with it, SI, as the search has found them: where the next rung begins
+    values: dict[str, float] = Field(default_factory=dict)
     refitted: bool = False
     matters: bool | None = None
     note: str = ""

@@ -31,7 +31,7 @@ EXPECTED_REFITS = 20
 
 @dataclass(frozen=True)
 class Judgement:
-    """Diagnosis with what it was made from, so that the ladder need not fit again."""
+    """Diagnosis with what it was made from, for what looks at it more closely."""
 
     diagnosis: Diagnosis
     search: Search
@@ -47,17 +47,14 @@ def judge(
     candidates: Sequence[str] | None = None,
     where: Sequence[WorstPlace] = (),
     goes_with: Sequence[dict[str, Any]] = (),
-    trials: Trials | None = None,
     scored: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
     """Diagnose a solved fit: training runs fit, validation runs judge, test runs are not looked at.
 
-    `trials` hold what the rungs below have tried; `goes_with` is what the residual torque depends on; `scored` is the held-out
-    error that `model.json` has.
+    `goes_with` is what the residual torque depends on; `scored` is the held-out error that `model.json` has.
     """
     asked = options or CritiqueOptions()
-    trials = trials or Trials(problem, asked.effect_files)
     steps = 0
 
     def step() -> None:
@@ -66,7 +63,7 @@ def judge(
         if progress is not None:
             progress(min(steps, EXPECTED_REFITS - 1), EXPECTED_REFITS)
 
-    trials.progress = step
+    trials = Trials(problem, asked.effect_files, step)
     effects = offered(problem, fitted, candidates, asked.effect_files)
     base = _errors_without_effects(problem, fitted) if fitted.options.effects else None
     search = Search(trials, trials.stands(fitted), effects, wide=asked.stand_ins, scored=scored, base=base)

@@ -34,7 +34,9 @@ def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
         done = alone.get(name)
         if done is not None:
             shown |= _refitted(search, name, done)
-        shown["form"] = form_of(name, verdict)
+        shown["form"] = form = form_of(name, verdict)
+        in_form = search.trials.done.get(search.present.effects | {f"{name}:{form}" if form else name})
+        shown["values"] = {} if in_form is None else in_form.fitted.values
         shown["probability"] = verdict.probability.get(name, search.rule.unseen)
         rows.append(Candidate(effect=name, title=title(search, name), **shown))
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from rfea_vision.artefacts.judgement import Comparison, Diagnosis, Ladder, ModelFit, Rung
+from rfea_vision.artefacts.judgement import Candidate, Comparison, Diagnosis, Ladder, ModelFit, Rung
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.comparison import compare, goes_with
 from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
-from rfea_vision.critique.measures import common_runs, delta_bic, matters
+from rfea_vision.critique.measures import common_runs, delta_bic, errors_of, matters
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.critique.refinement import TITLE as SEGMENTS_TITLE
 from rfea_vision.critique.screening import acting, sensitivities
@@ -75,58 +75,61 @@ def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool, b
     return Step(why=f"the verdict is {diagnosis.verdict}: {diagnosis.sentence}")
 
 
-def _climbed(problem: Problem, fitted: Fitted, name: str, trials: Trials) -> Fitted | None:
+def _with_one_more(
+    problem: Problem, below: Fitted, name: str, row: Candidate | None, files: Sequence[Path]
+) -> Fitted | None:
     """The model with one effect more, under a law of its own, from where the search has found it best."""
+    named = f"{below.options.name}+{plain(name)}"
     if name == SEGMENTS:
-        known = trials.done.get(frozenset((*fitted.options.effects, SEGMENTS)))
-        return (
-            known.fitted if known is not None else refit_segments(problem, fitted, f"{fitted.options.name}+{SEGMENTS}")
-        )
-    key = frozenset((*fitted.options.effects, name))
-    trial = trials.done.get(key) or _tried_alone(trials, trials.stands(fitted), name)
-    if trial is None:
-        return None
-    effects, named = (*fitted.options.effects, name), f"{fitted.options.name}+{plain(name)}"
+        return refit_segments(problem, below, named)
+    values = row.values if row is not None else {}
+    if not values:
+        trials = Trials(problem, tuple(files))
+        trial = _tried_alone(trials, trials.stands(below), name)
+        values = {} if trial is None else trial.fitted.values
     try:
-        return _stood_up(problem, fitted, trial, effects, named, trials.effect_files)
+        return _stood_up(problem, below, values, (*below.options.effects, name), named, files) if values else None
     except DataError:
         return None
 
 
 def _stood_up(
-    problem: Problem, below: Fitted, trial: Trial, effects: Sequence[str], name: str, files: Sequence[Path] = ()
+    problem: Problem,
+    below: Fitted,
+    values: Mapping[str, float],
+    effects: Sequence[str],
+    name: str,
+    files: Sequence[Path] = (),
 ) -> Fitted:
-    """What the search has tried as a model of the ladder, under a law of its own and the options of the model below."""
+    """A model of the ladder with these effects, under a law of its own and the options of the model below."""
     options = replace(
         lever_free(below), effects=tuple(effects), name=name, effect_files=tuple(files) or below.options.effect_files
     )
-    clocks = trial.fitted.solution.clocks
-    return with_lever_held(problem, refit(problem, options, trial.fitted.values, options.segments, clocks))
+    return with_lever_held(problem, refit(problem, options, values, options.segments, below.solution.clocks))
 
 
-def _look_back(fitted: Fitted, trials: Trials, floor: float, keep: str) -> tuple[Fitted, set[str]]:
-    """The model without an earlier effect whose removal no longer hurts the held-out error, and what was dropped."""
-    whole = trials.done[frozenset(fitted.options.effects)]
-    base = trials.done.get(frozenset())
+def _look_back(problem: Problem, fitted: Fitted, floor: float, keep: str) -> Fitted:
+    """The model without an earlier effect whose removal no longer hurts the held-out error."""
+    whole = errors_of(problem, fitted)
     for effect in fitted.options.effects:
         needed = any(plain(effect) in other.goes_with for other in acting(fitted))
-        if effect == keep or needed or whole is None or base is None:
+        if effect == keep or needed:
             continue
         rest = [one for one in fitted.options.effects if one != effect]
-        values = dict(zip(fitted.model.names, fitted.par.tolist(), strict=True))
-        start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
-        without = trials.refit(base, rest, start)
-        if without is None:
+        name = "+".join((fitted.options.name.split("+")[0], *map(plain, rest)))
+        try:
+            without = _stood_up(problem, fitted, fitted.values, rest, name)
+        except DataError:
             continue
-        names = common_runs([without.errors, whole.errors])
-        if not matters(without.errors.on(names), whole.errors.on(names), floor):
-            name = "+".join((fitted.options.name.split("+")[0], *map(plain, rest)))
-            return _stood_up(trials.problem, fitted, without, rest, name), {plain(effect)}
-    return fitted, set()
+        errors = errors_of(problem, without)
+        names = common_runs([errors, whole])
+        if not matters(errors.on(names), whole.on(names), floor):
+            return without
+    return fitted
 
 
 def _tried_alone(trials: Trials, base: Trial, name: str) -> Trial | None:
-    """The refit behind a name that an earlier diagnosis of the same fit has given."""
+    """A refit with one effect more, from its linear step."""
     (effect,) = find_effects([plain(name)], trials.effect_files)
     proposals = Combinations(list(sensitivities(trials.problem, base.fitted, (effect,)))).best(frozenset(), 1, 1)
     return trials.refit(base, (name,), proposals[0][0].start if proposals and proposals[0] else {})
@@ -134,10 +137,10 @@ def _tried_alone(trials: Trials, base: Trial, name: str) -> Trial | None:
 
 @dataclass
 class _Climb:
-    """Where a climb stands."""
+    """Where a climb stands: on the model of its last rung, as anyone reads it from its file."""
 
     problem: Problem
-    trials: Trials
+    effect_files: tuple[Path, ...]
     fitted: Fitted
     rungs: list[Rung] = field(default_factory=list)
     dropped: set[str] = field(default_factory=set)
@@ -162,24 +165,23 @@ class _Climb:
             )
         )
 
-    def add(self, step: Step, following: ModelFit | None) -> bool:
-        """Take a step, or the one that an earlier climb had taken; whether it could be taken."""
+    def next_model(self, step: Step, diagnosis: Diagnosis) -> ModelFit | None:
+        """The model that a step leads to, less what no longer earns its place; None where it could not be fitted."""
         name = str(step.added)
-        if following is not None:
-            fitted = refit_artefact(following, self.problem)
-            gone = {*map(plain, self.fitted.options.effects), plain(name)} - {*map(plain, following.effects), SEGMENTS}
-        else:
-            found = _climbed(self.problem, self.fitted, name, self.trials)
-            if found is None:
-                return False
-            self.trials.stands(found)
-            # a set of stand-ins helps together: what one of them does alone is no reason to drop it
-            fitted, gone = (
-                (found, set()) if step.grade == "stand-in" else _look_back(found, self.trials, self.floor, name)
-            )
-        self.dropped |= gone
-        self.before, self.fitted, self.last = self.fitted, fitted, step
-        return True
+        row = next((row for row in diagnosis.candidates if row.effect == plain(name)), None)
+        found = _with_one_more(self.problem, self.fitted, name, row, self.effect_files)
+        if found is None:
+            return None
+        # a set of stand-ins helps together: what one of them does alone is no reason to drop it
+        if step.grade != "stand-in":
+            found = _look_back(self.problem, found, self.floor, name)
+        return as_artefact(self.problem, found)
+
+    def take(self, step: Step, model: ModelFit) -> None:
+        """Stand on the model that a step has led to."""
+        had = {*map(plain, self.fitted.options.effects), plain(str(step.added))}
+        self.dropped |= had - {*map(plain, model.effects), SEGMENTS}
+        self.before, self.fitted, self.last = self.fitted, refit_artefact(model, self.problem), step
 
     def ladder(self, first: Fitted, stopped: str) -> Ladder:
         """What came of it; test runs are scored here, once."""
@@ -211,9 +213,10 @@ def improve(
 
     Choosing uses the training and validation runs only; test runs, where there are any, are scored once at the end.
     `on_rung` receives every rung as soon as it stands. `finished` are the rungs of an earlier climb that was interrupted:
-    they are climbed again without being fitted or judged anew. With `stand_ins` the climb goes on with what lowers the held-out
-    error though it is hardly the cause. Work is counted, not timed; a budget, where one is given, ends the climb between two
-    rungs, but not before what was named is added.
+    they are climbed again without being fitted or judged anew. A rung follows from the model and the diagnosis of the one
+    below and from nothing else, so that an interrupted climb ends as one that was left alone. With `stand_ins` the climb goes
+    on with what lowers the held-out error though it is hardly the cause. Work is counted, not timed; a budget, where one is
+    given, ends the climb between two rungs, but not before what was named is added.
     """
     started = time.monotonic()
     asked = critique or CritiqueOptions()
@@ -221,17 +224,17 @@ def improve(
     chosen = replace(chosen, effect_files=asked.effect_files or chosen.effect_files)
     asked = replace(asked, effect_files=chosen.effect_files)
     problem = make_problem(recordings, actuator, chosen)
-    first = refit_artefact(finished[0][0], problem) if finished else fit(problem, chosen)
-    climb = _Climb(problem, Trials(problem, chosen.effect_files), first)
+    model = finished[0][0] if finished else as_artefact(problem, fit(problem, chosen))
+    first = refit_artefact(model, problem)
+    climb = _Climb(problem, chosen.effect_files, first)
     stopped = f"{MOST_RUNGS} rungs were climbed"
     begun: list[str] = []
     for index in range(MOST_RUNGS):
-        following = finished[index + 1][0] if index + 1 < len(finished) else None
         if index < len(finished):
             diagnosis = finished[index][1]
-            climb.note(*finished[index])
         else:
-            diagnosis = _judged(climb, recordings, candidates, asked, on_rung)
+            diagnosis = _judged(climb, model, recordings, candidates, asked, on_rung)
+        climb.note(model, diagnosis)
         if progress is not None:
             progress(index + 1, MOST_RUNGS)
         step = next_step(diagnosis, climb.dropped, asked.stand_ins, begun)
@@ -241,23 +244,28 @@ def improve(
         if step.added is None or (late and step.grade != "named"):
             stopped = step.why or f"the time budget of {asked.budget_s:.0f} s is used up; nothing more is named"
             break
-        if index + 1 == MOST_RUNGS or not climb.add(step, following):
-            stopped = stopped if index + 1 == MOST_RUNGS else f"{step.added} is named, but could not be fitted again"
+        if index + 1 == MOST_RUNGS:
             break
+        following = finished[index + 1][0] if index + 1 < len(finished) else climb.next_model(step, diagnosis)
+        if following is None:
+            stopped = f"{step.added} is named, but could not be fitted again"
+            break
+        climb.take(step, following)
+        model = following
     return climb.ladder(first, stopped)
 
 
 def _judged(
     climb: _Climb,
+    model: ModelFit,
     recordings: Mapping[str, Recording],
     candidates: Sequence[str] | None,
     options: CritiqueOptions,
     on_rung: OnRung | None,
 ) -> Diagnosis:
-    """Score, compare and diagnose the model as it stands; the rung is handed on as soon as it is known."""
-    artefact = as_artefact(climb.problem, climb.fitted)
-    predictions = with_residual_torque(artefact, recordings, predict(artefact, _without_test(recordings)))
-    comparison = compare(artefact, recordings, predictions)
+    """Compare and diagnose the model as it stands, as the commands do one by one; the rung is handed on as soon as it is known."""
+    predictions = with_residual_torque(model, recordings, predict(model, _without_test(recordings)))
+    comparison = compare(model, recordings, predictions)
     judgement = judge(
         climb.problem,
         climb.fitted,
@@ -265,12 +273,10 @@ def _judged(
         candidates=candidates,
         where=comparison.where,
         goes_with=goes_with(comparison),
-        trials=climb.trials,
-        scored=held_of(artefact),
+        scored=held_of(model),
     )
-    climb.note(artefact, judgement.diagnosis)
     if on_rung is not None:
-        on_rung(artefact, predictions, comparison, judgement.diagnosis, judgement.next_pressure)
+        on_rung(model, predictions, comparison, judgement.diagnosis, judgement.next_pressure)
     return judgement.diagnosis
 
 

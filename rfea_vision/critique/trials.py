@@ -52,7 +52,7 @@ class Trial:
 
 @dataclass
 class Trials:
-    """What was tried so far, by the sets of effects; shared by the rungs of a ladder."""
+    """What was tried so far, by the sets of effects."""
 
     problem: Problem
     effect_files: tuple[Path, ...] = ()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Candidate, Diagnosis, Recording
+from rfea_vision.artefacts import Candidate, Diagnosis, Ladder, ModelFit, Recording
 from rfea_vision.critique import diagnose, improve
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.ladder import Step, next_step
@@ -24,26 +24,34 @@ TILT = (("gravity_tilt.angle", -0.08),)
 RIVALS = ("payload", "gravity_tilt")
 
 
-def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign):
-    recordings, actuator = campaign(TILT)
-    whole: list[tuple[Any, Any]] = []
-    ladder = improve(
-        recordings, actuator, OPTIONS, candidates=RIVALS, on_rung=lambda m, p, c, d, _: whole.append((m, d))
-    )
-    again: list[str] = []
-    resumed = improve(
-        recordings,
-        actuator,
-        OPTIONS,
-        candidates=RIVALS,
-        finished=whole[:1],
-        on_rung=lambda m, p, c, d, _: again.append(m.name),
-    )
-    assert again == [whole[1][0].name], "only what was not finished is fitted and judged"
-    assert [r.model for r in resumed.rungs] == [r.model for r in ladder.rungs]
-    for one, other in zip(ladder.rungs, resumed.rungs, strict=True):
-        assert other.validate_tip_rmse_mm == pytest.approx(one.validate_tip_rmse_mm, rel=1e-3)
-        assert (one.delta_bic is None) == (other.delta_bic is None)
+def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign, tmp_path):
+    """To the last digit, wherever it was interrupted; its rungs are read back from their files."""
+    recordings, actuator = campaign((*TILT, ("maxwell.k1", 0.05), ("maxwell.T", 0.4)))
+
+    def climb(finished: Any = ()) -> tuple[Ladder, list[tuple[ModelFit, Diagnosis]]]:
+        made: list[tuple[ModelFit, Diagnosis]] = []
+        ladder = improve(
+            recordings, actuator, OPTIONS, candidates=(*RIVALS, "maxwell"), finished=finished,
+            on_rung=lambda model, _p, _c, diagnosis, _n: made.append((model, diagnosis)),
+        )  # fmt: skip
+        return ladder, made
+
+    ladder, whole = climb()
+    assert len(whole) == 3, "two effects are hidden"
+    for model, diagnosis in whole:
+        model.save(tmp_path / f"{model.name}.json")
+        diagnosis.save(tmp_path / f"{model.name}-diagnosis.json")
+    kept = [
+        (ModelFit.load(tmp_path / f"{m.name}.json"), Diagnosis.load(tmp_path / f"{m.name}-diagnosis.json"))
+        for m, _ in whole
+    ]
+    for done in (1, 2, 3):
+        resumed, made = climb(kept[:done])
+        assert [model.name for model, _ in made] == [model.name for model, _ in whole[done:]], "nothing is done again"
+        assert resumed.model_dump() == ladder.model_dump()
+        for (model, diagnosis), (same_model, same_diagnosis) in zip(whole[done:], made, strict=True):
+            assert same_diagnosis.model_dump() == diagnosis.model_dump()
+            assert same_model.model_dump(exclude={"timings"}) == model.model_dump(exclude={"timings"})
 
 
 def test_a_part_is_named_with_its_share_and_what_is_left_is_said(campaign):

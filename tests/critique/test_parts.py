@@ -141,14 +141,9 @@ def _within(low, high, rate):
 def test_looking_back_drops_what_earns_nothing(campaign):
     problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
     options = FitOptions(segments=6, starts=0, effects=("damping_profile", "gravity_tilt"), name="both")
-    trials = Trials(problem)
-    trials.stands(fit(problem, FitOptions(segments=6, starts=0)))
     fitted = fit(problem, options)
-    trials.stands(fitted)
-    without, gone = _look_back(fitted, trials, 0.085, keep="gravity_tilt")
-    assert gone == {"damping_profile"} and without.options.effects == ("gravity_tilt",)
-    kept, gone = _look_back(fitted, trials, 0.085, keep="damping_profile")
-    assert gone == set() and "gravity_tilt" in kept.options.effects
+    assert _look_back(problem, fitted, 0.085, keep="gravity_tilt").options.effects == ("gravity_tilt",)
+    assert "gravity_tilt" in _look_back(problem, fitted, 0.085, keep="damping_profile").options.effects
 
 
 def test_a_score_test_that_fails_for_all_at_once_is_run_in_halves(campaign, monkeypatch):
