@@ -18,7 +18,7 @@ from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
 from rfea_vision.critique.measures import common_runs, delta_bic, errors_of, matters
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.critique.refinement import TITLE as SEGMENTS_TITLE
-from rfea_vision.critique.screening import acting, sensitivities
+from rfea_vision.critique.screening import sensitivities
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.torque import with_residual_torque
 from rfea_vision.critique.trials import Trial, Trials, plain
@@ -112,7 +112,7 @@ def _look_back(problem: Problem, fitted: Fitted, floor: float, keep: str) -> Fit
     """The model without an earlier effect whose removal no longer hurts the held-out error."""
     whole = errors_of(problem, fitted)
     for effect in fitted.options.effects:
-        needed = any(plain(effect) in other.goes_with for other in acting(fitted))
+        needed = any(plain(effect) in other.goes_with for other in fitted.model.effects)
         if effect == keep or needed:
             continue
         rest = [one for one in fitted.options.effects if one != effect]

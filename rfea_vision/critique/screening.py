@@ -160,20 +160,6 @@ class Sensitivity:
     secant: float = 0.0
 
 
-def acting(fitted: Fitted) -> tuple[Effect, ...]:
-    """Effects that a fit has; those that its law was only compiled with are held at their absent values."""
-    values = dict(zip(fitted.model.names, fitted.par, strict=True))
-    return tuple(
-        effect
-        for effect in fitted.model.effects
-        if any(
-            f"{effect.id}.{name}" not in fitted.options.fixed
-            or values[f"{effect.id}.{name}"] != effect.parameters[name].absent
-            for name in effect.amplitudes()
-        )
-    )
-
-
 def sensitivities(
     problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None
 ) -> Iterator[Sensitivity]:
@@ -211,7 +197,7 @@ def _at_point(
     """Sensitivities of the active effects at one point of the grid; `effects` are those that the law is compiled with."""
     rough = tuple(o.rough(FRAMES_SCREENED) for o in problem.train)
     thin = tuple(o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train)
-    everything = {e.id: e for e in (*effects, *acting(fitted))}
+    everything = {e.id: e for e in (*effects, *fitted.model.effects)}
     model = replace(fitted.model, effects=tuple(everything[name] for name in sorted(everything)))
     base_free = [model.names.index(name) for name in fitted.coordinates.names]
     par = _vector(model, fitted, point)

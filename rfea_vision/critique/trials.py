@@ -74,7 +74,7 @@ class Trials:
             fitted = self._segments(base) if SEGMENTS in added else self._solved(base, key, start)
             trial = None
             if fitted is not None:
-                trial = Trial(key, fitted, errors_of(self.problem, fitted), _at_bound(fitted, key))
+                trial = Trial(key, fitted, errors_of(self.problem, fitted), _at_bound(fitted))
             self.done[key] = trial
             self.progress()
         return self.done[key]
@@ -84,7 +84,7 @@ class Trials:
 
     def _solved(self, base: Trial, key: frozenset[str], start: Mapping[str, float]) -> Fitted | None:
         options, values, absent = self._options(base, key)
-        held = _values(base)
+        held = base.fitted.values
         grids = [values, *({**values, name: v} for name, points in self._grids(key, start).items() for v in points[1:])]
         tries = [self._from(options, {**grid, **held, **start}, base.fitted) for grid in grids]
         best = min(
@@ -96,7 +96,7 @@ class Trials:
             # The larger model holds the smaller one: where it ends above, it was led astray. Again from there, faintly.
             wanted = {**values, **held, **start}
             faint = {n: zero + FAINT * (wanted[n] - zero) for n, zero in absent.items() if n in wanted}
-            again = self._from(options, {**wanted, **faint, **_values(nearest)}, nearest.fitted)
+            again = self._from(options, {**wanted, **faint, **nearest.fitted.values}, nearest.fitted)
             found = [one for one in (best, again, nearest.fitted) if one is not None]
             best = min(found, key=lambda one: one.solution.evaluation.cost)
         return best
@@ -113,9 +113,6 @@ class Trials:
         """Options of the law of a set; where its parameters start; and the absent values of its effects."""
         like = base.fitted
         files = self.effect_files or like.options.effect_files
-        # a base that is itself a trial may hold what is new here
-        new = {plain(one) for one in key - base.effects}
-        fixed = {name: value for name, value in like.options.fixed.items() if name.partition(".")[0] not in new}
         values, absent = {}, {}
         for effect in find_effects([split_joint(one)[0] for one in sorted(key)], files):
             for name, spec in effect.parameters.items():
@@ -125,13 +122,13 @@ class Trials:
                 if spec.absent is not None:
                     absent[f"{effect.id}.{name}"] = spec.absent
         name = "+".join(("base", *sorted(key)))
-        options = replace(like.options, effects=tuple(sorted(key)), fixed=fixed, effect_files=files, name=name)
+        options = replace(like.options, effects=tuple(sorted(key)), effect_files=files, name=name)
         return options, values, absent
 
     def glance(self, base: Trial, added: Sequence[str], start: Mapping[str, float]) -> Fitted | None:
         """A set fitted on thinned runs alone, in long steps: to see whether a refit is worth it."""
         options, values, _ = self._options(base, base.effects | set(added))
-        return self._near(options, {**values, **_values(base), **start}, base.fitted, GLANCE_EVALUATIONS)
+        return self._near(options, {**values, **base.fitted.values, **start}, base.fitted, GLANCE_EVALUATIONS)
 
     def _near(
         self, options: FitOptions, values: Mapping[str, float], like: Fitted, most: int = ROUGH_EVALUATIONS
@@ -158,17 +155,9 @@ class Trials:
             return None
 
 
-def _values(trial: Trial) -> dict[str, float]:
-    """Fitted values of the base parameters and of the effects that a trial has."""
-    own = {plain(one) for one in trial.effects}
-    pairs = zip(trial.fitted.model.names, trial.fitted.par.tolist(), strict=True)
-    return {name: value for name, value in pairs if "." not in name or name.partition(".")[0] in own}
-
-
-def _at_bound(fitted: Fitted, effects: frozenset[str]) -> bool:
+def _at_bound(fitted: Fitted) -> bool:
     """Whether an amplitude ran into a bound (other than that at which its effect is absent)."""
-    own = {plain(one) for one in effects}
-    return any(_effect_at_bound(fitted, effect) for effect in fitted.model.effects if effect.id in own)
+    return any(_effect_at_bound(fitted, effect) for effect in fitted.model.effects)
 
 
 def _effect_at_bound(fitted: Fitted, effect: Effect) -> bool:
