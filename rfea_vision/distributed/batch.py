@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.distributed import tasks
+from rfea_vision.distributed.cluster import start_again
 from rfea_vision.distributed.tasks import BatchResult, Settings, sentence_of
 from rfea_vision.errors import DataError, InputError
 
@@ -24,7 +25,7 @@ _AHEAD = 4  # campaigns begun per worker: enough to keep all busy, few enough fo
 _LOOK_EVERY_S = 2.0  # between looks at workers
 _WITHOUT_WORKERS_S = 30.0  # after which it is said that those of a scheduler elsewhere have gone
 _WITHOUT_OWN_WORKERS_S = (
-    600.0  # those of this machine: Dask starts them again, but a busy machine takes its time for it
+    600.0  # those of this machine: they are started again, but a busy machine takes its time for it
 )
 
 
@@ -204,9 +205,10 @@ class _Batch:
         return len(self.client.scheduler_info(n_workers=-1)["workers"])
 
     def _look_after(self) -> None:
-        """Raise if nobody is left to work; on this machine, workers that are killed are started again by Dask itself."""
+        """Start workers of this machine that were killed again; raise if nobody is left to work."""
         if self.client.status != "running":
             raise DataError("the scheduler has gone; run the same command again: what was finished is kept")
+        start_again(self.client)
         if self._workers():
             self.seen_workers = time.monotonic()
         elif time.monotonic() - self.seen_workers > (

@@ -7,6 +7,7 @@ cluster listens on the loopback address alone, and a scheduler in a network belo
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -28,6 +29,7 @@ _ONE_THREAD = dict.fromkeys(
 )
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": 10,  # a worker that is killed is no fault of the campaign it worked on
+    "distributed.deploy.lost-worker-timeout": "120s",  # on a busy machine a process needs more than Dask's 15 s to come back
     "distributed.admin.low-level-log-length": 0,
     "distributed.worker.memory.target": False,  # tasks hand over paths: there is nothing to write to disk
     "distributed.worker.memory.spill": False,
@@ -99,7 +101,7 @@ def dask_client(
     with (
         config.set(_SETTINGS),
         LocalCluster(
-            n_workers=workers,
+            n_workers=0,  # Dask gives a cluster up that loses one of its first
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
@@ -109,13 +111,26 @@ def dask_client(
         ) as cluster,
         Client(cluster) as client,
     ):
+        cluster.scale(workers)  # pyright: ignore[reportAttributeAccessIssue]
         yield client
+
+
+def start_again(client: Client) -> None:
+    """Start processes of this machine that Dask has given up, as it does with those that are killed while they start."""
+    from distributed import Status
+
+    cluster: Any = client.cluster
+    if cluster is None:
+        return
+    gone = [name for name, nanny in list(cluster.workers.items()) if nanny.status in (Status.closed, Status.failed)]
+    for name in gone:
+        cluster.workers.pop(name, None)
+    if gone or len(cluster.workers) < len(cluster.worker_spec):
+        cluster.scale(len(cluster.worker_spec))
 
 
 @contextmanager
 def _connected(scheduler: str, security: Security) -> Iterator[Client]:
-    import logging
-
     from distributed import Client
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # said here, in a sentence

@@ -75,6 +75,7 @@ def _encoded(film: bytes, size: int, shrink: float) -> bytes | None:
             stream.gop_size = KEY_FRAME_EVERY
             most = max(4000, int(0.8 * 8 * size / seconds))
             stream.options = {"crf": "34", "maxrate": str(most), "bufsize": str(most), "preset": "veryfast", "bf": "0"}
+            stream.options |= {"threads": "1"}  # by default as many as cores: other bytes on other machines
             for number, frame in enumerate(source.decode(pictures)):
                 small = frame.reformat(width=width, height=height, format="yuv420p")
                 small.pts, small.time_base = number, 1 / rate

@@ -81,7 +81,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     def make(progress: Progress) -> tuple[ModelFit, list[Path], str]:
         work.tell(compiling("dynamics"))
         warn_of_fitted(work, recordings)
-        model = _fitted(values(recordings), actuator, options, work.raw_inputs(), folder, progress)
+        model = _fitted(values(recordings), actuator, options, work.raw_inputs(recordings), folder, progress)
         return model, [folder / "model.json", folder / "prediction.nc"], describe_fit(model)
 
     stage = _fit_stage(work, options, recordings, actuator)
@@ -311,7 +311,8 @@ def _save_rung(
 ) -> list[Path]:
     """Write a rung's artefacts, and note them as if fit, compare and diagnose had been called one by one."""
     model, predictions, comparison, diagnosis, pressure = rung
-    model = model.model_copy(update={"inputs": work.raw_inputs()})
+    seen = [name for name in recordings if work.campaign.experiment(name).role in PREDICTED_ROLES]
+    model = model.model_copy(update={"inputs": work.raw_inputs(seen)})
     folder = model_folder(work, model.name)
     fit_files = [folder / "model.json", folder / "prediction.nc"]
     save_prediction(folder, predictions)

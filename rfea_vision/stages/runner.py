@@ -137,12 +137,13 @@ class Runner:
         found = [item for item in self.outcomes if item["stage"] == stage and item["subject"] == subject]
         return found[-1]["outcome"] if found else "unchanged"
 
-    def raw_inputs(self) -> dict[str, str]:
-        """Return the hashes of all raw files that recordings were made from, by path below the campaign."""
+    def raw_inputs(self, experiments: Iterable[str]) -> dict[str, str]:
+        """Return the hashes of the raw files that these recordings were made from, by path below the campaign."""
+        keys = [f"{stage}/{name}" for stage in ("calibrate", "track", "sync") for name in experiments]
         found: dict[str, str] = {}
-        for stage in ("calibrate", "track", "sync"):
-            for record in self.cache.records(stage):
-                found |= record.inputs
+        for key in (f"calibrate/{self.campaign.name}", *keys):
+            record = self.cache.record(key)
+            found |= record.inputs if record is not None else {}
         return dict(sorted(found.items()))
 
     def tell(self, sentence: str) -> None:

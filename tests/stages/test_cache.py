@@ -142,3 +142,11 @@ def test_a_result_does_not_depend_on_where_one_stopped_before_it(tmp_path):
     open_campaign(in_two).sync()  # reads the tracks back
     for file in (at_once / "rfea").glob("*/*.nc"):
         assert file.read_bytes() == (in_two / "rfea" / file.relative_to(at_once / "rfea")).read_bytes(), file.name
+
+
+def test_a_model_names_the_files_of_the_runs_that_it_saw_whatever_else_was_measured(tmp_path):
+    alone, all_measured = (write_campaign(tmp_path / name) for name in ("a", "b"))
+    open_campaign(alone).sync(["sine"])
+    open_campaign(all_measured).sync()
+    named = [open_campaign(folder).raw_inputs(["sine"]) for folder in (alone, all_measured)]
+    assert named[0] == named[1] and {Path(path).parts[0] for path in named[0]} == {"sine"}

@@ -54,11 +54,21 @@ def test_one_that_will_do_is_taken(tmp_path):
     ("own", "without_s", "given_up"), [(False, 20, False), (False, 60, True), (True, 60, False), (True, 900, True)]
 )
 def test_workers_of_this_machine_may_take_their_time_to_come_back(own, without_s, given_up):
-    client = SimpleNamespace(
-        status="running", cluster=object() if own else None, scheduler_info=Scheduler(None).scheduler_info
-    )
+    here = SimpleNamespace(workers={}, worker_spec={}) if own else None
+    client = SimpleNamespace(status="running", cluster=here, scheduler_info=Scheduler(None).scheduler_info)
     settings = Settings(fingerprint(), "", False, False, ())
     run = batch._Batch([], None, client, settings, None)  # type: ignore[arg-type]
     run.seen_workers -= without_s
     with pytest.raises(DataError, match="all workers have gone") if given_up else nullcontext():
         run._look_after()
+
+
+def test_a_worker_that_dask_gave_up_is_started_again():
+    from distributed import Status
+
+    workers = {0: SimpleNamespace(status=Status.failed), 1: SimpleNamespace(status=Status.running)}
+    asked: list[int] = []
+    here = SimpleNamespace(workers=workers, worker_spec=dict(workers), scale=asked.append)
+    cluster.start_again(SimpleNamespace(cluster=here))  # type: ignore[arg-type]
+    assert list(here.workers) == [1] and asked == [2]
+    cluster.start_again(SimpleNamespace(cluster=None))  # type: ignore[arg-type]  # of others: theirs to start

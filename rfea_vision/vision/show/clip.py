@@ -79,7 +79,7 @@ def make_clip(
         stream.width, stream.height, stream.pix_fmt = box["width"], box["height"], "yuv420p"
         stream.gop_size = KEY_FRAME_EVERY
         stream.time_base = Fraction(1, PLAYBACK_HZ)
-        stream.options = {"crf": str(crf), "preset": "fast", "bf": "0"}
+        stream.options = {"crf": str(crf), "preset": "fast", "bf": "0", "threads": "1"}  # by default as many as cores
         for number, (time, luma) in enumerate(source):
             if number % step == 0:
                 picture = cv2.remap(luma, maps, None, cv2.INTER_LINEAR, borderValue=0)  # pyright: ignore[reportCallIssue, reportArgumentType]

@@ -43,7 +43,7 @@ def preview_video(
     with whole_file(out_mp4) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = container.add_stream("libx264", rate=30)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.options = {"crf": "24", "preset": "fast"}
+        stream.options = {"crf": "24", "preset": "fast", "threads": "1"}  # by default as many as cores: other bytes
         shown = 0
         for number, (_, luma) in enumerate(source):
             if number % step or number >= len(valid):
