@@ -25,7 +25,10 @@ from rfea_vision.dynamics.system import (
     BLOWN_UP,
     CUBE,
     FIXED,
+    FORCE_ACROSS,
     FORCE_LAW,
+    FX,
+    FY,
     INDEX,
     INLINE,
     JOINT_CUBE,
@@ -39,7 +42,11 @@ from rfea_vision.dynamics.system import (
     STEP,
     SYSTEM,
     TAU_THETA,
+    TORQUE,
+    UX,
+    UY,
     VECTOR,
+    K,
     allocate,
     call_joint_law,
     joint_angles,
@@ -85,7 +92,17 @@ def _derivatives(system, work, out_par, relaxed, dpressure, free, S_phi, S_z):
 
 
 @njit(**INLINE)
-def _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, resistance):
+def _pull(system, body, pull):
+    """A force (2,) in N at the end of the centre line, as what a body behind the last one would hand on to it."""
+    n = body.shape[0] - 2
+    ux, uy, across = body[n, UX], body[n, UY], system.chain[n - 1, FORCE_ACROSS]
+    body[n + 1, FX], body[n + 1, FY] = -pull[0], -pull[1]
+    body[n + 1, TORQUE] = -across * (ux * pull[0] + uy * pull[1])
+    body[n + 1, K + 16] = -across * (uy * pull[0] - ux * pull[1])  # its change with the last body's angle
+
+
+@njit(**INLINE)
+def _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, resistance):
     """Newton's change of every angle (column STEP), with the hidden states relaxed; `resistance` (N m/rad) to it in every joint."""
     body, z = work.body, work.z
     joint_angles(body, work.theta, work.rate)
@@ -100,6 +117,7 @@ def _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, press
     for j in range(drive.size):
         work.out[j, 0] += drive[j]
     kinematics(system, body, work.motion)
+    _pull(system, body, pull)
     if system.with_force:
         force_law(work.motion, system.length, system.par, system.con, work.force)
     relaxed_factors(work, relaxed, system.states)
@@ -131,14 +149,14 @@ def _smallest_pivot(body):
 
 
 @njit(**ALLOCATING)
-def _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, resistance):
+def _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, resistance):
     """Let the chain go downhill until it comes to rest (pseudo-transient continuation: Kelley and Keyes 1998,
     doi:10.1137/S0036142996304796), as through a liquid whose resistance eases off.
     """
     body, count, end = work.body, work.body.shape[0] - 1, LET_GO * resistance
     step, expected = np.zeros(count), np.inf
     for _ in range(FALLING_STEPS):
-        _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, resistance)
+        _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, resistance)
         largest, left = _largest_change(body), 0.0
         for i in range(1, count):
             left += body[i, RESIDUAL] ** 2
@@ -167,7 +185,7 @@ def _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, dr
 @njit(
     types.Tuple((int64, float64))(
         *(JOINT_LAW, JOINT_CUBE, JOINT_CUBE, FORCE_LAW, SYSTEM),
-        *(float64, VECTOR, VECTOR, INDEX, float64, VECTOR, MATRIX, MATRIX, CUBE),
+        *(float64, VECTOR, VECTOR, VECTOR, INDEX, float64, VECTOR, MATRIX, MATRIX, CUBE),
     ),
     **OPTIONS,
 )
@@ -180,6 +198,7 @@ def equilibrium(
     pressure,
     dpressure,
     drive,
+    pull,
     free,
     fall,
     phi,
@@ -189,6 +208,7 @@ def equilibrium(
 ):
     """Solve for phi (n + 1) in place, from the start that it holds; S_phi (n + 1, p), S_z (n, m, p) follow.
 
+    pressure in Pa, with its derivative (parameters,); drive (n,) torques on the joints; pull (2,) force at the tip
     With a positive `fall` (N m/rad, about a joint's stiffness) the chain is let go at the start and comes to rest first.
     Returns (status, stability): the smallest pivot of the stiffness along the chain, positive where it is stable.
     """
@@ -198,9 +218,9 @@ def equilibrium(
     for i in range(n + 1):
         body[i, PHI] = phi[i]
     if fall > 0:
-        _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, fall)
+        _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, fall)
     for _ in range(60):
-        _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, 0.0)
+        _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, 0.0)
         largest = _largest_change(body)
         if not np.isfinite(largest):
             return BLOWN_UP, 0.0

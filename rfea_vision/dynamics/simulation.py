@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,6 @@ from rfea_vision.dynamics.excitation import Excitation
 from rfea_vision.dynamics.integration import Course, Trace, integrate
 from rfea_vision.dynamics.line import felt_pressure, pressure_of_chambers, scalar, sensed
 from rfea_vision.dynamics.motion import Motion, Steady
-from rfea_vision.dynamics.pulled import steady_under_force
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
 
@@ -55,6 +54,21 @@ def _why(status: int, done: int, taken: int, excitation: Excitation) -> str:
         f"the simulation failed at {time_s:.3f} s of the log, at {excitation.pressure[done] / 1e3:.1f} kPa, after {taken} steps: "
         f"{reasons.get(status, 'for no known reason')}"
     )
+
+
+def _followed(solve: Callable[[float, FloatArray], bool], phi: FloatArray, target: float) -> tuple[FloatArray, float]:
+    """Follow a branch of steady states from `phi` (n + 1,) at nothing towards `target`: where it was left, and at how much."""
+    reached, stride = 0.0, target
+    while reached != target:
+        guess = phi.copy()
+        aim = target if abs(target - reached) <= abs(stride) else reached + stride
+        if solve(aim, guess) and np.max(np.abs(guess - phi)) < LARGEST_STRIDE:
+            phi, reached = guess, aim
+        elif abs(stride) > 1e-3 * abs(target):
+            stride /= 2
+        else:
+            break
+    return phi, reached
 
 
 @dataclass(frozen=True)
@@ -187,6 +201,7 @@ class Model:
         *,
         start: FloatArray | None = None,
         drive: FloatArray | None = None,
+        pulled: FloatArray | None = None,
         fall: bool = False,
         change: FloatArray | None = None,
     ) -> Steady:
@@ -201,6 +216,7 @@ class Model:
         free : places in `par` of the parameters to differentiate by
         start : (n + 1,) absolute angles in rad, the clamp first
         drive : (n,) torques on the joints in N m
+        pulled : (2,) force in N at the tip, put on once the pressure is reached
         fall : take the steady state into which the tube falls from where its branch ends
         change : (parameters,) derivative of a pressure that depends on parameters
         """
@@ -212,38 +228,37 @@ class Model:
         actual, slopes = sensed(self.law.felt_pressure, par, self._constants, np.array([float(pressure)]), given)
         target, dpressure = float(actual[0]), slopes[0]
         torque = np.zeros(n) if drive is None else np.asarray(drive, dtype=float)
+        force = np.zeros(2) if pulled is None else np.asarray(pulled, dtype=float)
         phi = np.zeros(n + 1) if start is None else start.copy()
         states = np.zeros((n, m))
         S_phi, S_z = np.zeros((n + 1, index.size)), np.zeros((n, m, index.size))
+        none, nothing, stability = np.zeros(0, dtype=np.int64), np.zeros(2), 0.0
 
-        def solve(value: float, guess: FloatArray, wanted: NDArray[np.int64], falling: float = 0.0) -> bool:
+        def solve(
+            value: float,
+            guess: FloatArray,
+            wanted: NDArray[np.int64] = none,
+            falling: float = 0.0,
+            pull: FloatArray = nothing,
+        ) -> bool:
             nonlocal stability
             status, stability = equilibrium(
-                *self.law.loops, system, value, dpressure, torque, wanted, falling, guess, states, S_phi, S_z
+                *self.law.loops, system, value, dpressure, torque, pull, wanted, falling, guess, states, S_phi, S_z
             )
             return status == OK and stability > 0
 
-        none, stability = np.zeros(0, dtype=np.int64), 0.0
-        reached, stride, branch_ended = (target, 0.0, False) if start is not None else (0.0, target, False)
+        reached = target
         if start is None:
-            guess = phi.copy()
-            branch_ended = not solve(0.0, guess, none)
-            phi = phi if branch_ended else guess
-            while reached != target and not branch_ended:
-                guess = phi.copy()
-                aim = target if abs(target - reached) <= abs(stride) else reached + stride
-                if solve(aim, guess, none) and np.max(np.abs(guess - phi)) < LARGEST_STRIDE:
-                    phi, reached = guess, aim
-                elif abs(stride) > 1e-3 * abs(target):
-                    stride /= 2
-                else:
-                    branch_ended = True
-        found = not branch_ended and solve(target, phi, index)
+            phi, reached = _followed(solve, phi, target) if solve(0.0, phi) else (np.zeros(n + 1), np.nan)
+        found = reached == target and solve(target, phi, index)
         if fall and not found:
             # A nudge, so that a tube that stands exactly upright does fall.
             phi = phi + 1e-3 * np.arange(n + 1) / n
             found = solve(target, phi, index, 10 * abs(float(par[0])))
-        return Steady(found, phi, states, S_phi, S_z, target if found else reached, stability)
+        if found and pulled is not None:
+            phi, share = _followed(lambda part, guess: solve(target, guess, pull=part * force), phi, 1.0)
+            found = share == 1.0 and solve(target, phi, index, pull=force)
+        return Steady(found, phi, states, S_phi, S_z, target if found else np.nan_to_num(reached), stability)
 
     def _course(self, par: FloatArray, excitation: Excitation, frames_s: FloatArray, free: NDArray[np.int64]) -> Course:
         """The excitation at the stage times, and where the frames fall."""
@@ -298,10 +313,8 @@ class Model:
             first_drive = None if excitation.drive is None else excitation.drive[0]
             pressure, change = self.combined(par, excitation)
             first_change = None if change is None else change[0]
-            if pulled is None:
-                rest = self.steady(par, pressure[0], list(free), drive=first_drive, fall=True, change=first_change)
-            else:
-                rest = self._pulled(par, pressure[0], pulled, list(free), first_change)
+            wanted, given = list(free), {"drive": first_drive, "pulled": pulled, "change": first_change}
+            rest = self.steady(par, pressure[0], wanted, fall=True, **given)
             if not rest.found:
                 message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
                 return Motion(1, message, out_phi, out_om, out_z, out_S, index, pivot=pivot)
@@ -320,17 +333,6 @@ class Model:
         )
         message = "" if status == OK else _why(status, done, taken, excitation)
         return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot, taken)
-
-    def _pulled(
-        self, par: FloatArray, pressure: float, force: FloatArray, free: Sequence[int], change: FloatArray | None
-    ) -> Steady:
-        """Steady state under a force (2,) in N at the tip."""
-
-        def solve(torques: FloatArray, start: FloatArray | None, derivatives: bool) -> Steady:
-            wanted = free if derivatives else ()
-            return self.steady(par, pressure, wanted, start=start, drive=torques, fall=start is None, change=change)
-
-        return steady_under_force(self.chain, np.asarray(force, dtype=float), solve)
 
     def _held(self, par: FloatArray, theta: FloatArray, pressure: float, free: NDArray[np.int64]) -> tuple[Any, ...]:
         """Start of a run that is let go: a shape that does not depend on the parameters, hidden states that may."""

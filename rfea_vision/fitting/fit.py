@@ -23,7 +23,7 @@ from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.rules import under_rules
 from rfea_vision.fitting.scoring import as_artefact
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
-from rfea_vision.fitting.starts import observed_scale, without_vanishing_ends
+from rfea_vision.fitting.starts import from_the_release, observed_scale, without_vanishing_ends
 from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
 from rfea_vision.fitting.studies import leave_one_out, with_study
 from rfea_vision.options import FitOptions
@@ -46,7 +46,8 @@ __all__ = [
     "start_vector",
 ]
 
-AGREEING_STARTS = 3  # starts that end within 0.1 % of one cost leave no doubt; two could agree by chance
+#: Ends whose costs differ by less than this share are one; so many starts that end there leave no doubt, two could by chance.
+AGREEING, AGREEING_STARTS = 1e-3, 3
 STIFFER_STARTS = (1.5, 3.0, 6.0)  # factors on the stiffness, tried in turn until the tube has a steady state
 #: A steady-state fit that misses by more than this (5 mm, or 3 deg) may have missed the minimum.
 GOOD_STEADY = 50.0
@@ -124,6 +125,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
     reference = start_vector(model, problem.actuator, coarse.segments)
     reference[:6] *= observed_scale(problem.train, problem.actuator)
     coordinates = coordinates_for(problem, coarse, model)
+    reference = from_the_release(model, thin, coordinates, reference)
     rng = np.random.default_rng(options.seed)
     shapes = [(1.0, 1.0), (0.9, 2.0), (1.2, 0.5)]
     shapes += [(float(rng.uniform(0.85, 1.35)), float(np.exp(rng.uniform(-1.2, 1.2)))) for _ in range(options.starts)]
@@ -148,16 +150,18 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
         solution = None
         for trial in (from_rest, without_vanishing_ends(coordinates, from_rest), *_stiffer(guess)):
             found = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
-            if solution is None or (found is not None and found.cost < solution.cost):
-                solution = found
-            if solution is not None and farthest(thin, solution, problem.actuator.length) < FAR_OFF:
+            if found is None:
+                continue
+            again = solution is not None and abs(found.cost - solution.cost) < AGREEING * solution.cost
+            solution = found if solution is None or found.cost < solution.cost else solution
+            if again or farthest(thin, solution, problem.actuator.length) < FAR_OFF:
                 break
         waterfall.append(_attempt(f"r_hyd x {arm:.2f}, damping x {damping:.2f}", solution))
         solutions += [] if solution is None else [solution]
         if progress is not None:
             progress(index + 1, len(shapes) + 2)
         costs = [row["cost"] for row in waterfall if row["cost"] is not None]
-        if index + 1 >= AGREEING_STARTS and len(costs) == index + 1 and max(costs) < 1.001 * min(costs):
+        if index + 1 >= AGREEING_STARTS and len(costs) == index + 1 and max(costs) < (1 + AGREEING) * min(costs):
             break  # starts this different that end in one place leave no doubt about it
     if not solutions:
         raise DataError(

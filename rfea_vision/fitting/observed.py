@@ -65,9 +65,13 @@ class Observed:
         early = int(np.searchsorted(self.time, self.time[0] + FORGOTTEN_S))
         if self.pressure_zero_sd > 0 or early >= self.time.size:
             return self
+        return self.opening(early)
+
+    def opening(self, frames: int) -> Observed:
+        """The first so many frames of the run, with the log to a quarter of a second behind them."""
         given = self.excitation
-        last = int((self.time[early - 1] - given.start_s) / given.step_s + 0.25 / given.step_s)
-        return replace(self._picked(slice(0, early)), excitation=given.first(last))
+        last = int((self.time[frames - 1] - given.start_s) / given.step_s + 0.25 / given.step_s)
+        return replace(self._picked(slice(0, frames)), excitation=given.first(last))
 
     def _picked(self, pick: slice) -> Observed:
         names = ("time", "frame", "points", "normals", "sigma", "angle", "angle_sigma")

@@ -18,8 +18,8 @@ SLOPES = ("k_slope", "b_pos_slope", "b_neg_slope")
 
 
 def pushed(items: Sequence[Observed]) -> bool:
-    """Whether the pressure of any run changes by enough to move a tube."""
-    return any(float(np.ptp(item.excitation.pressure)) >= CONSTANT_PA for item in items)
+    """Whether the pressure changes by enough to move a tube, within a run or from one run to another."""
+    return float(np.ptp(np.concatenate([item.excitation.pressure for item in items]))) >= CONSTANT_PA
 
 
 def held_by_rule(items: Sequence[Observed], actuator: Actuator, segments: int) -> tuple[dict[str, float], list[str]]:

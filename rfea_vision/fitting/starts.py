@@ -8,15 +8,25 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
+from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.coordinates import Coordinates, base_reference, bend_of
 from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.rules import pushed
+from rfea_vision.fitting.solver import solve
 from rfea_vision.tube import inner_radius
 
 #: Springs and dampers that are this much smaller at one end of the reach than at the other are evened out.
 EVEN = 0.5
 
 
+#: Shares of a run that was let go, from its release on, that are fitted one after the other before the whole is.
+OPENINGS = (0.125, 0.25, 0.5)
+#: Frames that an opening has at least: as many as a base model has parameters, twice.
+SHORTEST_OPENING = 14
+#: Factors on the stiffness, and on the time in which a joint without mass would relax, of the starts that are looked at: rubbers
+#: from a sixtieth of the paper's modulus on (`coordinates.STIFFNESS_RANGE`) to a beam, lightly damped to overdamped.
+GRID = tuple(4.0**power for power in range(-3, 4))
 #: Damping ratio of a start whose stiffness is read from a swing: that of a soft rubber.
 START_DAMPING_RATIO = 0.05
 
@@ -67,6 +77,47 @@ def _scale_of_swing(items: Sequence[Observed], actuator: Actuator) -> FloatArray
     scale = np.full(6, k)
     scale[2:6] = 2 * START_DAMPING_RATIO / omega * k * base[0] / base[2]
     return scale
+
+
+def from_the_release(
+    model: Model, items: Sequence[Observed], coordinates: Coordinates, reference: FloatArray
+) -> FloatArray:
+    """Parameters (SI) from which a fit to runs that were let go can set out: learnt from their beginnings on.
+
+    Where a tube rings, a start of another frequency is caught half a swing off; where it creeps, no swing tells the stiffness. So
+    stiffness and damping are looked for on a grid over the opening of the runs, and followed as more and more of them is seen.
+    `reference` stands at the grid's middle, and is returned where no run was let go or none of the grid can be simulated.
+    """
+    let_go = [item for item in items if item.held is not None]
+    if not let_go:
+        return reference
+
+    def opening(share: float) -> list[Observed]:
+        return [item.opening(max(SHORTEST_OPENING, int(share * item.time.size))) for item in let_go]
+
+    def cost(factors: tuple[float, float]) -> float:
+        par = coordinates.parameters(coordinates.coordinates(_with_factors(reference, *factors)))
+        seen = evaluate(model, par, first, ())
+        return np.inf if seen is None else seen.cost
+
+    first = opening(OPENINGS[0])
+    looks = {(k, k * b): cost((k, k * b)) for k in GRID for b in GRID}
+    best = min(looks, key=lambda factors: looks[factors])
+    if not np.isfinite(looks[best]):
+        return reference
+    par = _with_factors(reference, *best)
+    for share in OPENINGS:
+        found = solve(model, opening(share), coordinates, par, most_evaluations=20, tolerance=1e-3)
+        par = par if found is None else found.par
+    return par
+
+
+def _with_factors(reference: FloatArray, stiffness: float, damping: float) -> FloatArray:
+    """Parameters with every stiffness and every damper times a factor."""
+    par = reference.copy()
+    par[:2] *= stiffness
+    par[2:6] *= damping
+    return par
 
 
 def without_vanishing_ends(coordinates: Coordinates, par: FloatArray) -> FloatArray:

@@ -21,6 +21,7 @@ from rfea_vision.fitting.problem import make_problem
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.refit import refit
 from rfea_vision.fitting.residuals import predict_observed
+from rfea_vision.fitting.rules import pushed
 from testing.steady import bending_angle
 
 BEAM = Actuator(outer_radius=0.015, inner_radius=0.0075, length=0.1, density=1070.0, kind="rectangle", width=0.03)
@@ -44,13 +45,13 @@ def _captured(time, tip, **attrs):
     return Recording(data)
 
 
-def _let_go(name, role, load_kg, *, known=None, seed=0):
+def _let_go(name, role, load_kg, *, known=None, seed=0, truth=TRUTH):
     """A beam that hangs across gravity, held straight and let go, with or without a load, as motion capture sees it."""
     model = Model(Chain.tube(BEAM, SEGMENTS), (catalogue()["payload"](),), mounting=np.pi / 2)
     time = np.arange(0, 2.5, 0.01)
     free = time[time >= LET_GO_S]
     excitation = Excitation(LET_GO_S, 1e-3, np.zeros(2301))
-    motion = model.simulate(np.append(TRUTH, load_kg), excitation, free, held=np.zeros(SEGMENTS))
+    motion = model.simulate(np.append(truth, load_kg), excitation, free, held=np.zeros(SEGMENTS))
     tip = np.tile([0.0, -100.0], (time.size, 1))
     tip[time >= LET_GO_S] = model.centre_line(motion, np.array([1.0]))[0][:, 0] * 1e3
     tip += np.random.default_rng(seed).normal(0, 0.02, tip.shape)
@@ -202,6 +203,23 @@ def test_an_effect_at_a_chamber_that_there_is_not_is_refused(chambers):
         fit_model(chambers, ROD, FitOptions(segments=SEGMENTS, effects=("maxwell@right",)))
 
 
+@pytest.mark.parametrize("relaxes_s", [3e-4, 0.5], ids=["rings for long", "creeps"])
+def test_a_tube_that_is_let_go_is_fitted_whether_it_rings_or_creeps(relaxes_s):
+    """Thirty swings, or none: no start may be caught half a swing off, and none needs a swing."""
+    truth = TRUTH.copy()
+    truth[[2, 4]] = relaxes_s * truth[0]
+    run = _let_go("let-go", "train", 0.0, truth=truth)
+    found = fit_model({"let-go": run}, BEAM, FitOptions(segments=SEGMENTS))
+    assert found.parameters["k_ref"].value == pytest.approx(truth[0], rel=0.01)
+    assert found.metrics["train"].tip_rmse_mm < 0.04
+
+
+def test_pressures_that_differ_from_run_to_run_are_a_push(runs):
+    item = observe_recording(runs["bare"])
+    other = replace(item, excitation=replace(item.excitation, pressure=item.excitation.pressure + 2e4))
+    assert pushed([item, other]) and not pushed([other])
+
+
 CUT_S, PULL_N = 0.5, 1.2
 
 
@@ -243,6 +261,19 @@ def test_a_force_at_the_tip_bends_as_a_cantilever_and_its_derivatives_are_right(
         difference = (above - below) / (2e-4 * par[k])
         smallest = 1e-6 * np.abs(difference).max()
         np.testing.assert_allclose(motion.sensitivity[:, :, k], difference, rtol=1e-4, atol=smallest)
+
+
+def test_a_clamp_that_turns_feels_the_force_at_the_tip():
+    """Its angle is its compliance times the moment of the force, of which the shape says the lever."""
+    model = Model(Chain.tube(BEAM, 6), find_effects(["base_rotation"]), gravity=0.0)
+    par = np.zeros(len(model.names))
+    par[:7] = TRUTH
+    par[model.names.index("base_rotation.c")] = compliance = 0.4
+    bent = model.steady(par, 0.0, pulled=np.array([-0.3, 0.0]))
+    tip = model.line_at_rest(par, bent, np.array([1.0]))[0][0]
+    assert bent.found and bent.phi[0] == pytest.approx(
+        compliance * 0.3 * -tip[1], rel=1e-4
+    )  # the curve's, not the chain's
 
 
 def test_what_is_known_of_a_run_stands_beside_what_is_fitted(runs):
