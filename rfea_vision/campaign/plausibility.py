@@ -40,7 +40,7 @@ def of_pressure(pressure_kPa: FloatArray) -> list[str]:
     """Doubt a pressure (samples,): its unit, or that it is one."""
     highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
     if highest > _HIGH_KPA:
-        return [f"reaches {highest:.0f} kPa; is it in Pa? pressure.unit says which unit it is in"]
+        return [f"reaches {highest:.6g} kPa; is it in Pa? pressure.unit says which unit it is in"]
     if span == 0:
         return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
     if highest < _LOW_KPA:

@@ -120,9 +120,9 @@ def _write_poses(campaign: Path, out: Path | None, folder: Path) -> list[Path]:
 
     written = []
     with opened(campaign, out) as work:
-        for experiment in work.campaign.with_role("train", "validate", "test"):
-            path = folder / f"{experiment.name}.nc"
+        for name, recording in work.sync().items():
+            path = folder / f"{name}.nc"
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_movement(path, work.recordings(experiment.role)[experiment.name].value.dataset, name=experiment.name)
+            write_movement(path, recording.dataset, name=name)
             written.append(path)
     return written

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from campaign.campaigns import write_campaign
 
 from rfea_vision.artefacts import Actuator, ModelFit
 from rfea_vision.cli.root import run
@@ -96,3 +97,9 @@ def test_page_of_the_documents_does_what_it_says(campaign, cc):
     exec(code.replace("CAMPAIGN/rfea/models/base", place), names)
     assert shown[:2] == ["0", "0"]
     assert [float(value) for value in shown[2:]] == pytest.approx(names["moment"].tip_m, abs=1e-11)
+
+
+def test_poses_of_every_run_whatever_its_role(tmp_path):
+    folder = write_campaign(tmp_path / "tube")
+    assert run(["export", str(folder), str(tmp_path / "poses"), "--poses"]) == 0
+    assert sorted(path.name for path in (tmp_path / "poses").iterdir()) == ["sine.nc", "steps.nc"]
