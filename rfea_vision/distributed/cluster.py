@@ -106,13 +106,18 @@ def dask_client(
             processes=True,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
-            memory_limit=memory,
+            memory_limit=share_of_memory(memory, workers),
             silence_logs=50,
         ) as cluster,
         Client(cluster) as client,
     ):
         cluster.scale(workers)  # pyright: ignore[reportAttributeAccessIssue]
         yield client
+
+
+def share_of_memory(memory: str, workers: int) -> str | float:
+    """What one of so many processes may use: an amount, or a share of the machine (Dask's own share is one of its cores)."""
+    return 1.0 / workers if memory == "auto" else memory
 
 
 def start_again(client: Client) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
@@ -72,3 +73,14 @@ def test_a_worker_that_dask_gave_up_is_started_again():
     cluster.start_again(SimpleNamespace(cluster=here))  # type: ignore[arg-type]
     assert list(here.workers) == [1] and asked == [2]
     cluster.start_again(SimpleNamespace(cluster=None))  # type: ignore[arg-type]  # of others: theirs to start
+
+
+@pytest.mark.parametrize("workers", [1, 2, 8])
+def test_all_workers_together_have_the_memory_of_the_machine(workers):
+    from distributed.system import MEMORY_LIMIT
+    from distributed.worker_memory import parse_memory_limit
+
+    share = cluster.share_of_memory("auto", workers)
+    limit = parse_memory_limit(share, 1, logger=logging.getLogger("test"))
+    assert limit == pytest.approx(MEMORY_LIMIT / workers, rel=1e-6)
+    assert cluster.share_of_memory("2GB", workers) == "2GB"
