@@ -147,14 +147,22 @@ def quiet(folder: Path, **_: Any) -> tuple[list[str], str]:
 
 
 def killed(folder: Path, wanted: dict[str, bytes]) -> tuple[list[str], str]:
-    """A worker is killed every few seconds; in the middle the batch itself is, and is then started again."""
-    chance, kills = random.Random(4), 0
+    """Workers are killed, one at a random moment after each stage that was finished; in the middle the batch itself is, and begun again.
+
+    By stages, not by the clock: a worker that a busy machine has not yet started would be killed before it does anything.
+    """
+    chance, kills, seen = random.Random(4), 0, 0
     process = begin(folder)
     for part in ("first", "second"):
         while process.poll() is None and not (
             part == "first" and len(list(folder.glob("*/rfea/report/index.html"))) >= GOOD // 2
         ):
-            time.sleep(chance.uniform(6.0, 12.0))
+            time.sleep(0.2)
+            finished = len(list(folder.glob("*/rfea/.stages/*@*.json")))
+            if finished <= seen:
+                continue
+            seen = finished
+            time.sleep(chance.uniform(0.0, 4.0))
             workers = descendants(process.pid)
             if workers:
                 with suppress(ProcessLookupError):
