@@ -147,11 +147,11 @@ def quiet(folder: Path, **_: Any) -> tuple[list[str], str]:
 
 
 def killed(folder: Path, wanted: dict[str, bytes]) -> tuple[list[str], str]:
-    """Workers are killed, one at a random moment after each stage that was finished; in the middle the batch itself is, and begun again.
+    """A worker is killed whenever some more stages are finished; in the middle the batch itself is, and is then started again.
 
-    By stages, not by the clock: a worker that a busy machine has not yet started would be killed before it does anything.
+    By stages, not by the clock: on a busy machine each worker would be killed before it does anything.
     """
-    chance, kills, seen = random.Random(4), 0, 0
+    chance, kills, next_kill = random.Random(4), 0, 1
     process = begin(folder)
     for part in ("first", "second"):
         while process.poll() is None and not (
@@ -159,9 +159,9 @@ def killed(folder: Path, wanted: dict[str, bytes]) -> tuple[list[str], str]:
         ):
             time.sleep(0.2)
             finished = len(list(folder.glob("*/rfea/.stages/*@*.json")))
-            if finished <= seen:
+            if finished < next_kill:
                 continue
-            seen = finished
+            next_kill = finished + chance.randint(2, 14)
             time.sleep(chance.uniform(0.0, 4.0))
             workers = descendants(process.pid)
             if workers:
