@@ -10,7 +10,7 @@ from rfea_vision.artefacts.measurement import Actuator
 
 
 def inner_radius(actuator: Actuator, theta: ArrayLike, rest_length: float) -> FloatArray:
-    """Inner radius (m) of an arc of rest length `rest_length` (m) bent by theta (rad).
+    """Inner radius (m) of an arc of rest length `rest_length` (m) bent by theta (rad, any shape: the result has it).
 
     Closed form of eq. DynInnerRadius (the same as eq. InnerRadius): the rubber keeps its volume at constant outer radius.
     """
@@ -20,12 +20,12 @@ def inner_radius(actuator: Actuator, theta: ArrayLike, rest_length: float) -> Fl
 
 
 def body_mass(actuator: Actuator, length: ArrayLike) -> FloatArray:
-    """Mass (kg) of rubber and water at rest in a body of `length` (m)."""
+    """Mass (kg) of rubber and water at rest in a body of `length` (m, any shape)."""
     return actuator.linear_density * np.asarray(length, dtype=float)
 
 
 def body_inertia(actuator: Actuator, length: ArrayLike) -> FloatArray:
-    """Moment of inertia (kg m^2) of a body about its centre of mass, eq. CylinderIx with the mass of `body_mass`."""
+    """Moment of inertia (kg m^2) of a body of `length` (m, any shape) about its centre of mass, eq. CylinderIx."""
     length = np.asarray(length, dtype=float)
     outer = actuator.outer_radius
     across = {"tube": 3 * (outer**2 + actuator.inner_radius**2), "rectangle": 4 * outer**2}.get(

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.inverse import joint_torques
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Chain, Model
 from rfea_vision.dynamics.system import FIXED
@@ -23,7 +23,6 @@ from rfea_vision.effects.base import BASE_PARAMETERS, Effect
 from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.errors import InputError
 
-FloatArray = NDArray[np.float64]
 #: Linear terms of the base law that a bare chain may lack, by the parameters that switch them on.
 BASE_TERMS: dict[str, tuple[str, ...]] = {"viscous": ("b_pos_ref", "b_neg_ref"), "spring": ("k_ref",)}
 #: Effects that make sense without pressure. Those of the bodies act on all joints at once.

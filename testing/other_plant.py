@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
+
 OUTER, INNER, LENGTH = 0.004, 0.003, 0.155
 RUBBER, WATER, GRAVITY = 965.0, 1000.0, 9.80665
 LINKS, STEP_S = 20, 1e-3

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Chain, Model
 from rfea_vision.effects.base import BASE_UNITS, Effect
@@ -17,7 +18,6 @@ from rfea_vision.fitting.steady_fit import Plateau, fit_steady
 from testing.real_records import PressureTable
 from testing.steady import steady_curve
 
-FloatArray = NDArray[np.float64]
 TIP = np.array([1.0])
 
 

@@ -45,7 +45,7 @@ class Lens:
 
     @property
     def vector(self) -> FloatArray:
-        """[fx, fy, cx, cy, distortion...]."""
+        """[fx, fy, cx, cy, distortion...], (4 + coefficients,), the first four in px."""
         return lens_vector(self.matrix, self.distortion)
 
     @staticmethod
@@ -106,7 +106,7 @@ def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
 
 
 def first_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray]:
-    """Board pose from the homography of the undistorted corners."""
+    """Board pose, rotation (3, 3) and translation (3,) in mm, from the homography of the undistorted corners."""
     flat = np.column_stack([view.board_mm, np.zeros(len(view.board_mm))])
     straight = undistort(lens, view.pixels)
     if not np.all(np.abs(straight) < 1e3):

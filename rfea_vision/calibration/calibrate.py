@@ -308,7 +308,7 @@ def without_outliers(views: Sequence[BoardView], size: tuple[int, int]) -> tuple
 
 
 def levelled(rotation: FloatArray) -> FloatArray:
-    """Turn board axes so that x lies along its rows to the camera's right, y up, z towards the camera."""
+    """Turn board axes, a rotation (3, 3), so that x lies along its rows to the camera's right, y up, z towards the camera."""
     axes = [rotation[:, 0], -rotation[:, 0], rotation[:, 1], -rotation[:, 1]]
     x = max(axes, key=lambda axis: float(axis[0]))
     y = max((axis for axis in axes if abs(float(axis @ x)) < 0.5), key=lambda axis: float(-axis[1]))

@@ -16,7 +16,7 @@ _PIXELS_PER_SQUARE = 840  # a multiple of most marker grids at 3/4 of a square; 
 
 
 def board_picture(board: Board) -> NDArray[np.uint8]:
-    """Return the board without margin, white 255 and black 0, `_PIXELS_PER_SQUARE` per square."""
+    """Return the board (rows, columns) without margin, white 255 and black 0, `_PIXELS_PER_SQUARE` per square."""
     columns, rows = (count + 1 for count in board.inner_corners)
     if board.kind == "charuco":
         size = (columns * _PIXELS_PER_SQUARE, rows * _PIXELS_PER_SQUARE)

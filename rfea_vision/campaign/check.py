@@ -20,14 +20,16 @@ _PAPER_DIAMETERS_MM = (8.0, 6.0)
 
 
 @dataclass(frozen=True)
-class Checked:
+class CheckedCampaign:
     """The experiments found, with their roles, and what is wrong."""
 
     experiments: dict[str, str]
     problems: tuple[FileProblem, ...]
 
 
-def check_campaign(path: Path, progress: Callable[[int, int], None] | None = None, *, trust: bool = False) -> Checked:
+def check_campaign(
+    path: Path, progress: Callable[[int, int], None] | None = None, *, trust: bool = False
+) -> CheckedCampaign:
     """Read every file of a campaign as the stages will, and say all that is wrong; nothing is written.
 
     Parameters
@@ -39,7 +41,7 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
     reading = read_campaign(path, trust=trust)
     campaign, problems = reading.campaign, list(reading.problems)
     if campaign is None:
-        return Checked({}, tuple(problems))
+        return CheckedCampaign({}, tuple(problems))
     active = [item for item in (*campaign.experiments, *reading.broken) if item.role != "ignore"]
     problems += _odd_tubes(campaign, active)
     cameras = _cameras(campaign, active)
@@ -60,7 +62,7 @@ def check_campaign(path: Path, progress: Callable[[int, int], None] | None = Non
     for experiment, key, text in plausibility.alike(active):
         problems.append(_warning(experiment, key, text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
-    return Checked({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
+    return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
 
 
 def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FileProblem]:

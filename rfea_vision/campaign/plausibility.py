@@ -66,7 +66,7 @@ def beside_others(name: str, highest_kPa: Mapping[str, float]) -> str:
 
 
 def of_times(log_s: FloatArray, pictures_s: FloatArray) -> list[str]:
-    """Doubt the unit of a clock: how long the log and the pictures last."""
+    """Doubt the unit of a clock: how long the log (rows,) and the pictures (frames,) last."""
     camera, logged = float(np.ptp(pictures_s)), float(np.ptp(log_s))
     both = f"the log lasts {logged:.4g} s, the pictures {camera:.4g} s"
     if logged > _TOO_LONG * camera:

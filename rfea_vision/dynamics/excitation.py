@@ -68,11 +68,11 @@ class Excitation:
 
     @property
     def grid_s(self) -> FloatArray:
-        """Times (s) of the grid."""
+        """Times (grid,) of the grid in s."""
         return self.start_s + self.step_s * np.arange(self.pressure.size)  # pyright: ignore
 
     def at(self, time_s: FloatArray, values: FloatArray | None = None) -> FloatArray:
-        """Pressure (Pa), or other `values` on the grid, at times (s)."""
+        """Pressure (times,) in Pa, or other `values` (grid,), at times in s."""
         return np.interp(time_s, self.grid_s, self.pressure if values is None else values)
 
 

@@ -25,14 +25,14 @@ class PaperParameters:
     source: str
 
     def vector(self, inner_radius: float = 0.003) -> NDArray[np.float64]:
-        """Value at the rest radius and slope, SI, in the order of `effects.base.BASE_PARAMETERS`."""
+        """Value at the rest radius and slope (7,), SI, in the order of `effects.base.BASE_PARAMETERS`."""
         pairs = ((self.k_0, self.m_k), (self.b_0pos, self.m_bpos), (self.b_0neg, self.m_bneg))
         values = [v for zero, slope in pairs for v in ((zero + slope * inner_radius) * PER_DEGREE, slope * PER_DEGREE)]
         return np.array([*values, self.r_hyd])
 
 
 def scaled(vector: NDArray[np.float64], from_segments: int, to_segments: int) -> NDArray[np.float64]:
-    """The same tube with another number of segments: k and b per joint go with n, r_hyd does not."""
+    """The same tube, (7,) in SI, with another number of segments: k and b per joint go with n, r_hyd does not."""
     out = np.array(vector, dtype=float)
     out[:6] *= to_segments / from_segments
     return out
@@ -49,7 +49,7 @@ def as_paper(vector: NDArray[np.float64], inner_radius: float = 0.003) -> dict[s
 
 
 def as_paper_matrix(inner_radius: float = 0.003) -> NDArray[np.float64]:
-    """Linear map from the engine's seven parameters to the paper's seven, for their covariance."""
+    """Linear map (7, 7) from the engine's parameters to the paper's, for their covariance."""
     return np.array([[as_paper(row, inner_radius)[key] for row in np.eye(7)] for key in PAPER_UNITS])
 
 

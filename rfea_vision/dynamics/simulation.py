@@ -162,7 +162,7 @@ class Model:
         return line, dline, turned @ gravity, np.ascontiguousarray(turned @ dgravity)
 
     def system(self, par: FloatArray) -> System:
-        """Chain, law and one set of parameters as the compiled engine reads them."""
+        """Chain, law and one set of parameters (SI, in the order of `names`) as the compiled engine reads them."""
         chain, dchain = self._bodies(par)
         law = self.law
         line, dline, gravity, dgravity = self._environment(par)
@@ -190,7 +190,7 @@ class Model:
         )
 
     def combined(self, par: FloatArray, excitation: Excitation) -> tuple[FloatArray, FloatArray | None]:
-        """Pressure (Pa) on the grid, with the effects that chambers have of their own: see `pressure_of_chambers`."""
+        """Pressure (grid,) in Pa with the effects that chambers have of their own: see `pressure_of_chambers`."""
         return pressure_of_chambers(self.law, par, self._constants, excitation)
 
     def steady(
@@ -348,7 +348,7 @@ class Model:
         return phi, np.zeros(n + 1), relaxed[:, :, 0].copy(), np.zeros((n + 1, free.size)), slopes
 
     def pivot(self, par: FloatArray, free: Sequence[int] | NDArray[np.int64] = ()) -> FloatArray:
-        """Where the clamp turns (m outside the hinge line), followed by the derivatives by the free parameters."""
+        """Where the clamp turns (m outside the hinge line), followed by the derivatives by the free parameters: (1 + p,)."""
         value, slope = scalar(self.law.base_pivot, np.asarray(par, dtype=float), self._constants)
         return np.concatenate([[value], slope[list(free)]])
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rfea_vision.figures.plates import Axis, Bars, Map, Plate, Role, Series, lines
 from rfea_vision.figures.runs import run_plates, tip_path
-from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.prose import effect_titles
 from rfea_vision.report.series import rung_name
 from rfea_vision.report.shown import errors_of
@@ -41,7 +41,7 @@ def _ladder(evidence: Evidence) -> list[Plate]:
     return [Bars("ladder", "The ladder of models", names, Axis("error", shown[-1].unit), sets, log_y=True, wide=True)]
 
 
-def _paths(evidence: Evidence, step: Step) -> list[Plate]:
+def _paths(evidence: Evidence, step: LadderStep) -> list[Plate]:
     found: list[Plate] = []
     for name, role, title in (("train", "train", "training runs"), ("validate", "validate", "held-out runs")):
         series: list[Series | None] = []
@@ -57,7 +57,7 @@ def _paths(evidence: Evidence, step: Step) -> list[Plate]:
     return found
 
 
-def _by_kind(step: Step, evidence: Evidence) -> list[Plate]:
+def _by_kind(step: LadderStep, evidence: Evidence) -> list[Plate]:
     """The error by phase, by pressure and by place."""
     comparison = step.comparison
     if comparison is None:
@@ -109,7 +109,7 @@ def _profiles(profiles: Sequence[Mapping[str, Any]]) -> list[Plate]:
     return lines("profiles", "Elongation along the tube", place, Axis("elongation", "%"), series, wide=True)
 
 
-def _fit(step: Step) -> list[Plate]:
+def _fit(step: LadderStep) -> list[Plate]:
     """What is known of the fit itself: correlations, steady state, starts, studies."""
     fit, found = step.fit, []
     if fit.correlation.get("matrix"):

@@ -119,7 +119,7 @@ def _column(axis: Axis) -> str:
 
 
 def thinned(count: int, most: int) -> NDArray[np.intp]:
-    """Rows that are drawn: all, or evenly chosen ones, the last among them."""
+    """Rows (drawn,) that are drawn: all, or evenly chosen ones, the last among them."""
     if count <= most:
         return np.arange(count)
     return np.unique(np.linspace(0, count - 1, most).round().astype(np.intp))

@@ -10,14 +10,14 @@ import xarray as xr
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.figures.plates import Axis, Lines, Map, Plate, Series, lines, thinned
-from rfea_vision.report.collect import Experiment, Step
+from rfea_vision.report.collect import Experiment, LadderStep
 from rfea_vision.report.pack import nearest
 
 MOST_ROWS, MOST_COLUMNS = 4000, 600  # more points than a page has dots
 TIME, ALONG = Axis("time", "s"), Axis("place along the tube, clamp 0, tip 1")
 
 
-def run_plates(experiment: Experiment, step: Step | None) -> list[Plate]:
+def run_plates(experiment: Experiment, step: LadderStep | None) -> list[Plate]:
     """Every figure of a run, with the model's curves where the model has been run on it."""
     data = experiment.measured
     if data is None:

@@ -47,17 +47,17 @@ class Coordinates:
     prior_targets: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def parameters(self, y: FloatArray) -> FloatArray:
-        """Full parameter vector (SI) at the coordinates `y`."""
+        """Full parameter vector (parameters,) in SI at the coordinates `y` (free,)."""
         return self.offset + self.matrix @ y
 
     def inside(self, y: FloatArray) -> NDArray[np.bool_]:
-        """Which coordinates are off their bounds, and so may move either way."""
+        """Which of the coordinates `y` (free,) are off their bounds, and so may move either way."""
         # Coordinates are of order one; a generous upper bound must not make a small amplitude look like none.
         near = 1e-3 * np.minimum(self.upper - self.lower, 1.0)
         return (y > self.lower + near) & (y < self.upper - near)
 
     def coordinates(self, par: FloatArray) -> FloatArray:
-        """Nearest coordinates within the bounds, a little inside."""
+        """Coordinates (free,) nearest to `par` (parameters,) within the bounds, a little inside."""
         free = list(self.free)
         y = np.linalg.solve(self.matrix[free], (par - self.offset)[free])
         # Coordinates are of order one; bounds that lie far apart must not push a start away, nor a value that had ended at a
@@ -86,7 +86,7 @@ def largest_bend(items: Sequence[Observed]) -> float:
 
 
 def base_reference(actuator: Actuator, segments: int) -> FloatArray:
-    """The paper's 8-DoF table for this number of segments, scaled to this tube's length and radius.
+    """The paper's 8-DoF table (7,) in SI for this number of segments, scaled to this tube's length and radius.
 
     Of a beam, the stiffness of rubber of 1 MPa with damping as the paper's tube has it; nothing follows a bore.
     """
@@ -175,7 +175,7 @@ def build(
     ----------
     fixed : pins parameters; names that the model does not have are passed over, here and in `bounds` and `priors`
     only : frees no others
-    held : gives the values of the rest
+    held : (parameters,) in SI, gives the values of the rest
     bounds, priors : as in `FitOptions`; a slope that has bounds of its own is a coordinate itself
     """
     names = model.names

@@ -23,7 +23,7 @@ TO_THE_LIMIT = 4 / 3
 
 
 def drift(problem: Problem, fitted: Fitted, refined: Refined, items: Sequence[Observed]) -> FloatArray:
-    """Change of the whole parameter vector from n bodies to a continuous tube, to first order, in units of n bodies.
+    """Change of the parameter vector (parameters,) from n bodies to a continuous tube, to first order, in units of n bodies.
 
     Zero where the chain is taken at its word: with joints at the start of the bodies, as in the paper, or where an effect
     names one of the joints; and where the finer chain cannot be simulated.

@@ -40,10 +40,11 @@ class Unknowns:
     sizes: FloatArray  # Pa, what an amplitude of one means
 
     def driven(self, excitation: Excitation, amplitude: FloatArray) -> Excitation:
-        """Excitation with the waves on it; it may end before they do."""
+        """Excitation with the waves on it by their amplitudes (k,); it may end before they do."""
         return replace(excitation, pressure=excitation.pressure + amplitude @ self.waves[:, : excitation.pressure.size])
 
     def values_kPa(self, amplitude: FloatArray) -> dict[str, float]:
+        """Pressures in kPa that amplitudes (k,) mean, by name."""
         return {f"{name}_kPa": float(a * s / 1e3) for name, a, s in zip(self.names, amplitude, self.sizes, strict=True)}
 
 

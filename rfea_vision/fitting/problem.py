@@ -137,7 +137,7 @@ def make_model(actuator: Actuator, options: FitOptions, mirror: float = 1.0) -> 
 
 
 def start_vector(model: Model, actuator: Actuator, segments: int) -> FloatArray:
-    """The paper's table for the base parameters, the declared start for those of effects."""
+    """The paper's table for the base parameters, the declared start for those of effects: (parameters,) in SI."""
     par = np.zeros(len(model.names))
     par[:7] = base_reference(actuator, segments)
     for effect in model.effects:

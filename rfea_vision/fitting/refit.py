@@ -37,6 +37,7 @@ class Fitted:
 
     @property
     def par(self) -> FloatArray:
+        """Parameters (parameters,) in SI, in the order of `model.names`."""
         return self.solution.par
 
     @property
@@ -61,7 +62,7 @@ def coordinates_for(problem: Problem, options: FitOptions, model: Model) -> Coor
 def carried(
     model: Model, actuator: Actuator, segments: int, previous: Mapping[str, float], previous_segments: int
 ) -> FloatArray:
-    """Start from an earlier fit: its values where it has them, scaled to this number of segments."""
+    """Start (parameters,) in SI from an earlier fit: its values where it has them, scaled to this number of segments."""
     par = start_vector(model, actuator, segments)
     for k, name in enumerate(model.names):
         if name in previous:

@@ -80,6 +80,8 @@ def _angle_to(tip_x: float, share: FloatArray, chain: Chain) -> float:
 def release_frame(name: str, time: FloatArray, signal: FloatArray, until_s: float) -> int:
     """Index of the first frame after the tube was let go; `until_s` NaN: when it is seen to move.
 
+    time : (frames,) in s; signal : (frames, columns) of one unit, what shows the tube's motion
+
     Raises
     ------
     DataError
@@ -108,7 +110,10 @@ def release_frame(name: str, time: FloatArray, signal: FloatArray, until_s: floa
 
 
 def release_time_s(time: FloatArray, signal: FloatArray, first: int) -> float:
-    """Time (s) of the release: where the first frames after it, as they fall freely, meet the held place."""
+    """Time (s) of the release: where the first frames after it, as they fall freely, meet the held place.
+
+    time : (frames,) in s; signal : (frames, columns) of one unit; first : index of the first free frame
+    """
     held = np.median(signal[:first], axis=0)
     seen = slice(first - 1, min(first + 3, time.size))
     way = np.linalg.norm(signal[seen] - held, axis=1)

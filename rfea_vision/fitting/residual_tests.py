@@ -16,7 +16,7 @@ BINS = 16  # of quantiles: each holds at least eight values
 
 
 def correlation_ratio(explained: FloatArray, by: FloatArray) -> float:
-    """Share of the variance of one series that a smooth function of another explains, 0 to 1.
+    """Share of the variance of one series (samples,) that a smooth function of another explains, 0 to 1.
 
     The correlation ratio over quantile bins, less what chance would give.
     """
@@ -43,7 +43,10 @@ def autocorrelation(series: FloatArray) -> FloatArray:
 
 
 def correlation_time(series: FloatArray, period_s: float) -> float:
-    """Integrated autocorrelation time (s) up to the first fall below 0.05; half a period for white noise."""
+    """Integrated autocorrelation time (s) of a series as in `autocorrelation`, up to the first fall below 0.05.
+
+    Half a period for white noise.
+    """
     correlation = autocorrelation(series)
     if correlation[0] <= 0:
         return 0.0

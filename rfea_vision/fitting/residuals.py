@@ -88,7 +88,7 @@ def predict_observed(
 
 
 def why_not(model: Model, par: FloatArray, item: Observed, clock_s: float = 0.0) -> str:
-    """Why an experiment cannot be simulated: when, where in the log, and why. Empty where it can."""
+    """Why an experiment cannot be simulated with `par` (parameters,) in SI: when, where in the log, and why. Empty where it can."""
     frames = np.clip(item.time + clock_s, item.excitation.start_s, item.excitation.end_s)
     message = as_it_stood(model, par, item, frames).message
     if message or predict_observed(model, par, item, (), clock_s) is not None:
@@ -160,7 +160,10 @@ def _predict(
 
 
 def as_it_stood(model: Model, par: FloatArray, item: Observed, frames_s: FloatArray) -> Motion:
-    """Motion of a run at some instants, from where its rig held it and with what is known of it."""
+    """Motion of a run at instants (frames,) of the log, from where its rig held it and with what is known of it.
+
+    par : (parameters,) in SI, in the order of `model.names`
+    """
     rigged, values, _ = _as_rigged(model, par, item)
     start = {} if item.held is None else item.held.start(model.chain)
     return rigged.simulate(values, item.excitation, frames_s, **start)
@@ -260,7 +263,7 @@ def angle_zero(item: Observed, angle: FloatArray, dangle: FloatArray) -> tuple[f
 
 
 def rows(item: Observed, predicted: Predicted, *, jacobian: bool = True) -> tuple[FloatArray, FloatArray]:
-    """Weighted residual (measured minus modelled) and its Jacobian for the free parameters and the clock.
+    """Weighted residual (rows,), measured minus modelled, and its Jacobian (rows, p) for the free parameters and the clock.
 
     midline: the normal distance at every node but the tip, and both coordinates of the tip; the weight of a frame's
     nodes is shared, as their errors are alike.

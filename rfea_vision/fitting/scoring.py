@@ -251,7 +251,7 @@ def options_of(artefact: ModelFit) -> FitOptions:
 
 
 def rebuild(artefact: ModelFit) -> tuple[Model, FloatArray]:
-    """The model, with the integrator that its values were refined for, and its parameter vector from `model.json`."""
+    """The model, with the integrator that its values were refined for, and its parameters (parameters,) in SI from `model.json`."""
     actuator = Actuator(**artefact.actuator)
     model = make_model(actuator, options_of(artefact), actuator.mirror)
     return replace(model, order=artefact.order), np.array([artefact.parameters[name].value for name in model.names])

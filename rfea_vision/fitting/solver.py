@@ -57,12 +57,12 @@ class Solution:
 
     @property
     def x(self) -> FloatArray:
-        """What the optimiser turned: coordinates, then the free clocks."""
+        """What the optimiser turned, (unknowns,): coordinates, then the free clocks in units of `CLOCK_SCALE_S`."""
         return np.concatenate([self.y, self.clocks[list(self.clock_index)] / CLOCK_SCALE_S])
 
     @property
     def clocks_inside(self) -> NDArray[np.bool_]:
-        """Which of the free clocks are off their bounds, and so may move either way."""
+        """Which of the free clocks (clocks,) are off their bounds, and so may move either way."""
         return np.abs(self.clocks[list(self.clock_index)]) < (1 - 1e-3) * self.clock_limits
 
 
@@ -229,7 +229,7 @@ def _largest_clock(item: Observed) -> float:
 
 
 def fit_clocks(model: Model, items: Sequence[Observed], par: FloatArray) -> FloatArray:
-    """Clock offset of each experiment for fixed parameters: what a held-out run may adjust, and nothing else."""
+    """Clock offset (experiments,) in s for fixed parameters: what a held-out run may adjust, and nothing else."""
     clocks = np.zeros(len(items))
     for index, item in enumerate(items):
         if not item.clock_free:

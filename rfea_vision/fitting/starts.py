@@ -32,7 +32,7 @@ START_DAMPING_RATIO = 0.05
 
 
 def observed_scale(items: Sequence[Observed], actuator: Actuator) -> FloatArray:
-    """How many times the paper's (at this size) the six stiffnesses and dampings are, judged by what the runs show.
+    """How many times the paper's (at this size) the stiffnesses and dampings (6,) are, judged by what the runs show.
 
     By how far the tube bends under which pressure; weight and motion are left out: a rough value to start from, for a tube of
     any rubber. Where no pressure moves it, by how fast it swings. 1 where no run shows it.
@@ -121,7 +121,7 @@ def _with_factors(reference: FloatArray, stiffness: float, damping: float) -> Fl
 
 
 def without_vanishing_ends(coordinates: Coordinates, par: FloatArray) -> FloatArray:
-    """The same parameters with no spring and no damper that all but vanishes at one end of the reach."""
+    """The same parameters (parameters,) in SI with no spring and no damper that all but vanishes at one end of the reach."""
     y = coordinates.coordinates(par)
     for rest in ("k_ref", "b_pos_ref", "b_neg_ref"):
         slope = rest.replace("_ref", "_slope")

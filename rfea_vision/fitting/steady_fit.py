@@ -92,7 +92,11 @@ def fit_steady(
     sigma_m: float = 1e-4,
     sigma_angle: float = 1e-3,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Least squares on the plateaus: parameters and weighted residual; None where the start has no steady state."""
+    """Least squares on the plateaus: parameters and weighted residual; None where the start has no steady state.
+
+    start : (parameters,) in SI; fractions : (m,) places on the centre line at which the plateaus have points, or none
+    sigma_m, sigma_angle : weights, 0.1 mm and 1 mrad: about what a track is worth, the same for all plateaus
+    """
     guesses: dict[int, FloatArray] = {}
 
     def run(y: FloatArray) -> tuple[FloatArray, FloatArray] | None:

@@ -41,7 +41,7 @@ class Uncertainty:
 
 
 def frame_of_row(item: Observed, rows: int) -> NDArray[np.int64]:
-    """Frame index of each residual row, in the order in which `residuals.rows` stacks them."""
+    """Frame index (rows,) of each residual row, in the order in which `residuals.rows` stacks them."""
     frames = item.time.size
     if item.observe in ("angle", "tip_y"):
         return np.arange(frames)
@@ -51,7 +51,7 @@ def frame_of_row(item: Observed, rows: int) -> NDArray[np.int64]:
 
 
 def block_length_s(item: Observed, residual: FloatArray) -> float:
-    """Length of the blocks over which a run's residual may be correlated: one frame where it is white."""
+    """Length (s) of the blocks over which a run's residual (rows,) may be correlated: one frame where it is white."""
     frames = item.time.size
     period = float(np.median(np.diff(item.time)))
     tail = residual[-(frames * (2 if residual.size >= 2 * frames else 1)) :]  # the tip's rows come last
@@ -105,7 +105,8 @@ def sandwich(
     Nodes of one frame, and frames of one block, may be correlated in any way; a block is several times as long as the
     residual remembers itself. The blocks' number gives the degrees of freedom. Few blocks see too little; so the covariance
     from the residual's variance and autocorrelation alone is a lower bound, and so is the classical one.
-    `prior` holds the rows of what was known beforehand, each of unit variance.
+    residual : (rows,) of unit variance; jacobian : (rows, unknowns); slices : whose rows are which run's
+    prior : (known, unknowns) rows of what was known beforehand, each of unit variance
     Liang and Zeger 1986, doi:10.1093/biomet/73.1.13.
     """
     count = jacobian.shape[1]

@@ -40,7 +40,7 @@ def column(table: Table, name: str, key: str) -> str:
 def refuse_rows(
     where: str, column: str, wrong: NDArray[np.bool_], fault: str, remedy: str = "correct or remove the row"
 ) -> None:
-    """Raise an InputError for the first row (counted from 1) in which something is wrong, if there is one."""
+    """Raise an InputError for the first row (counted from 1) in which `wrong` (rows,) is set, if there is one."""
     rows = np.flatnonzero(wrong)
     if rows.size:
         more = f" (and {rows.size - 1} more rows)" if rows.size > 1 else ""
@@ -91,7 +91,7 @@ def _seconds(values: np.ndarray) -> NDArray[np.float64] | None:
 
 
 def in_unit(table: Table, name: str, to: str, key: str, unit: str | None = None) -> NDArray[np.float64]:
-    """Return a column in the unit `to`; `unit` says what it is in, else the file does. Dates become s after the first row.
+    """Return a column (rows,) in the unit `to`; `unit` says what it is in, else the file does. Dates become s after the first row.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from markupsafe import Markup
 from rfea_vision.artefacts import Parameter
 from rfea_vision.errors import RfeaError
 from rfea_vision.report import methods, prose
-from rfea_vision.report.collect import Evidence, Step, collect
+from rfea_vision.report.collect import Evidence, LadderStep, collect
 from rfea_vision.report.formatting import unit_text, with_unit
 from rfea_vision.report.pack import Pack, nearest, stride
 from rfea_vision.report.page import environment, safe_json, static
@@ -97,7 +97,7 @@ def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, A
     }
 
 
-def _error(step: Step, experiment: str, unit: str, tested: Mapping[str, Any]) -> float | None:
+def _error(step: LadderStep, experiment: str, unit: str, tested: Mapping[str, Any]) -> float | None:
     """Error of one rung on one run; a test run has one on the last rung only, scored at the end."""
     score = step.fit.experiments.get(experiment)
     if score is None:

@@ -38,7 +38,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class Step:
+class LadderStep:
     """One rung of the ladder, or a fit beside it, with everything that was found out about it."""
 
     rung: Rung
@@ -63,19 +63,19 @@ class Evidence:
 
     folder: Path
     experiments: tuple[Experiment, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[LadderStep, ...]
     ladder: Ladder | None
     camera: Mapping[str, Any] | None
     absent: Mapping[str, str] = field(default_factory=dict)
     photos: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
-    def climbed(self) -> list[Step]:
+    def climbed(self) -> list[LadderStep]:
         """The rungs of the ladder; without one, every model there is."""
         return [step for step in self.steps if step.on_ladder] or list(self.steps)
 
     @property
-    def last(self) -> Step | None:
+    def last(self) -> LadderStep | None:
         """The top rung of the ladder, or the last model fitted."""
         return self.climbed[-1] if self.steps else None
 
@@ -157,7 +157,7 @@ def _clip(room: Path, absent: dict[str, str]) -> tuple[bytes | None, dict[str, A
     return film.read_bytes(), info
 
 
-def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[Step]:
+def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[LadderStep]:
     models: dict[str, ModelFit] = {}
     for path in sorted((folder / "models").glob("*/model.json")):
         fit = _load(ModelFit.load, path, "models", absent)
@@ -180,7 +180,7 @@ def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[
     return steps
 
 
-def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Step:
+def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> LadderStep:
     room = folder / "models" / rung.model
     absent: dict[str, str] = {}
     pieces: dict[str, Any] = {"comparison": None, "diagnosis": None}
@@ -211,7 +211,9 @@ def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Step:
             lambda file: json.loads(file.read_text(encoding="utf-8")), room / "timings.json", "timings", absent
         )
         seconds = (timings or {}).get("segments_study_s", {})
-    return Step(rung, on_ladder, fit, pieces["comparison"], pieces["diagnosis"], predictions, pressure, absent, seconds)
+    return LadderStep(
+        rung, on_ladder, fit, pieces["comparison"], pieces["diagnosis"], predictions, pressure, absent, seconds
+    )
 
 
 def _find(folder: Path, room: Path, name: str) -> Path:

@@ -14,7 +14,7 @@ from rfea_vision.figures import Lines, Plate, Series
 from rfea_vision.figures.plates import Axis
 from rfea_vision.figures.saving import as_svg
 from rfea_vision.report import prose
-from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import listing, unit_text
 from rfea_vision.report.page import environment, static
 from rfea_vision.report.shown import PER_JOINT, errors_of, of_the_tube
@@ -31,7 +31,7 @@ class GroupMember:
     evidence: Evidence
 
     @property
-    def last(self) -> Step | None:
+    def last(self) -> LadderStep | None:
         """The last rung of the ladder, or the last model there is."""
         return self.evidence.last
 
@@ -64,7 +64,9 @@ def _drawn(tubes: Sequence[GroupMember]) -> list[tuple[Plate, str]]:
     return found
 
 
-def _left_out(tubes: Sequence[GroupMember], variable: str, name: str, values: Mapping[str, Mapping[str, Parameter]]) -> str:
+def _left_out(
+    tubes: Sequence[GroupMember], variable: str, name: str, values: Mapping[str, Mapping[str, Parameter]]
+) -> str:
     """Which tubes a plate does not show, and why."""
     reasons = {
         "no model": [t.name for t in tubes if t.last is None],

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 
 from rfea_vision.artefacts import Parameter
-from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import inner_title, lens_words, listing, number, with_error, with_unit
 from rfea_vision.report.shown import errors_of
 
@@ -74,7 +74,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def methods(evidence: Evidence, step: Step, titles: Mapping[str, str]) -> list[str]:
+def methods(evidence: Evidence, step: LadderStep, titles: Mapping[str, str]) -> list[str]:
     """Paragraphs for a methods section, about the model of `step`."""
     parts = (_measurement(evidence), _model(evidence, step, titles), _selection(evidence, titles), _software())
     return [part for part in parts if part]
@@ -109,7 +109,7 @@ def _measurement(evidence: Evidence) -> str:
     return text.strip()
 
 
-def _model(evidence: Evidence, step: Step, titles: Mapping[str, str]) -> str:
+def _model(evidence: Evidence, step: LadderStep, titles: Mapping[str, str]) -> str:
     fit, shown = step.fit, errors_of(step, evidence)
     effects = f" with {listing(inner_title(titles[effect]) for effect in fit.effects)} added" if fit.effects else ""
     values = "; ".join(f"{name} = {_estimate(parameter)}" for name, parameter in fit.parameters.items())

@@ -41,7 +41,7 @@ class Pack:
         return address
 
     def rows(self, count: int, most: int) -> np.ndarray:
-        """Row numbers, evenly spaced, that keep at most about `most` of `count` rows, fewer at a lower detail."""
+        """Row numbers (kept,), evenly spaced, that keep at most about `most` of `count` rows, fewer at a lower detail."""
         return stride(count, max(2, round(self.detail * most)))
 
     def bytes(self) -> bytes:
@@ -54,12 +54,12 @@ class Pack:
 
 
 def stride(count: int, most: int) -> np.ndarray:
-    """Row numbers, evenly spaced, that keep at most about `most` of `count` rows."""
+    """Row numbers (kept,), evenly spaced, that keep at most about `most` of `count` rows."""
     return np.arange(0, count, max(1, -(-count // most)))
 
 
 def nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """For each wanted time, the row of `times` (sorted) that lies nearest."""
+    """For each wanted time, the row (wanted,) of the sorted `times` that lies nearest; both in s."""
     if len(times) == 0:
         raise ValueError("no times to choose from")
     after = np.clip(np.searchsorted(times, wanted), 1, max(1, len(times) - 1))

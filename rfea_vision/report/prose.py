@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import inner_title, listing, number, with_unit
 from rfea_vision.report.series import with_rivals
 from rfea_vision.report.shown import errors_of
@@ -117,7 +117,7 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
     return f"The model still lacks something: {'; '.join(named)}." if named else "The model still lacks an effect."
 
 
-def _added(evidence: Evidence, *, stand_ins: bool = False) -> list[Step]:
+def _added(evidence: Evidence, *, stand_ins: bool = False) -> list[LadderStep]:
     """Rungs of the ladder that added an effect because it is likely to be there, or as a stand-in."""
     rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added]
     return [one for one in rungs if (one.rung.grade == "stand-in") == stand_ins]
@@ -139,7 +139,7 @@ def _inner(name: str) -> str:
     return inner_title(head) + comma + rest
 
 
-def _shows(step: Step) -> str:
+def _shows(step: LadderStep) -> str:
     """Where on the tube a model fails most, if that is not everywhere."""
     places = step.comparison.where if step.comparison else []
     if not places or not 0.0 < places[0].to_sigma - places[0].from_sigma <= 0.5:  # of an angle there is no place
@@ -187,7 +187,7 @@ def in_words(text: str, evidence: Evidence, titles: Mapping[str, str]) -> str:
     return text
 
 
-def _with_effects(step: Step, titles: Mapping[str, str]) -> str:
+def _with_effects(step: LadderStep, titles: Mapping[str, str]) -> str:
     return f"the model with {' and '.join(inner_title(titles.get(e, e)) for e in step.fit.effects)}"
 
 

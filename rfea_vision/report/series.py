@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts.reasons import reason_of
-from rfea_vision.report.collect import Evidence, Experiment, Step
+from rfea_vision.report.collect import Evidence, Experiment, LadderStep
 from rfea_vision.report.formatting import inner_title, listing
 from rfea_vision.report.pack import Pack, nearest
 from rfea_vision.report.shown import errors_of
@@ -135,7 +135,7 @@ def _gaps(data: xr.Dataset) -> list[dict[str, Any]]:
     return out
 
 
-def pack_prediction(step: Step, experiment: Experiment, pack: Pack) -> dict[str, Any]:
+def pack_prediction(step: LadderStep, experiment: Experiment, pack: Pack) -> dict[str, Any]:
     """Modelled series of one experiment on one rung, on the same rows as the measured ones."""
     why: dict[str, str] = dict(step.absent)
     modelled = step.predictions.get(experiment.name)
@@ -211,7 +211,7 @@ def _stretches(labels: np.ndarray, time: np.ndarray) -> list[list[Any]]:
     return [[str(labels[a]), float(time[a]), float(time[b])] for a, b in zip(starts, stops, strict=True)]
 
 
-def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, str]) -> dict[str, Any]:
+def pack_step(step: LadderStep, evidence: Evidence, pack: Pack, titles: Mapping[str, str]) -> dict[str, Any]:
     """One rung: what it is called, how well it does, its tables for the bar charts, and its series."""
     fit, comparison, shown = step.fit, step.comparison, errors_of(step, evidence)
     return {
@@ -241,7 +241,7 @@ def pack_step(step: Step, evidence: Evidence, pack: Pack, titles: Mapping[str, s
     }
 
 
-def with_rivals(step: Step, titles: Mapping[str, str]) -> str:
+def with_rivals(step: LadderStep, titles: Mapping[str, str]) -> str:
     """The effect that a rung adds, with those that the data cannot tell it from; a stand-in is called one."""
     added = step.rung.added or ""
     rivals = [inner_title(titles.get(effect, effect.replace("_", " "))) for effect in step.rung.tied]
@@ -249,7 +249,7 @@ def with_rivals(step: Step, titles: Mapping[str, str]) -> str:
     return f"{name} (a stand-in)" if step.rung.grade == "stand-in" else name
 
 
-def rung_name(step: Step, titles: Mapping[str, str]) -> str:
+def rung_name(step: LadderStep, titles: Mapping[str, str]) -> str:
     """In the reader's words: the paper's model first, then what each rung adds."""
     if step.on_ladder:
         return with_rivals(step, titles) if step.rung.added else "The model of the paper"

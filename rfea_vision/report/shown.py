@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rfea_vision.artefacts import ModelFit, Parameter
-from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.collect import Evidence, LadderStep
 
 PER_JOINT = ("k_", "b_")
 
@@ -26,7 +26,7 @@ class Shown:
         return self.validate if self.validate is not None else self.train
 
 
-def errors_of(step: Step, evidence: Evidence) -> Shown:
+def errors_of(step: LadderStep, evidence: Evidence) -> Shown:
     """Return what the page shows as the error of this rung."""
     rung = step.rung
     tip = (rung.train_tip_rmse_mm, rung.validate_tip_rmse_mm)
@@ -36,7 +36,7 @@ def errors_of(step: Step, evidence: Evidence) -> Shown:
     return Shown("mm", "Tip error", *tip, _floor(step, evidence, "noise_floor_mm"))
 
 
-def _floor(step: Step, evidence: Evidence, key: str) -> float | None:
+def _floor(step: LadderStep, evidence: Evidence, key: str) -> float | None:
     """The one floor of a page: that by which the last rung was judged, which knows the quietest residual; else that of the fit."""
     judges = [one.diagnosis for one in reversed(evidence.steps) if one.on_ladder]
     known = (getattr(one, key) for one in (*judges, step.diagnosis, evidence.ladder, step.fit) if one is not None)

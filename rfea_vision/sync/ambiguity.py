@@ -25,7 +25,7 @@ def gaps_of(log_time_s: FloatArray) -> FloatArray:
 
 
 def outside_gaps(times: FloatArray, gaps: FloatArray, reach_s: float) -> NDArray[np.bool_]:
-    """Where `times` are farther than `reach_s` from every gap: a filter carries what was made up there so far."""
+    """Where `times` (samples,) are farther than `reach_s` from every gap: a filter carries what was made up there so far."""
     good = np.ones(len(times), dtype=bool)
     for begin, end in gaps:
         good &= (times < begin - reach_s) | (times > end + reach_s)

@@ -199,13 +199,13 @@ class FilteredMotion:
 
 
 def gauss(values: FloatArray, rate: float, cut_Hz: float) -> FloatArray:
-    """Gaussian low-pass along axis 0, zero phase, half power at `cut_Hz`."""
+    """Gaussian low-pass of (samples, ...) along axis 0, zero phase, half power at `cut_Hz`."""
     sigma = np.sqrt(np.log(2)) / (2 * np.pi * cut_Hz) * rate
     return np.asarray(gaussian_filter1d(values, sigma, axis=0, mode="nearest", truncate=4.5), dtype=float)
 
 
 def band(values: FloatArray, rate: float, high: float) -> FloatArray:
-    """Band-pass from LOW_HZ to `high`, zero phase."""
+    """Band-pass of (samples, ...) from LOW_HZ to `high`, zero phase."""
     return gauss(values, rate, high) - gauss(values, rate, LOW_HZ)
 
 
@@ -237,12 +237,12 @@ class Target:
         self.gaps = gaps_of(time)
 
     def inside(self, times: FloatArray) -> NDArray[np.bool_]:
-        """Where the log covers `times`."""
+        """Where the log covers `times` (samples,) in s."""
         covered = (times >= self.first) & (times <= self.last)
         return covered & outside_gaps(times, self.gaps, FILTER_REACH_S) if len(self.gaps) else covered
 
     def at(self, times: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Band-passed pressure, and where the log covers `times`."""
+        """Band-passed pressure at `times` (samples,) in s, and where the log covers them."""
         return np.interp(times, self.time, self.values), self.inside(times)
 
 

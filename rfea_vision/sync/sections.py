@@ -153,7 +153,7 @@ def _legendre(places: FloatArray) -> FloatArray:
 
 
 def derivative(values: FloatArray, rate: float) -> FloatArray:
-    """Fourth-order central time derivative along axis 0."""
+    """Fourth-order central time derivative of (samples, ...) along axis 0."""
     padded = np.pad(values, [(2, 2)] + [(0, 0)] * (values.ndim - 1), mode="edge")
     return (padded[:-4] - 8 * padded[1:-3] + 8 * padded[3:-1] - padded[4:]) * (rate / 12)
 

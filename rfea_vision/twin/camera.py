@@ -50,7 +50,7 @@ class Camera:
 
 
 def turn(x: float, y: float, z: float) -> FloatArray:
-    """Rotation by small or large angles about x, then y, then z."""
+    """Rotation (3, 3) by angles in rad, small or large, about x, then y, then z."""
     cx, sx, cy, sy, cz, sz = np.cos(x), np.sin(x), np.cos(y), np.sin(y), np.cos(z), np.sin(z)
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])

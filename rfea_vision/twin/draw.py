@@ -136,7 +136,7 @@ def move(plant: Plant, run: Run, step_s: float) -> PlantMotion:
 
 
 def camera_times(options: TwinOptions) -> FloatArray:
-    """Time stamps of the frames on the camera's clock, the first at 0."""
+    """Time stamps (frames,) in s on the camera's clock, the first at 0."""
     return frame_times(round(options.duration_s * options.rate_Hz), options.rate_Hz, options.scene, options.seed)
 
 
@@ -160,7 +160,7 @@ class Posture:
 
 
 def posture_at(plant: Plant, motion: PlantMotion, time_s: FloatArray) -> Posture:
-    """Postures between the plant's steps, by cubic Hermite interpolation of angles and speeds."""
+    """Postures at times (frames,) in s between the plant's steps, by cubic Hermite interpolation of angles and speeds."""
     start, step = motion.time_s[0], motion.time_s[1] - motion.time_s[0]
     index = np.clip(((time_s - start) / step).astype(int), 0, motion.time_s.size - 2)
     u = ((time_s - start) / step - index)[:, None]
@@ -181,7 +181,7 @@ def posture_at(plant: Plant, motion: PlantMotion, time_s: FloatArray) -> Posture
 
 
 def misread_plane(points_mm: FloatArray, hidden: dict[str, float]) -> FloatArray:
-    """What a wrong scale or a tilted plane makes of true points: `camera_scale` and `plane_tilt`."""
+    """What a wrong scale or a tilted plane makes of true points (..., 2) in mm: `camera_scale` and `plane_tilt`."""
     metres = points_mm * 1e-3
     factor = 1 + hidden.get("plane_tilt.a", 0.0) * metres[..., 0] + hidden.get("plane_tilt.b", 0.0) * metres[..., 1]
     return points_mm * ((1 + hidden.get("camera_scale.s", 0.0)) * factor)[..., None]

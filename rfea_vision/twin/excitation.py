@@ -28,7 +28,7 @@ class Programme:
     pressure_Pa: FloatArray
 
     def at(self, time_s: FloatArray) -> FloatArray:
-        """Pressure at any time; the ends hold."""
+        """Pressure (times,) in Pa at any time in s; the ends hold."""
         return np.interp(time_s, self.time_s, self.pressure_Pa)
 
 
@@ -54,7 +54,7 @@ def programme(
 
 
 def given_programme(time_s: FloatArray, pressure_Pa: FloatArray) -> Programme:
-    """A logged pressure as a programme that starts at 0 s."""
+    """A logged pressure (rows,) in Pa as a programme that starts at 0 s."""
     time = GRID_S * np.arange(int(np.floor((time_s[-1] - time_s[0]) / GRID_S)) + 1, dtype=float)
     return Programme("given", time, np.interp(time, time_s - time_s[0], pressure_Pa))
 

@@ -79,17 +79,17 @@ class JointLaw:
         return self._hidden[key]
 
     def felt_outer_radius(self, p: FloatArray | float) -> FloatArray | float:
-        """Outer radius under pressure: constant (assumption 2) unless `radial_expansion` is there."""
+        """Outer radius (m) under pressure (Pa): constant (assumption 2) unless `radial_expansion` is there."""
         return self.outer_radius * (1 + self.hidden("radial_expansion.c") * p)
 
     def inner_area(self, theta: FloatArray, p: FloatArray | float) -> FloatArray:
-        """Inner area pi r_i^2 of a joint bent by theta: the rubber's volume is constant (eq. InnerRadius)."""
+        """Inner area pi r_i^2 (joints,) in m^2 of joints bent by theta (rad): the rubber keeps its volume (eq. InnerRadius)."""
         outer = self.felt_outer_radius(p)
         rubber = (self.outer_radius**2 - self.inner_radius**2) * (1 - self.hidden("compressibility.c") * p)
         return np.pi * (outer**2 - rubber * self.rest_length / (self.rest_length + outer * theta))
 
     def relaxed(self, theta: FloatArray) -> Memory:
-        """Memory of a tube that has rested at theta for long."""
+        """Memory of a tube that has rested at theta (joints,) in rad for long."""
         return Memory(theta.copy(), np.zeros_like(theta), np.abs(theta))
 
     def advance(self, memory: Memory, theta: FloatArray, rate: FloatArray, step: float) -> Memory:
@@ -107,7 +107,7 @@ class JointLaw:
     def stiffness(
         self, theta: FloatArray, radius: FloatArray, memory: Memory, p: FloatArray | float, time: float
     ) -> FloatArray:
-        """k_j (eq. SpringCoefficient) and all that changes it."""
+        """k_j (joints,) in N m/rad (eq. SpringCoefficient) and all that changes it."""
         get = self.hidden
         k = (self.base.k_ref + self.base.k_slope * (radius - self.inner_radius)) * self.stiffness_profile
         if get("nonlinear_stiffness.c"):
@@ -121,7 +121,7 @@ class JointLaw:
         return k
 
     def damping(self, rate: FloatArray, radius: FloatArray) -> FloatArray:
-        """b_j in its two directions (eq. DamperCoefficient) and all that changes it."""
+        """b_j (joints,) in N m s/rad in its two directions (eq. DamperCoefficient) and all that changes it."""
         base, stretch = self.base, radius - self.inner_radius
         b = np.where(
             rate >= 0, base.b_pos_ref + base.b_pos_slope * stretch, base.b_neg_ref + base.b_neg_slope * stretch
@@ -131,7 +131,7 @@ class JointLaw:
     def torque(
         self, theta: FloatArray, rate: FloatArray, memory: Memory, p: FloatArray | float, time: float
     ) -> FloatArray:
-        """Torque of every joint: pressure (eq. HydraulicTorque) less spring, less damper, and what is hidden.
+        """Torque (joints,) in N m: pressure (eq. HydraulicTorque) less spring, less damper, and what is hidden.
 
         Raises
         ------

@@ -82,7 +82,7 @@ class Plant:
         self._gusts = _gusts(seed)
 
     def felt_pressure(self, time_s: FloatArray, pressure_Pa: FloatArray) -> FloatArray:
-        """Pressure in the tube on the same, even time grid: gain and zero of the sensor, lag of the line."""
+        """Pressure (grid,) in Pa in the tube on the same, even time grid: gain and zero of the sensor, lag of the line."""
         get = self.law.hidden
         felt = get("pressure_gain.g") * pressure_Pa + get("pressure_offset.p0")
         lag = get("pressure_lag.T")
@@ -239,7 +239,7 @@ class Plant:
         return wind, shake
 
     def equilibrium(self, p: float) -> FloatArray:
-        """Joint angles at rest under a constant pressure, by Newton along growing pressure.
+        """Joint angles (joints,) in rad at rest under a constant pressure, by Newton along growing pressure.
 
         Raises
         ------

@@ -143,7 +143,7 @@ def _mean_coverage(outlines: list[FloatArray], left: int, top: int, size: tuple[
 def frames(
     camera: Camera, scene: Scenery, posture: Posture, generator: np.random.Generator, times_s: FloatArray
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture of every posture; `times_s` are those of the frames, for lamps that flicker."""
+    """Yield the picture of every posture; `times_s` (frames,) are theirs, for lamps that flicker."""
     width, height = camera.width, camera.height
     block = coverage([camera.project_plane(finely(scene.clamp_mm))], 0, 0, width, height)
     light = scene.light if scene.shade is None else scene.light * scene.shade
@@ -215,7 +215,7 @@ def _develop(still: Picture, patch: Picture, left: int, top: int, noise: Picture
 
 
 def finely(outline: FloatArray, pieces: int = 24) -> FloatArray:
-    """Cut each side of a polygon into pieces, because a lens bends straight lines."""
+    """Cut each side of a polygon (corners, 2) into pieces, because a lens bends straight lines."""
     share = np.arange(pieces)[:, None] / pieces
     ends = np.roll(outline, -1, axis=0)
     return np.concatenate([start + share * (end - start) for start, end in zip(outline, ends, strict=True)])

@@ -102,7 +102,7 @@ def parse_scene(items: Iterable[str]) -> Stress:
 
 
 def frame_times(count: int, rate_Hz: float, scene: Stress, seed: int) -> FloatArray:
-    """Time stamps of the frames, the first at 0: uneven and with gaps where the scene asks for it."""
+    """Time stamps (frames,) in s, the first at 0: uneven and with gaps where the scene asks for it."""
     generator = np.random.default_rng([seed, 5])
     times = np.arange(count) / rate_Hz
     if scene.vfr:
@@ -115,7 +115,7 @@ def frame_times(count: int, rate_Hz: float, scene: Stress, seed: int) -> FloatAr
 
 
 def shown_frames(count: int, scene: Stress, seed: int) -> NDArray[np.int64]:
-    """Which picture every frame shows: its own, or the one before where the camera repeated itself."""
+    """Which picture every frame (frames,) shows: its own, or the one before where the camera repeated itself."""
     shown = np.arange(count)
     if scene.duplicated:
         again = np.random.default_rng([seed, 6]).uniform(size=count) < scene.duplicated
@@ -125,7 +125,7 @@ def shown_frames(count: int, scene: Stress, seed: int) -> NDArray[np.int64]:
 
 
 def wall_pattern(width: int, height: int, busy: float, generator: np.random.Generator) -> FloatArray:
-    """Grey levels of a wall with clutter: soft patches of two sizes, and lines."""
+    """Grey levels (rows, columns) of a wall with clutter: soft patches of two sizes, and lines."""
     pattern = np.zeros((height, width), np.float32)
     for size in (4.0, 25.0):
         patch = cv2.GaussianBlur(generator.standard_normal((height, width)).astype(np.float32), (0, 0), size)

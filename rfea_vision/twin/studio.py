@@ -58,7 +58,7 @@ def photograph(
     size: tuple[int, int],
     generator: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """Picture of a board; `project` maps its plane (mm) to pixels."""
+    """Picture (rows, columns) of a board; `project` maps points (m, 2) of its plane in mm to pixels."""
     width, height = size
     sheet = coverage([project(finely(board.outline()))], 0, 0, width, height)
     black = coverage([project(finely(square, 8)) for square in board.black_squares()], 0, 0, width, height)
@@ -113,7 +113,7 @@ def _pose(camera: Camera, rotation: FloatArray, translation: FloatArray) -> Call
 def write_video(
     path: Path, pictures: Iterator[NDArray[np.uint8]], times_s: FloatArray, size: tuple[int, int], qp: int
 ) -> None:
-    """Encode grey pictures as H.264 with exact time stamps."""
+    """Encode grey pictures (rows, columns) as H.264 with exact time stamps (frames,) in s."""
     steps = np.diff(times_s)
     even = len(steps) == 0 or np.ptp(steps) < 1e-9
     rate = Fraction(1.0 / float(np.median(steps)) if len(steps) else 30.0).limit_denominator(1001)

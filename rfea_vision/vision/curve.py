@@ -9,11 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.compiled import compiled, lean
-
-FloatArray = NDArray[np.float64]
 
 COEFFICIENTS = 18
 WIDTH_COEFFICIENTS = 8

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.report import prose
-from rfea_vision.report.collect import Evidence, Step
+from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.pack import Pack
 from rfea_vision.report.page import bends_of, length_mm_of
 from rfea_vision.report.series import pack_experiment, pack_step
@@ -41,13 +41,13 @@ def evidence_packet(evidence: Evidence, title: str) -> bytes:
     return packet(manifest, pack)
 
 
-def _runs(step: Step) -> dict[str, float | None]:
+def _runs(step: LadderStep) -> dict[str, float | None]:
     """Error of each run as it was fitted: of the tip in mm, or of the angle in deg where there is no tip."""
     scores = step.fit.experiments
     return {name: one.angle_rmse_deg if one.tip_rmse_mm is None else one.tip_rmse_mm for name, one in scores.items()}
 
 
-def _diagnosis(step: Step, titles: Mapping[str, str]) -> dict[str, Any] | None:
+def _diagnosis(step: LadderStep, titles: Mapping[str, str]) -> dict[str, Any] | None:
     """The diagnosis of one rung as it is saved, with the titles of its effects; None where nobody has asked yet."""
     if step.diagnosis is None:
         return None

@@ -7,27 +7,27 @@ from typing import Any
 #: Share of refused frames from which the films come before the model.
 MANY_REFUSED = 0.2
 
-Step = dict[str, Any]
+Advice = dict[str, Any]
 
 
 def _step(
     panel: str, say: str, label: str, do: str | None = None, experiment: str | None = None, **options: Any
-) -> Step:
+) -> Advice:
     return {"panel": panel, "say": say, "label": label, "do": do, "options": options, "experiment": experiment}
 
 
-def mend(problems: list[str]) -> Step:
+def mend(problems: list[str]) -> Advice:
     """What to do with a campaign that cannot be read."""
     more = f" and {len(problems) - 1} more: 'rfea check' lists them" if len(problems) > 1 else ""
     return _step("setup", f"The campaign cannot be read yet: {problems[0]}{more}", "Look again")
 
 
-def next_step(experiments: list[dict[str, Any]], models: list[dict[str, Any]]) -> Step:
+def next_step(experiments: list[dict[str, Any]], models: list[dict[str, Any]]) -> Advice:
     """The action that brings the campaign on: its panel, a sentence, a label, and the command with its options."""
     return _measure(experiments) or (_judge(models) if models else _begin(experiments))
 
 
-def _measure(experiments: list[dict[str, Any]]) -> Step | None:
+def _measure(experiments: list[dict[str, Any]]) -> Advice | None:
     """What the films need before anything else."""
     if not experiments:
         return _step("setup", "There is no experiment yet: add a folder with an experiment.yaml.", "Look again")
@@ -41,7 +41,7 @@ def _measure(experiments: list[dict[str, Any]]) -> Step | None:
     return None
 
 
-def _begin(experiments: list[dict[str, Any]]) -> Step:
+def _begin(experiments: list[dict[str, Any]]) -> Advice:
     """With everything measured and no model: look at what was refused or is doubted, then fit."""
     fit = _step("play", "Everything is measured.", "Fit the paper's model", "fit", add=[])
     heedless = {"otherwise": fit | {"label": "Fit all the same"}}
@@ -62,7 +62,7 @@ def _begin(experiments: list[dict[str, Any]]) -> Step:
     return fit
 
 
-def _judge(models: list[dict[str, Any]]) -> Step:
+def _judge(models: list[dict[str, Any]]) -> Advice:
     """With a model: ask what it lacks, add that, again; then write it down."""
     last = max(models, key=lambda model: (len(model["effects"]), model["verdict"] is not None))
     name, lacking = last["name"], [effect for effect in last["named"] if effect not in last["effects"]]

@@ -73,7 +73,7 @@ class PlayedRun:
 
     @property
     def nodes(self) -> np.ndarray:
-        """Places on the centre line that are drawn."""
+        """Places (nodes,) on the centre line that are drawn, 0 at the clamp, 1 at the tip."""
         return np.linspace(0, 1, self.recording.dataset.sizes.get("node", NODES))
 
 

@@ -33,7 +33,7 @@ class Beginning(FrameSource):
     count: int = field(kw_only=True)
 
     def times_s(self) -> np.ndarray:
-        """Time of every frame in s."""
+        """Times (frames,) in s."""
         return self.whole.times_s()[: self.count]
 
     def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:

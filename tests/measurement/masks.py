@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.body.midline import Midline, Refusal, midline_from_mask
-
-FloatArray = NDArray[np.float64]
 
 NEAR_BACKGROUND = 25.0  # of Lab's 256 steps: what still is background
 FAR_FROM_BACKGROUND = 3.5  # standard deviations

@@ -8,7 +8,7 @@ from rfea_vision.vision.curve import COEFFICIENTS, fit_curve
 from rfea_vision.vision.edges.edgels import _blur_row, cross_edge
 from rfea_vision.vision.edges.fitted import LONGEST_ROW
 from rfea_vision.vision.edges.step import BLUR_PX, MOST_BLUR_PX, pixels_across, steps
-from rfea_vision.vision.follow.motion import Motion
+from rfea_vision.vision.follow.motion import CurvePredictor
 
 
 def seen(x: np.ndarray, blur: float) -> np.ndarray:
@@ -61,7 +61,7 @@ def swung(angle: float) -> np.ndarray:
 
 def foretold(angles, dt=1 / 240, noise=0.0):
     """Largest distance in mm of the predicted from the true coefficients, over the second half."""
-    motion, rng, off = Motion(), np.random.default_rng(0), []
+    motion, rng, off = CurvePredictor(), np.random.default_rng(0), []
     out = np.empty((COEFFICIENTS, 2))
     motion.begin(swung(angles[0]))
     for n, angle in enumerate(angles):
@@ -84,7 +84,7 @@ def test_noise_of_a_tube_at_rest_does_not_grow():
 
 
 def test_a_clamp_that_is_hardly_seen_does_not_run_away():
-    motion, rng = Motion(), np.random.default_rng(1)
+    motion, rng = CurvePredictor(), np.random.default_rng(1)
     base = swung(0.3)
     motion.begin(base)
     state = base.copy()

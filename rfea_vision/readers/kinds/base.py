@@ -70,7 +70,7 @@ class Table:
     points: Mapping[str, Points] = field(default_factory=dict)
 
     def numbers(self, name: str) -> np.ndarray:
-        """Return a column as float64.
+        """Return a column (rows,) as float64.
 
         Raises
         ------
@@ -189,7 +189,7 @@ def points_of_columns(
 
 
 def unseen(positions: FloatArray, confidence: FloatArray | None, least: float) -> FloatArray:
-    """Return the positions with NaN where the tracker trusts itself less than `least`."""
+    """Return the positions (rows, points, 2) with NaN where the tracker trusts itself less than `least`."""
     if confidence is None:
         return positions
     return np.where((confidence >= least)[..., None], positions, np.nan)

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.compiled import compiled
 from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
-
-FloatArray = NDArray[np.float64]
 
 FINE = 257
 

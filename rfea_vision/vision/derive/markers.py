@@ -11,13 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.curve import point_and_tangent, value_at
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES = 512
 ACROSS = (-0.5, -0.25, 0.0, 0.25, 0.5)  # half widths at which the light is read

@@ -15,8 +15,6 @@ from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_mat
 from rfea_vision.vision.derive.markers import SAMPLES
 from rfea_vision.vision.edges import fitted
 
-FloatArray = NDArray[np.float64]
-
 
 @lean
 def _quadratic_forms(rows, covariance, first, out):

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from rfea_vision.scatter import NORMAL
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import REFIT, VERTEX_U, VERTICES, moved_curve, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.edges.edgels import (
@@ -167,14 +168,14 @@ def drop_odd_sections(work, filled):
 
 @compiled
 def robust_scale(work, filled):
-    """1.48 times the median of the absolute residuals of the kept stations, weighted to unit information."""
+    """Standard deviation of the residuals of the kept stations by their median, weighted to unit information."""
     values = np.empty(filled)
     m = 0
     for n in range(filled):
         if work.keep[n]:
             values[m] = abs(work.residual[n]) * math.sqrt(work.stations[n, INFO])
             m += 1
-    return 1.4826 * np.median(values[:m]) if m > 0 else 0.0
+    return np.median(values[:m]) / NORMAL if m > 0 else 0.0
 
 
 @compiled

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from rfea_vision.arrays import FloatArray
 
 WIDTH_SCALED_PX = 9.0  # the picture is scaled until the tube is this wide
 ORIENTATIONS = 36

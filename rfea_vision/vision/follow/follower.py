@@ -19,7 +19,7 @@ from rfea_vision.vision.follow.bump import CameraWatch
 from rfea_vision.vision.follow.coarse import bend_search
 from rfea_vision.vision.follow.frame import fit_frame
 from rfea_vision.vision.follow.judge import SETTLED_PX, Judge
-from rfea_vision.vision.follow.motion import Motion
+from rfea_vision.vision.follow.motion import CurvePredictor
 
 SEARCH_PX = 12.0
 WIDEST_SWING_RAD = 1.2  # more bend or less than in the last frame seen
@@ -50,7 +50,7 @@ class Follower:
         self.start: Begin | None = None
         self.judge = Judge(self.scene)
         self.state: fitted.State | None = None
-        self.motion = Motion()
+        self.motion = CurvePredictor()
         self.missed = 0
         self.good = 0
         self.noise = 3.0  # of the last good frame, grey levels

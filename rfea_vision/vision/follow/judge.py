@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
+from rfea_vision.scatter import NORMAL
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.edges.fitted import FrameFit
 from rfea_vision.vision.find.begin import Scene
 from rfea_vision.vision.follow.frame import LEAST_CAP_CONTRAST, MOST_BLUR
-
-FloatArray = NDArray[np.float64]
 
 RECENT = 9
 SETTLED_PX = 1.0  # the last step of a fit that is no longer on its way
@@ -167,7 +167,7 @@ class Judge:
         if len(self.recent) < RECENT or self._jumped >= 3:
             return False
         middle = median(self.recent)
-        scatter = 1.4826 * median(abs(value - middle) for value in self.recent)
+        scatter = median(abs(value - middle) for value in self.recent) / NORMAL
         limit = max(LENGTH_JUMP * middle, 8.0 * scatter)
         # A tube may stretch by and by; what hides its end makes it shorter.
         jumps = abs(hinge - middle) > limit and not middle < hinge < self.recent[-1] + limit

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.compiled import compiled
 from rfea_vision.vision.curve import COEFFICIENTS
-
-FloatArray = NDArray[np.float64]
 
 FORGET = 0.25  # of what earlier frames said about each order, with every frame
 FARTHEST_S = 0.1
@@ -80,7 +78,7 @@ def _learn(past, times, known, missed_by, coefficients, time_s):
     times[0] = time_s
 
 
-class Motion:
+class CurvePredictor:
     """The last curves of the tube, and how well each order of extrapolation has foretold them lately."""
 
     def __init__(self) -> None:
