@@ -7,6 +7,7 @@ line, camera, clock) share them, and so do the same effects in another order.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import inspect
@@ -15,6 +16,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -28,6 +30,9 @@ from rfea_vision.files import write_text
 
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
+
+#: What the folder may hold, in bytes. A law takes about 0.1 MB with its compiled loops, and a campaign some hundred laws.
+MOST_BYTES = 200_000_000
 
 
 class Loops(NamedTuple):
@@ -85,6 +90,23 @@ def _cache_folder() -> Path:
             return folder
     except OSError:
         return Path(tempfile.mkdtemp(prefix="rfea-laws-"))
+
+
+@cache
+def _prune(folder: Path) -> None:
+    """Remove what was used longest ago until the folder holds `MOST_BYTES`, once a process: what is missing is derived again."""
+    files = []
+    for path in (*folder.glob("*.py"), *folder.glob("__pycache__/*")):
+        with contextlib.suppress(OSError):  # another process prunes, too
+            state = path.stat()
+            files.append((max(state.st_atime, state.st_mtime), state.st_size, path))
+    excess = sum(size for _, size, _ in files) - MOST_BYTES
+    for _, size, path in sorted(files):
+        if excess <= 0:
+            return
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)
+        excess -= size
 
 
 def _key(effects: Sequence[Effect]) -> str:
@@ -151,6 +173,7 @@ def _derive(effects: Sequence[Effect], path: Path) -> None:
     from rfea_vision.dynamics.generation import generate, generate_numpy
     from rfea_vision.dynamics.laws import compose
 
+    _prune(path.parent)
     law = compose(effects)
     modules = {}
     for name, text in generate(law).items():
@@ -177,5 +200,5 @@ def constants(
     offset: float,
     linear_density: float,
 ) -> np.ndarray:
-    """The vector of constants in the order of `laws.CONSTANTS`."""
+    """The vector (8,) of constants, SI, in the order of `laws.CONSTANTS`."""
     return np.array([count, outer_radius, inner_radius, fluid_density, tube_length, mirror, offset, linear_density])

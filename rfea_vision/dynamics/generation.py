@@ -14,7 +14,7 @@ import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from rfea_vision.dynamics import laws
-from rfea_vision.dynamics.laws import Law
+from rfea_vision.dynamics.laws import ComposedLaw
 from rfea_vision.errors import InputError
 
 _HEADER = '''"""Generated: do not edit."""
@@ -58,7 +58,7 @@ def _assignments(targets: Sequence[tuple[str, sp.Expr]], indent: str) -> str:
     return "\n".join(lines)
 
 
-def _unpack(law: Law, expressions: Sequence[sp.Expr], indent: str, per_item: dict[sp.Symbol, str]) -> str:
+def _unpack(law: ComposedLaw, expressions: Sequence[sp.Expr], indent: str, per_item: dict[sp.Symbol, str]) -> str:
     used: set[Any] = set().union(*(expression.free_symbols for expression in expressions)) if expressions else set()
     sources: dict[sp.Symbol, str] = dict(per_item)
     sources.update({symbol: f"par[{index}]" for index, symbol in enumerate(law.symbols)})
@@ -76,7 +76,7 @@ def _function(
     arguments: str,
     signature: str,
     targets: list[tuple[str, sp.Expr]],
-    law: Law,
+    law: ComposedLaw,
     per_item: dict[sp.Symbol, str],
     count: str,
 ) -> str:
@@ -92,7 +92,7 @@ def _function(
     )
 
 
-def _joint_items(law: Law) -> dict[sp.Symbol, str]:
+def _joint_items(law: ComposedLaw) -> dict[sp.Symbol, str]:
     items: dict[sp.Symbol, str] = {
         laws.THETA: "thetas[j]",
         laws.RATE: "rates[j]",
@@ -105,7 +105,7 @@ def _joint_items(law: Law) -> dict[sp.Symbol, str]:
     return items
 
 
-def joint_columns(law: Law) -> list[sp.Expr]:
+def joint_columns(law: ComposedLaw) -> list[sp.Expr]:
     """Columns of the joint law's output, in the order stated above."""
     columns = [law.torque, *(_derivative(law.torque, symbol) for symbol in (laws.THETA, laws.RATE, laws.PRESSURE))]
     columns += [law.added_mass, _derivative(law.added_mass, laws.THETA)]
@@ -115,17 +115,17 @@ def joint_columns(law: Law) -> list[sp.Expr]:
     return columns + [_derivative(rate, state) for rate in law.state_rates for state in law.states]
 
 
-def relaxed_columns(law: Law) -> list[list[sp.Expr]]:
+def relaxed_columns(law: ComposedLaw) -> list[list[sp.Expr]]:
     """Per hidden state: its relaxed value, and that by the angle and by the pressure."""
     return [[v, _derivative(v, laws.THETA), _derivative(v, laws.PRESSURE)] for v in law.relaxed]
 
 
-def force_columns(law: Law) -> list[list[sp.Expr]]:
+def force_columns(law: ComposedLaw) -> list[list[sp.Expr]]:
     """Per component of the body force: its value, and that by position and velocity."""
     return [[part, *(_derivative(part, symbol) for symbol in KINEMATIC)] for part in law.body_force]
 
 
-def generate(law: Law) -> dict[str, str]:
+def generate(law: ComposedLaw) -> dict[str, str]:
     """Source text of each loop that is compiled of a composed law, by the names in `compilation.Loops`."""
     targets = [(f"out[j, {index}]", column) for index, column in enumerate(joint_columns(law))]
     joint_arguments = "thetas, rates, z, felt, positions, arcs, weights, par, con, out"
@@ -140,9 +140,7 @@ def generate(law: Law) -> dict[str, str]:
         for column, symbol in enumerate(law.symbols)
     ]
     cube = joint_signature.rsplit(", ", 1)[0] + ", float64[:, :, ::1]"
-    texts["joint_law_parameters"] = _function(
-        "joint_law_parameters", joint_arguments, cube, parameter_targets, *joints
-    )
+    texts["joint_law_parameters"] = _function("joint_law_parameters", joint_arguments, cube, parameter_targets, *joints)
 
     relaxed_targets: list[tuple[str, sp.Expr]] = []
     for index, (value, columns) in enumerate(zip(law.relaxed, relaxed_columns(law), strict=True)):
@@ -168,14 +166,14 @@ def generate(law: Law) -> dict[str, str]:
     return texts
 
 
-def _numpy_function(name: str, law: Law, expressions: Sequence[sp.Expr], own: Sequence[sp.Symbol]) -> str:
+def _numpy_function(name: str, law: ComposedLaw, expressions: Sequence[sp.Expr], own: Sequence[sp.Symbol]) -> str:
     """(par, con, *own) -> list of [value, d/d own..., d/d par...] per expression, each broadcast like `own`."""
     rows = [[value, *(_derivative(value, symbol) for symbol in (*own, *law.symbols))] for value in expressions]
     function = sp.lambdify([list(law.symbols), list(laws.CONSTANTS), *own], rows, modules="numpy", cse=True)
     return inspect.getsource(function).replace("_lambdifygenerated", name, 1)
 
 
-def generate_numpy(law: Law, loops: Mapping[str, str]) -> str:
+def generate_numpy(law: ComposedLaw, loops: Mapping[str, str]) -> str:
     """Source text of the NumPy functions, and of what there is to know of the law without deriving it again.
 
     loops : the module in which each compiled loop stands

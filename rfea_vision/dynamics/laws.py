@@ -93,7 +93,7 @@ def _kept_positive(value: sp.Expr, at_rest: sp.Symbol) -> sp.Expr:
 
 
 @dataclass(frozen=True)
-class Law:
+class ComposedLaw:
     """The composed expressions and the order of parameters and states."""
 
     effects: tuple[str, ...]  # in the order of their parameters, states and weights: see `laid_out`
@@ -159,7 +159,7 @@ def laid_out(effects: Sequence[Effect]) -> list[Effect]:
     return sorted(stepwise, key=lambda effect: effect.id) + [effect for effect in effects if effect not in stepwise]
 
 
-def compose(effects: Sequence[Effect]) -> Law:
+def compose(effects: Sequence[Effect]) -> ComposedLaw:
     """Apply every effect to the paper's law, in the order given.
 
     Raises
@@ -217,7 +217,7 @@ def compose(effects: Sequence[Effect]) -> Law:
 
     common = [effect for effect in effects if not effect.chamber]
     chambers = dict.fromkeys(effect.chamber for effect in effects if effect.chamber)
-    return Law(
+    return ComposedLaw(
         effects=tuple(effect.id for effect in layout),
         parameters=tuple(names),
         symbols=tuple(symbols),

@@ -13,7 +13,7 @@ from sympy.printing.c import C99CodePrinter
 from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics import laws
 from rfea_vision.dynamics.generation import KINEMATIC, force_columns, joint_columns, relaxed_columns
-from rfea_vision.dynamics.laws import Law, compose
+from rfea_vision.dynamics.laws import ComposedLaw, compose
 from rfea_vision.dynamics.line import scalar
 from rfea_vision.dynamics.realtime import NEWTON_ITERATIONS
 from rfea_vision.dynamics.simulation import Model
@@ -49,7 +49,7 @@ class _Printer(C99CodePrinter):
 class _Writer:
     """Prints expressions of one model, with its parameters and constants put in as numbers."""
 
-    def __init__(self, law: Law, numbers: Mapping[sp.Symbol, float], names: Mapping[sp.Symbol, str]) -> None:
+    def __init__(self, law: ComposedLaw, numbers: Mapping[sp.Symbol, float], names: Mapping[sp.Symbol, str]) -> None:
         self.law, self.numbers, self.names = law, numbers, names
         self.printer = _Printer({"strict": True, "math_macros": {}})
 
@@ -110,7 +110,7 @@ def c_files(
 
     Parameters
     ----------
-    par : SI, in the order of `model.names`
+    par : (parameters,) in SI, in the order of `model.names`
     name : a C identifier, prefix of everything that the header declares
     about : a line for the head of both files
     iterations : of Newton's method per stage
