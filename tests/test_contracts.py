@@ -67,8 +67,9 @@ def _unexplained(path: Path) -> Iterator[str]:
             yield f"{path.name}:{node.lineno}: {lines[node.lineno - 1]}"
 
 
-@pytest.mark.parametrize("room", ["calibration", "campaign", "critique", "distributed", "drive", "dynamics", "figures", "fitting",
-                                  "options", "readers", "report", "stages", "sync", "twin"])  # fmt: skip
+@pytest.mark.parametrize("room", ["artefacts", "calibration", "campaign", "cli", "critique", "distributed", "drive", "dynamics",
+                                  "effects", "export", "figures", "fitting", "options", "readers", "report", "stages", "sync",
+                                  "twin", "workbench"])  # fmt: skip
 def test_every_number_with_a_name_says_what_it_is(root: Path, room: str) -> None:
     assert [found for path in (root / "rfea_vision" / room).rglob("*.py") for found in _unexplained(path)] == []
 

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema
 
+from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.units import conversion_factor, parse_quantity, pressure_unit, split_quantity
 
@@ -129,6 +130,7 @@ Axis = Annotated[Literal["x", "y", "z", "-x", "-y", "-z"], BeforeValidator(_text
 PixelPair = tuple[tuple[float, float], tuple[float, float]]
 PixelBox = tuple[float, float, Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]]
 LensName = Literal["auto", *LENSES]  # the names of a table, which the type checker cannot read
+SyncMethod = Literal[*SYNC_METHODS]
 Role = Literal["train", "validate", "test", "ignore"]
 
 
@@ -326,7 +328,7 @@ class SyncPart(_Part):
     name of the same); `channel` is the column of the log with the lamp's or the trigger's signal.
     """
 
-    method: Literal["motion", "led", "trigger", "offset", "common_clock"] = "motion"
+    method: SyncMethod = "motion"  # pyright: ignore[reportInvalidTypeForm]
     value: Duration | None = None
     box: tuple[float, float, float, float] | None = None
     led: tuple[float, float, float, float] | None = None

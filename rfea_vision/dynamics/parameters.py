@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 PER_DEGREE = 180 / np.pi  # degrees per radian
+REST_RADIUS = 0.003  # m, of the paper's bore: its 6 mm are a diameter (docs/physics.md, erratum 1)
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class PaperParameters:
     r_hyd: float  # m
     source: str
 
-    def vector(self, inner_radius: float = 0.003) -> NDArray[np.float64]:
+    def vector(self, inner_radius: float = REST_RADIUS) -> NDArray[np.float64]:
         """Value at the rest radius and slope (7,), SI, in the order of `effects.base.BASE_PARAMETERS`."""
         pairs = ((self.k_0, self.m_k), (self.b_0pos, self.m_bpos), (self.b_0neg, self.m_bneg))
         values = [v for zero, slope in pairs for v in ((zero + slope * inner_radius) * PER_DEGREE, slope * PER_DEGREE)]
@@ -38,7 +39,7 @@ def scaled(vector: NDArray[np.float64], from_segments: int, to_segments: int) ->
     return out
 
 
-def as_paper(vector: NDArray[np.float64], inner_radius: float = 0.003) -> dict[str, float]:
+def as_paper(vector: NDArray[np.float64], inner_radius: float = REST_RADIUS) -> dict[str, float]:
     """k_0, m_k, b_0pos, ... in the units of the paper's table (per degree, at zero inner radius)."""
     out: dict[str, float] = {}
     for index, (zero, slope) in enumerate((("k_0", "m_k"), ("b_0pos", "m_bpos"), ("b_0neg", "m_bneg"))):
@@ -48,7 +49,7 @@ def as_paper(vector: NDArray[np.float64], inner_radius: float = 0.003) -> dict[s
     return out
 
 
-def as_paper_matrix(inner_radius: float = 0.003) -> NDArray[np.float64]:
+def as_paper_matrix(inner_radius: float = REST_RADIUS) -> NDArray[np.float64]:
     """Linear map (7, 7) from the engine's parameters to the paper's, for their covariance."""
     return np.array([[as_paper(row, inner_radius)[key] for row in np.eye(7)] for key in PAPER_UNITS])
 

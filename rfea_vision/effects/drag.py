@@ -20,7 +20,7 @@ class Drag(Effect):
     parameters = {
         "c": EffectParameter("kg/m^3", 0.0, 0.0, 2e4, 5.0, "half the density of the medium times the drag coefficient")
     }
-    constants = {"still": ("m/s", 1e-6)}
+    constants = {"still": ("m/s", 1e-6)}  # keeps the slope at rest finite; a tip moves at some m/s
     dissipates = True
 
     def body_force(self, body: Body) -> tuple[sp.Expr, sp.Expr]:

@@ -23,7 +23,7 @@ class Mullins(Effect):
         ),
     }
     states = {"z": "rad"}
-    constants = {"follow": ("s", 0.0002)}
+    constants = {"follow": ("s", 0.0002)}  # a fifth of a step of the integrator: as good as at once
 
     def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
         return stiffness * (1 - self.c * (1 - sp.exp(-self.z / self.s)))

@@ -27,7 +27,7 @@ class RootDamping(NonlinearDamping):
 
     form = "root"
     parameters = {"c": EffectParameter("s**0.5/rad**0.5", 0.0, -0.3, 10.0, 0.05, "growth per root of the rate")}
-    constants = {"rounded": ("rad/s", 0.01)}
+    constants = {"rounded": ("rad/s", 0.01)}  # keeps the slope at rest finite; a tube swings at some rad/s
 
     def damping(self, joint: Joint, damping: sp.Expr) -> sp.Expr:
         return damping * (1 + self.c * (joint.tube_rate**2 + self.rounded**2) ** sp.Rational(1, 4))

@@ -19,6 +19,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.dynamics.realtime import NEWTON_ITERATIONS
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError
 from rfea_vision.export.c_source import c_files, filled, one_line
@@ -102,7 +103,7 @@ def _description(name: str, guid: str, step_s: float, about: str) -> str:
 """
 
 
-def fmu_content(model: Model, par: FloatArray, name: str, step_s: float, about: str = "", iterations: int = 3) -> bytes:
+def fmu_content(model: Model, par: FloatArray, name: str, step_s: float, about: str = "", iterations: int = NEWTON_ITERATIONS) -> bytes:
     """The FMU as the content of its file; arguments as for `c_files`.
 
     Raises

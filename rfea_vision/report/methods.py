@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 
 from rfea_vision.artefacts import Parameter
+from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import inner_title, lens_words, listing, number, with_error, with_unit
 from rfea_vision.report.shown import errors_of
@@ -54,13 +55,6 @@ _PACKAGES = (
 
 _ROLES = {"train": "training", "validate": "held out", "test": "test"}
 _OBSERVED = {"midline": "centre line", "tip": "tip", "tip_y": "height of the tip", "angle": "bend angle"}
-_CLOCKS = {
-    "motion": "matching the motion to the pressure",
-    "led": "a lamp that both saw",
-    "trigger": "a trigger that the log recorded",
-    "offset": "an offset known beforehand",
-    "common_clock": "recording them on the same clock",
-}
 
 
 def versions() -> dict[str, str]:
@@ -103,7 +97,7 @@ def _measurement(evidence: Evidence) -> str:
             {str(run.recording.attrs.get("sync_method", "")) for run in runs if run.recording is not None} - {""}
         )
         if methods_used:
-            text += f"Camera and pressure log were brought onto one clock by {listing(_CLOCKS.get(m, m) for m in methods_used)}. "
+            text += f"Camera and pressure log were brought onto one clock by {listing(SYNC_METHODS.get(m, m) for m in methods_used)}. "
     if any(run.recording is not None and "midline" in run.recording for run in runs):
         text += "The centre line was taken from the two sides of the silhouette, with a standard error at every node. "
     return text.strip()

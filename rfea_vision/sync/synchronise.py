@@ -9,12 +9,12 @@ import xarray as xr
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Recording, Track
+from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
 from rfea_vision.sync.motion import Alignment, align_by_motion
 from rfea_vision.sync.pulses import align_by_lamp, align_by_trigger
 
-METHODS = ("motion", "led", "trigger", "offset", "common_clock")
 LEAST_SWING_KPA = 1.0  # a log that moves by less is flat
 
 
@@ -48,8 +48,8 @@ def synchronise(
     DataError
         If the log is flat or too short, or the two do not belong together.
     """
-    if method not in METHODS:
-        raise InputError(f"{experiment}: sync.method: '{method}' is unknown; use one of {', '.join(METHODS)}")
+    if method not in SYNC_METHODS:
+        raise InputError(f"{experiment}: sync.method: '{method}' is unknown; use one of {', '.join(SYNC_METHODS)}")
     log_time = np.asarray(log.time_s, dtype=float)
     pressure = np.asarray(log.pressure_kPa, dtype=float)
     notes = check_log(log_time, pressure, experiment, moving=method == "motion")

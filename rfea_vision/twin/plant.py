@@ -58,7 +58,7 @@ class Plant:
     actuator : dimensions at rest
     base : seven parameters for n = 8
     hidden : effect parameters in SI units
-    joints, layout : see `TwinOptions`
+    joints, layout : see `TwinOptions`; 48 joints are a tube to a fiftieth of a millimetre (tests/twin/test_plant.py)
     seed : of the gusts of `fan`
     gravity_deg : direction of gravity from down, positive in the direction of the bend; None for none in the plane
     """
@@ -113,6 +113,7 @@ class Plant:
         Parameters
         ----------
         pressure_Pa : felt pressure as a function of time
+        step_s : of the integrator; at 1 ms the tip is right to a fiftieth of a millimetre (tests/twin/test_plant.py)
         supply : felt pressure at the end of a step, by its time and the flow into the tube (m^3/s) before it; where it
             is given, `pressure_Pa` counts at the start only
 

@@ -34,7 +34,7 @@ class CheckerBoard:
     square_mm: float
 
     def outline(self, margin: float = 0.75) -> FloatArray:
-        """Corners of the white sheet, (4, 2) mm."""
+        """Corners of the white sheet, (4, 2) mm; `margin` in squares beyond the black ones, as boards are printed."""
         low = -(1 + margin) * self.square_mm
         right, bottom = (self.columns + margin) * self.square_mm, (self.rows + margin) * self.square_mm
         return np.array([[low, low], [right, low], [right, bottom], [low, bottom]])

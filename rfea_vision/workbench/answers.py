@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rfea_vision.workbench.play import Chosen
 
 BINARY = "application/octet-stream"
+#: Seconds of a film that are tracked for a trial: several swings of a tube, and an answer while a person waits.
 LONGEST_TRIAL_S = 10.0
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from rfea_vision.distributed import dask_client, run_batch
 from rfea_vision.workbench.desk import shown
 
-EVERY_S = 1.0
+EVERY_S = 1.0  # between two looks at the folders
 
 
 def run_all(folders: list[Path], say: Callable[[dict[str, Any]], None]) -> dict[str, int]:

@@ -22,6 +22,7 @@ from starlette.routing import Route
 from rfea_vision.errors import RfeaError
 from rfea_vision.workbench.desk import Desk
 
+#: Bytes of a question: a law of one's own has some thousand, the rest far less.
 LARGEST_BODY = 1_000_000
 _IMPORTING = Lock()
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}

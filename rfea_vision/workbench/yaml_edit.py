@@ -17,7 +17,7 @@ from rfea_vision.errors import InputError
 from rfea_vision.files import whole_file
 
 Keys = tuple[str, ...]
-INDENT = 2
+INDENT = 2  # spaces, as `rfea init` writes
 
 
 def set_keys(file: Path, values: Mapping[Keys, Any]) -> None:
