@@ -17,8 +17,8 @@ from rfea_vision.vision.body.model import (
     ALONG_BASIS,
     SHARES,
     STATIONS,
-    Body,
     Picture,
+    SeenBody,
     frame_of,
     learn_colours,
     new_body,
@@ -156,7 +156,7 @@ def even(points: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(SHARES * steps[-1], steps, points[:, c]) for c in (0, 1)])
 
 
-def standing_out(picture: Picture, body: Body, half_px: float) -> float:
+def standing_out(picture: Picture, body: SeenBody, half_px: float) -> float:
     """Share of the body that stands out from what is around it, 0 to 1: its colour, its rims, or light on it.
 
     Its cross-section is read in pieces of the length, each by the median along it, so that weak contrast counts and lines
@@ -172,7 +172,7 @@ def standing_out(picture: Picture, body: Body, half_px: float) -> float:
     return float(np.mean(clear[:, np.abs(SECTION) < 1.0]))
 
 
-def first_body(picture: Picture, line: FloatArray, half_px: float) -> Body:
+def first_body(picture: Picture, line: FloatArray, half_px: float) -> SeenBody:
     """A body on a line of stations, with the colours that it has there."""
     body = new_body(line, np.full(STATIONS, half_px))
     learn_colours(picture, body)

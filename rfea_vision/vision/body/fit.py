@@ -24,8 +24,8 @@ from rfea_vision.vision.body.model import (
     SHARES,
     STATIONS,
     WIDTH_BASIS,
-    Body,
     Picture,
+    SeenBody,
     frame_of,
 )
 from rfea_vision.vision.body.sampling import RAYS, match_skin, measure_edges, measure_end, support
@@ -80,7 +80,7 @@ class Fit:
     marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none; both when it is judged
     """
 
-    body: Body
+    body: SeenBody
     covariance: FloatArray
     own: FloatArray
     seen: NDArray[np.bool_]
@@ -94,7 +94,7 @@ class Fit:
 def fit_body(
     picture: Picture,
     wall: Wall,
-    predicted: Body,
+    predicted: SeenBody,
     skin: tuple[FloatArray, FloatArray] | None,
     end_offsets: FloatArray | None,
     prior: FloatArray,
@@ -178,7 +178,9 @@ def fit_body(
     )
 
 
-def _add_shape(matrix: FloatArray, vector: FloatArray, body: Body, normals: FloatArray, rest_half: FloatArray) -> None:
+def _add_shape(
+    matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, rest_half: FloatArray
+) -> None:
     """Rubber bends and stretches gradually, and swells within limits.
 
     Third differences across and second differences along are small, and so is what the half width has gained.
@@ -200,7 +202,12 @@ def _add_shape(matrix: FloatArray, vector: FloatArray, body: Body, normals: Floa
 
 
 def _add_clamp(
-    matrix: FloatArray, vector: FloatArray, body: Body, clamp: FloatArray, tangent: FloatArray, rest_half: FloatArray
+    matrix: FloatArray,
+    vector: FloatArray,
+    body: SeenBody,
+    clamp: FloatArray,
+    tangent: FloatArray,
+    rest_half: FloatArray,
 ) -> None:
     """The body begins where it was pointed at, squarely and as wide as it was: around a clamp there is tape, and a bracket."""
     normal = np.array([-tangent[1], tangent[0]])
@@ -217,7 +224,12 @@ def _add_clamp(
 
 
 def _add_marks(
-    matrix: FloatArray, vector: FloatArray, body: Body, marks: Sequence[Seen], tangents: FloatArray, normals: FloatArray
+    matrix: FloatArray,
+    vector: FloatArray,
+    body: SeenBody,
+    marks: Sequence[Seen],
+    tangents: FloatArray,
+    normals: FloatArray,
 ) -> None:
     """Marks hold the material where they are seen; along the body they are on the scale of what claims too much there."""
     for seen in marks:

@@ -29,8 +29,8 @@ from rfea_vision.vision.body.model import (
     SHARES,
     STATIONS,
     WIDTH_BASIS,
-    Body,
     Picture,
+    SeenBody,
     follow_colours,
     frame_of,
     lab_of,
@@ -223,7 +223,7 @@ class BodyFollower:
         pointed = POINTED_PX / self.scene.px_per_mm
         self.start = Begin(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
 
-    def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float) -> tuple[Body, float]:
+    def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float) -> tuple[SeenBody, float]:
         """The outline around a line that was pointed at, and how well it is seen and hinted at."""
         body = first_body(lab, line, half)
         fit = None
@@ -261,7 +261,7 @@ class BodyFollower:
         spread[ALONG, ALONG] += frames * (STRETCH_SHARE * self.body.length) ** 2 * UNIFORMLY
         return spread
 
-    def _fit(self, lab: Picture, predicted: Body, spread: FloatArray, reach: float, *, skin: bool = True) -> Fit:
+    def _fit(self, lab: Picture, predicted: SeenBody, spread: FloatArray, reach: float, *, skin: bool = True) -> Fit:
         half = float(np.median(predicted.half))
         return fit_body(
             lab,
@@ -276,7 +276,7 @@ class BodyFollower:
             marks=marks_in(lab, self.marks, predicted, self.wall) if skin else (),
         )
 
-    def _foretold(self, lab: Picture) -> tuple[Body, FloatArray]:
+    def _foretold(self, lab: Picture) -> tuple[SeenBody, FloatArray]:
         """The body of the last good frame, moved as its skin has moved since, and the covariance of this movement."""
         skin = self.last_skin, np.full_like(self.last_skin, FLOW_SCATTER**2)
         near = self._flown(self.wall.cleared(lab)[:, :, 0].copy())
@@ -284,7 +284,7 @@ class BodyFollower:
         moved = fit_body(lab, self.wall, near, skin, None, prior, self.foot, self.first.half, 5.0, outline=False)
         return moved.body, moved.covariance
 
-    def _flown(self, grey: NDArray[np.uint8]) -> Body:
+    def _flown(self, grey: NDArray[np.uint8]) -> SeenBody:
         """The body of the last good frame, moved by sparse flow: near enough for its skin to be recognised."""
         tangents, normals = frame_of(self.body.points)
         places = [self.body.points + v * self.body.half[:, None] * normals for v in FLOW_ACROSS]
@@ -310,7 +310,7 @@ class BodyFollower:
         body.points = spaced(np.vstack([foot, moved_line[begin:]]), self.body.points)
         return body
 
-    def _swung(self, lab: Picture) -> Body:
+    def _swung(self, lab: Picture) -> SeenBody:
         """The last shape bent farther to either side: that in which the inside looks most like the body."""
         best, found = -np.inf, self.body
         for swing in SWINGS:
@@ -349,7 +349,7 @@ class BodyFollower:
         self.state = self._as_state(self.body)
         self._fill_numbers(fit)
 
-    def _as_state(self, body: Body) -> fitted.State:
+    def _as_state(self, body: SeenBody) -> fitted.State:
         """On the plane, in mm."""
         points = unproject(self.camera, body.points)
         scale = np.linalg.norm(np.gradient(body.points, axis=0), axis=1) / np.maximum(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.body.model import MARKED, STATIONS, Body, Picture, frame_of
+from rfea_vision.vision.body.model import MARKED, STATIONS, Picture, SeenBody, frame_of
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
 
@@ -50,7 +50,7 @@ class Seen:
     stderr: float
 
 
-def place_of(mark: Mark, body: Body) -> FloatArray:
+def place_of(mark: Mark, body: SeenBody) -> FloatArray:
     """Pixel (2,) at which the body carries a mark."""
     at = mark.share * (STATIONS - 1)
     low = min(int(at), STATIONS - 2)
@@ -58,7 +58,7 @@ def place_of(mark: Mark, body: Body) -> FloatArray:
     return point + mark.across * body.half[low] * frame_of(body.points)[1][low]
 
 
-def find_marks(picture: Picture, body: Body, hinted: FloatArray | None) -> list[Mark]:
+def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None) -> list[Mark]:
     """Marks of a first frame: patches on the body, within its outline, of another colour than it has.
 
     Parameters
@@ -96,7 +96,7 @@ def find_marks(picture: Picture, body: Body, hinted: FloatArray | None) -> list[
     return marks
 
 
-def marks_in(picture: Picture, marks: list[Mark], body: Body, wall: Wall) -> list[Seen]:
+def marks_in(picture: Picture, marks: list[Mark], body: SeenBody, wall: Wall) -> list[Seen]:
     """The marks of the first frame that are seen near where the body would carry them."""
     found = []
     for mark in marks:

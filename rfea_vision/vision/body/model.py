@@ -33,7 +33,7 @@ WIDTH_BASIS = basis_matrix(SHARES, 8)  # and what its half width gains
 
 
 @dataclass
-class Body:
+class SeenBody:
     """Stations are points of the material: `points` (S, 2) px on the centre line from clamp to tip, `half` (S,) px.
 
     `inside` (S, 2, 3) and `outside` (S, 2 sides, 2, 3) hold mean and variance of the colours.
@@ -44,8 +44,8 @@ class Body:
     inside: FloatArray
     outside: FloatArray
 
-    def copy(self) -> Body:
-        return Body(self.points.copy(), self.half.copy(), self.inside.copy(), self.outside.copy())
+    def copy(self) -> SeenBody:
+        return SeenBody(self.points.copy(), self.half.copy(), self.inside.copy(), self.outside.copy())
 
     @property
     def length(self) -> float:
@@ -62,19 +62,19 @@ def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return tangent, np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
 
-def new_body(points: FloatArray, half: FloatArray) -> Body:
+def new_body(points: FloatArray, half: FloatArray) -> SeenBody:
     """A body whose colours are still unknown."""
-    return Body(points, half, np.zeros((STATIONS, 2, 3)), np.zeros((STATIONS, 2, 2, 3)))
+    return SeenBody(points, half, np.zeros((STATIONS, 2, 3)), np.zeros((STATIONS, 2, 2, 3)))
 
 
-def learn_colours(picture: Picture, body: Body) -> None:
+def learn_colours(picture: Picture, body: SeenBody) -> None:
     """Read the colours inside and around the body."""
     body.inside[:] = _colours(picture, body, ACROSS_INSIDE, LEAST_VARIANCE)
     for side, sign in ((0, 1.0), (1, -1.0)):
         body.outside[:, side] = _colours(picture, body, sign * ACROSS_AROUND, AROUND_VARIANCE)
 
 
-def follow_colours(cleared: Picture, picture: Picture, body: Body, backing: FloatArray) -> None:
+def follow_colours(cleared: Picture, picture: Picture, body: SeenBody, backing: FloatArray) -> None:
     """Let the colours follow the light: around the body freely, inside it alike at all stations.
 
     One that has left the body would else take the wall's colour for its own; where `backing` (S,) says that it has not,
@@ -91,7 +91,7 @@ def follow_colours(cleared: Picture, picture: Picture, body: Body, backing: Floa
         )
 
 
-def skin_of(picture: Picture, body: Body) -> FloatArray:
+def skin_of(picture: Picture, body: SeenBody) -> FloatArray:
     """The skin (S, V, 3) of a body."""
     strip = np.empty((STATIONS, len(ACROSS_TEXTURE), 3))
     read_strip(picture, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE, strip)
@@ -117,7 +117,7 @@ def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
     return np.max(np.abs(one - other)[..., 1:], axis=-1)
 
 
-def _colours(picture: Picture, body: Body, across: FloatArray, least: FloatArray) -> FloatArray:
+def _colours(picture: Picture, body: SeenBody, across: FloatArray, least: FloatArray) -> FloatArray:
     """Mean and variance (S, 2, 3) of the colours at `across` half widths, neighbouring stations taken together."""
     strip = np.empty((STATIONS, len(across), 3))
     read_strip(picture, body.points, frame_of(body.points)[1], body.half, across, strip)

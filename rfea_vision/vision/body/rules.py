@@ -52,7 +52,7 @@ class First:
 
 
 @dataclass(frozen=True)
-class Rule:
+class BodyRule:
     """Refuses a fitted frame: `reason`, and a test that returns what was seen, or nothing."""
 
     reason: str
@@ -166,18 +166,18 @@ def _vague(first: First, fit: Fit) -> str:
 
 
 RULES = (
-    Rule("touches_border", _border),
-    Rule("no_fit", _folded),
-    Rule("no_tube", _wall),
-    Rule("no_tube", _unlike),
-    Rule("occluded", _hidden),
-    Rule("no_fit", _marks),
-    Rule("edge_lost", _edges),
-    Rule("width_off", _width),
-    Rule("length_off", _length),
-    Rule("off_hints", _elsewhere),
-    Rule("tip_hidden", _beyond),
-    Rule("tip_hidden", _vague),
+    BodyRule("touches_border", _border),
+    BodyRule("no_fit", _folded),
+    BodyRule("no_tube", _wall),
+    BodyRule("no_tube", _unlike),
+    BodyRule("occluded", _hidden),
+    BodyRule("no_fit", _marks),
+    BodyRule("edge_lost", _edges),
+    BodyRule("width_off", _width),
+    BodyRule("length_off", _length),
+    BodyRule("off_hints", _elsewhere),
+    BodyRule("tip_hidden", _beyond),
+    BodyRule("tip_hidden", _vague),
 )
 
 

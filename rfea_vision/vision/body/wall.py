@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from rfea_vision.vision.body.model import ACROSS_INSIDE, STATIONS, Body, Picture, frame_of
+from rfea_vision.vision.body.model import ACROSS_INSIDE, STATIONS, Picture, SeenBody, frame_of
 from rfea_vision.vision.body.sampling import SEEN, learn_wall, read_strip
 
 AROUND = 1.15, 2.5  # half widths, and px beyond: what may still be the body
@@ -31,7 +31,7 @@ class Wall:
         """The picture without what shows through the body."""
         return cv2.subtract(picture, self.relief, dtype=cv2.CV_8U) if self._together > 0.0 else picture  # pyright: ignore
 
-    def learn(self, picture: Picture, body: Body) -> None:
+    def learn(self, picture: Picture, body: SeenBody) -> None:
         """Take from a picture what is beside the body, and what shows through it."""
         tangents, normals = frame_of(body.points)
         lines, seen = (np.empty((STATIONS, len(ACROSS_INSIDE), 3)) for _ in range(2))

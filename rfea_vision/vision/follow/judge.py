@@ -56,7 +56,7 @@ class Tube(NamedTuple):
     well_seen: bool
 
 
-class Rule(NamedTuple):
+class EdgeRule(NamedTuple):
     """Refuses a fitted frame for `reason` where `broken`; `limit` says in words what it is held to."""
 
     reason: str
@@ -82,42 +82,44 @@ def _end_strange(fit: FrameFit) -> bool:
 # The first rule that is broken gives the reason. Their order and their limits were set on rendered films of known truth:
 # blur and smear on tests/measurement/test_doubts.py, what covers or resembles the tube on test_stress.py and test_unlike.py.
 RULES = (
-    Rule("touches_border", lambda f, t: f.length > 0 and _outside(f, t), "the tip, 0.6 half widths from the border"),
-    Rule(
+    EdgeRule(
+        "touches_border", lambda f, t: f.length > 0 and _outside(f, t), "the tip, 0.6 half widths from the border"
+    ),
+    EdgeRule(
         "blurred",
         lambda f, t: max(f.blur, f.end_blur) > 0.9 * MOST_BLUR * t.half_px,
         "the widest blur that can be fitted",
     ),
-    Rule("no_tube", lambda f, t: f.used < 0.2, "20 % of the edges are seen"),
-    Rule("edge_lost", lambda f, t: f.used < 0.45 or f.length == 0, "45 % of the edges are seen"),
+    EdgeRule("no_tube", lambda f, t: f.used < 0.2, "20 % of the edges are seen"),
+    EdgeRule("edge_lost", lambda f, t: f.used < 0.45 or f.length == 0, "45 % of the edges are seen"),
     # Towards the end, where the tube is fastest, it fades; where it is hidden it is gone.
-    Rule(
+    EdgeRule(
         "blurred",
         lambda f, t: _end_unseen(f) and f.smear > 0.5 * t.half_px and f.cap_contrast > 0.1,
         "the end goes half a half width while the shutter is open",
     ),
-    Rule("edge_lost", lambda f, t: f.longest_gap > 0.2, "20 % of the length unseen on both sides"),
-    Rule(
+    EdgeRule("edge_lost", lambda f, t: f.longest_gap > 0.2, "20 % of the length unseen on both sides"),
+    EdgeRule(
         "edge_lost",
         lambda f, t: f.end_gap > 0.06,
         "6 % of the length at the free end: beyond it the curve is only continued",
     ),
-    Rule("no_fit", lambda f, t: f.last_step > SETTLED_PX, "the last step of the fit, 1 px"),
-    Rule(
+    EdgeRule("no_fit", lambda f, t: f.last_step > SETTLED_PX, "the last step of the fit, 1 px"),
+    EdgeRule(
         "width_off",
         lambda f, t: _end_strange(f) and f.end_odd > 0 and not t.well_seen,
         "2 % of the length at the end wider or narrower than the tube",
     ),
-    Rule("edge_lost", lambda f, t: _end_strange(f), "2 % of the length at the end seen from one side"),
-    Rule("blurred", lambda f, t: f.contrast < 0.45, "45 % of the light step at the edges is left near the end"),
-    Rule("width_off", lambda f, t: abs(f.width / (2 * t.half_mm) - 1) > 0.2, "20 % of actuator.outer_radius"),
-    Rule(
+    EdgeRule("edge_lost", lambda f, t: _end_strange(f), "2 % of the length at the end seen from one side"),
+    EdgeRule("blurred", lambda f, t: f.contrast < 0.45, "45 % of the light step at the edges is left near the end"),
+    EdgeRule("width_off", lambda f, t: abs(f.width / (2 * t.half_mm) - 1) > 0.2, "20 % of actuator.outer_radius"),
+    EdgeRule(
         "tip_hidden",
         lambda f, t: f.cap_used < 0.3 or f.cap_contrast < LEAST_CAP_CONTRAST,
         "30 % of the end's edge is seen",
     ),
     # One edge is seen, and what is taken for it is not an edge of a tube.
-    Rule(
+    EdgeRule(
         "edge_lost",
         lambda f, t: f.one_sided > 0.5 and f.inflation > 4.0,
         "half of the tube by one edge that scatters twofold",
