@@ -25,15 +25,15 @@ PRESSURE_BANDS = 6  # of the error over pressure; each still has frames of every
 
 def _square_error(dataset: xr.Dataset, recording: xr.Dataset) -> tuple[FloatArray, FloatArray]:
     """Squared error per frame and node in mm^2 (frames, nodes) and the nodes' place on the tube; the angle's in deg^2 if alone."""
-    valid = recording["valid"].values.astype(bool)[:, None]
+    scored = dataset["scored"].values.astype(bool)[:, None]
     if "midline" in recording:
         gap = recording["midline"].values - dataset["midline"].values
-        return np.where(valid, np.sum(gap**2, axis=2), np.nan), np.linspace(0, 1, gap.shape[1])
+        return np.where(scored, np.sum(gap**2, axis=2), np.nan), np.linspace(0, 1, gap.shape[1])
     if "tip" in recording:
         gap = recording["tip"].values - dataset["tip"].values
-        return np.where(valid, np.sum(gap**2, axis=1, keepdims=True), np.nan), np.ones(1)
+        return np.where(scored, np.sum(gap**2, axis=1, keepdims=True), np.nan), np.ones(1)
     gap = recording["bend_angle"].values - dataset["bend_angle"].values
-    return np.where(valid, gap[:, None] ** 2, np.nan), np.ones(1)
+    return np.where(scored, gap[:, None] ** 2, np.nan), np.ones(1)
 
 
 def _row_means(square: FloatArray) -> FloatArray:

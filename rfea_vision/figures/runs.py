@@ -11,7 +11,6 @@ import xarray as xr
 from rfea_vision.arrays import FloatArray
 from rfea_vision.figures.plates import Axis, Lines, Map, Plate, Series, lines, thinned
 from rfea_vision.report.collect import Experiment, LadderStep
-from rfea_vision.report.pack import nearest
 
 MOST_ROWS, MOST_COLUMNS = 4000, 600  # more points than a page has dots
 TIME, ALONG = Axis("time", "s"), Axis("place along the tube, clamp 0, tip 1")
@@ -65,21 +64,19 @@ def _over_time(run: str, data: xr.Dataset, modelled: xr.Dataset | None) -> list[
         if both[0] is not None:
             found += lines(f"{run}-{name}", title.capitalize(), TIME, Axis(title, unit), both, wide=True)
     if modelled is not None:
-        found += _error(run, data, modelled)
+        found += _error(run, modelled)
     return found
 
 
-def _error(run: str, data: xr.Dataset, modelled: xr.Dataset) -> list[Plate]:
-    """The gap that was kept with the prediction; for an inclinometer the gap in angle."""
+def _error(run: str, modelled: xr.Dataset) -> list[Plate]:
+    """The gap that was kept with the prediction; for an inclinometer that in angle."""
     gap = _valid(modelled, "tip_residual")
     rows = thinned(modelled.sizes["time"], MOST_ROWS)
     time = modelled["time"].values[rows]
     if gap is not None:
         error, axis = np.hypot(gap[:, 0], gap[:, 1])[rows], Axis("tip error", "mm")
-    elif "bend_angle" in modelled and "bend_angle" in data:
-        where = nearest(data["time"].values, modelled["time"].values)
-        gaps = data["bend_angle"].values[where] - modelled["bend_angle"].values
-        error, axis = np.abs(gaps)[rows], Axis("angle error", "deg")
+    elif "angle_residual" in modelled:
+        error, axis = np.abs(modelled["angle_residual"].values)[rows], Axis("angle error", "deg")
     else:
         return []
     return lines(

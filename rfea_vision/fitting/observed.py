@@ -78,6 +78,27 @@ class Observed:
         return replace(self, **{name: getattr(self, name)[pick] for name in names})
 
     @property
+    def counts(self) -> NDArray[np.bool_]:
+        """Which frames (frames,) have a weight: all, but those that a prediction is read off at beside (`everywhere`)."""
+        return np.isfinite(self.sigma[:, -1] if self.has_tip else self.angle_sigma)
+
+    def everywhere(self, time: FloatArray) -> Observed:
+        """The same run seen at every frame of it from the first on (`time`, (frames,) in s); those that were left out weigh nothing."""
+        inside = (time >= self.time[0]) & (time <= self.excitation.end_s)
+        inside &= np.concatenate([[True], time[1:] > np.maximum.accumulate(time)[:-1]])
+        frame = np.flatnonzero(inside)
+        at = np.searchsorted(frame, self.frame)
+
+        def spread(values: FloatArray, elsewhere: float) -> FloatArray:
+            out = np.full((frame.size, *values.shape[1:]), elsewhere)
+            out[at] = values
+            return out
+
+        nowhere = {name: spread(getattr(self, name), 0.0) for name in ("points", "normals", "angle")}
+        weightless = {name: spread(getattr(self, name), np.inf) for name in ("sigma", "angle_sigma")}
+        return replace(self, time=time[frame], frame=frame, **nowhere, **weightless)
+
+    @property
     def clock_free(self) -> bool:
         """Whether the clock of this run is found with the fit."""
         return self.clock_sigma > 0

@@ -23,7 +23,8 @@ NODES = 33  # of the predicted centre line, as many as a track from pictures has
 def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, xr.Dataset]:
     """Prediction of a fitted model for every recording that is not ignored, at every frame within the pressure log.
 
-    A recording on which the model cannot be simulated gets NaN, with the reason in the attribute ``note``. ``tip_stderr`` and
+    Frames that the score leaves out (not valid, a jump of the track) are predicted as well, and have no residual. A recording on
+    which the model cannot be simulated gets NaN, with the reason in the attribute ``note``. ``tip_stderr`` and
     ``bend_angle_stderr`` are what the errors of the parameters do to the curves, to first order: parameters that are fixed or
     at a bound have none.
 
@@ -31,7 +32,7 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     -------
     dict
         By experiment ``tip`` (time, xy) and ``midline`` (time, node, xy) in mm in the rig frame, ``bend_angle`` (time,) and
-        ``theta`` (time, joint) in deg, ``elongation`` (time, segment), and the residuals of what was measured.
+        ``theta`` (time, joint) in deg, ``elongation`` (time, segment), and at the ``scored`` frames the residuals of what was measured.
     """
     simulator, par = rebuild(model)
     known = _known_parameters(model, simulator.names)
@@ -44,6 +45,7 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
         clock = score.nuisance.get("clock_offset_s") if score is not None else None
         if clock is None:
             clock = float(fit_clocks(simulator, [item], par)[0])
+        item = item.everywhere(recording.time_s.astype(float))
         out[name] = _predict_one(simulator, par, item, recording, clock).assign(
             _spread(simulator, par, item, recording, clock, known)
         )
@@ -118,6 +120,8 @@ def as_dataset(
     nodes = fractions.size
     frames = data.sizes["time"]
     flip = np.array([item.mirror, 1.0])
+    scored = np.zeros(frames, dtype=np.int8)
+    scored[item.frame[item.counts]] = predicted is not None
     line = np.full((frames, nodes, 2), np.nan)
     if predicted is not None:
         line[item.frame] = predicted.points / MM * flip
@@ -131,20 +135,22 @@ def as_dataset(
         "midline": (("time", "node", "xy"), line.astype(np.float32), {"units": "mm"}),
         "bend_angle": (("time",), angle.astype(np.float32), {"units": "deg"}),
         "theta": (("time", "joint"), theta.astype(np.float32), {"units": "deg"}),
+        "scored": (("time",), scored, {"long_name": "whether the frame is compared with what was measured"}),
     }
     radius, arc = simulator.chain.outer_radius, simulator.chain.arc[0]
     elongation = radius * np.deg2rad(theta) / arc
     variables["elongation"] = (("time", "segment"), elongation.astype(np.float32), {"units": "1"})
+    line[scored == 0], angle[scored == 0] = np.nan, np.nan  # from here on what is compared
     if "tip" in data:
-        variables["tip_residual"] = (
-            ("time", "xy"),
-            (data["tip"].values - line[:, -1]).astype(np.float32),
-            {"units": "mm"},
-        )
+        gap = data["tip"].values - line[:, -1]
+        variables["tip_residual"] = (("time", "xy"), gap.astype(np.float32), {"units": "mm"})
     if "midline" in data:
         measured = data["midline"].values
         gap = np.sum(normals_of(measured) * (measured - line), axis=2)
         variables["normal_residual"] = (("time", "node"), gap.astype(np.float32), {"units": "mm"})
+    if "bend_angle" in data:
+        gap = data["bend_angle"].values - angle
+        variables["angle_residual"] = (("time",), gap.astype(np.float32), {"units": "deg"})
     return xr.Dataset(
         variables,
         coords={"time": ("time", data["time"].values, {"units": "s"}), "xy": ["x", "y"]},

@@ -183,7 +183,7 @@ def pack_modelled(
         if name in modelled:  # a result of an earlier version has none
             half = modelled[name].values * modelled[name].attrs["quantile_95"]
             record[key] = pack.add(half[where["series"]])
-    record |= _error(modelled, data, where["series"], kinds["series"], pack)
+    record |= _error(modelled, where["series"], pack)
     if "error" not in record:
         why["error"] = f"{experiment.name} has neither tip nor bend angle in prediction.nc of {model}."
     if "phase" in modelled:
@@ -191,16 +191,13 @@ def pack_modelled(
     return record
 
 
-def _error(
-    modelled: xr.Dataset, data: xr.Dataset, rows: np.ndarray, measured_rows: np.ndarray, pack: Pack
-) -> dict[str, Any]:
+def _error(modelled: xr.Dataset, rows: np.ndarray, pack: Pack) -> dict[str, Any]:
     """Length of the stored gap at the tip; for an inclinometer, the gap in angle."""
     if "tip_residual" in modelled:
         gap = modelled["tip_residual"].values[rows].astype(float)
         return {"error": pack.add(np.hypot(gap[:, 0], gap[:, 1])), "unit": "mm"}
-    if "bend_angle" in modelled and "bend_angle" in data:
-        angle = data["bend_angle"].values[measured_rows] - modelled["bend_angle"].values[rows]
-        return {"error": pack.add(np.abs(angle)), "unit": "deg"}
+    if "angle_residual" in modelled:
+        return {"error": pack.add(np.abs(modelled["angle_residual"].values[rows].astype(float))), "unit": "deg"}
     return {}
 
 

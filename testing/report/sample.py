@@ -140,6 +140,7 @@ def prediction(e: dict, rung: int) -> xr.Dataset:
             "theta": (("time", "joint"), theta),
             "elongation": (("time", "segment"), RADIUS_MM * np.radians(theta) / (LENGTH_MM / SEGMENTS)),
             "tip_residual": (("time", "xy"), tip_gap),
+            "angle_residual": ("time", lost.sum(axis=1)),
             "normal_residual": (("time", "node"), np.sum(gap * normals(line), axis=-1)),
             "phase": ("time", phases(e["p"], e["time"])),
             "residual_torque": (("time", "segment"), torque),

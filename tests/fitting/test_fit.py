@@ -107,6 +107,21 @@ def test_prediction_lies_on_the_measurement(fitted):
         assert np.sqrt(np.nanmean(np.sum(gap**2, axis=1))) < 1.2 * model.noise_floor_mm
 
 
+def test_frames_that_the_score_leaves_out_are_predicted_and_have_no_residual(fitted):
+    recordings, _, model = fitted
+    name, recording = next(iter(recordings.items()))
+    data = recording.dataset.copy(deep=True)
+    lost, jumped = data.sizes["time"] // 2, data.sizes["time"] // 2 + 40
+    data["valid"][lost], data["tip"][lost], data["midline"][lost] = 0, np.nan, np.nan
+    data["tip"][jumped], data["midline"][jumped] = data["tip"][jumped] + 60.0, data["midline"][jumped] + 60.0
+    whole = predict(model, {name: recording})[name]
+    partly = predict(model, {name: Recording(data)})[name]
+    assert np.array_equal(np.flatnonzero((whole["scored"] - partly["scored"]).values), [lost, jumped])
+    np.testing.assert_allclose(partly["tip"].values, whole["tip"].values, atol=1e-3)
+    for residual in ("tip_residual", "normal_residual"):
+        assert np.isnan(partly[residual].values[[lost, jumped]]).all()
+
+
 def test_only_tip_or_only_angle(complete_campaign):
     recordings, actuator, _ = complete_campaign
     tips, angles = {}, {}

@@ -152,7 +152,7 @@ def test_an_inclinometer_has_only_angles(copy: Path) -> None:
     for rung in RUNGS:
         path = copy / "models" / rung / "prediction.nc"
         groups: dict[str | None, xr.Dataset] = {
-            name: read_dataset(path, group=name)[["bend_angle", "phase"]] for name in TWO
+            name: read_dataset(path, group=name)[["bend_angle", "angle_residual", "phase"]] for name in TWO
         }
         write_datasets(path, groups)
     html = page_of(copy)

@@ -42,7 +42,8 @@ def only_angles(folder: Path) -> None:
     for rung in RUNGS:
         room = folder / "models" / rung
         groups: dict[str | None, xr.Dataset] = {
-            name: read_dataset(room / "prediction.nc", group=name)[["bend_angle", "phase"]] for name in TWO
+            name: read_dataset(room / "prediction.nc", group=name)[["bend_angle", "angle_residual", "phase"]]
+            for name in TWO
         }
         write_datasets(room / "prediction.nc", groups)
         fit = ModelFit.load(room / "model.json").model_dump(mode="json")
