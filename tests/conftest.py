@@ -28,8 +28,9 @@ def shared_data() -> Path:
     return folder
 
 
-#: Files that take long (more than 15 s of processor time): they go first, so that no core waits for the last of them. The one that
-#: compiles the vision begins beside the type checker, and those that would compile it, too, come when that is done.
+#: Files that take long (more than 15 s of processor time, the last four about 10 s): they go first, so that no core waits for the
+#: last of them. The one that compiles the vision begins beside the type checker, and those that would compile it, too, come when
+#: that is done.
 LONG = (
     "test_contracts.py",
     "test_tracking.py",
@@ -54,6 +55,10 @@ LONG = (
     "test_resume.py",
     "test_gravity.py",
     "test_plant.py",
+    "test_hostile.py",
+    "test_guard.py",
+    "test_page.py",
+    "test_fuzzing.py",
 )
 
 

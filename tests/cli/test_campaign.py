@@ -16,6 +16,7 @@ import xarray as xr
 from campaign.campaigns import write_campaign
 
 import rfea_vision
+from rfea_vision.distributed import cluster
 
 from .console import rfea
 
@@ -313,7 +314,8 @@ def test_results_do_not_depend_on_the_number_of_workers(raw, tmp_path, monkeypat
     assert not (raw / "rfea").exists()
 
 
-def test_no_scheduler_at_the_address_is_said(campaign):
+def test_no_scheduler_at_the_address_is_said(campaign, monkeypatch):
+    monkeypatch.setattr(cluster, "_ANSWER_S", 1.0)  # that it gives up in time is tested below
     answer = rfea("batch", campaign, "--scheduler", "tcp://127.0.0.1:9")
     assert answer.code == 2 and "nothing answers there" in answer.err
 
