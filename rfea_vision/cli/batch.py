@@ -56,7 +56,6 @@ def batch_command(
     index: Path,
     force: bool,
     as_json: bool,
-    debug: bool,
 ) -> int:
     """Many campaigns at once.
 
@@ -194,7 +193,7 @@ def _held_out(rung: dict[str, Any]) -> str | None:
     "-o", "--output", type=click.Path(path_type=Path), help="File to write; default rfea-table.parquet or .csv."
 )
 @output_options
-def table_command(folders: tuple[Path, ...], kind: str | None, output: Path | None, as_json: bool, debug: bool) -> int:
+def table_command(folders: tuple[Path, ...], kind: str | None, output: Path | None, as_json: bool) -> int:
     """Results of many campaigns as one table.
 
     One row per campaign and model: parameters with their intervals, verdicts, errors in mm and deg, and versions. The

@@ -29,7 +29,6 @@ def report_command(
     out: Path | None,
     force: bool,
     as_json: bool,
-    debug: bool,
 ) -> None:
     """One page, offline: where, why, and the cure.
 
@@ -94,7 +93,7 @@ def _report_group(campaigns: tuple[Path, ...], page: Path, force: bool, as_json:
 @click.argument("recipe")
 @code_option
 @campaign_options
-def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool) -> None:
+def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_json: bool) -> None:
     """A recipe over a campaign.
 
     RECIPE is one of pipelines/ by name (default, paper), or a .yaml file of one's own.

@@ -20,7 +20,7 @@ _TEMPLATE = Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.tx
 @ask("effects", options=CritiqueOptions)
 @output_options
 @click.pass_context
-def effects_command(context: click.Context, options: CritiqueOptions, as_json: bool, debug: bool) -> None:
+def effects_command(context: click.Context, options: CritiqueOptions, as_json: bool) -> None:
     """The catalogue of effects.
 
     'show ID' tells of one, 'new FILE' writes a template of one's own.
@@ -40,7 +40,7 @@ def effects_command(context: click.Context, options: CritiqueOptions, as_json: b
 @click.argument("effect_id", metavar="ID")
 @ask("effects", options=CritiqueOptions)
 @output_options
-def show_command(effect_id: str, options: CritiqueOptions, as_json: bool, debug: bool) -> None:
+def show_command(effect_id: str, options: CritiqueOptions, as_json: bool) -> None:
     """One effect: its law, its parameters, what it is mistaken for and what tells them apart."""
     effects = _known(options.effect_files)
     if effect_id not in effects:
@@ -68,7 +68,7 @@ def _cell(value: object) -> str:
 @effects_command.command("new")
 @click.argument("file", type=click.Path(path_type=Path))
 @output_options
-def new_command(file: Path, as_json: bool, debug: bool) -> None:
+def new_command(file: Path, as_json: bool) -> None:
     """A template of one's own effect, to edit and to pass on with --effect-file."""
     from rfea_vision.files import write_text
 

@@ -35,7 +35,6 @@ def export_command(
     out: Path | None,
     force: bool,
     as_json: bool,
-    debug: bool,
     fmu: bool,
     crate: bool,
     poses: bool,

@@ -26,7 +26,6 @@ def figures_command(
     out: Path | None,
     force: bool,
     as_json: bool,
-    debug: bool,
 ) -> None:
     """Every figure of the report as a file, with its data.
 
@@ -59,9 +58,7 @@ def figures_command(
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Fit again even if nothing has changed.")
 @output_options
-def reproduce_command(
-    campaign: Path | None, out: Path | None, twin: Path, force: bool, as_json: bool, debug: bool
-) -> None:
+def reproduce_command(campaign: Path | None, out: Path | None, twin: Path, force: bool, as_json: bool) -> None:
     """The paper: its Table I and Figs. 4 to 10.
 
     Two and eight bodies, published parameters beside those found with their intervals, as one page and as files; on your campaign, or

@@ -26,7 +26,6 @@ def fit_command(
     out: Path | None,
     force: bool,
     as_json: bool,
-    debug: bool,
 ) -> None:
     """Fit one model, and score it on held-out runs."""
     with opened(campaign, out, force=("fit",) if force else ()) as work:

@@ -23,9 +23,7 @@ def experiment_option(command: Any) -> Any:
 @click.command("calibrate")
 @campaign_options
 @click.option("--ros", type=click.Path(path_type=Path), help="Also write the lens as a ROS camera_info file.")
-def calibrate_command(
-    campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, ros: Path | None
-) -> None:
+def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bool, ros: Path | None) -> None:
     """Lens and plane of motion from the photos of the board."""
     with opened(campaign, out, force=("calibrate",) if force else ()) as work:
         calibration = work.calibrate()
@@ -97,7 +95,7 @@ def _judgement(quality: dict[str, Any]) -> list[str]:
 @experiment_option
 @click.option("--preview", is_flag=True, help="Also write preview.mp4: the track drawn over the video.")
 def track_command(
-    campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...], preview: bool
+    campaign: Path, out: Path | None, force: bool, as_json: bool, names: tuple[str, ...], preview: bool
 ) -> int:
     """The tube in every frame, with its standard errors.
 
@@ -147,9 +145,7 @@ def track_command(
 @click.command("sync")
 @campaign_options
 @experiment_option
-def sync_command(
-    campaign: Path, out: Path | None, force: bool, as_json: bool, debug: bool, names: tuple[str, ...]
-) -> None:
+def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, names: tuple[str, ...]) -> None:
     """Track and pressure on one clock."""
     with opened(campaign, out, force=("sync",) if force else ()) as work:
         recordings = work.sync(names)

@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 @code_option
 @campaign_options
 @click.argument("models", nargs=-1, metavar="[MODEL]...")
-def compare_command(
-    campaign: Path, models: tuple[str, ...], out: Path | None, force: bool, as_json: bool, debug: bool
-) -> None:
+def compare_command(campaign: Path, models: tuple[str, ...], out: Path | None, force: bool, as_json: bool) -> None:
     """Model against measurement: how far, where, when.
 
     Beside the noise floor; all models, or those named.
@@ -61,7 +59,6 @@ def diagnose_command(
     out: Path | None,
     force: bool,
     as_json: bool,
-    debug: bool,
 ) -> None:
     """Which effect is missing from a model.
 
@@ -85,7 +82,6 @@ def improve_command(
     out: Path | None,
     force: bool,
     as_json: bool,
-    debug: bool,
 ) -> None:
     """Fit, diagnose, add one effect, again.
 

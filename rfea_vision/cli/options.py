@@ -45,10 +45,11 @@ class Quantity(click.ParamType):
 
 def output_options(command: _Command) -> _Command:
     """Add --json and --debug, which every command has."""
-    command = click.option("--debug", is_flag=True, help="Show the traceback of an error.")(command)
+    # whoever runs the command looks for it among the arguments
+    debug = click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
     return click.option(
         "--json", "as_json", is_flag=True, help="Print the result as JSON on stdout and nothing else there."
-    )(command)
+    )(debug(command))
 
 
 def trust_option(command: _Command) -> _Command:

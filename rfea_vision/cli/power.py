@@ -22,7 +22,6 @@ def power_command(
     out: Path | None,
     force: bool,
     as_json: bool,
-    debug: bool,
     options: CritiqueOptions,
 ) -> None:
     """Which effects these recordings could reveal, and how strong they must be.

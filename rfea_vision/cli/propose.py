@@ -22,7 +22,7 @@ from rfea_vision.cli.options import campaign_options, opened
     help="Where the law is written; default proposed.py among the model's results.",
 )
 def propose_command(
-    campaign: Path, model: str | None, file: Path | None, out: Path | None, force: bool, as_json: bool, debug: bool
+    campaign: Path, model: str | None, file: Path | None, out: Path | None, force: bool, as_json: bool
 ) -> None:
     """A law for what a model leaves, as an effect file.
 

@@ -19,7 +19,7 @@ from rfea_vision.errors import InputError
 )
 @click.argument("files", nargs=-1, metavar="", type=click.Path(path_type=Path))
 @output_options
-def init_command(folder: Path, first: Path | None, files: tuple[Path, ...], as_json: bool, debug: bool) -> None:
+def init_command(folder: Path, first: Path | None, files: tuple[Path, ...], as_json: bool) -> None:
     """A campaign to fill in, or one guessed from files.
 
     'rfea init DIR --from FILES...' looks at films, photos of the board, logs and tracks, brings together what belongs
@@ -64,7 +64,7 @@ def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
 @click.argument("campaign", type=click.Path(path_type=Path))
 @trust_option
 @output_options
-def check_command(campaign: Path, as_json: bool, debug: bool) -> int:
+def check_command(campaign: Path, as_json: bool) -> int:
     """What is wrong with a campaign, all at once.
 
     Nothing is written.
@@ -102,7 +102,7 @@ def _count(number: int, noun: str) -> str:
 @click.command("schema")
 @click.argument("name", required=False)
 @output_options
-def schema_command(name: str | None, as_json: bool, debug: bool) -> None:
+def schema_command(name: str | None, as_json: bool) -> None:
     """JSON Schema of what goes in and comes out: all files, or one."""
     from rfea_vision.stages.schemas import schemas
 
@@ -117,7 +117,7 @@ def schema_command(name: str | None, as_json: bool, debug: bool) -> None:
 
 @click.command("doctor")
 @output_options
-def doctor_command(as_json: bool, debug: bool) -> int:
+def doctor_command(as_json: bool) -> int:
     """Whether this machine has what rfea needs."""
     from rfea_vision.cli.doctor import examine
 
@@ -135,7 +135,7 @@ def doctor_command(as_json: bool, debug: bool) -> int:
 @click.argument("name", required=False)
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="PDF to write; default NAME.pdf.")
 @output_options
-def board_command(name: str | None, output: Path | None, as_json: bool, debug: bool) -> None:
+def board_command(name: str | None, output: Path | None, as_json: bool) -> None:
     """A calibration board as PDF, at true scale.
 
     Without a name, the boards there are.

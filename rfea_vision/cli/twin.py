@@ -89,7 +89,7 @@ _DEMO = "hidden-effect"
     "--truth/--no-truth", "write_truth", default=True, show_default=True, help="Write OUT-truth.json beside it."
 )
 @output_options
-def simulate_command(out: Path, as_json: bool, debug: bool, **choices: Any) -> None:
+def simulate_command(out: Path, as_json: bool, **choices: Any) -> None:
     """A twin: a tube whose physics you choose.
 
     Writes a campaign with pressure logs, board photos and video (or tracks), and beside it what it hides.
@@ -205,9 +205,7 @@ def _roles(count: int | None, roles: str | None) -> tuple[str, ...] | None:
 @ask("demo", options=CritiqueOptions)
 @click.option("--force", is_flag=True, help="Redo the ladder even if nothing has changed.")
 @output_options
-def demo_command(
-    place: Path | None, folder: Path, options: CritiqueOptions, force: bool, as_json: bool, debug: bool
-) -> None:
+def demo_command(place: Path | None, folder: Path, options: CritiqueOptions, force: bool, as_json: bool) -> None:
     """The example campaign, all the way to the report.
 
     It is copied to FOLDER and worked on there.

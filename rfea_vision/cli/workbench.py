@@ -20,7 +20,7 @@ from rfea_vision.errors import InputError
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on this machine; default a free one.")
 @click.option("--no-browser", is_flag=True, help="Print the address and leave opening it to you.")
 @output_options
-def open_command(folder: Path, out: Path | None, port: int, no_browser: bool, as_json: bool, debug: bool) -> None:
+def open_command(folder: Path, out: Path | None, port: int, no_browser: bool, as_json: bool) -> None:
     """The workbench: a local page.
 
     To set a campaign up by pointing, play its model, add an effect and watch the error fall. It works on the same folder
