@@ -22,7 +22,8 @@ if TYPE_CHECKING:  # imported where a dataset is read, as it is slow to import
 
 
 MOST_DATASET_BYTES = 1 << 31  # half a million frames with 64 places along the tube
-_FULL, _GONE = (errno.ENOSPC, errno.EDQUOT), (errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO, errno.ENODEV)
+_FULL, _GONE = (errno.ENOSPC, errno.EDQUOT), (errno.ENOENT, errno.ESTALE, errno.EIO, errno.ENODEV)
+_IN_THE_WAY = (errno.EEXIST, errno.ENOTDIR, errno.EISDIR, errno.ENOTEMPTY)
 _LEAST_FREE_BYTES = 1 << 16  # libraries in C do not always say that the last block was not written
 _COMPRESSED: dict[str, object] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 _MARK = f"{zlib.crc32(socket.gethostname().encode()):08x}"
@@ -81,6 +82,8 @@ def storage_sentence(error: OSError) -> str | None:
         return f"{where}: {error.strerror}; allow it, or keep the results elsewhere with --out DIR; {kept}"
     if error.errno in _GONE:
         return f"{where}: {error.strerror}; it went away while it was worked on: bring it back and run the command again; {kept}"
+    if error.errno in _IN_THE_WAY:
+        return f"{where}: {error.strerror}; a file stands where a folder belongs, or a folder where a file does: move it away; {kept}"
     return None
 
 
