@@ -191,6 +191,13 @@ def _brought_in(folder: Path, room: Path, path: Path) -> str:
     return path.name
 
 
+#: What stands in place of a log that was not found; of a beam, or a tube that was let go, there is none.
+NO_LOG = """# pressure: {file: pressure.csv}  # needed: no log was found that belongs here; without one, at constant pressure:
+# pressure: {value: 0 kPa}
+# start: {shape: measured}  # where the tube was held at first, and let go
+"""
+
+
 def _experiment(folder: Path, run: RunFiles, held_out: bool, guesses: list[str]) -> str:
     where = run.name
     role, why = (
@@ -207,7 +214,7 @@ def _experiment(folder: Path, run: RunFiles, held_out: bool, guesses: list[str])
         guesses.append(
             f"{where}.pressure: needed, and not guessed: no log was found that belongs to {run.motion.path.name}"
         )
-        return text + "# pressure: {file: pressure.csv}  # needed: no log was found that belongs here\n"
+        return text + NO_LOG
     text += "pressure:" + (f"  # guessed: {run.why}" if run.why else "") + "\n"
     if run.why:
         guesses.append(f"{where}.pressure: {run.log.path.name}: {run.why}")

@@ -155,7 +155,7 @@ def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[Key, ...] | Non
         return None
     name = found[0]
     others = [other for other in found[1:] if other != name]
-    why += f"; there are also {', '.join(others[:3])}" if others else ""
+    why += f"; there are also {', '.join(others[:3])}: of several chambers, make this a list" if others else ""
     keys = [*time]
     if name != "pressure_kPa" or others:
         keys.append(Key("pressure", name, "" if name == "pressure_kPa" else why))

@@ -135,3 +135,15 @@ def test_a_track_without_a_number_is_looked_at_all_the_same(tmp_path, cell):
     (tmp_path / "a.csv").write_text(f"time_s,tip_x_mm,tip_y_mm,pressure_kPa\n{rows}")
     found = look(tmp_path / "a.csv")
     assert found.what in ("track", "unknown") and not found.actuator
+
+
+def test_a_track_without_a_log_is_told_what_stands_for_one(tmp_path):
+    """Of a beam that is let go there is no log: the lines that it needs stand in the file, and hold once uncommented."""
+    tip_track("left").to_csv(tmp_path / "beam.csv", index=False)
+    write_campaign_from(tmp_path / "made", [tmp_path / "beam.csv"])
+    (path,) = (tmp_path / "made").glob("*/experiment.yaml")
+    kept = [line for line in path.read_text().splitlines() if "{file: pressure.csv}" not in line]
+    path.write_text("\n".join(line.removeprefix("# ") for line in kept))
+    campaign = load_campaign(tmp_path / "made")
+    (run,) = campaign.experiments
+    assert run.pressure.value_kPa == 0.0 and run.rig.held

@@ -348,7 +348,9 @@ def angle_only(folder: Path) -> None:
         Recording(data[["valid", "reason", "bend_angle", "pressure"]]).save(path)
         (path.parent / "track.nc").unlink()
     for path in folder.glob("models/*/prediction.nc"):
-        write_datasets(path, {name: read_dataset(path, group=name)[["bend_angle", "phase"]] for name in TWO})
+        write_datasets(
+            path, {name: read_dataset(path, group=name)[["bend_angle", "angle_residual", "phase"]] for name in TWO}
+        )
     shutil.rmtree(folder / "calibration")
 
 
