@@ -195,7 +195,7 @@ def _experiment_problems(
         problems.append(FileProblem(file, str(error), "pressure", experiment=experiment.name))
         return problems
     highest[experiment.name] = float(abs(log.pressure_kPa).max())
-    said = plausibility.of_pressure(log.pressure_kPa)
+    said = plausibility.of_pressure(log.pressure_kPa, log.chambers)
     seconds = pictures_s if pictures_s is not None else track_s
     if seconds is not None and len(seconds) > 1:
         said += plausibility.of_times(log.time_s, seconds)

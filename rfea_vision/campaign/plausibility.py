@@ -26,6 +26,7 @@ _COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressur
 _HIGH_KPA, _LOW_KPA = 3000.0, 0.5
 # of the atmosphere, from 2,000 m up to a high at the sea: what an absolute sensor reads at rest
 _AIR_kPa = (80.0, 110.0)
+_VACUUM_KPA = -101.325  # no gauge pressure lies below
 _UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
 # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
 _TOO_LONG = 50.0
@@ -36,8 +37,8 @@ _STILL = 0.05
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
 
 
-def of_pressure(pressure_kPa: FloatArray) -> list[str]:
-    """Doubt a pressure (samples,): its unit, or that it is one."""
+def of_pressure(pressure_kPa: FloatArray, chambers: Mapping[str, FloatArray]) -> list[str]:
+    """Doubt a pressure (samples,), and those of the chambers that it is the sum of, if it is one: unit, sign, or that it is one."""
     highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
     if highest > _HIGH_KPA:
         return [f"reaches {highest:.6g} kPa; is it in Pa? pressure.unit says which unit it is in"]
@@ -46,6 +47,9 @@ def of_pressure(pressure_kPa: FloatArray) -> list[str]:
     if highest < _LOW_KPA:
         return [f"stays below {highest:.3g} kPa; is it in bar or MPa? pressure.unit says which unit it is in"]
     lowest = float(pressure_kPa.min())
+    emptiest = min((float(gauge.min()) for gauge in chambers.values()), default=lowest)
+    if emptiest < _VACUUM_KPA:
+        return [f"falls to {emptiest:.0f} kPa, below vacuum; is its sign turned in the log?"]
     if _AIR_kPa[0] <= lowest <= _AIR_kPa[1]:
         return [
             f"never falls below {lowest:.1f} kPa, the pressure of air; is it absolute? Then write pressure.reference: absolute"

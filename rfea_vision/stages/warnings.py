@@ -47,7 +47,7 @@ def warnings_of(measured: Track | Recording) -> list[str]:
 def log_warnings(recording: Recording, log: PressureLog) -> dict[str, str]:
     """What makes one doubt that a log is what it is said to be, as an attribute of the recording."""
     seen_s = recording.time_s
-    said = plausibility.of_pressure(log.pressure_kPa) + plausibility.of_times(log.time_s, seen_s)
+    said = plausibility.of_pressure(log.pressure_kPa, log.chambers) + plausibility.of_times(log.time_s, seen_s)
     said = said or plausibility.of_pair(recording.dataset, seen_s, log.time_s, log.pressure_kPa)
     return {"pressure_doubts": "; ".join(f"pressure {text}" for text in said)} if said else {}
 

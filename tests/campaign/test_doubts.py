@@ -75,6 +75,7 @@ SLIPS = pytest.mark.parametrize(
     [
         (_scaled("pressure_kPa", 1000.0), "is it in Pa?"),
         (_scaled("pressure_kPa", 0.001), "is it in bar or MPa?"),
+        (_scaled("pressure_kPa", -3.0), "below vacuum; is its sign turned in the log?"),
         (_scaled("time_s", 1000.0), "is the time of the log in ms?"),
         (_scaled("time_s", 1000.0, "track.csv"), "is the time of the pictures in ms?"),
         (_scaled(["tip_x_mm", "tip_y_mm"], 0.001, "track.csv"), "are these mm?"),

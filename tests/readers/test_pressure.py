@@ -106,6 +106,7 @@ def test_columns_and_units_are_chosen(tmp_path, columns, keys):
             "time, row 3: is earlier than the row before (and 1 more rows)",
         ),
         ("time_s,pressure_kPa\n0,1\n0.1,2\n0.1,3\n", "time, row 3: repeats the row before; remove the duplicate"),
+        ("time_s,pressure_kPa\n12:30:00,1\n12:30:01,2\n", "column 'time_s' holds no numbers, but such as '12:30:00'"),
         ("time_s,pressure_kPa\n0,1\n0.1,full\n", "column 'pressure_kPa', row 2: 'full' is not a number"),
         (
             "time_s,pressure_kpa\n0,1\n0.1,2\n",

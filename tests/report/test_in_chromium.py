@@ -127,7 +127,11 @@ def test_choosing_a_rung_switches_every_panel(opened: Browser) -> None:
 
 
 def test_holding_b_shows_the_rung_before(opened: Browser) -> None:
+    legend = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(document.getElementById('rung-before').hidden))))"
+    opened.key("1")
+    assert opened.run(legend)  # there is none before the first
     opened.key("2")
+    assert not opened.run(legend)
     opened.key("b", kind="down")
     assert set(opened.run(SHOWN)) == {0}
     opened.key("b", kind="up")

@@ -87,6 +87,9 @@ class Table:
         wrong = np.flatnonzero(np.isnan(numbers) & ~np.asarray(pd.isna(values)))
         if wrong.size:
             row = int(wrong[0])
+            if len(wrong) > 1 and np.isnan(numbers).all():
+                text = f"column '{name}' holds no numbers, but such as '{values[row]}'; export it as plain numbers"
+                raise InputError(f"{self.source}: {text}")
             where = f"{self.source}: column '{name}', row {row + 1}"
             raise InputError(f"{where}: '{values[row]}' is not a number; correct or remove the row")
         return numbers

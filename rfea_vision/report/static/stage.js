@@ -89,11 +89,12 @@ function cureOf() {
 
 // What stands under the picture: how far apart measured and modelled are at the cursor, with this rung and with the last.
 function showGap() {
-  const line = document.getElementById("gap"), cured = cureOf(), note = document.getElementById("cured");
+  const line = document.getElementById("gap"), cured = cureOf(), note = document.getElementById("cured"), earlier = document.getElementById("rung-before");
   if (!line || !experiment()?.t) return;
   const i = nearest(frameTimes(), state.time), gap = of => { const p = prediction(of), all = series(p?.error); return all && all[i] === all[i] ? show(all[i]) : undefined; };
   const now = gap(rung()), then = cured && gap(cured), what = prediction()?.unit === "deg" ? "bend angle" : "tip";
   if (note) note.hidden = !then;
+  if (earlier) earlier.hidden = !prediction(rungBefore());
   const tested = experiment().role === "test" && (now || then) ? " · test run: drawn after the end, scored once" : "";
   line.textContent = now || then ? `Gap at the ${what}, ${state.time.toFixed(2)} s: ${[now, then].filter(Boolean).join(" → ")} ${(prediction() ?? prediction(cured)).unit ?? ""}${then ? " once cured" : ""}${tested}` : prediction()?.why?.prediction?.replaceAll("`", "") ?? "";
 }
