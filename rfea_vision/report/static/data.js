@@ -77,6 +77,7 @@ const rung = () => manifest.rungs[shownRung()];
 const rungBefore = () => state.earlier ? undefined : rung()?.before ?? (manifest.rungs[state.rung - 1]?.ladder === rung()?.ladder ? manifest.rungs[state.rung - 1] : undefined);
 const experiment = () => manifest.experiments[state.experiment];
 const prediction = (of = rung()) => of?.experiments[experiment()?.name];
+const predictionBefore = () => { const before = rungBefore(); return before && prediction(before); };
 
 function show(value, digits = 3) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";

@@ -50,7 +50,7 @@ plots["profile-now"] = {
   draw() {},
   cursor(pen) {
     const [x, y] = profileFrame(pen, stretchLimits()), c = pen.colours, times = series(experiment().tc);
-    const real = rowOf(series(experiment().elongation), times), sigma = rowOf(series(experiment().elongation_sigma), times), model = rowOf(series(prediction()?.elongation), times), before = rowOf(series(prediction(rungBefore())?.elongation), times);
+    const real = rowOf(series(experiment().elongation), times), sigma = rowOf(series(experiment().elongation_sigma), times), model = rowOf(series(prediction()?.elongation), times), before = rowOf(series(predictionBefore()?.elongation), times);
     const xs = Array.from(x.all(middles(real.length)));
     if (sigma && real[0] === real[0]) pen.area(xs, percent(y, real.map((v, i) => v - sigma[i])), percent(y, real.map((v, i) => v + sigma[i])), c.measured);
     pen.line(xs, percent(y, real), c.measured, 2.2);

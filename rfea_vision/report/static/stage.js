@@ -94,7 +94,7 @@ function showGap() {
   const i = nearest(frameTimes(), state.time), gap = of => { const p = prediction(of), all = series(p?.error); return all && all[i] === all[i] ? show(all[i]) : undefined; };
   const now = gap(rung()), then = cured && gap(cured), what = prediction()?.unit === "deg" ? "bend angle" : "tip";
   if (note) note.hidden = !then;
-  if (earlier) earlier.hidden = !prediction(rungBefore());
+  if (earlier) earlier.hidden = !predictionBefore();
   const tested = experiment().role === "test" && (now || then) ? " · test run: drawn after the end, scored once" : "";
   line.textContent = now || then ? `Gap at the ${what}, ${state.time.toFixed(2)} s: ${[now, then].filter(Boolean).join(" → ")} ${(prediction() ?? prediction(cured)).unit ?? ""}${then ? " once cured" : ""}${tested}` : prediction()?.why?.prediction?.replaceAll("`", "") ?? "";
 }
@@ -130,7 +130,7 @@ function drawScene(c, to, k, weight) {
     const edges = poseOf(e, "edges", k);
     if (edges) for (const side of [0, 1]) trace(edges.subarray(side * edges.length / 2, (side + 1) * edges.length / 2), hue.measured, 1, [], false);
   }
-  const before = rungBefore() && poseOf(prediction(rungBefore()), "midline", k);
+  const before = poseOf(predictionBefore(), "midline", k);
   trace(before, hue.earlier, 1.5 * weight, [5, 4], false);
   trace(poseOf(e, "midline", k), hue.measured, 3.2 * weight, [], overFilm);
   const cured = cureOf();

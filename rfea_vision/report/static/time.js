@@ -29,7 +29,7 @@ function timePlot({times, measured, modelled, band, unit, digits = 3, limits, ex
       pen.clip(box.left, box.top - 4, box.right - box.left, box.bottom - box.top + 8, () => {
         shadeGaps(pen, box, x);
         extra?.(pen, box, x, y);
-        const before = modelled?.(prediction(rungBefore())), model = modelled?.(prediction()), real = measured?.();
+        const before = modelled?.(predictionBefore()), model = modelled?.(prediction()), real = measured?.();
         const half = model && band?.(prediction());
         if (half) { const at = [...model.keys()].filter(i => model[i] === model[i] && half[i] === half[i]); pen.area(at.map(i => xs[i]), at.map(i => y(model[i] - half[i])), at.map(i => y(model[i] + half[i])), c.modelled, 0.22); }
         if (before) pen.line(xs, y.all(before), c.earlier, 1.2, [4, 3]);

@@ -105,7 +105,7 @@ function crossPlot({x, y, xLabel, yLabel, equal = false, dots = false, need}) {
   return {
     need,
     draw(pen) {
-      const [box, sx, sy] = frame(pen), c = pen.colours, p = prediction(), before = prediction(rungBefore());
+      const [box, sx, sy] = frame(pen), c = pen.colours, p = prediction(), before = predictionBefore();
       axisY(pen, box, sy, yLabel(c)); axisX(pen, box, sx, xLabel(), {grid: true, about: 4});
       const pair = (xs, ys, ...how) => { if (xs && ys) pen.line(sx.all(xs), sy.all(ys), ...how); };
       if (dots) { const xs = x.modelled(p), ys = y.modelled(p); for (let i = 0; i < xs.length; i++) if (xs[i] === xs[i] && ys[i] === ys[i]) pen.dot(sx(xs[i]), sy(ys[i]), 1.8, c.modelled, null, 0.45); return; }
