@@ -114,6 +114,8 @@ def run(arguments: list[str]) -> int:
         if "unexpected extra argument" in error.message and any(item.startswith("--") for item in arguments):
             advice = "An option takes one value: repeat it for more, as in --add maxwell --add coulomb."
             error = click.UsageError(f"{error.message}. {advice}", getattr(error, "ctx", None))
+        if isinstance(error, click.NoSuchOption) and error.ctx is not None:
+            error = _with_its_place(error, error.ctx)
         error.show()
         if as_json:
             print_error(error.format_message(), error.exit_code, as_json=True, quiet=True)
@@ -140,6 +142,25 @@ def run(arguments: list[str]) -> int:
             f"a fault in rfea-vision ({reason[:300]}); the same command with --debug shows where", 1, as_json=as_json
         )
         return 1
+
+
+def _with_its_place(error: click.NoSuchOption, context: click.Context) -> click.UsageError:
+    """Where a wrong option belongs: it is an argument of this command, or an option of others."""
+    arguments = [part.human_readable_name for part in context.command.params if isinstance(part, click.Argument)]
+    name = error.option_name.lstrip("-").upper()
+    if name in (argument.strip("[].") for argument in arguments):
+        place = f"Give {name} by its place, without a name: {context.command_path} {' '.join(arguments)}"
+        return click.UsageError(f"{error.message} {place}", context)
+    commands = [(name, rfea.get_command(context, name)) for name in COMMANDS]
+    homes = [
+        name
+        for name, command in commands
+        if command and error.option_name in (o for p in command.params for o in p.opts)
+    ]
+    if error.possibilities or not homes:
+        return error
+    others = " and ".join(f"'rfea {name}'" for name in homes)
+    return click.UsageError(f"{error.message} It is an option of {others}.", context)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

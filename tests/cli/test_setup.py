@@ -85,6 +85,8 @@ def test_a_campaign_with_a_board_is_quick_to_read(tmp_path):
         (["trak"], "Did you mean 'track'?"),
         (["fit"], "Missing argument 'CAMPAIGN'"),
         (["fit", "x", "--segmnts", "3"], "'--segments'"),
+        (["improve", "x", "--add", "maxwell"], "It is an option of 'rfea fit'"),
+        (["compare", "x", "--model", "base"], "Give MODEL by its place, without a name: rfea compare CAMPAIGN [MODEL]..."),
         (["fit", "x", "--segments", "0"], "must be 1 or more"),
         (["fit", "x", "--observe", "toe"], "'toe' is not one of"),
         (["improve", "x", "--budget", "5"], "'5' has no unit; write for example '5min'"),
