@@ -16,7 +16,7 @@ SURE = 0.9
 NEAR = 1.3
 #: A base model whose error is below this many floors leaves less than one floor of structure: nothing there to be found.
 LEAST_FLOORS = 2**0.5
-_CALIBRATED_ON = "earlier campaigns (part of them, run once more, in `calibration.jsonl`: `--sweep`)"
+_CALIBRATED_ON = "156 earlier campaigns (`calibration.jsonl`: `--sweep`)"
 
 
 def document(lines: Sequence[Line]) -> str:

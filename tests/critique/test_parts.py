@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 
 from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
 from rfea_vision.critique import screening
+from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
@@ -144,6 +145,17 @@ def test_looking_back_drops_what_earns_nothing(campaign):
     fitted = fit(problem, options)
     assert _look_back(problem, fitted, 0.085, keep="gravity_tilt").options.effects == ("gravity_tilt",)
     assert "gravity_tilt" in _look_back(problem, fitted, 0.085, keep="damping_profile").options.effects
+
+
+def test_a_claim_about_a_better_model_is_weighed_against_the_model_without_effects(campaign):
+    """What the first effect has taken away counts as the motion of its law, on the second rung as on the first."""
+    problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
+    options = FitOptions(segments=6, starts=0)
+    base = judge(problem, fit(problem, options), candidates=("payload",)).search
+    better = judge(problem, fit(problem, replace(options, effects=("gravity_tilt",))), candidates=("payload",)).search
+    assert base.base is None and better.base is not None
+    assert better.base.held == pytest.approx(base.present.errors.held, rel=0.02)
+    assert better.present.errors.held < 0.2 * better.base.held
 
 
 def test_a_score_test_that_fails_for_all_at_once_is_run_in_halves(campaign, monkeypatch):
