@@ -70,10 +70,11 @@ def runaway(fitted: Fitted, actuator: Actuator) -> str:
         name = fitted.model.names[k]
         factor = par[k] / reference[k]
         far = factor > RUNAWAY or (factor > 8 and par[6] > 2 * actuator.outer_radius)
-        if name in free and far:
-            return (
-                f"Refused: the fit ran away, {name} is {factor:.0f} times what a tube of this size has"
-                + (f" and r_hyd is {par[6] * 1e3:.3g} mm" if "r_hyd" in free else "")
-                + "; keep r_hyd within its usual bounds, or fix it (--fix r_hyd=3.6mm)."
-            )
+        if name not in free or not far:
+            continue
+        said = f"Refused: the fit ran away, {name} is {factor:.0f} times what a tube of this size has"
+        if "r_hyd" in free and par[6] > actuator.outer_radius:
+            lever = f"r_hyd is {par[6] * 1e3:.3g} mm; keep it within its usual bounds, or fix it (--fix r_hyd=3.6mm)"
+            return f"{said} and {lever}."
+        return f"{said}; is the body a tube that bends about its outer side (actuator.section says what else it may be)?"
     return ""

@@ -7,7 +7,7 @@ import pytest
 
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model
-from rfea_vision.fitting.alarms import alarms
+from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.fit import fit, make_problem, refit
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.prediction import predict
@@ -99,15 +99,19 @@ def test_a_tie_is_said_and_its_intervals_refused(fitted, exact):
     assert model.parameters["b_pos_ref"].interval_95 is not None
 
 
-def test_a_runaway_is_refused(exact):
-    runs, actuator, truth = exact
+def test_a_runaway_is_refused(fitted, exact):
+    (_, free), (runs, actuator, truth) = fitted, exact
     problem = make_problem(noisy(runs, 0), actuator)
     far = 12 * 0.004
     known = {name: value * far / truth["r_hyd"] for name, value in truth.items()}
     options = replace(OPTIONS, bounds={"r_hyd": (0.9 * far, far)})
     model = as_artefact(problem, refit(problem, options, known, SEGMENTS))
-    assert model.status == "refused" and "ran away" in model.message
+    assert model.status == "refused" and "ran away" in model.message and "fix it (--fix r_hyd" in model.message
     assert all(p.interval_95 is None for p in model.parameters.values())
+    par = free.par.copy()
+    par[free.model.names.index("b_pos_ref")] *= 1000
+    said = runaway(replace(free, solution=replace(free.solution, par=par)), actuator)
+    assert "b_pos_ref is" in said and "actuator.section" in said and "r_hyd" not in said
 
 
 def test_values_that_no_tube_has_raise_an_alarm(fitted, exact):
