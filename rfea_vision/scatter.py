@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from rfea_vision.arrays import FloatArray
 
-#: Median distance of a standard normal law from its median, its quantile at three quarters: for loops in which SciPy takes too long.
+#: Median distance of a standard normal law from its median: its quantile at three quarters.
 NORMAL = 0.6744897501960817
 
 
@@ -15,7 +15,7 @@ def scatter(values: ArrayLike) -> FloatArray:
     """Standard deviation of (samples, ...) along the first axis by the median distance from the median: outliers do not move it."""
     from scipy.stats import median_abs_deviation  # a third of a second to import
 
-    return np.asarray(median_abs_deviation(values, scale="normal"))
+    return np.asarray(median_abs_deviation(values, scale=NORMAL))
 
 
 def third_difference_noise(values: FloatArray, stride: int = 1) -> FloatArray:

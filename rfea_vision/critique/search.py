@@ -250,9 +250,9 @@ class Search:
     def _rivals(self) -> None:
         """Nobody is named without its rivals refitted in its place: those said to be mistaken for it, and those that look like it.
 
-        Of a rival that is as likely, the rivals are refitted, too. An effect looks like another that is named alone where it would
-        at a glance remove half as much, as a refit may turn out. Where the best set leaves something, the former are tried in all
-        their forms.
+        Of a rival that is as likely, the rivals are refitted, too; of one that does half as well, its other forms. An effect looks
+        like another that is named alone where it would at a glance remove half as much, as a refit may turn out. Where the best
+        set leaves something, those said to be mistaken for it are tried in all their forms.
         """
         best = self.weigh()[0]
         left = self.structure(best.trial) >= STRUCTURE_FLOORS
@@ -272,9 +272,13 @@ class Search:
                     continue
                 start = {f"{plain(name)}.{k}": v for k, v in starts[plain(name)].items()}
                 rival = self.trials.refit(base, (name,), start)
-                if rival is not None and best.weight - self._weight(rival, set(rival.errors.runs)) < EVEN:
+                if rival is None:
+                    continue
+                if best.weight - self._weight(rival, set(rival.errors.runs)) < EVEN:
                     known = {*map(plain, names), *best.added}
                     names += [one for one in look_alikes(self.effects, plain(name)) if one not in known]
+                elif base.cost - rival.cost > (base.cost - best.trial.cost) / LENIENT:
+                    names += [form for form in forms_of(plain(name)) if form not in names]
 
     def _leave_one_out(self) -> None:
         """Refit the best set without each of its members; and every other that would be the best if it cost one effect less."""
