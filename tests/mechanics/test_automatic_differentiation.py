@@ -1,4 +1,4 @@
-"""Sensitivities against automatic differentiation: of a small code with dual numbers, and of the benchmark's in JAX."""
+"""Sensitivities against automatic differentiation: a small code of its own with dual numbers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 
@@ -141,20 +140,3 @@ def test_sensitivities_are_those_of_dual_numbers(actuator):
     size = np.abs(gradients).max(axis=(0, 1))
     assert np.all(size > 0) and np.ptp(angles[:, 1]) > 0.1
     assert np.all(np.abs(motion.sensitivity[:, 1:] - gradients).max(axis=(0, 1)) < 1e-9 * size)
-
-
-def test_sensitivities_are_those_of_jax(actuator, published):
-    pytest.importorskip("jax", reason="JAX is not installed (pip install jax); dual numbers prove the same above")
-    from testing import in_jax
-
-    step, model = 1e-3, Model(Chain.tube(actuator, 8), tolerance=1e-14)
-    pressure = np.interp(np.arange(201) * step, [0, 0.1, 0.15, 0.2], [20e3, 150e3, 150e3, 60e3])
-    tube = in_jax.chain_numbers(model._bodies(published)[0], actuator, float(model.chain.arc[0]), model.gravity)
-    theta = np.full(8, 0.01)
-    angles = np.asarray(in_jax.run(published, tube, np.cumsum(theta), pressure, step, 4))
-    gradients = np.asarray(in_jax.sensitivities(published, tube, np.cumsum(theta), pressure, step, 4))
-    times, start = np.arange(201) * step, (theta, np.zeros(8))
-    motion = model.simulate(published, Excitation(0.0, step, pressure), times, range(7), start=start)
-    assert np.abs(motion.phi[:, 1:] - angles).max() < 1e-11
-    size = np.abs(gradients).max(axis=(0, 1))
-    assert np.all(np.abs(motion.sensitivity[:, 1:] - gradients).max(axis=(0, 1)) < 1e-8 * size)

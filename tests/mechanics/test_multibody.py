@@ -1,4 +1,4 @@
-"""Mass matrix, bias forces and gravity against two rigid-body engines that others wrote."""
+"""Mass matrix, bias forces and gravity against a rigid-body engine that others wrote (MuJoCo), and against the textbook."""
 
 import numpy as np
 import pytest
@@ -64,28 +64,6 @@ def test_inverse_dynamics_is_mujocos(n, joints, effect, actuator):
     mass = _ours(model, par, np.tile(theta[-1], (n, 1)), still, np.eye(n)) - bias
     assert np.abs(mass - full).max() < 1e-11 * np.abs(full).max()
     assert np.abs(mass - mass.T).max() < 1e-12 * np.abs(full).max()
-
-
-@pytest.mark.parametrize(("n", "joints"), CASES)
-def test_inverse_dynamics_is_pinocchios(n, joints, actuator):
-    pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed (pip install pin)")
-    model = Model(Chain.tube(actuator, n, joints))
-    columns, _ = model._bodies(np.zeros(7))
-    theirs = pinocchio.Model()
-    theirs.gravity.linear = np.array([0.0, 0.0, -model.gravity])
-    parent, reach = 0, model.chain.base_length
-    for index, (length, mass, along, _, inertia) in enumerate(columns[:, :5]):
-        place = pinocchio.SE3(np.eye(3), np.array([0.0, 0.0, -reach]))
-        parent = theirs.addJoint(parent, pinocchio.JointModelRY(), place, f"joint{index}")
-        body = pinocchio.Inertia(mass, np.array([0.0, 0.0, -along]), inertia * np.eye(3))
-        theirs.appendBodyToJoint(parent, body, pinocchio.SE3.Identity())
-        reach = length
-    data = theirs.createData()
-    theta, rate, acceleration = _motions(n)
-    ours = _ours(model, np.zeros(7), theta, rate, acceleration)
-    for row, (q, v, a) in enumerate(zip(theta, rate, acceleration, strict=True)):
-        expected = pinocchio.rnea(theirs, data, q, v, a)
-        assert np.abs(ours[row] - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 def test_general_chain_of_two_is_the_textbook_double_pendulum():
