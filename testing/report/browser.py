@@ -22,6 +22,15 @@ SWITCHES = (
     "--disable-component-update", "--disable-sync", "--hide-scrollbars", "--remote-debugging-port=0",
 )  # fmt: skip
 
+#: Scrolls to every figure of a report and waits until it is drawn.
+VISIT_ALL = """(async () => {
+  for (const figure of document.querySelectorAll('[data-figure]')) {
+    figure.scrollIntoView({behavior: 'instant', block: 'center'});
+    for (let wait = 0; wait < 200 && figure.dataset.state !== 'drawn'; wait++) await new Promise(done => setTimeout(done, 20));
+  }
+  scrollTo({top: 0, behavior: 'instant'});
+})()"""
+
 
 def find_chromium() -> str | None:
     return next((path for path in map(shutil.which, EXECUTABLES) if path), None)

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,33 +10,13 @@ import numpy as np
 import pytest
 from skimage.io import imread
 
-from rfea_vision.artefacts import Recording
-from rfea_vision.files import read_dataset, write_datasets
-from rfea_vision.report import render
 from rfea_vision.report.page import static
-from testing.report.browser import Browser
-from testing.report.sample import RUNGS, write_sample
+from testing.report.browser import VISIT_ALL, Browser
 
 pytestmark = pytest.mark.chromium
 
 SHOWN = "[...document.querySelectorAll('[data-rung]:not([hidden])')].map(e => Number(e.dataset.rung))"
 CLOCK = "parseFloat(document.getElementById('clock').textContent)"
-VISIT_ALL = """(async () => {
-  for (const figure of document.querySelectorAll('[data-figure]')) {
-    figure.scrollIntoView({behavior: 'instant', block: 'center'});
-    for (let wait = 0; wait < 200 && figure.dataset.state !== 'drawn'; wait++) await new Promise(done => setTimeout(done, 20));
-  }
-  scrollTo({top: 0, behavior: 'instant'});
-})()"""
-
-
-TWO = ("steps-270kPa", "steps-180kPa")
-
-
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short campaign of two runs without film."""
-    return write_sample(tmp_path_factory.mktemp("bare") / "rfea", seconds=1.5, video=False, names=TWO)
 
 
 def centre_of(browser: Browser, selector: str) -> tuple[float, float]:
@@ -343,63 +321,3 @@ def test_budgets(chromium: Browser, page: Path) -> None:
     chromium.run("""(async () => { const s = document.getElementById('scrub');
       for (let i = 0; i < 120; i++) { s.value = i; s.dispatchEvent(new Event('input')); await new Promise(requestAnimationFrame); } })()""")
     assert (worked() - before) / 120 < 0.016  # sixty pictures a second
-
-
-def angle_only(folder: Path) -> None:
-    """What an inclinometer gives: no camera, no film, no shape."""
-    for path in folder.glob("*/recording.nc"):
-        data = read_dataset(path)
-        Recording(data[["valid", "reason", "bend_angle", "pressure"]]).save(path)
-        (path.parent / "track.nc").unlink()
-    for path in folder.glob("models/*/prediction.nc"):
-        write_datasets(
-            path, {name: read_dataset(path, group=name)[["bend_angle", "angle_residual", "phase"]] for name in TWO}
-        )
-    shutil.rmtree(folder / "calibration")
-
-
-def measured_only(folder: Path) -> None:
-    shutil.rmtree(folder / "models")
-    (folder / "ladder.json").unlink()
-
-
-def tracked_only(folder: Path) -> None:
-    measured_only(folder)
-    for path in folder.glob("*/recording.nc"):
-        path.unlink()
-
-
-def empty(folder: Path) -> None:
-    shutil.rmtree(folder)
-    folder.mkdir()
-
-
-def one_fit(folder: Path) -> None:
-    (folder / "ladder.json").unlink()
-    for name in RUNGS[1:]:
-        shutil.rmtree(folder / "models" / name)
-    for name in ("comparison.json", "diagnosis.json"):
-        (folder / "models" / "base" / name).unlink()
-
-
-@pytest.mark.parametrize("take_away", [angle_only, measured_only, tracked_only, empty, one_fit])
-def test_absent_panels_say_why(
-    chromium: Browser, tmp_path: Path, bare: Path, take_away: Callable[[Path], None]
-) -> None:
-    folder = Path(shutil.copytree(bare, tmp_path / "rfea"))
-    take_away(folder)
-    page = tmp_path / "index.html"
-    page.write_text(render(folder, title="bare", commands=()), encoding="utf-8")
-    chromium.complaints.clear()
-    chromium.resize(1440, 900)
-    chromium.open(page)
-    chromium.run(VISIT_ALL)
-    for key in ("ArrowRight", "]", "2", "b", "+", "0", "s"):
-        chromium.key(key)
-    chromium.run("dispatchEvent(new Event('beforeprint')), dispatchEvent(new Event('afterprint'))")
-    assert chromium.complaints == []
-    silent = chromium.run(
-        "[...document.querySelectorAll('.figure.empty')].filter(f => !(f.querySelector('.why')?.textContent.length > 20)).map(f => f.dataset.figure)"
-    )
-    assert silent == []
-    assert "undefined" not in chromium.run("document.body.innerText")
