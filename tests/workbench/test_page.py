@@ -51,7 +51,7 @@ def settled(page) -> None:
     page.wait_for_selector("html[data-look=exact]")
 
 
-def until(condition, seconds: float = 30) -> None:
+def until(condition, seconds: float = 120) -> None:
     """Wait for the page; its policy forbids the evaluation of text that Playwright's own waiting needs."""
     end = time.monotonic() + seconds
     while not condition():

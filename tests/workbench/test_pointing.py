@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from rfea_vision.artefacts import Track
@@ -48,6 +50,12 @@ def point(page, at, until=None) -> None:
     page.mouse.up()
 
 
+def slowly(route) -> None:
+    """A picture on a busy machine: what plays through them still plays when the next thing is asked for."""
+    time.sleep(0.2)
+    route.continue_()
+
+
 def test_a_tube_is_found_where_one_points(film, served, visit):
     folder, places = film
     page = visit(served.address)
@@ -71,9 +79,15 @@ def test_a_tube_is_found_where_one_points(film, served, visit):
     assert hints.clamp[0] == pytest.approx(places["left"], abs=2) and hints.tip == pytest.approx(places["tip"], abs=2)
     assert "Hints have changed" in page.text_content("#next-say")
 
+    page.route("**/picture/*", slowly)
     page.click("#try")
     page.wait_for_selector("#tool-say:has-text('first 60 frames')", timeout=300_000)
     idle(page)
+    page.click("#refused button:text('show')")
+    page.wait_for_selector("#frame-reason:has-text('Refused')")
+    page.wait_for_timeout(1500)
+    assert "Refused" in page.text_content("#frame-reason"), "what plays by itself took the frame away that was asked for"
+    page.unroute("**/picture/*")
     page.click("#measure")
     idle(page)
     track = Track.load(folder / "rfea" / "swing" / "track.nc")

@@ -34,9 +34,10 @@ export function build() {
         h("h3", {}, "Refused frames"), h("ul", {class: "plainlist", id: "refused"}),
         h("h3", {}, "Photos of the board"), h("ul", {class: "plainlist", id: "photos"}))),
     h("p", {class: "absent", id: "no-films", hidden: true}, "No run of this campaign has pictures: the tracks came from another tool."));
-  one("#frame-slider").addEventListener("input", event => showFrame(Number(event.target.value)));
+  one("#frame-slider").addEventListener("input", event => goTo(Number(event.target.value)));
   pointing(one("#frame"));
   new ResizeObserver(paint).observe(one("#pointing"));
+  onJob(event => { if (["track", "sync"].includes(event.do) && event.event === "finished") { seen.tried.clear(); paint(); } });
   onJob(event => { if (event.do === "try" && event.event === "finished" && event.result) one("#tool-say").textContent = `${event.result.good} of the first ${event.result.frames} frames were tracked.`; });
 }
 
@@ -51,7 +52,7 @@ export function reload() {
   if (campaign.panel === "setup") shown();
 }
 export function shown() { if (filmed().length) guarded(() => openFilm()); }
-async function choose(i) { seen.run = i; seen.film = null; seen.photo = -1; seen.points = []; reload(); }
+async function choose(i) { playing++; seen.run = i; seen.film = null; seen.photo = -1; seen.points = []; reload(); }
 
 async function openFilm() {
   const e = run();
@@ -62,6 +63,10 @@ async function openFilm() {
   }
   await showFrame(seen.frame);
 }
+
+// Whoever goes to a frame ends what plays by itself: a trial that runs through its pictures must not take them away again.
+let playing = 0;
+function goTo(frame) { playing++; return showFrame(frame); }
 
 // Pictures are asked for one at a time; of those that wait only the last counts.
 let busy = false;
@@ -86,6 +91,7 @@ async function showFrame(frame) {
   one("#frame-reason").textContent = seen.reason ? `Refused: ${seen.reason}.` : "";
 }
 async function showPhoto(index) {
+  playing++;
   const picture = new Image();
   picture.src = `photo/${index}`;
   try { await picture.decode(); } catch { return complain("this photo cannot be read"); }
@@ -153,7 +159,7 @@ function take(key) {
   seen.tool = key; seen.points = []; seen.cursor = null;
   for (const button of every("#tools button")) button.setAttribute("aria-checked", String(button.dataset.tool === key));
   one("#tool-say").textContent = tools[key].say;
-  if (key !== "look" && seen.frame) showFrame(0); // hints are pixels of the first frame
+  if (key !== "look" && seen.film) goTo(0); // hints are pixels of the first frame
   if (key !== "look") one("#frame").focus({preventScroll: true});
 }
 function point(at) {
@@ -194,7 +200,7 @@ function showRefused() {
 async function nextRefused(reason) {
   const {frames} = await get(`refused/${numberOf(run())}?reason=${encodeURIComponent(reason)}`);
   const next = frames.find(frame => frame > seen.frame) ?? frames[0];
-  if (next !== undefined) showFrame(next);
+  if (next !== undefined) goTo(next);
 }
 function showPhotos() {
   one("#photos").replaceChildren(...campaign.state.photos.map((photo, i) => h("li", {}, h("button", {type: "button", class: "plain", onclick: () => showPhoto(i)}, photo.name), " ", h("span", {class: "muted"}, photo.note))),
@@ -217,7 +223,7 @@ export function hear(event, mine) {
   if (event.name === run()?.name) follow(had, event.frames.length);
 }
 async function follow(from, to) { // run through what is new, a frame in so many that it takes about a second
-  const step = Math.max(1, Math.round((to - from) / 12));
-  for (let frame = from; frame < to; frame += step) { await showFrame(frame); await new Promise(done => setTimeout(done, 60)); }
-  showFrame(to - 1);
+  const mine = ++playing, step = Math.max(1, Math.round((to - from) / 12));
+  for (let frame = from; frame < to && mine === playing; frame += step) { await showFrame(frame); await new Promise(done => setTimeout(done, 60)); }
+  if (mine === playing) showFrame(to - 1);
 }
