@@ -13,6 +13,8 @@ from rfea_vision.arrays import FloatArray
 
 #: Relaxation times of the memories on offer (s): a log of four apart, from a fast damper's to a slow creep's.
 MEMORIES_S = (0.3, 1.2, 5.0)
+#: Angles over which a loop of rubbing builds up (rad of the whole tube): the grid of `hysteresis`.
+LOOPS_RAD = (0.05, 0.2, 0.8)
 #: Rate at which the direction of motion counts as turned (rad/s of the whole tube): that of `coulomb`.
 TURNED = 0.05
 #: Middles of the places at which a term may act alone.
@@ -62,7 +64,7 @@ def library(courses: Sequence[Course]) -> list[Term]:
 
 
 def _quantities(course: Course) -> dict[str, tuple[str, FloatArray]]:
-    """Law and words of every quantity with its values (grid, n): a, r, p, t, m and z stand for what `effect_source` declares."""
+    """Law and words of every quantity with its values (grid, n): a, r, p, t, m, z and h stand for what `effect_source` declares."""
     n = course.theta.shape[1]
     a, r = n * course.theta, n * course.rate
     p = np.broadcast_to(course.pressure[:, None] / 1e5, a.shape)
@@ -89,6 +91,8 @@ def _quantities(course: Course) -> dict[str, tuple[str, FloatArray]]:
     for k, period in enumerate(MEMORIES_S):
         z = _relaxed(course.time, a, period)
         out[f"(a - z{k})"] = (f"the angle less its memory of {period:g} s", a - z)
+    for k, width in enumerate(LOOPS_RAD):
+        out[f"h{k}"] = (f"a loop of rubbing over {width:g} rad", _rubbed(a, width))
     return out
 
 
@@ -98,6 +102,16 @@ def _relaxed(time: FloatArray, values: FloatArray, period: float) -> FloatArray:
     for k in range(1, time.size):
         decay = np.exp(-(time[k] - time[k - 1]) / period)
         out[k] = decay * out[k - 1] + (1 - decay) * 0.5 * (values[k] + values[k - 1])
+    return out
+
+
+def _rubbed(values: FloatArray, width: float) -> FloatArray:
+    """Friction that builds up over a width, from 0 at rest to 1 (Dahl 1968): h' = (r - |r| h) / width, whatever the rate."""
+    out = np.zeros_like(values)
+    for k in range(1, len(values)):
+        step = values[k] - values[k - 1]
+        way = np.sign(step)
+        out[k] = way + (out[k - 1] - way) * np.exp(-np.abs(step) / width)
     return out
 
 
@@ -133,6 +147,11 @@ def effect_source(effect_id: str, terms: Sequence[Term], coefficients: Sequence[
         rates.append(f'"z{k}": (joint.tube_angle - self.z{k}) / ({MEMORIES_S[k]} * self.second)')
         relaxed.append(f'"z{k}": joint.tube_angle')
         names.append(f"z{k} = self.z{k}")
+    for k in [k for k in range(len(LOOPS_RAD)) if f"h{k}" in _words(text)]:
+        states.append(f'"h{k}": "1"')
+        rates.append(f'"h{k}": (joint.tube_rate - sp.Abs(joint.tube_rate) * self.h{k}) / {LOOPS_RAD[k]}')
+        relaxed.append(f'"h{k}": sp.Integer(0)')
+        names.append(f"h{k} = self.h{k}")
     for name, meaning in (
         ("a", "joint.tube_angle"), ("r", "joint.tube_rate * self.second"), ("p", "joint.pressure / self.bar"), ("s", "joint.position"),
     ):  # fmt: skip
@@ -172,7 +191,7 @@ class Proposed(Effect):
     """Torque per joint: {" + ".join(f"c{k} {law}" for k, law in enumerate(laws, 1))}.
 
     a is the tube's angle (rad), r its rate (rad/s), p the pressure (bar), s the place from clamp to tip, t the time (s),
-    m the largest angle so far, z0.. the angle as it was remembered.
+    m the largest angle so far, z0.. the angle as it was remembered, h0.. a loop of rubbing (Dahl 1968).
     """
 
     id = "{effect_id}"

@@ -16,7 +16,6 @@ class RestCurvatureProfile(Effect):
     shows = "with one rest angle for the whole tube, the resting midline still has another shape"
     mistaken_for = "plane_tilt (which changes with the posture)"
     split_by = "a picture of the tube lying on a table, without load"
-    goes_with = ("rest_curvature",)
     parameters = {
         "a1": EffectParameter("rad", 0.0, -3.0, 3.0, 0.05, "linear variation, clamp to tip", display="deg"),
         "a2": EffectParameter("rad", 0.0, -3.0, 3.0, 0.0, "ends against middle", display="deg"),

@@ -38,7 +38,7 @@ def _parts(terms, courses, residual):
 
 
 @pytest.mark.parametrize(
-    "law", ["r * Abs(r)", "(a - z1)", "a**3 * s", "m * a", "p**2", "t * a * exp(-((s - 0.5) / 0.1)**2)"]
+    "law", ["r * Abs(r)", "(a - z1)", "a**3 * s", "m * a", "p**2", "t * a * exp(-((s - 0.5) / 0.1)**2)", "h1"]
 )
 def test_the_law_that_made_a_torque_is_proposed_and_its_file_is_an_effect(tmp_path, law):
     courses = [_course(seed) for seed in (1, 2, 3)]
