@@ -10,6 +10,7 @@ from typing import Any
 
 from benchmarks.damage.rows import rows
 from benchmarks.fuzzing import by_target
+from benchmarks.kills import between_rungs
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "faults.md"
 
@@ -52,8 +53,8 @@ def kills() -> str:
         counts = [sum(bool(row[key]) for row in mine) for key in ("different", "half_written", "redone")]
         late = sum(row["too_late"] for row in mine)
         name = command[0] if command[1] == "command" else f"{command[0]}, of it a worker"
-        lines.append([name, len(mine) - late, *counts, late])
-    head = ["command", "kills", "other results", "half written", "done again", "ended before"]
+        lines.append([name, len(mine) - late, between_rungs(mine) or "", *counts, late])
+    head = ["command", "kills", "of them between rungs", "other results", "half written", "done again", "ended before"]
     return f"{_code(found)}\n\n{_table(head, lines)}"
 
 
@@ -62,7 +63,9 @@ def faults() -> str:
     found = _of_latest_code("faults")
     # small disks are mounted in folders of their own, which nobody has again
     said = [re.sub(r"\S*/disk-[^/]+", "…", row["said"]) for row in found]
-    lines = [[row["fault"], "right" if row["right"] else "**wrong**", text] for row, text in zip(found, said, strict=True)]
+    lines = [
+        [row["fault"], "right" if row["right"] else "**wrong**", text] for row, text in zip(found, said, strict=True)
+    ]
     return f"{_code(found)}\n\n{_table(['fault', 'ended', 'what was said'], lines)}"
 
 

@@ -12,7 +12,9 @@ from benchmarks.damage.rows import ROWS, add_row, rows_of_this_code
 from testing.kills import kill_often, load_commands, small_campaign
 
 ENOUGH = 200  # kills of the whole group
-SHARES = {"track": 80, "fit": 80, "improve": 20, "batch": 20}
+SHARES = {"track": 70, "fit": 60, "improve": 50, "batch": 20}
+RUNGS = 3  # at least, of the climb that is killed
+BETWEEN = 15  # kills of it, at least, that leave a rung finished and another to climb
 
 
 def kill_all(file: Path = ROWS) -> None:
@@ -33,6 +35,28 @@ def kill_all(file: Path = ROWS) -> None:
                 done += [asdict(kill) for kill in made]
                 first += left
             sys.stderr.write(f"  {command}: {share} kills\n")
+    _check_climbs(rows_of_this_code("kills", file))
+
+
+def between_rungs(rows: list[dict[str, Any]]) -> int:
+    """How many kills of a climb left a rung finished and another to climb."""
+    return sum(0 < row["rungs"] < row["of_rungs"] for row in rows if not row["too_late"])
+
+
+def _check_climbs(rows: list[dict[str, Any]]) -> None:
+    """Make sure that the kills of `improve` could meet what goes wrong between two rungs.
+
+    Raises
+    ------
+    AssertionError
+        If the undisturbed climb is too short, or too few kills fell between its rungs.
+    """
+    shortest = min(row["of_rungs"] for row in rows if row["command"] == "improve" and not row["too_late"])
+    between = between_rungs(rows)
+    if shortest < RUNGS or between < BETWEEN:
+        raise AssertionError(
+            f"the climb has {shortest} rungs, and {between} kills fell between them; {RUNGS} and {BETWEEN} are needed"
+        )
 
 
 def run() -> list[dict[str, Any]]:
@@ -44,6 +68,8 @@ def run() -> list[dict[str, Any]]:
     return [
         {"name": "kills (track, fit, improve, batch)", "value": kills, "unit": "kills", "target": f">= {ENOUGH}",
          "met": kills >= ENOUGH},
+        {"name": "of them between two rungs of a climb", "value": between_rungs(rows), "unit": "kills",
+         "target": f">= {BETWEEN}", "met": between_rungs(rows) >= BETWEEN},
         {"name": "re-runs that ended with other results", "value": rows_with["different"], "unit": "runs", "target": "0",
          "met": not rows_with["different"]},
         {"name": "kills that left a file half written", "value": rows_with["half_written"], "unit": "kills", "target": "0",

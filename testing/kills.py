@@ -44,10 +44,12 @@ class Kill:
     half_written: list[str] = field(default_factory=list)
     different: list[str] = field(default_factory=list)
     redone: list[str] = field(default_factory=list)  # stages that had been finished and ran again
+    rungs: int = 0  # of a climb, that were finished when it was killed
+    of_rungs: int = 0  # that it has when nobody disturbs it
 
 
 def results_in(campaign: Path) -> dict[str, bytes]:
-    """Every result in JSON or netCDF, by path; what is unfinished must not be there."""
+    """Every result but the pages, by path; what is unfinished must not be there."""
     out = campaign / "rfea"
     kept = [
         path
@@ -57,7 +59,9 @@ def results_in(campaign: Path) -> dict[str, bytes]:
     left = [path.name for path in kept if path.name.startswith(".") and path.suffix != ".npz"]
     if left:
         raise AssertionError(f"left unfinished: {left}")
-    return {path.relative_to(out).as_posix(): path.read_bytes() for path in kept if path.suffix in (".json", ".nc")}
+    return {
+        path.relative_to(out).as_posix(): path.read_bytes() for path in kept if path.suffix in (".json", ".nc", ".csv")
+    }
 
 
 def half_written(campaign: Path) -> list[str]:
@@ -198,6 +202,8 @@ def _kill_once(command: str, number: int, folder: Path, wanted: dict[str, bytes]
             process.kill()
         found.half_written = half_written(folder)
         before = _records(folder)
+        found.rungs = sum(name.startswith("diagnose@") for name in before)
+        found.of_rungs = sum(path.endswith("/diagnosis.json") for path in wanted)
         _run(command, folder)
         after = _records(folder)
         found.redone = sorted(key for key, content in before.items() if after.get(key) != content)
@@ -221,10 +227,10 @@ def _run(command: str, campaign: Path) -> None:
 
 
 def small_campaign(folder: Path) -> Path:
-    """Two short runs of a coarse twin."""
+    """Two short runs of a coarse twin that hides two effects which two segments can tell: a climb of three rungs."""
     options = TwinOptions(
-        hidden={"gravity_tilt.angle": -0.08}, seed=3, roles=("train", "validate"), duration_s=0.6, rate_Hz=60.0, joints=4,
-        sync="common_clock", write_truth=False,
+        hidden={"gravity_tilt.angle": -0.15, "maxwell.k1": 0.1, "maxwell.T": 0.2}, seed=3, roles=("train", "validate"),
+        duration_s=1.5, rate_Hz=60.0, joints=4, sync="common_clock", write_truth=False,
     )  # fmt: skip
     simulate(folder, options)
     return folder
