@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -315,13 +314,14 @@ def test_results_do_not_depend_on_the_number_of_workers(raw, tmp_path, monkeypat
 
 
 def test_no_scheduler_at_the_address_is_said(campaign, monkeypatch):
-    monkeypatch.setattr(cluster, "_ANSWER_S", 1.0)  # that it gives up in time is tested below
+    monkeypatch.setattr(cluster, "_ANSWER_S", 1.0)
     answer = rfea("batch", campaign, "--scheduler", "tcp://127.0.0.1:9")
     assert answer.code == 2 and "nothing answers there" in answer.err
 
 
-def test_one_that_takes_the_call_and_says_nothing_is_said_within_ten_seconds(campaign):
+def test_one_that_takes_the_call_and_says_nothing_is_said(campaign, monkeypatch):
+    assert cluster._ANSWER_S <= 5.0, "twice that, for the call and the answer, are the ten seconds that a person waits"
+    monkeypatch.setattr(cluster, "_ANSWER_S", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        begun = time.monotonic()
         answer = rfea("batch", campaign, "--scheduler", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
-    assert answer.code == 2 and "nothing answers there" in answer.err and time.monotonic() - begun < 10.0
+    assert answer.code == 2 and "nothing answers there" in answer.err

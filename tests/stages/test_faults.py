@@ -53,9 +53,8 @@ def test_no_lock_outlives_its_holder(held):
     path, process = held
     said: list[str] = []
     threading.Timer(1.0, process.send_signal, [signal.SIGKILL]).start()
-    begun = time.monotonic()
     with locked(path, say=said.append):
-        assert 0.5 < time.monotonic() - begun < 5.0
+        assert process.wait(timeout=60) == -signal.SIGKILL, "it was taken from one that still held it"
     assert len(said) == 1 and f"process {process.pid}" in said[0]
 
 
@@ -91,7 +90,7 @@ def _hold_shared(path: Path) -> None:
 
 
 def test_another_host_holds_as_long_as_it_touches_the_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(locks, "SILENT_S", 0.6)
+    monkeypatch.setattr(locks, "SILENT_S", 1.5)
     path = tmp_path / "lock"
     about = {"host": "another", "pid": 7, "command": "rfea fit", "since": "2026-01-01", "shared": False}
     path.write_text(json.dumps(about))
@@ -103,7 +102,7 @@ def test_another_host_holds_as_long_as_it_touches_the_file(tmp_path, monkeypatch
 
     thread = threading.Thread(target=beat)
     thread.start()
-    with pytest.raises(DataError, match="process 7 on another"), locked(path, patience_s=1.2):
+    with pytest.raises(DataError, match="process 7 on another"), locked(path, patience_s=2.0):
         pass
     stop.set()
     thread.join()

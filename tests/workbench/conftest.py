@@ -75,6 +75,18 @@ def idle(page: Any) -> None:
     assert page.locator("#fault").is_hidden(), page.text_content("#fault")
 
 
+def at_rest(page: Any, selector: str) -> dict[str, float]:
+    """Where something is once it stays there: a sentence above it that changes may move it by a line."""
+    box = None
+    for _ in range(100):
+        before, box = box, page.locator(selector).bounding_box()
+        if box == before:
+            break
+        page.wait_for_timeout(150)
+    assert box is not None
+    return box
+
+
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright

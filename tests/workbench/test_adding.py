@@ -8,7 +8,7 @@ import pytest
 
 from rfea_vision.campaign import load_campaign
 
-from .conftest import idle
+from .conftest import at_rest, idle
 
 pytestmark = pytest.mark.chromium
 
@@ -132,7 +132,7 @@ def test_an_offset_is_dragged_and_kept(work, served, visit):
     page = visit(served.address + "#/clock")
     page.wait_for_selector("#clock-say:has-text('ms')")
     run = page.text_content("#clock-runs [aria-selected=true]")
-    box = page.locator('[data-figure="sync"] .canvas').bounding_box()
+    box = at_rest(page, '[data-figure="sync"] .canvas')
     before = float(page.input_value("#offset"))
     page.mouse.move(box["x"] + 200, box["y"] + 60)
     page.mouse.down()

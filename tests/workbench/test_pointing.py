@@ -9,7 +9,7 @@ import pytest
 from rfea_vision.artefacts import Track
 from rfea_vision.campaign import load_campaign
 
-from .conftest import idle
+from .conftest import at_rest, idle
 from .filmed import HIDDEN, RATE_HZ, write_film
 
 pytestmark = pytest.mark.chromium
@@ -26,21 +26,10 @@ def served(serve, film):
     return serve(film[0])
 
 
-def at_rest(page) -> dict[str, float]:
-    """Where the frame is once it stays there: a sentence above it that changes may move it by a line."""
-    box = None
-    for _ in range(100):
-        before, box = box, page.locator("#frame").bounding_box()
-        if box == before:
-            break
-        page.wait_for_timeout(150)
-    return box
-
-
 def point(page, at, until=None) -> None:
     """Click a pixel of the film, or drag from it to another."""
     width = int(page.evaluate("fetch('film/0').then(answer => answer.json()).then(film => film.width)"))
-    box = at_rest(page)
+    box = at_rest(page, "#frame")
     scale = box["width"] / width
     x, y = ((at[0] + 0.5) * scale + box["x"], (at[1] + 0.5) * scale + box["y"])
     page.mouse.move(x, y)
@@ -135,10 +124,11 @@ def test_one_points_with_keys_too(film, served, visit):
     page.focus('[data-tool="tip"]')
     page.keyboard.press("Enter")
     page.wait_for_selector("#frame:focus")
-    page.wait_for_timeout(1000)  # the frame is drawn, and listens
-    for key in ("ArrowDown", "ArrowRight", "Enter"):
+    page.wait_for_selector("#frame-clock:has-text('0.000 s')")  # the film is there, and its frame listens
+    for key, place in (("ArrowDown", "Column 180, row 325"), ("ArrowRight", "Column 185, row 325")):
         page.keyboard.press(key)
-        page.wait_for_timeout(300)
+        page.wait_for_selector(f"#tool-say:has-text('{place}')")
+    page.keyboard.press("Enter")
     page.wait_for_selector("#tool-say:has-text('written')")
     tip = load_campaign(folder).experiments[0].camera.hints.tip
     assert tip == pytest.approx((180 + 5, 320 + 5), abs=1)
