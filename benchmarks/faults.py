@@ -129,20 +129,22 @@ def read_only(tried: Tried) -> tuple[bool, str]:
     return ended.in_a_sentence and kept and right, ended.said
 
 
-def vanished(tried: Tried, share: float) -> tuple[bool, str]:
-    """Take the folder away during a fit, and bring it back."""
-    campaign = tried.copy(tried.folder / f"gone-{share:g}")
-    begun = time.monotonic()
-    assert command(shutil.copytree(campaign, tried.folder / f"timed-{share:g}" / "tube"), *_FIT).code == 0
-    took_s = time.monotonic() - begun
+def vanished(tried: Tried, stages: int) -> tuple[bool, str]:
+    """Take the folder away during a fit, once so many of its stages are finished, and bring it back."""
+    campaign = tried.copy(tried.folder / f"gone-{stages}")
     process = begin(campaign, *_FIT)
-    time.sleep(share * took_s)
+    ends = time.monotonic() + MOST_S
+    while len(list(campaign.glob("rfea/.stages/*@*.json"))) < stages and process.poll() is None:
+        if time.monotonic() > ends:
+            raise AssertionError(f"{stages} stages were not finished in {MOST_S:g} s")
+        time.sleep(0.001)
+    too_late = process.poll() is not None
     away = campaign.rename(campaign.with_name("away"))
     ended = end(process)
     if campaign.exists():  # a result may have been written as if nothing were: the folder is not ours any more
         shutil.rmtree(campaign)
     away.rename(campaign)
-    return (ended.code == 0 or ended.in_a_sentence) and tried.as_undisturbed(campaign), ended.said
+    return not too_late and ended.in_a_sentence and tried.as_undisturbed(campaign), ended.said
 
 
 def clock_back(tried: Tried) -> tuple[bool, str]:
@@ -203,8 +205,8 @@ FAULTS: dict[str, Callable[[Tried], tuple[bool, str]]] = {
     **{f"full disk, {room} kB left": partial(full_disk, room_kB=room) for room in (0, 20, 60, 80, 100, 120, 160)},
     "folder that cannot be written to": read_only,
     **{
-        f"folder that goes away at {share:.0%} of a fit": partial(vanished, share=share)
-        for share in (0.3, 0.6, 0.8, 0.9)
+        f"folder that goes away after {stages} of 5 stages of a fit": partial(vanished, stages=stages)
+        for stages in (1, 2, 3, 4)
     },
     "clock that jumps back": clock_back,
     "raw file that grows while it is read": growing,

@@ -95,7 +95,8 @@ def dask_client(
     if scheduler is not None:
         timeouts = config.set({"distributed.comm.timeouts.connect": f"{_ANSWER_S:g}s"})
         with timeouts, _connected(scheduler, security or Security()) as client:
-            _check_workers(client, scheduler, folders)
+            # one that is not here either, or is no folder, is refused as on this machine: by name, beside the others
+            _check_workers(client, scheduler, [folder for folder in folders if folder.is_dir()])
             yield client
         return
     with (

@@ -51,6 +51,16 @@ def test_one_that_will_do_is_taken(tmp_path):
     cluster._check_workers(Scheduler("asked"), "tcp://a:1", [tmp_path])  # type: ignore[arg-type]
 
 
+def test_only_folders_that_are_here_are_asked_for(tmp_path, monkeypatch):
+    """What is missing here, or is a file among the folders, is a campaign that fails, not a worker's fault."""
+    asked: list[Path] = []
+    monkeypatch.setattr(cluster, "_connected", lambda *_: nullcontext())
+    monkeypatch.setattr(cluster, "_check_workers", lambda client, scheduler, folders: asked.extend(folders))
+    (tmp_path / "notes.txt").touch()
+    with cluster.dask_client("tcp://a:1", folders=[tmp_path, tmp_path / "notes.txt", tmp_path / "nowhere"]):
+        assert asked == [tmp_path]
+
+
 @pytest.mark.parametrize(
     ("own", "without_s", "given_up"), [(False, 20, False), (False, 60, True), (True, 60, False), (True, 900, True)]
 )
