@@ -150,6 +150,12 @@ def _scalar(value: object) -> str:
     return text if re.fullmatch(r"[A-Za-z][\w.-]*|[\d.]+ [A-Za-z]+", text) else json.dumps(text, ensure_ascii=False)
 
 
+def _item(keys: Sequence[Key], where: str, guesses: list[str]) -> str:
+    """Keys as one item of a list."""
+    first, *others = _lines(keys, where, guesses).splitlines(keepends=True)
+    return "  - " + first[2:] + "".join(f"  {line}" for line in others)
+
+
 def _lines(keys: Sequence[Key], where: str, guesses: list[str]) -> str:
     """Keys as lines of YAML below a heading: guesses are marked, what nobody can guess is left as a comment."""
     out = []
@@ -218,7 +224,11 @@ def _experiment(folder: Path, run: RunFiles, held_out: bool, guesses: list[str])
     text += "pressure:" + (f"  # guessed: {run.why}" if run.why else "") + "\n"
     if run.why:
         guesses.append(f"{where}.pressure: {run.log.path.name}: {run.why}")
-    text += _lines(_brought(folder, run.name, run.log.pressure), f"{where}.pressure", guesses)
+    if run.log.chambers:
+        brought = [_brought(folder, run.name, keys) for keys in run.log.chambers]
+        text += "".join(_item(keys, f"{where}.pressure[{index}]", guesses) for index, keys in enumerate(brought))
+    else:
+        text += _lines(_brought(folder, run.name, run.log.pressure), f"{where}.pressure", guesses)
     if run.log is run.motion:
         return text + "sync: {method: common_clock}  # pressure and motion stand in one table\n"
     guesses.append(f"{where}.sync: motion: nothing says that the two clocks are one")

@@ -40,11 +40,12 @@ class Key:
 
 @dataclass(frozen=True)
 class FileGuess:
-    """One file: what it holds, and the keys that say how to read it."""
+    """One file: what it holds, and the keys that say how to read it; with several chambers those of each."""
 
     path: Path
     what: str
     pressure: tuple[Key, ...] = ()
+    chambers: tuple[tuple[Key, ...], ...] = ()
     motion: tuple[Key, ...] = ()
     actuator: tuple[Key, ...] = ()
     note: str = ""
@@ -57,8 +58,8 @@ class _Columns:
     table: Table
     taken: set[str] = field(default_factory=set)
 
-    def words(self, name: str) -> set[str]:
-        return {word for word in re.split(r"[^\w]+|_|(?<=[a-z])(?=[A-Z0-9])", name) for word in (word.lower(),) if word}
+    def words(self, name: str) -> list[str]:
+        return [word.lower() for word in re.split(r"[^\w]+|_|(?<=[a-z])(?=[A-Z0-9])", name) if word]
 
     def numeric(self) -> list[str]:
         return [
@@ -68,7 +69,7 @@ class _Columns:
         ]
 
     def called(self, names: Sequence[str], words: Sequence[str]) -> list[str]:
-        return [name for name in names if self.words(name) & set(words)]
+        return [name for name in names if set(self.words(name)) & set(words)]
 
 
 def look(path: Path) -> FileGuess:
@@ -95,7 +96,8 @@ def _table(path: Path) -> FileGuess:
         return FileGuess(path, "unknown", note="no column looks like a pressure, a tip or an angle")
     what = "log" if motion is None else "track" if pressure is None else "both"
     file = (Key("file", path),)
-    return FileGuess(path, what, file + (pressure or ()), file + (motion or ()), actuator)
+    each = tuple(file + keys for keys in pressure or ((),))
+    return FileGuess(path, what, each[0], each if len(each) > 1 else (), file + (motion or ()), actuator)
 
 
 def _time(columns: _Columns) -> tuple[Key, ...]:
@@ -137,7 +139,8 @@ def _unevenness(values: np.ndarray) -> float:
     return float(np.std(steps) / np.mean(steps))
 
 
-def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[Key, ...] | None:
+def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...], ...] | None:
+    """How the pressure is read, or that of every chamber; None where no column looks like one."""
     table = columns.table
     if not time and "time_s" not in table.columns and not table.times_s:
         return None
@@ -148,6 +151,10 @@ def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[Key, ...] | Non
         names, column_words()["ambient"]
     )
     found = [name for name in dict.fromkeys(by_word + by_unit) if name not in ambient]
+    supply = columns.called(found, column_words()["supply"])
+    found = [name for name in found if name not in supply] or found
+    if chambers := _chambers(columns, found):
+        return tuple((*time, *said, *_column(table, name, ambient)) for name, said in chambers.items())
     why = "its header and its unit say so" if found and found[0] in by_unit else "its header says so"
     if not found and len(names) == 1 and len(table.columns) == 2:
         found, why = names, "the only column beside the time"
@@ -156,15 +163,45 @@ def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[Key, ...] | Non
     name = found[0]
     others = [other for other in found[1:] if other != name]
     why += f"; there are also {', '.join(others[:3])}: of several chambers, make this a list" if others else ""
-    keys = [*time]
-    if name != "pressure_kPa" or others:
-        keys.append(Key("pressure", name, "" if name == "pressure_kPa" else why))
+    if name == "pressure_kPa" and not others:
+        return ((*time, *_column(table, name, ambient)),)
+    return ((*time, Key("pressure", name, "" if name == "pressure_kPa" else why), *_column(table, name, ambient)),)
+
+
+def _column(table: Table, name: str, ambient: list[str]) -> tuple[Key, ...]:
+    """Unit and reference of a pressure."""
     unit = said_unit(table, name, "kPa")
-    if unit is None:
-        keys.append(
-            Key("unit", "kPa", f"the file names no unit; the largest value is {np.nanmax(table.columns[name]):.4g}")
+    largest = f"the file names no unit; the largest value is {np.nanmax(table.columns[name]):.4g}"
+    return (() if unit else (Key("unit", "kPa", largest),)) + _reference(table, name, unit or "kPa", ambient)
+
+
+def _chambers(columns: _Columns, names: list[str]) -> dict[str, tuple[Key, ...]]:
+    """Chamber, column and sign of every pressure, where all headers name a chamber or a side of the tube; else nothing."""
+    words = {name: columns.words(name) for name in names}
+    shared = set.intersection(*map(set, words.values())) if words else set()
+    own = {name: [word for word in words[name] if word not in shared] for name in names}
+    known = column_words()
+    sides = [set(own[name]) & {*known["side"], *known["opposite"]} for name in names]
+    spoken = bool(shared & set(known["chamber"]))
+    if len(names) < 2 or not all(own.values()) or not (spoken or all(sides)):
+        return {}
+    called = {name: re.sub(r"^(?=\d)", "chamber", "_".join(own[name])) for name in names}
+    if len(set(called.values())) < len(names):
+        return {}
+    apart = [side & set(known["opposite"]) for side in sides]
+    both = len(names) == 2 and bool(apart[0]) != bool(apart[1])
+    unsure = (
+        "the two sides bend the tube to both; which of them as 'bends' says is not known: exchange the signs if needed"
+    )
+    out = {}
+    for name, opposite in zip(names, apart, strict=True):
+        sign = Key(
+            "sign",
+            -1 if opposite else 1,
+            unsure if both else "nothing says which way it bends the tube; -1 for the other",
         )
-    return tuple(keys) + _reference(table, name, unit or "kPa", ambient)
+        out[name] = (Key("chamber", called[name], "its header says so"), Key("pressure", name), sign)
+    return out
 
 
 def _reference(table: Table, name: str, unit: str, ambient: list[str]) -> tuple[Key, ...]:

@@ -147,3 +147,39 @@ def test_a_track_without_a_log_is_told_what_stands_for_one(tmp_path):
     campaign = load_campaign(tmp_path / "made")
     (run,) = campaign.experiments
     assert run.pressure.value_kPa == 0.0 and run.rig.held
+
+
+CHAMBERS = [
+    (("p_left_kPa", "p_right_kPa"), ("left", "right"), (1, -1)),
+    (("chamber 1 [bar]", "chamber 2 [bar]", "chamber 3 [bar]"), ("chamber1", "chamber2", "chamber3"), (1, 1, 1)),
+    (("Druck oben [mbar]", "Druck unten [mbar]"), ("oben", "unten"), (1, -1)),
+    (("pressureExtensor (kPa)", "pressureFlexor (kPa)"), ("extensor", "flexor"), (-1, 1)),
+]
+
+
+@pytest.mark.parametrize(("headers", "chambers", "signs"), CHAMBERS)
+@pytest.mark.filterwarnings("ignore")
+def test_pressures_that_are_called_chambers_are_written_as_such(tmp_path, headers, chambers, signs):
+    factor = next(value for unit, value in {"kPa": 1, "mbar": 10, "bar": 0.01}.items() if unit in headers[0])
+    columns = {name: factor * (index + 1) * PRESSURE_kPa for index, name in enumerate(headers)}
+    supply = {"supply [kPa]": np.full(400, 600.0)}
+    pd.DataFrame({"t [s]": TIME_S, **supply, **columns}).to_csv(tmp_path / "log.csv", index=False)
+    tip_track("left").to_csv(tmp_path / "log_track.csv", index=False)
+    written = write_campaign_from(tmp_path / "tube", [tmp_path])
+    parts = load_campaign(tmp_path / "tube").experiments[0].pressure.chambers
+    assert [part.chamber for part in parts] == list(chambers) and [part.sign for part in parts] == list(signs)
+    log = read_pressure(load_campaign(tmp_path / "tube").experiments[0].pressure)
+    for index, chamber in enumerate(chambers):
+        np.testing.assert_allclose(log.chambers[chamber], (index + 1) * PRESSURE_kPa, atol=1e-6)
+    assert sum(".sign: " in item for item in written.guesses) == len(chambers)
+
+
+@pytest.mark.parametrize("headers", [("p1", "p2"), ("p_left_kPa", "p_2_kPa"), ("p chamber [kPa]", "p chamber (kPa)")])
+def test_pressures_that_nothing_calls_chambers_are_asked_for(tmp_path, headers):
+    pd.DataFrame({"t": TIME_S, headers[0]: PRESSURE_kPa, headers[1]: PRESSURE_kPa}).to_csv(
+        tmp_path / "a.csv", index=False
+    )
+    guess = look(tmp_path / "a.csv")
+    assert guess.chambers == () and "of several chambers" in next(
+        key.why for key in guess.pressure if key.name == "pressure"
+    )

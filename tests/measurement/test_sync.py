@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
 
 from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
 from rfea_vision.stages.warnings import warnings_of
 from rfea_vision.sync import synchronise
+from rfea_vision.sync.synchronise import check_log
 
 
 def pressure_at(t):
@@ -87,6 +89,31 @@ def test_a_lamp_in_the_picture():
     logged = PressureLog(log.time_s, log.pressure_kPa, channels={"led": on(log.time_s)})
     a = synchronise(lit, logged, experiment="a", role="train", bends="left", method="led").dataset.attrs
     assert abs(a["offset_s"] - 0.2) < 0.003
+
+
+TIMES_S = np.arange(0, 20, 0.005)
+WAVE = 150 - 150 * np.cos(2 * np.pi * 0.3 * TIMES_S)
+RAMPS = np.interp(TIMES_S % 4, [0, 1, 1.5, 2.5, 3, 4], [0, 0, 200, 200, 0, 0])
+FILLED = lfilter([0.05], [1, -0.95], np.where(TIMES_S % 4 < 2, 0.0, 200.0))  # a first-order line, 0.1 s
+
+
+def of_12_bits(pressure_kPa):
+    return np.round(pressure_kPa * 4096 / 300) * 300 / 4096
+
+
+@pytest.mark.parametrize(
+    "log", [FILLED, of_12_bits(FILLED), RAMPS, of_12_bits(RAMPS), WAVE, np.where(WAVE > 100, 200.0, 0.0)]
+)
+def test_a_hold_at_the_highest_pressure_is_no_saturated_sensor(log):
+    assert check_log(TIMES_S, log, "a", moving=True) == []
+
+
+@pytest.mark.parametrize(
+    "log", [FILLED, of_12_bits(FILLED), WAVE, FILLED + np.random.default_rng(0).normal(0, 0.3, 4000)]
+)
+@pytest.mark.parametrize("end", [150, 190])
+def test_a_sensor_that_is_run_into_its_end_is_asked_for(log, end):
+    assert "is the sensor saturated?" in check_log(TIMES_S, np.minimum(log, end), "a", moving=True)[0]
 
 
 def test_a_flat_short_or_unrelated_log_is_said():
