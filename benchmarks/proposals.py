@@ -77,7 +77,8 @@ def run_case(case: Case) -> dict[str, Any]:
             found = propose(as_artefact(problem, fitted), recordings, Path(folder) / "proposed.py")
         except DataError as error:
             return {**line, "terms": [], "after_mm": held, "sentence": str(error)}
-    return {**line, "terms": list(found.terms), "after_mm": found.held_after, "sentence": found.sentence}
+    said = found.sentence.replace(f"{folder}/", "")
+    return {**line, "terms": list(found.terms), "after_mm": found.held_after, "sentence": said}
 
 
 def document(lines: Sequence[dict[str, Any]]) -> str:
