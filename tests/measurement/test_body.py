@@ -12,8 +12,12 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
+from rfea_vision.vision.body.begin import first_body
+from rfea_vision.vision.body.fit import Fit, looks_beside
 from rfea_vision.vision.body.follower import BodyFollower
-from rfea_vision.vision.body.rules import First, elsewhere
+from rfea_vision.vision.body.model import SHARES, STATIONS
+from rfea_vision.vision.body.rules import First, elsewhere, refused
+from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.track import make_scene
 from testing.phone import Arm, Room, clear_scene, film
@@ -204,6 +208,29 @@ def test_a_hint_is_tried_before_it_is_said(tmp_path):
     assert np.linalg.norm(pixels[2] - truth.tip_px) < 5.0
     hints = Hints(clamp=(tuple(pixels[0]), tuple(pixels[1])), tip=tuple(pixels[2]))
     assert track_frames(source, calibration, actuator, hints=hints, vertical="image").valid.mean() >= 0.95
+
+
+def test_a_line_beside_which_the_tube_goes_on_is_refused():
+    """An arm that has swelled to three widths: a line along one of its edges has that edge, and is not its middle."""
+    narrow = np.full((200, 160, 3), (60, 128, 128), np.uint8)
+    narrow[:, 68:92] = (200, 120, 140)
+    wide = narrow.copy()
+    wide[80:150, 68:130] = (200, 120, 140)
+    line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
+    body, wall = first_body(narrow, line, 12.0), Wall(narrow.shape)
+    first = First(180.0, body.half, 1.0, 1.0, narrow.shape[:2], 100.0, 1.8, None)
+
+    def said(picture, seen):
+        beside = looks_beside(picture, wall, body)
+        whole = np.ones(STATIONS)
+        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, whole, whole, np.zeros(7), beside, 1.0))
+
+    everywhere = np.ones((STATIONS, 2), bool)
+    assert said(narrow, everywhere) == said(wide, everywhere) == "", "where an edge is seen, the tube ends"
+    lost = everywhere.copy()
+    lost[np.abs(line[:, 1] - 115) < 35] = False
+    assert said(narrow, lost) == "", "nothing is beside it"
+    assert re.match(r"no_fit: the tube goes on beside the line, 39 to 77 mm", said(wide, lost))
 
 
 def test_what_covers_the_arm_is_called_so(tmp_path):

@@ -61,6 +61,7 @@ LEANS = 0.1
 LEAN_BASIS = basis_matrix(SHARES, 5)
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
+BESIDE = 1.6  # half widths off the line: the middle of what is beside the body
 
 
 @dataclass
@@ -76,6 +77,7 @@ class Fit:
     alike : (S,) share of the skin that is that of the first frame
     backing : (S,) share of the inside that looks like the body
     end : (RAYS,) px how far the end lies beyond where the rays had it, NaN where it was not found
+    beside : (S, 2) share of what is beside it, to either side, that looks like the body
     standing_out : share of the body that differs from what is around it, and
     marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none; both when it is judged
     """
@@ -87,6 +89,7 @@ class Fit:
     alike: FloatArray
     backing: FloatArray
     end: FloatArray
+    beside: FloatArray
     standing_out: float = 0.0
     marks: FloatArray | None = None
 
@@ -175,7 +178,22 @@ def fit_body(
         alike.copy(),
         backing,
         end,
+        looks_beside(picture, wall, body),
     )
+
+
+def looks_beside(picture: Picture, wall: Wall, body: SeenBody) -> FloatArray:
+    """Share (S, 2) of what is beside a body, from 1.2 to 2 half widths off its line, that looks like it."""
+    normals = frame_of(body.points)[1]
+    out = np.empty((2, STATIONS))
+    for side, sign in enumerate((1.0, -1.0)):
+        points = body.points + (sign * BESIDE * body.half)[:, None] * normals
+        outside = np.repeat(body.outside[:, side : side + 1], 2, axis=1)
+        support(
+            picture, wall.colour, wall.times, wall.relief, points, normals, (BESIDE - 1) * body.half, body.inside, outside,
+            out[side],
+        )  # fmt: skip
+    return out.T
 
 
 def _add_shape(
