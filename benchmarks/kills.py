@@ -12,7 +12,7 @@ from benchmarks.damage.rows import ROWS, add_row, rows_of_this_code
 from testing.kills import kill_often, load_commands, small_campaign
 
 ENOUGH = 200  # kills of the whole group
-SHARES = {"track": 70, "fit": 60, "improve": 50, "batch": 20}
+SHARES = {"improve": 50, "batch": 20, "fit": 60, "track": 70}
 RUNGS = 3  # at least, of the climb that is killed
 BETWEEN = 15  # kills of it, at least, that leave a rung finished and another to climb
 

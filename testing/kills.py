@@ -1,12 +1,14 @@
 """Kills at random moments: a command is stopped with SIGKILL, run again, and must end with the results of an undisturbed one.
 
 ``track``, ``fit`` and ``improve`` run in a fork of this process, which has loaded their libraries; ``batch`` is a command of its own,
-and every second time one of its workers is killed in its place: then the batch itself must end as on a quiet day.
+and every second time one of its workers is killed in its place: then the batch itself must end as on a quiet day. A moment is a
+share of the processor time of an undisturbed run: by the clock, a busy machine would have each command killed as it begins.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 import random
 import shutil
@@ -39,7 +41,7 @@ class Kill:
     command: str
     number: int
     what: str = "command"  # that was killed: the command, or a worker of a batch
-    after_s: float = 0.0
+    after_s: float = 0.0  # of processor time
     too_late: bool = False  # the command had ended before
     half_written: list[str] = field(default_factory=list)
     different: list[str] = field(default_factory=list)
@@ -88,6 +90,7 @@ class Process:
         places = {"CAMPAIGN": str(campaign), "RECIPE": str(recipe), "INDEX": str(campaign.parent / "index.html")}
         self.arguments = [places.get(word, word) for word in _COMMANDS[command]]
         self.own: subprocess.Popen[bytes] | None = None
+        self.used_s = 0.0  # of processor time, once it has ended
         if command == "batch":
             started = [sys.executable, "-c", "from rfea_vision.cli import main; main()", *self.arguments]
             quiet = subprocess.DEVNULL
@@ -110,27 +113,37 @@ class Process:
         finally:
             os._exit(code)
 
-    def wait(self, seconds: float) -> int | None:
-        """Return the exit code, or None if it has not ended by then."""
-        ends = time.monotonic() + seconds
+    def wait(self, used_s: float = math.inf) -> int | None:
+        """Return the exit code, or None once it has used so much processor time, or has not ended in `MOST_S`."""
+        ends = time.monotonic() + MOST_S
         while True:
-            done, status = os.waitpid(self.pid, os.WNOHANG)
+            done, status, usage = os.wait4(self.pid, os.WNOHANG)
             if done:
+                self.used_s = usage.ru_utime + usage.ru_stime
                 if self.own is not None:
                     self.own.returncode = os.waitstatus_to_exitcode(status)
                 return os.waitstatus_to_exitcode(status)
-            if time.monotonic() > ends:
+            if time.monotonic() > ends or (used_s < math.inf and self._used_so_far_s() > used_s):
                 return None
             time.sleep(0.002)
+
+    def _used_so_far_s(self) -> float:
+        """Processor time of the command until now, with that of a batch's workers."""
+        return sum(map(_processor_s, [self.pid, *(() if self.own is None else _below(self.pid))]))
 
     def kill(self) -> None:
         """Kill the command; of a batch, its workers have to notice by themselves."""
         os.kill(self.pid, signal.SIGKILL)
-        self.wait(MOST_S)
+        self.wait()
 
 
 def descendants(process: int) -> list[int]:
     """Workers below a batch: the processes that were spawned to compute, and those that look after them."""
+    return [item for item in _below(process) if b"spawn_main" in _command_line(item)]
+
+
+def _below(process: int) -> list[int]:
+    """Every process that a process has started, and that these have."""
     parents: dict[int, list[int]] = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError, ValueError):
@@ -142,7 +155,16 @@ def descendants(process: int) -> list[int]:
         below = parents.get(look.pop(), [])
         look += below
         found += below
-    return [item for item in found if b"spawn_main" in _command_line(item)]
+    return found
+
+
+def _processor_s(process: int) -> float:
+    """Processor time of a process and of those below it that have ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
 
 
 def _command_line(process: int) -> bytes:
@@ -164,9 +186,7 @@ def kill_often(
         wanted = results_in(calm)
         shutil.rmtree(calm)
         shutil.copytree(campaign, calm)  # once more, with everything compiled: the time in which it can be killed
-        begun = time.monotonic()
-        _run(command, calm)
-        took_s = time.monotonic() - begun
+        took_s = _run(command, calm)
         if results_in(calm) != wanted:
             raise AssertionError(f"{command}: two undisturbed runs differ")
         for number in numbers:
@@ -188,13 +208,15 @@ def _kill_once(command: str, number: int, folder: Path, wanted: dict[str, bytes]
     )
     process = Process(command, folder)
     code = process.wait(found.after_s)
+    if code is None:
+        time.sleep(chance.uniform(0.0, 0.02))  # that time is counted in hundredths of a second
     workers = descendants(process.pid) if found.what == "worker" and code is None else []
     found.too_late = code is not None or (found.what == "worker" and not workers)
     if found.what == "worker":
         if workers:
             with suppress(ProcessLookupError):
                 os.kill(chance.choice(workers), signal.SIGKILL)
-        code = process.wait(MOST_S) if code is None else code
+        code = process.wait() if code is None else code
         if code != 0:
             found.different.append(f"the batch ended with exit code {code}")
     else:
@@ -217,13 +239,15 @@ def _records(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in found if not path.name.startswith(".")}
 
 
-def _run(command: str, campaign: Path) -> None:
+def _run(command: str, campaign: Path) -> float:
+    """Run a command to its end; return the processor time that it took."""
     process = Process(command, campaign)
-    code = process.wait(MOST_S)
+    code = process.wait()
     if code is None:
         process.kill()
     if code != 0:
         raise AssertionError(f"{command}: ended with {'no answer' if code is None else f'exit code {code}'}")
+    return process.used_s
 
 
 def small_campaign(folder: Path) -> Path:

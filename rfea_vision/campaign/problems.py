@@ -25,6 +25,10 @@ class FileProblem:
     severity: Literal["error", "warning"] = "error"
     experiment: str | None = None
 
+    def __post_init__(self) -> None:
+        # it may quote a name or a value of the file, and YAML takes line breaks of many kinds
+        object.__setattr__(self, "message", " ".join(self.message.splitlines()))
+
     def __str__(self) -> str:
         where = f"{self.file}:{self.line}" if self.line else str(self.file)
         return f"{where}: {self.key}: {self.message}" if self.key else f"{where}: {self.message}"

@@ -86,8 +86,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     with contextlib.suppress(ValueError):  # only the main thread may set it
         signal.signal(signal.SIGTERM, _interrupt)
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # a shell may have had it ignored
-            signal.signal(signal.SIGINT, _interrupt)
+        # a shell may have had the first ignored, and nohup the second: Windows knows no terminal that hangs up
+        for number in {signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)}:
+            if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
+                signal.signal(number, _interrupt)
     sys.exit(run(arguments))
 
 

@@ -173,6 +173,12 @@ def test_a_broken_file_is_named_with_its_line(campaign, content, says):
     assert str(caught.value).startswith(str(file)) and says in str(caught.value)
 
 
+def test_a_name_with_line_breaks_is_told_in_one_line(campaign):
+    edit(campaign / "steps" / "experiment.yaml", track={"file": "tr\n\nack\u2028.csv"})
+    (problem,) = read_campaign(campaign).problems
+    assert "no file 'tr  ack .csv' in" in problem.message
+
+
 def test_a_byte_order_mark_is_no_fault(campaign):
     file = campaign / "steps" / "experiment.yaml"
     file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())

@@ -15,6 +15,7 @@ import xarray as xr
 from campaign.campaigns import write_campaign
 
 import rfea_vision
+from rfea_vision.cli import root
 from rfea_vision.distributed import cluster
 
 from .console import rfea
@@ -325,3 +326,14 @@ def test_one_that_takes_the_call_and_says_nothing_is_said(campaign, monkeypatch)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         answer = rfea("batch", campaign, "--scheduler", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
     assert answer.code == 2 and "nothing answers there" in answer.err
+
+
+@pytest.mark.parametrize(("before", "taken"), [(signal.SIG_DFL, True), (signal.SIG_IGN, False)])
+def test_a_terminal_that_is_closed_interrupts_unless_nohup_was_asked_for(before, taken, monkeypatch):
+    handlers: dict[int, object] = {}
+    monkeypatch.setattr(root.signal, "signal", handlers.__setitem__)
+    monkeypatch.setattr(root.signal, "getsignal", lambda number: before)
+    monkeypatch.setattr(root, "run", lambda arguments: 0)
+    with pytest.raises(SystemExit):
+        root.main(["doctor"])
+    assert (signal.SIGHUP in handlers) is taken and signal.SIGTERM in handlers
