@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record, from_record, options_of, read, read_flags, written
-from rfea_vision.stages.recipes import Recipe
+from rfea_vision.stages.recipes import Recipe, load_recipe
 
 RECIPE: dict[str, Any] = {
     "add": ["maxwell", "coulomb"],
@@ -70,3 +70,11 @@ def test_the_schema_of_a_recipe_knows_the_options_of_its_steps():
     assert "budget" not in steps["fit"]["properties"] and "name" not in steps["improve"]["properties"]
     assert steps["improve"]["properties"]["budget"]["type"] == "string", "quantities are written with their unit"
     assert all(option["description"] for step in steps.values() for option in step["properties"].values())
+
+
+@pytest.mark.parametrize(("step", "says"), [("{compare: , report: }", "names compare and report"), ("{}", "no stage")])
+def test_a_step_of_a_recipe_is_one_stage(tmp_path, step, says):
+    file = tmp_path / "mine.yaml"
+    file.write_text(f"steps:\n  - sync\n  - {step}\n")
+    with pytest.raises(InputError, match=rf"mine\.yaml.*step 2 .*{says}"):
+        load_recipe(str(file))

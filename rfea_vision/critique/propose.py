@@ -11,6 +11,7 @@ doi:10.1098/rspa.2020.0279). The best law is written as an effect file, such as 
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -96,21 +97,24 @@ def propose(
             f"model {model.name}: no term of the library foretells what is left of runs that it was not regressed on; "
             "'rfea compare' says where and when it is large"
         )
-    name_files([file])  # what is written here is our own
     tried = []
-    for law in laws:
-        after = _refitted(problem, fitted, file, effect_id, law)
-        if after is not None:
-            found = tuple(after.values[f"{effect_id}.c{k}"] for k in range(1, len(law.terms) + 1))
-            tried.append((after.solution.evaluation.cost, replace(law, coefficients=found), errors_of(problem, after)))
+    with tempfile.TemporaryDirectory(prefix="rfea-law-") as folder:  # what stands in `file` stays until a law helps
+        draft = Path(folder) / file.name
+        name_files([draft])
+        for law in laws:
+            after = _refitted(problem, fitted, draft, effect_id, law)
+            if after is not None:
+                found = tuple(after.values[f"{effect_id}.c{k}"] for k in range(1, len(law.terms) + 1))
+                found_law = replace(law, coefficients=found)
+                tried.append((after.solution.evaluation.cost, found_law, errors_of(problem, after)))
     helping = [row for row in tried if matters(before, row[2], floor)]
     if not helping:
-        file.unlink(missing_ok=True)
         raise DataError(
             f"model {model.name}: the best law of the library, {listed(laws[0].terms)}, does not lower the held-out error"
         )
     _, best, after = min(helping, key=lambda row: row[0])
     write_text(file, effect_source(effect_id, best.terms, best.coefficients))
+    name_files([file])  # what is written here is our own
     return _described(file, best, (before.held, after.held), "mm" if problem.train[0].has_tip else "deg")
 
 

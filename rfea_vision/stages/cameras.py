@@ -40,7 +40,7 @@ def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str) -> Sto
     inputs = [*camera.photos, *([camera.plane] if camera.plane else []), *([camera.file] if camera.file else [])]
     length_m = work.campaign.actuator.length
     size = _picture_size(work, camera) if camera.scale is not None else None
-    scaled = (camera.hints, size, length_m) if camera.scale is not None else None
+    scaled = (camera.hints, size) if camera.scale is not None else None
 
     def make(progress: Progress) -> tuple[Calibration, list[Path], str]:
         from rfea_vision.calibration.storage import save_calibration
@@ -57,7 +57,7 @@ def calibrate(work: Runner, camera: CameraSpec, path: Path, subject: str) -> Sto
 
         return load_calibration(path)
 
-    options = {"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "scaled": scaled}
+    options = {"camera": replace(camera, hints=Hints(clamp=camera.hints.clamp)), "length": length_m, "scaled": scaled}
     return work.run(Stage("calibrate", subject, inputs=inputs, options=options), make=make, load=load)
 
 

@@ -23,10 +23,14 @@ _FOLDER = re.compile(rf"import_module\(f?\"({_NAME}[\w.]+?)\.?[{{\"]")
 _TYPES_ONLY = re.compile(r"^if TYPE_CHECKING:[^\n]*\n(?:[ \t]+[^\n]*\n|\n)+", re.MULTILINE)
 
 
-@cache
 def code_of(work: Callable[..., Any]) -> str:
     """Return a hash of all source that a function of a stage depends on."""
-    own, modules = _read(work)
+    return _hash(*_place(work))
+
+
+@cache
+def _hash(home: Path, name: str) -> str:
+    own, modules = _read(home, name)
     digest = hashlib.sha256(own.encode())
     for file in sorted(_files(modules)):
         digest.update(file.relative_to(_PACKAGE).as_posix().encode())
@@ -36,13 +40,18 @@ def code_of(work: Callable[..., Any]) -> str:
 
 def modules_of(work: Callable[..., Any]) -> frozenset[str]:
     """Return the modules of this package that a function depends on, beside the file in which it stands."""
-    return _read(work)[1]
+    return _read(*_place(work))[1]
+
+
+def _place(work: Callable[..., Any]) -> tuple[Path, str]:
+    """Where a function stands: what is remembered of it must not hold the function, and with it all that it holds."""
+    return Path(work.__code__.co_filename), work.__qualname__
 
 
 @cache
-def _read(work: Callable[..., Any]) -> tuple[str, frozenset[str]]:
+def _read(home: Path, name: str) -> tuple[str, frozenset[str]]:
     """What a function and those beside it that it calls do, without comments; and the modules they depend on."""
-    own, waiting = _named(Path(work.__code__.co_filename), work.__qualname__)
+    own, waiting = _named(home, name)
     found: set[str] = set()
     while waiting:
         module = waiting.pop()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from rfea_vision.critique.propose import regress
 from rfea_vision.critique.terms import Course, effect_source, library
 from rfea_vision.effects.catalogue import load_effect_file
 from rfea_vision.effects.permission import name_files
+from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model
 from rfea_vision.options import FitOptions
 
@@ -68,12 +71,18 @@ def test_no_law_is_proposed_for_noise():
     assert regress(terms, _parts(terms, courses, noise)) == []
 
 
-def test_a_soft_ring_is_found_in_the_motion_of_the_tube(campaign, tmp_path):
+def test_a_soft_ring_is_found_in_the_motion_of_the_tube(campaign, tmp_path, monkeypatch):
     """The twin's kink: a tenth of the tube is softer by a half, at a third of its length."""
+    file = tmp_path / "ring.py"
+    file.write_text("# mine\n", encoding="utf-8")
     recordings, actuator = campaign((("kink.c", 0.5), ("kink.at", 0.35)))
     model = fit_model(recordings, actuator, FitOptions(segments=10, starts=0))
-    found = propose(model, recordings, tmp_path / "ring.py")
+    with monkeypatch.context() as patch, pytest.raises(DataError, match="does not lower"):
+        patch.setattr(sys.modules["rfea_vision.critique.propose"], "_refitted", lambda *_: None)
+        propose(model, recordings, file)
+    assert file.read_text(encoding="utf-8") == "# mine\n"  # no law helps: what stood there stays
+    found = propose(model, recordings, file)
     assert any("exp(-((s - 0.35)" in law for law in found.terms)
     assert found.held_after < 0.5 * found.held_before and found.regression_r2 > 0.5
-    (effect,) = load_effect_file(found.file)
+    (effect,) = load_effect_file(file)
     assert effect.parameters["c1"].start == pytest.approx(found.coefficients[0], rel=1e-5)

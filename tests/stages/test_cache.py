@@ -1,10 +1,12 @@
 """A stage runs again if, and only if, something that it depends on has changed."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from campaign.campaigns import write_campaign
 
 from rfea_vision import open_campaign
@@ -150,3 +152,17 @@ def test_a_model_names_the_files_of_the_runs_that_it_saw_whatever_else_was_measu
     open_campaign(all_measured).sync()
     named = [open_campaign(folder).raw_inputs(["sine"]) for folder in (alone, all_measured)]
     assert named[0] == named[1] and {Path(path).parts[0] for path in named[0]} == {"sine"}
+
+
+def test_a_track_is_doubted_by_the_length_that_now_stands_in_the_file(tmp_path):
+    file = write_campaign(tmp_path / "a") / "campaign.yaml"
+    right = file.read_text()
+    file.write_text(re.sub(r"length: \d+ mm", "length: 15 mm", right))
+    doubts = []
+    for text in (file.read_text(), right):
+        file.write_text(text)
+        work = open_campaign(file.parent)
+        work.track(["sine"])
+        with xr.open_dataset(work.out / "sine" / "track.nc") as track:
+            doubts.append(track.attrs["doubts"])
+    assert doubts[0] and not doubts[1]

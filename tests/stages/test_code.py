@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -57,12 +59,12 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (root / name).write_text(text)
     monkeypatch.setattr(code, "_PACKAGE", root)
     yield root
-    for memory in (code.code_of, code._read, code._imports):
+    for memory in (code._hash, code._read, code._imports):
         memory.cache_clear()
 
 
 def stage_of(root: Path, name: str) -> Callable[..., Any]:
-    for memory in (code.code_of, code._read, code._imports):
+    for memory in (code._hash, code._read, code._imports):
         memory.cache_clear()
     space: dict[str, Any] = {}
     file = root / "stages" / "work.py"
@@ -94,3 +96,18 @@ def test_a_stage_s_own_lines_count_and_its_comments_do_not(package: Path) -> Non
     assert code.code_of(stage_of(package, "fit")) == before
     work.write_text(work.read_text().replace("return base.mm", "return 2 * base.mm"))
     assert code.code_of(stage_of(package, "fit")) != before
+
+
+def test_what_a_stage_holds_is_not_kept_with_its_hash() -> None:
+    def stage_with(track: set[int]) -> Callable[..., Any]:
+        def make() -> set[int]:
+            return track
+
+        return make
+
+    track = {1}
+    gone = weakref.ref(track)
+    code.code_of(stage_with(track))
+    del track
+    gc.collect()
+    assert gone() is None
