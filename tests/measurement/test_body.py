@@ -20,7 +20,7 @@ from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.track import make_scene
-from testing.phone import Arm, Room, clear_scene, film
+from testing.phone import Arm, Room, clear_scene, film, scene
 
 SMALL = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clutter=3, seed=4)
 LEFT = -np.concatenate([np.linspace(0.05, 0.9, 20), np.linspace(0.9, 0.3, 12)])
@@ -54,8 +54,24 @@ def test_a_film_that_edges_cannot_read_is_read_by_the_body(arm, tmp_path):
     swing = np.ptp(truth.tip_mm, axis=0).max()
     assert np.sqrt(np.nanmean(np.sum(off**2, axis=1))) < 0.03 * swing
     assert np.nanmean(np.abs(off / track.dataset["tip_sigma"].values) < 2.0) > 0.9
+    if arm.marks:  # what its inextensible side would say is off by 0.05
+        full = np.abs(LEFT) / np.abs(LEFT).max()
+        drawn = (1 + arm.stretch * full) / (1 + arm.stretch * full[0]) - 1
+        off = track.dataset["marker_elongation"].values - drawn[:, None]
+        assert np.isfinite(off).mean() > 0.9 and np.sqrt(np.nanmean(off**2)) < 0.012
+        assert np.nanmean(np.abs(off) < 1.96 * track.dataset["marker_elongation_sigma"].values) > 0.95
     width = track.dataset["width"].values
     assert abs(width[:4, -3].mean() / width[:4, 2].mean() - (1 - 0.9 * arm.taper)) < 0.15
+
+
+def test_an_arm_that_swings_is_not_folded_into_its_clamp(tmp_path):
+    """Flow on smooth rubber before a still wall says that it slid along itself by a tenth of its length."""
+    arm, room, bends = scene(24)
+    truth = film(tmp_path / "film.mp4", arm, room, bends[:15])
+    track = tracked(tmp_path / "film.mp4", truth)
+    assert track.valid.all(), track.dataset["reason_detail"].values
+    off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
+    assert off.max() < 0.05 * np.ptp(truth.tip_mm, axis=0).max()
 
 
 def test_clear_silicone_before_a_cable_on_ruled_paper(tmp_path):

@@ -5,6 +5,7 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.vision import track_frames
+from rfea_vision.vision.derive.markers import elongation_between
 from testing.scenes import Lens, Look, picture, shape
 from testing.sources import memory_source, true_calibration
 
@@ -48,3 +49,19 @@ def test_a_plain_tube_has_no_marker_elongation(small_lens):
     data = track_frames(memory_source(pictures, times), true_calibration(small_lens), Actuator()).dataset
     assert "marker_elongation" not in data
     assert "absent" in data.attrs["marker_elongation_assumption"]
+
+
+def test_single_marks_tell_each_stretch_between_them():
+    """The clamp's part is drawn out by 30 %, the middle by 10 %, and the glued end not at all; then one mark is hidden."""
+    first = {0.25: (25.0, 0.2), 0.75: (75.0, 0.2)}
+    drawn = {0.25: (32.5, 0.2), 0.75: (87.5, 0.2)}
+    material, lengths = [first, drawn, {0.75: (87.5, 0.2)}], np.array([100.0, 112.5, 112.5])
+    marked = elongation_between(material, lengths, np.full(3, 0.5), 4)
+    assert marked.elongation[0] == pytest.approx(np.zeros(4), abs=1e-12)
+    assert marked.elongation[1] == pytest.approx([0.3, 0.1, 0.1, 0.0])
+    assert marked.elongation[2] == pytest.approx([1 / 6, 1 / 6, 1 / 6, 0.0])
+    assert marked.sigma[1] == pytest.approx(
+        np.sqrt(2) * np.array([0.2 / 25, np.hypot(0.2, 0.2) / 50, np.hypot(0.2, 0.2) / 50, np.hypot(0.2, 0.5) / 25])
+    )
+    late = elongation_between([{0.5: (50.0, 8.0)}], lengths[:1], np.full(1, 0.5), 4)
+    assert np.isnan(late.elongation).all()  # known to a fifth only

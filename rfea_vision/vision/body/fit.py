@@ -78,6 +78,7 @@ class Fit:
     backing : (S,) share of the inside that looks like the body
     end : (RAYS,) px how far the end lies beyond where the rays had it, NaN where it was not found
     beside : (S, 2) share of what is beside it, to either side, that looks like the body
+    material : the coloured marks that it was held by
     standing_out : share of the body that differs from what is around it, and
     marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none; both when it is judged
     """
@@ -90,6 +91,7 @@ class Fit:
     backing: FloatArray
     end: FloatArray
     beside: FloatArray
+    material: Sequence[Seen]
     standing_out: float = 0.0
     marks: FloatArray | None = None
 
@@ -179,6 +181,7 @@ def fit_body(
         backing,
         end,
         looks_beside(picture, wall, body),
+        marks,
     )
 
 

@@ -22,7 +22,7 @@ from rfea_vision.vision.body.begin import (
 )
 from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, fit_body
 from rfea_vision.vision.body.guide import guide_of
-from rfea_vision.vision.body.marks import Mark, find_marks, marks_in
+from rfea_vision.vision.body.marks import Mark, find_marks, marks_in, place_on
 from rfea_vision.vision.body.model import (
     ALONG_BASIS,
     NORMAL_BASIS,
@@ -58,7 +58,6 @@ from rfea_vision.vision.find.ends import End
 HALF_PX = 12.0  # the picture is scaled until the body is twice as wide; never enlarged
 FIRST_TURNS = 8
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
-NEAR_CLAMP = STATIONS // 4  # stations that cannot lie behind it: farther on a body may curl back
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_WINDOW = (17, 17)
 FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
@@ -124,6 +123,7 @@ class BodyFollower:
         self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.marks: list[Mark] = []
+        self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
         self.colour = None if scene.hints.colour is None else lab_of(scene.hints.colour)
         self.first = First(1.0, np.ones(STATIONS), None, 0.0, (0, 0), scene.length_mm, self.px_per_mm, None)
 
@@ -300,14 +300,12 @@ class BodyFollower:
         if kept.sum() < STATIONS // 3:
             return body
         across = np.sum(moved * normals[station], axis=1)
-        along = np.sum(moved * tangents[station], axis=1)
-        n = robust_displacement(NORMAL_BASIS[station], across, kept, FLOW_PX)
-        t = robust_displacement(ALONG_BASIS[station], along, kept, FLOW_PX)
-        moved_line = body.points + (NORMAL_BASIS @ n)[:, None] * normals + (ALONG_BASIS @ t)[:, None] * tangents
-        foot = self.foot[0]  # it stays: what the flow moves along there is the body slipping out of it
-        behind = np.flatnonzero((moved_line[1:NEAR_CLAMP] - foot) @ self.foot[1] <= 0.0)
-        begin = 2 + int(np.max(behind, initial=-1))
-        body.points = spaced(np.vstack([foot, moved_line[begin:]]), self.body.points)
+        n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], across, kept, FLOW_PX)
+        # What smooth rubber shows along itself is the wall, or nothing: it goes where its length lets it, dt/ds = curvature n.
+        turns = np.diff(np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0])))
+        t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
+        moved_line = body.points + n[:, None] * normals + t[:, None] * tangents
+        body.points = spaced(np.vstack([self.foot[0], moved_line[1:]]), self.body.points)
         return body
 
     def _swung(self, lab: Picture) -> SeenBody:
@@ -348,6 +346,15 @@ class BodyFollower:
         self.wall.learn(lab, self.body)
         self.state = self._as_state(self.body)
         self._fill_numbers(fit)
+        points = unproject(self.camera, self.body.points)
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        self.material = {
+            seen.mark.share: (
+                float(np.interp(place_on(seen.place, self.body)[0], SHARES, along)),
+                seen.stderr / self.px_per_mm,
+            )
+            for seen in fit.material
+        }
 
     def _as_state(self, body: SeenBody) -> fitted.State:
         """On the plane, in mm."""

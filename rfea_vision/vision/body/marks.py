@@ -58,6 +58,16 @@ def place_of(mark: Mark, body: SeenBody) -> FloatArray:
     return point + mark.across * body.half[low] * frame_of(body.points)[1][low]
 
 
+def place_on(pixel: FloatArray, body: SeenBody) -> tuple[float, float]:
+    """Where a pixel (2,) lies on the body: share of its stations, and half widths across from its centre line."""
+    near = int(np.argmin(np.linalg.norm(body.points - pixel, axis=1)))
+    tangents, normals = frame_of(body.points)
+    off = pixel - body.points[near]
+    step = float(np.linalg.norm(body.points[min(near + 1, STATIONS - 1)] - body.points[max(near - 1, 0)]))
+    step /= min(near + 1, STATIONS - 1) - max(near - 1, 0)
+    return (near + float(off @ tangents[near]) / step) / (STATIONS - 1), float(off @ normals[near]) / body.half[near]
+
+
 def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None) -> list[Mark]:
     """Marks of a first frame: patches on the body, within its outline, of another colour than it has.
 
@@ -86,11 +96,7 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None) -> l
         middle, area = _middle(hue, own, colour, np.argwhere(patch).mean(axis=0)[::-1], 2.0 * float(body.half.max()))
         if middle is None or area < LEAST_PX or area > (3.0 * float(body.half.max())) ** 2:
             continue
-        near = int(np.argmin(np.linalg.norm(body.points - middle, axis=1)))
-        tangents, normals = frame_of(body.points)
-        step = body.length / (STATIONS - 1)
-        share = (near + float((middle - body.points[near]) @ tangents[near]) / step) / (STATIONS - 1)
-        across = float((middle - body.points[near]) @ normals[near]) / float(body.half[near])
+        share, across = place_on(middle, body)
         if 0.0 <= share <= 1.0:
             marks.append(Mark(share, across, colour, own, area))
     return marks

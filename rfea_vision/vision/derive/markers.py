@@ -1,6 +1,7 @@
-"""Painted bands, print or fibre texture as material markers: elongation without assuming an inextensible side.
+"""Marks, painted bands, print or fibre texture as material: elongation without assuming an inextensible side.
 
-The light along the centre line is one profile per frame. The profile of the straightest frames, drawn out and pushed
+Of single coloured marks the distances along the centre line tell it, from the clamp to the first one, from mark to mark, and
+from the last one to the tip. Of texture, the light along the centre line is one profile per frame. The profile of the straightest frames, drawn out and pushed
 together segment by segment, must give that of every other frame; how far each segment has to be drawn out is its
 elongation. Only what the texture can carry is reported.
 """
@@ -22,7 +23,8 @@ ACROSS = (-0.5, -0.25, 0.0, 0.25, 0.5)  # half widths at which the light is read
 WINDOW_SHARE = 0.15  # of the length: slower changes of the light are shading, not marks
 LEAST_TO_NOISE = 4.0  # texture over noise
 LEAST_TO_CONTRAST = 0.02  # texture over the light step at the tube's edge
-LARGEST_SIGMA = 0.03  # a segment that is known no better is left out
+LARGEST_SIGMA = 0.03  # a segment that is known no better is left out;
+LARGEST_BETWEEN = 0.1  # likewise where single marks tell it, on bodies that stretch by a fifth
 PRIOR_STRAIN = 0.1  # how much neighbouring segments may differ, a priori: far more than any tube
 PLACE_FLOOR = 0.06  # of a sample: what interpolation and the curve's own parameter leave in the place of a mark
 FIT_LEAST = 0.6  # correlation of warped and seen profile
@@ -204,6 +206,39 @@ def marker_elongation(profiles: FloatArray, length_mm: FloatArray, bend_rad: Flo
     if most in covariances and np.isfinite(elongation[most]).all():
         attributes |= uniformity(elongation[most], covariances[most])
     return Marked(elongation, sigma, attributes)
+
+
+def elongation_between(
+    material: list[dict[float, tuple[float, float]]], length_mm: FloatArray, tip_mm: FloatArray, segments: int
+) -> Marked:
+    """What lies between the clamp, single marks and the tip, over what it was in the first frame, less one.
+
+    Parameters
+    ----------
+    material : of every valid frame the marks that were seen, by their share of the length in the first frame: mm along the
+        centre line, and its standard error
+    length_mm, tip_mm : (t,) length of the centre line, and standard error of its end along it
+    segments : parts of equal length in the first frame; those between the same two marks share one value
+    """
+    joints = np.linspace(0, length_mm[0], segments + 1)
+    elongation, sigma = np.full((len(material), segments), np.nan), np.full((len(material), segments), np.nan)
+    for t, seen in enumerate(material):
+        shares = np.array([0.0, *sorted(seen), 1.0])
+        at_rest = shares * length_mm[0]
+        places, errors = np.array([(0.0, 0.0), *(seen[share] for share in sorted(seen)), (length_mm[t], tip_mm[t])]).T
+        parts = np.diff(at_rest)
+        if np.any(parts <= 0) or np.any(np.diff(places) <= 0):
+            continue
+        # Both frames err; the clamp is the same place in both.
+        spread = np.sqrt(2.0) * np.hypot(errors[1:], errors[:-1]) / parts
+        first = np.clip(np.searchsorted(at_rest, joints[:-1], side="right") - 1, 0, len(parts) - 1)
+        last = np.clip(np.searchsorted(at_rest, joints[1:], side="left") - 1, 0, len(parts) - 1)
+        error = np.array([spread[a : b + 1].max() for a, b in zip(first, last, strict=True)])
+        known = error < LARGEST_BETWEEN
+        drawn = np.diff(np.interp(joints, at_rest, places)) / np.diff(joints) - 1.0
+        elongation[t, known], sigma[t, known] = drawn[known], error[known]
+    said = ASSUMPTION.replace("the straightest frames", "the first frame")
+    return Marked(elongation, sigma, {"marker_elongation_assumption": said})
 
 
 def uniformity(elongation: FloatArray, covariance: FloatArray) -> dict[str, float | str]:

@@ -69,6 +69,7 @@ class Rows:
         self.good, self.copies = 0, 0  # frames measured, and frames that repeat the one before
         self.marked = False  # whether the profiles are worth reading
         self.reasons: list[str] = []
+        self.material: list[dict[float, tuple[float, float]]] = []  # of every good frame: marks by their share
 
     def _new_block(self) -> Block:
         kinds: dict[str, tuple[int, ...]] = {
@@ -156,6 +157,7 @@ class Rows:
         """What was followed so far was not the tube."""
         self.reasons = [reason or "no_tube" for reason in self.reasons]
         self.good, self.covariance_sum[:] = 0, 0.0
+        self.material.clear()
 
     def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan) -> None:
         """Add a frame."""
@@ -174,6 +176,7 @@ class Rows:
         if follower.marked and follower.profile is not None:
             block["profile"][n] = np.round(256.0 * follower.profile)
         block["numbers"][n] = follower.work.numbers
+        self.material.append(follower.material)
         self.good += 1
         _add_covariance(follower.work.covariance, follower.work.numbers[fitted.NOISE], self.covariance_sum)
         _quadratic_forms(self.shift_rows, follower.work.covariance, 0, block["shift_variance"][n])

@@ -16,7 +16,7 @@ from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.derive.doubts import ORIGIN_PX, Doubts, doubts
 from rfea_vision.vision.derive.elongation import angles, elongation_of
-from rfea_vision.vision.derive.markers import marker_elongation
+from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
 from rfea_vision.vision.derive.rows import Block, Rows
 from rfea_vision.vision.derive.smooth import Smoothed, smooth
 from rfea_vision.vision.derive.systematic import CalibrationError
@@ -77,8 +77,13 @@ def build_dataset(
     marks: dict[str, Any] = {
         "marker_elongation_assumption": "absent: the tube shows no marks that stand out of the noise"
     }
+    marked = None
     if profile is not None:
         marked = marker_elongation(profile / 256.0, data["length"][1], numbers[:, fitted.BEND], rows.segments)
+    elif any(rows.material):
+        ends_sigma = np.sqrt(numbers[:, fitted.TIP_VARIANCE])
+        marked = elongation_between(rows.material, data["length"][1], ends_sigma, rows.segments)
+    if marked is not None:
         marks = marked.attributes
         data["marker_elongation"] = (("time", "segment"), marked.elongation)
         data["marker_elongation_sigma"] = (("time", "segment"), marked.sigma)

@@ -57,6 +57,7 @@ class Follower:
         self.marked = True  # until the first frames say otherwise
         self.first_profiles: list[FloatArray] = []
         self.profile: FloatArray | None = None  # light along the tube in the last good frame
+        self.material: dict[float, tuple[float, float]] = {}  # single marks belong to the body: see `BodyFollower`
         self.clamp_errors: list[float] = []
         self.clamps: list[FloatArray] = []  # where the tube begins, seen again in each of the first frames
         self.watch: CameraWatch | None = None
