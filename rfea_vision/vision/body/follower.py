@@ -22,7 +22,7 @@ from rfea_vision.vision.body.begin import (
 )
 from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, fit_body
 from rfea_vision.vision.body.guide import guide_of
-from rfea_vision.vision.body.marks import Mark, find_marks, marks_in, place_on
+from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
     ALONG_BASIS,
     NORMAL_BASIS,
@@ -346,15 +346,7 @@ class BodyFollower:
         self.wall.learn(lab, self.body)
         self.state = self._as_state(self.body)
         self._fill_numbers(fit)
-        points = unproject(self.camera, self.body.points)
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        self.material = {
-            seen.mark.share: (
-                float(np.interp(place_on(seen.place, self.body)[0], SHARES, along)),
-                seen.stderr / self.px_per_mm,
-            )
-            for seen in fit.material
-        }
+        self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)
 
     def _as_state(self, body: SeenBody) -> fitted.State:
         """On the plane, in mm."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.body.model import MARKED, STATIONS, Picture, SeenBody, frame_of
+from rfea_vision.vision.body.model import MARKED, SHARES, STATIONS, Picture, SeenBody, frame_of
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
 
@@ -111,6 +112,17 @@ def marks_in(picture: Picture, marks: list[Mark], body: SeenBody, wall: Wall) ->
         if middle is not None and SIZES[0] < area / mark.area < SIZES[1]:
             found.append(Seen(mark, middle, MARK_PX + MARK_SHARE * float(np.sqrt(area / np.pi))))
     return found
+
+
+def along_line(
+    found: Sequence[Seen], body: SeenBody, points_mm: FloatArray, px_per_mm: float
+) -> dict[float, tuple[float, float]]:
+    """Where marks lie along the line of stations `points_mm` (S, 2) on the plane, and the standard error in mm, by their share."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1))])
+    return {
+        seen.mark.share: (float(np.interp(place_on(seen.place, body)[0], SHARES, along)), seen.stderr / px_per_mm)
+        for seen in found
+    }
 
 
 def _middle(

@@ -1,9 +1,9 @@
 """Marks, painted bands, print or fibre texture as material: elongation without assuming an inextensible side.
 
-Of single coloured marks the distances along the centre line tell it, from the clamp to the first one, from mark to mark, and
-from the last one to the tip. Of texture, the light along the centre line is one profile per frame. The profile of the straightest frames, drawn out and pushed
-together segment by segment, must give that of every other frame; how far each segment has to be drawn out is its
-elongation. Only what the texture can carry is reported.
+Of single coloured marks their distances along the centre line tell it: from the clamp to the first, from each to the next, and
+from the last to the tip. Of texture, the light along the centre line is one profile per frame. The profile of the straightest frames,
+drawn out and pushed together segment by segment, must give that of every other frame; how far each segment has to be drawn out
+is its elongation. Only what marks or texture can carry is reported.
 """
 
 from __future__ import annotations
