@@ -175,7 +175,9 @@ def law_template(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
 def law_open(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """The text of a law that the user names."""
     file = laws.named_file(str(asked["file"]), desk.campaigns)
-    return JSONResponse({"file": str(file), "text": laws.opened(file)})
+    text = laws.opened(file)
+    desk.begun_files.add(file)
+    return JSONResponse({"file": str(file), "text": text})
 
 
 def law_check(desk: Desk, index: int, asked: dict[str, Any]) -> Response:

@@ -45,7 +45,8 @@ class Desk:
             raise InputError(f"{folder}: {what}; 'rfea init DIR' makes one")
         self.log: list[dict[str, Any]] = []
         self.ending: Callable[[], bool] = lambda: False
-        self.own_files: set[Path] = set()  # effect files that this user has typed or opened
+        self.own_files: set[Path] = set()  # effect files that this user has typed or opened, and that are right
+        self.begun_files: set[Path] = set()  # of these and the others, so that typing goes over no other file
         self.worker = Worker(self.tell)
         # checks laws, so that one that never ends can be stopped
         self.judge = Worker(lambda event: None, prepared=False)
@@ -120,10 +121,13 @@ class Desk:
         Raises
         ------
         InputError
-            What is wrong with it, or that it does not end.
+            What is wrong with it, that it does not end, or that another law lies there already.
         """
         with self._judging:
             if keep:
+                if file not in self.begun_files and file.exists():
+                    raise InputError(f"{file}: is there already: open it, or give the name of a new file")
+                self.begun_files.add(file)
                 self.own_files.discard(file)
                 write_text(file, text)
                 found = self._judged(file)

@@ -22,9 +22,12 @@ def mend(problems: list[str]) -> Advice:
     return _step("setup", f"The campaign cannot be read yet: {problems[0]}{more}", "Look again")
 
 
-def next_step(experiments: list[dict[str, Any]], models: list[dict[str, Any]]) -> Advice:
-    """The action that brings the campaign on: its panel, a sentence, a label, and the command with its options."""
-    return _measure(experiments) or (_judge(models) if models else _begin(experiments))
+def next_step(experiments: list[dict[str, Any]], models: list[dict[str, Any]], report: str | None = None) -> Advice:
+    """The action that brings the campaign on: its panel, a sentence, a label, and the command with its options.
+
+    `report` is where the report of these models lies, once it is written. Without a label nothing is left to do.
+    """
+    return _measure(experiments) or (_judge(models, report) if models else _begin(experiments))
 
 
 def _measure(experiments: list[dict[str, Any]]) -> Advice | None:
@@ -62,7 +65,7 @@ def _begin(experiments: list[dict[str, Any]]) -> Advice:
     return fit
 
 
-def _judge(models: list[dict[str, Any]]) -> Advice:
+def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
     """With a model: ask what it lacks, add that, again; then write it down."""
     last = max(models, key=lambda model: (len(model["effects"]), model["verdict"] is not None))
     name, lacking = last["name"], [effect for effect in last["named"] if effect not in last["effects"]]
@@ -80,6 +83,8 @@ def _judge(models: list[dict[str, Any]]) -> Advice:
             segments=last["segments"],
         )
     if last["verdict"] == "complete":
+        if report is not None:
+            return _step("add", f"Nothing that matters is missing, and the report is written: open {report}", "")
         return _step("add", "Nothing that matters is missing.", "Write the report", "report")
     say = "Something is left that no effect in the catalogue explains: a law can be looked for, or written by you."
     return _step("law", say, "Propose a law", "propose", model=name)

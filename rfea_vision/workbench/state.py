@@ -43,7 +43,7 @@ def state_of(folder: Path, out: Path | None) -> dict[str, Any]:
         "name": campaign.name, "folder": str(campaign.root), "problems": problems, "experiments": experiments,
         "models": models, "photos": _photos(campaign), "pointable": POINTABLE,
     }  # fmt: skip
-    return state | {"next": mend(problems) if problems else next_step(experiments, models)}
+    return state | {"next": mend(problems) if problems else next_step(experiments, models, _report(campaign.out))}
 
 
 def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> dict[str, Any]:
@@ -145,6 +145,13 @@ def _models(out: Path) -> list[dict[str, Any]]:
             "held_out": _held_out(fit),
         })  # fmt: skip
     return found
+
+
+def _report(out: Path) -> str | None:
+    """Path of the report, if it is younger than every model and diagnosis."""
+    report = out / "report" / "index.html"
+    told = [file.stat().st_mtime_ns for file in out.glob("models/*/*.json")]
+    return str(report) if report.is_file() and report.stat().st_mtime_ns >= max(told, default=0) else None
 
 
 def _held_out(fit: dict[str, Any]) -> dict[str, Any] | None:

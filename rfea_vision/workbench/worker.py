@@ -74,6 +74,8 @@ def run_job(job: dict[str, Any], say: Say) -> Any:
         result = getattr(work, job["do"])(*model, **options)
     finally:
         work.cache.save_hashes()
+    if job["do"] == "fit":
+        return {"model": result.name}
     return {"file": str(result.file), "sentence": result.sentence} if job["do"] == "propose" else None
 
 

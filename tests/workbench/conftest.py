@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,6 +88,25 @@ def at_rest(page: Any, selector: str) -> dict[str, float]:
     return box
 
 
+def until(page: Any, condition: Callable[[], object], seconds: float = 120) -> None:
+    """Wait for the page; its policy forbids the evaluation of text that Playwright's own waiting needs."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "never came true"
+        page.wait_for_timeout(50)
+
+
+def hold(page: Any, pattern: str) -> list[Any]:
+    """Requests to these addresses, kept back until a test lets them go: an answer that comes as late as one likes."""
+    held: list[Any] = []
+
+    def keep(route: Any) -> None:
+        held.append(route)
+
+    page.route(pattern, keep)
+    return held
+
+
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
     from playwright.sync_api import sync_playwright
@@ -111,7 +131,7 @@ def visit(chromium: Any) -> Iterator[Callable[..., Any]]:
 
     def go(address: str, *, width: int = 1280, height: int = 900, wait: bool = True) -> Any:
         page = chromium.new_page(viewport={"width": width, "height": height})
-        page.set_default_timeout(60_000)
+        page.set_default_timeout(300_000)
         complaints: list[str] = []
         requests: list[str] = []
         # a refusal that the page says in a sentence (422) stands in the console, too

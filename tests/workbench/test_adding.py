@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
 from rfea_vision.campaign import load_campaign
 
-from .conftest import at_rest, idle
+from .conftest import at_rest, hold, idle, until
 
 pytestmark = pytest.mark.chromium
 
@@ -117,6 +118,43 @@ def test_a_law_is_checked_while_it_is_typed_and_fitted(work, served, visit, tmp_
     page.wait_for_selector('[data-rung*="my_stiffening"]', timeout=300_000)
     idle(page)
     assert f"--effect-file {file}" in page.text_content("#log")
+
+
+def test_what_is_dragged_or_typed_stays_when_the_campaign_is_read_anew(work, served, visit):
+    page = visit(served.address + "#/add")
+    page.click('[data-rung="base"]')
+    holder = page.locator('[data-figure="curve"] .canvas')
+    holder.focus()
+    for key in ("ArrowRight", "ArrowRight", *["Shift+ArrowDown"] * 3):
+        holder.press(key)
+    page.click('.places a[href="#/clock"]')
+    page.fill("#offset", "12.5")
+    page.evaluate("import(document.querySelector('script[type=module]').src).then(main => main.reload())")
+    assert page.input_value("#offset") == "12.5"
+    page.click('.places a[href="#/add"]')
+    page.click("#save-curve")
+    page.wait_for_selector("#saved:has-text('written')")
+    saved = np.loadtxt(
+        work / "rfea" / "models" / "base" / "next-experiment-edited.csv", delimiter=",", skiprows=1, unpack=True
+    )
+    assert np.interp([1.2, 5.0], *saved) == pytest.approx([120, 150], abs=1)
+
+
+def test_a_file_that_comes_late_does_not_go_over_what_was_typed(work, served, visit, tmp_path):
+    page = visit(served.address + "#/law")
+    page.wait_for_selector("#law-said:has-text('Units fit')", timeout=300_000)
+    (tmp_path / "other.py").write_text("# another law")
+    held = hold(page, "**/law/open")
+    file = page.input_value("#law-file")
+    page.fill("#law-file", str(tmp_path / "other.py"))
+    page.click("#law-open")
+    until(page, lambda: held)
+    page.fill("#law-file", file)
+    page.fill("#law-text", "# mine")
+    with page.expect_response("**/law/open"):
+        held.pop().continue_()
+    page.wait_for_timeout(500)
+    assert page.input_value("#law-text") == "# mine" and page.input_value("#law-file") == file
 
 
 def test_a_law_that_never_ends_or_lies_in_a_campaign_is_refused(work, served, visit):

@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from rfea_vision.errors import InputError
+from rfea_vision.workbench.answers import law_open
 from rfea_vision.workbench.desk import Desk
 from rfea_vision.workbench.guard import Guard
 
@@ -118,3 +119,18 @@ def test_where_a_proposed_law_is_written_is_not_the_pages_to_say(fitted):
         desk.close()
     file = handed[0]["options"]["file"]
     assert "effects/proposed_" in file and handed[0]["command"].endswith(f"base -o {file}")
+
+
+def test_typing_goes_over_no_law_that_was_not_opened(fitted, tmp_path):
+    desk, file = Desk(fitted), tmp_path / "mine.py"
+    file.write_text("# a year's work")
+    try:
+        with pytest.raises(InputError, match="is there already: open it"):
+            desk.check_law(file, "# typed", keep=True)
+        assert file.read_text() == "# a year's work"
+        law_open(desk, 0, {"file": str(file)})
+        with pytest.raises(InputError, match="no effect"):
+            desk.check_law(file, "# typed", keep=True)
+        assert file.read_text() == "# typed"
+    finally:
+        desk.close()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import shutil
-import time
 
 import av
 import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Recording
+
+from .conftest import hold, until
 
 pytestmark = pytest.mark.chromium
 
@@ -51,14 +52,6 @@ def settled(page) -> None:
     page.wait_for_selector("html[data-look=exact]")
 
 
-def until(condition, seconds: float = 120) -> None:
-    """Wait for the page; its policy forbids the evaluation of text that Playwright's own waiting needs."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "never came true"
-        time.sleep(0.05)
-
-
 def number(page, selector: str) -> float:
     return float(page.text_content(selector).split()[0].replace("−", "-"))
 
@@ -78,7 +71,7 @@ def test_the_modelled_tube_follows_a_slider_and_undo_takes_it_back(served, visit
     moved = number(page, "#now-validate")
     assert moved > before + 0.05 and "worse" in page.get_attribute("#now-validate", "class")
     page.keyboard.press("Control+z")
-    until(lambda: abs(number(page, "#now-validate") - before) < 0.002)
+    until(page, lambda: abs(number(page, "#now-validate") - before) < 0.002)
 
 
 def test_the_film_stands_at_the_instant_that_is_shown(served, visit):
@@ -88,7 +81,7 @@ def test_the_film_stands_at_the_instant_that_is_shown(served, visit):
     last = int(page.get_attribute("#scrub", "max"))
     for frame in (last, 0, last // 2):
         page.fill("#scrub", str(frame))
-        until(lambda frame=frame: abs(corner(page) - (40 + 180 * frame / last)) < 25)
+        until(page, lambda frame=frame: abs(corner(page) - (40 + 180 * frame / last)) < 25)
 
 
 def test_an_effect_of_the_catalogue_gets_sliders(served, visit):
@@ -100,4 +93,17 @@ def test_an_effect_of_the_catalogue_gets_sliders(served, visit):
     settled(page)
     before = page.text_content("#now-train")
     page.fill('[data-name="maxwell.k1"]', "400")
-    until(lambda: page.text_content("#now-train") != before)
+    until(page, lambda: page.text_content("#now-train") != before)
+
+
+def test_a_rung_that_is_chosen_stays_when_an_earlier_look_comes_late(served, visit):
+    page = visit(served.address + "#/play")
+    settled(page)
+    held = hold(page, "**/play")
+    page.fill('[data-name="r_hyd"]', "600")
+    until(page, lambda: held)
+    page.click('[data-rung="base"]')
+    with page.expect_response("**/play"):
+        held.pop().continue_()
+    page.wait_for_timeout(1000)
+    assert page.get_attribute('[data-rung="base"]', "aria-checked") == "true"

@@ -9,7 +9,7 @@ import pytest
 from rfea_vision.artefacts import Track
 from rfea_vision.campaign import load_campaign
 
-from .conftest import at_rest, idle
+from .conftest import at_rest, hold, idle, until
 from .filmed import HIDDEN, RATE_HZ, write_film
 
 pytestmark = pytest.mark.chromium
@@ -75,7 +75,9 @@ def test_a_tube_is_found_where_one_points(film, served, visit):
     page.click("#refused button:text('show')")
     page.wait_for_selector("#frame-reason:has-text('Refused')")
     page.wait_for_timeout(1500)
-    assert "Refused" in page.text_content("#frame-reason"), "what plays by itself took the frame away that was asked for"
+    assert "Refused" in page.text_content("#frame-reason"), (
+        "what plays by itself took the frame away that was asked for"
+    )
     page.unroute("**/picture/*")
     page.click("#measure")
     idle(page)
@@ -116,6 +118,23 @@ def test_boxes_are_dragged_and_taken_away(film, served, visit):
     page.click('[aria-label="Take Region away"]')
     page.wait_for_selector("#hints b:text('Region')", state="detached")
     assert load_campaign(folder).experiments[0].camera.hints.region is None
+
+
+def test_a_box_that_is_drawn_before_the_last_one_is_written_stays_beside_it(film, served, visit):
+    folder, _ = film
+    page = visit(served.address + "#/setup")
+    held = hold(page, "**/hint/*")
+    before = len(load_campaign(folder).experiments[0].camera.hints.exclude)
+    for left in (20, 60):
+        page.click('[data-tool="exclude"]')
+        point(page, (left, 150), (left + 30, 500))
+    page.click('[data-tool="tip"]')
+    for _ in range(2):
+        until(page, lambda: held)
+        held.pop().continue_()
+    until(page, lambda: len(load_campaign(folder).experiments[0].camera.hints.exclude) == before + 2)
+    page.unroute("**/hint/*")
+    assert page.get_attribute('[data-tool="tip"]', "aria-checked") == "true", "the answer took the tool away"
 
 
 def test_one_points_with_keys_too(film, served, visit):

@@ -6,6 +6,7 @@ import {begin, campaign, guarded, onJob, pickRung} from "./main.js";
 
 let wanted = null; // ids of the effects that are ticked
 let picked = null; // model of the rung that they were taken from
+let atBegin = null; // the ticks when the job began that is under way
 const same = (a, b) => a.length === b.length && a.every(id => b.includes(id));
 const rungs = () => manifest.rungs.filter(r => !r.live);
 const rungWith = effects => rungs().find(r => same(r.effects, effects));
@@ -30,9 +31,12 @@ export function build() {
       h("h3", {}, "The experiment to run next"), h("p", {id: "next-run-say"}),
       figure("curve", "Pressure to command", "Pressure over time of the next experiment. Drag its points, or choose one with left and right and move it with up and down", 240),
       h("p", {class: "muted", id: "limits"}),
-      h("div", {class: "buttons"}, h("button", {type: "button", id: "save-curve", onclick: saveCurve}, "Save as a pressure file"), h("button", {type: "button", id: "reset-curve", onclick: () => { takeCurve(); Figure.redraw(); }}, "As proposed"), h("span", {id: "saved", class: "muted", role: "status"}))));
+      h("div", {class: "buttons"}, h("button", {type: "button", id: "save-curve", onclick: saveCurve}, "Save as a pressure file"), h("button", {type: "button", id: "reset-curve", onclick: () => { curve.of = null; takeCurve(); Figure.redraw(); }}, "As proposed"), h("span", {id: "saved", class: "muted", role: "status"}))));
   editCurve(one('[data-figure="curve"] .canvas'));
-  onJob(event => { if (event.do === "fit" && event.event === "finished") { const rung = wanted && rungWith(wanted); if (rung) pickRung(manifest.rungs.indexOf(rung)); } });
+  onJob(event => { // what was fitted is shown, unless other effects have been ticked meanwhile
+    const fitted = event.do === "fit" && event.result ? manifest.rungs.findIndex(r => r.model === event.result.model) : -1;
+    if (fitted >= 0 && atBegin === wanted) pickRung(fitted);
+  });
   on("rung", () => { // another one has been picked; the same one read anew leaves the ticks as they are
     const r = manifest.rungs[state.rung];
     if (!r || r.live || r.model === picked) return;
@@ -46,6 +50,7 @@ export function reload() {
   wanted ??= last ? [...last.effects] : [];
   showAll();
 }
+export function hear(event, mine) { if (mine && event.event === "begun") atBegin = wanted; }
 export function want(effects) { wanted = [...effects]; showAll(); }
 
 function showAll() {
@@ -127,7 +132,11 @@ const curve = {points: null, chosen: 0, limits: {low: 0, high: 300, slope: 1000}
 function takeCurve() {
   const r = rungWith(wanted) ?? judge(), next = r?.next ?? judge()?.next, said = (r?.diagnosis ?? judge()?.diagnosis)?.next_experiment;
   one("#next-run").hidden = !next;
+  const of = next ? JSON.stringify(next) : null;
+  if (of !== null && of === curve.of) return; // the same one read anew leaves what was edited
+  curve.of = of;
   if (!next) { curve.points = null; return; }
+  curve.chosen = 0;
   curve.points = simplified(next[0].map((t, i) => [t, next[1][i]]));
   curve.model = (r?.next ? r : judge()).model;
   curve.limits = manifest.limits ?? curve.limits;

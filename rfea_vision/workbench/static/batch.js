@@ -22,8 +22,10 @@ function cured(models) {
   return `${before}${show(last.value)} ${last.unit}`;
 }
 export async function shown() { await guarded(showCampaigns); }
+let asked = 0;
 async function showCampaigns() {
-  const said = await get("../../campaigns");
+  const mine = ++asked, said = await get("../../campaigns");
+  if (mine !== asked) return; // a later answer tells more
   one("#batch-folder").textContent = said.folder;
   if (here < 0) one("#title").textContent = said.folder.split("/").pop();
   one("#batch tbody").replaceChildren(...said.campaigns.map(c => {

@@ -2,10 +2,10 @@
 import {chooseExperiment, experiment, Figure, manifest, on, plots, show, state, timeBox, timeScale} from "../report/report.js";
 import {figure, h, one} from "./dom.js";
 import {ask, get} from "./server.js";
-import {begin, busy, campaign, guarded, reload as reloadAll} from "./main.js";
+import {begin, busy, campaign, complain, guarded, reload as reloadAll} from "./main.js";
 import {pixelOf} from "./setup.js";
 
-const lamp = {film: null, picture: null, drag: null};
+const lamp = {run: null, film: null, picture: null, drag: null};
 const spec = () => campaign.state.experiments.find(e => e.name === experiment()?.name);
 const numberOf = e => campaign.state.experiments.indexOf(e);
 const methods = {motion: "found from the motion", led: "seen by the lamp", trigger: "told by the trigger", offset: "given by hand", common_clock: "one clock for both"};
@@ -38,7 +38,12 @@ export function build() {
   one("#offset").addEventListener("input", event => { const clock = spec()?.recorded; if (clock && event.target.value !== "") shift((Number(event.target.value) - clock.offset_ms) / 1000, true); });
   one("#lamp-box").addEventListener("toggle", event => { if (event.target.open) guarded(openLamp); });
   dragLamp(one("#lamp-frame"));
-  on("experiment", () => { shift(0); showClock(); });
+  on("experiment", () => { // another one has been chosen; the same one read anew leaves what was dragged or typed
+    if (experiment()?.name === lamp.run) return;
+    lamp.run = experiment()?.name; lamp.film = lamp.picture = null;
+    shift(0); showClock();
+    if (one("#lamp-box").open) guarded(openLamp);
+  });
 }
 
 function shift(seconds, typed = false) {
@@ -55,9 +60,9 @@ function showClock() {
   one("#clock-runs").replaceChildren(...manifest.experiments.map((run, i) => h("button", {type: "button", role: "tab", aria: {selected: String(i === state.experiment)}, onclick: () => chooseExperiment(i)}, run.name)));
   one("#clock-say").textContent = !e ? "No run has been measured yet." : !clock ? `${e.name} has not been synchronised yet.` : `The log's clock is ${show(Math.abs(clock.offset_ms), 4)} ms ${clock.offset_ms < 0 ? "behind" : "ahead of"} the camera's${clock.stderr_ms ? `, with a standard error of ${show(clock.stderr_ms, 2)} ms` : ""}: ${methods[clock.method] ?? clock.method}.`;
   for (const id of ["#offset", "#keep-offset", "#find-offset"]) one(id).disabled = !clock;
-  if (clock) one("#offset").value = (clock.offset_ms + 1000 * state.shift).toFixed(2);
+  if (clock && document.activeElement !== one("#offset")) one("#offset").value = (clock.offset_ms + 1000 * state.shift).toFixed(2);
   one("#lamp-box").hidden = !e?.pictures;
-  one("#channel").value = e?.sync.channel ?? "";
+  if (document.activeElement !== one("#channel")) one("#channel").value = e?.sync.channel ?? "";
 }
 
 async function method(name, more = {}) {
@@ -68,15 +73,19 @@ async function method(name, more = {}) {
   await guarded(reloadAll);
   await begin("sync", {names: [e.name]}, `Bring ${e.name} on one clock`);
 }
-function keepOffset() { method("offset", {value_ms: Number(one("#offset").value)}); }
+function keepOffset() {
+  const value = one("#offset").valueAsNumber;
+  if (Number.isNaN(value)) complain("type an offset in ms, or drag the blue curve"); else method("offset", {value_ms: value});
+}
 
 // -- the lamp ----------------------------------------------------------------------------------------------------------------
 async function openLamp() {
   const e = spec(), number = numberOf(e), picture = new Image();
-  lamp.film = await get(`film/${number}`);
+  if (!e?.pictures) return;
   picture.src = `picture/${number}?frame=0`;
-  await picture.decode();
-  lamp.picture = picture;
+  const [film] = await Promise.all([get(`film/${number}`), picture.decode()]);
+  if (spec()?.name !== e.name) return;
+  Object.assign(lamp, {film, picture});
   paintLamp();
 }
 function paintLamp(box = spec()?.sync.box) {
@@ -90,7 +99,7 @@ function paintLamp(box = spec()?.sync.box) {
 }
 const boxOf = ([[x0, y0], [x1, y1]]) => [Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0)].map(Math.round);
 function dragLamp(canvas) {
-  canvas.addEventListener("pointerdown", event => { const at = pixelOf(canvas, event, lamp.film); lamp.drag = [at, at]; canvas.setPointerCapture(event.pointerId); });
+  canvas.addEventListener("pointerdown", event => { if (!lamp.film) return; const at = pixelOf(canvas, event, lamp.film); lamp.drag = [at, at]; canvas.setPointerCapture(event.pointerId); });
   canvas.addEventListener("pointermove", event => { if (lamp.drag) { lamp.drag[1] = pixelOf(canvas, event, lamp.film); paintLamp(boxOf(lamp.drag)); } });
   canvas.addEventListener("pointerup", () => { const box = lamp.drag && boxOf(lamp.drag); lamp.drag = null; if (box && box[2] > 2 && box[3] > 2) method("led", {box, channel: one("#channel").value}); });
 }

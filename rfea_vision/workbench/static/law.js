@@ -4,7 +4,7 @@ import {h, one} from "./dom.js";
 import {ask} from "./server.js";
 import {begin, campaign, go, guarded, onJob} from "./main.js";
 
-const law = {file: "", text: "", effects: [], version: 0};
+const law = {file: "", text: "", effects: [], version: 0, asked: 0, typed: 0};
 
 export function build() {
   one('[data-panel="law"]').append(
@@ -12,13 +12,13 @@ export function build() {
     h("p", {class: "muted"}, "An effect is one class: parameters with units, the value at which each is absent, and the hooks that it changes. It is Python that runs with your rights, so nothing is ever opened from a campaign: only what you type here, or a file that you name."),
     h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 44, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template"), h("button", {type: "button", id: "law-propose", onclick: propose}, "Propose one for what is left")),
     h("div", {class: "lawing"},
-      h("textarea", {id: "law-text", rows: 30, spellcheck: false, autocapitalize: "off", aria: {label: "The law, in Python"}}),
+      h("textarea", {id: "law-text", rows: 30, disabled: true, spellcheck: false, autocapitalize: "off", aria: {label: "The law, in Python"}}),
       h("aside", {class: "beside"}, h("h3", {}, "What it says"), h("p", {id: "law-said", role: "status", class: "muted"}, "Nothing yet."), h("div", {id: "law-effects"}),
         h("div", {class: "buttons"}, h("button", {type: "button", id: "law-fit", disabled: true, onclick: fit}, "Fit with this law"), h("button", {type: "button", id: "law-play", disabled: true, onclick: playIt}, "Play with it")))));
   onJob(event => { if (event.do === "propose" && event.event === "finished" && event.result) proposed(event.result); });
   const text = one("#law-text");
   let waiting = 0;
-  text.addEventListener("input", () => { clearTimeout(waiting); allow(false); waiting = setTimeout(() => check(true), 400); });
+  text.addEventListener("input", () => { law.typed++; clearTimeout(waiting); allow(false); waiting = setTimeout(() => check(true), 400); });
   text.addEventListener("keydown", event => { // Tab indents; Escape lets Tab leave the field again
     if (event.key === "Escape") text.dataset.leave = "yes";
     if (event.key !== "Tab" || text.dataset.leave || event.shiftKey) return;
@@ -33,18 +33,26 @@ export async function shown() { if (!law.file) await template(); }
 
 function take(said) {
   Object.assign(law, said);
-  one("#law-file").value = said.file; one("#law-text").value = said.text;
+  one("#law-file").value = said.file; one("#law-text").value = said.text; one("#law-text").disabled = false;
   return check(false); // nothing is written before the user does something
 }
-const template = () => guarded(() => ask("law/template", {}).then(take));
+// Of what is asked for the last counts, and nothing that comes late goes over what was typed meanwhile.
+async function bring(address, body) {
+  const asked = ++law.asked, typed = law.typed, said = await guarded(() => ask(address, body));
+  if (said && asked === law.asked && typed === law.typed) await guarded(() => take(said));
+}
+const template = () => bring("law/template", {});
 // What the worker read from the residual torque of the rung that is chosen, opened to be changed and weighed.
-const propose = () => begin("propose", {model: manifest.rungs[state.rung]?.live ? undefined : manifest.rungs[state.rung]?.model}, "Propose a law for what is left");
+function propose() {
+  law.before = law.typed;
+  begin("propose", {model: manifest.rungs[state.rung]?.live ? undefined : manifest.rungs[state.rung]?.model}, "Propose a law for what is left");
+}
 async function proposed({file, sentence}) {
   go("law");
-  await guarded(() => ask("law/open", {file}).then(take));
+  if ((law.before ?? law.typed) === law.typed) await bring("law/open", {file}); else sentence += ` It lies in ${file}; what you have typed since stays here.`;
   one("#law-said").textContent = sentence;
 }
-const openFile = () => guarded(() => ask("law/open", {file: one("#law-file").value}).then(take));
+const openFile = () => bring("law/open", {file: one("#law-file").value});
 
 async function check(keep) {
   const version = ++law.version, said = one("#law-said");

@@ -1,7 +1,7 @@
 // The page: which step is shown, what is next, what is under way. The steps themselves are modules of their own.
 import {Figure, chooseExperiment, chooseRung, experiment, jumpToPeak, manifest, on, paintStage, play as playFilm, seek, setTheme, setTime, show, showTime, state, step, takeBlock, tell, toggleTheme, zoom, pose, poseTime, showMarks, forgetView, stage, toggleScale} from "../report/report.js";
 import {every, h, one} from "./dom.js";
-import {ask, get, here, listenTo, packetOf} from "./server.js";
+import {ask, get, getPacket, here, listenTo} from "./server.js";
 import * as add from "./add.js";
 import * as batch from "./batch.js";
 import * as clock from "./clock.js";
@@ -13,13 +13,16 @@ const steps = {setup, clock, play, add, law, batch};
 export const campaign = {state: null, panel: "", job: null, add, play}; // modules that others call are here, so that none imports in a circle
 const listen = (selector, event, action) => every(selector).forEach(element => element.addEventListener(event, () => action(element)));
 
-// What stands in the files: state first, then the series that the figures draw.
-export async function reload() {
+// What stands in the files: state first, then the series that the figures draw. One reading ends before the next begins, so
+// that what is older never comes last; zoom and instant stay.
+let reading = Promise.resolve();
+export function reload() { return reading = reading.catch(() => undefined).then(read); }
+async function read() {
   campaign.state = await get("state");
   one("#title").textContent = campaign.state.name;
   document.title = `${campaign.state.name} · rfea workbench`;
-  const {header, block} = await packetOf(await fetch("evidence"));
-  const chosen = manifest.rungs[state.rung]?.model, run = experiment()?.name;
+  const {header, block} = await getPacket("evidence");
+  const chosen = manifest.rungs[state.rung]?.model, run = experiment()?.name, seen = [...state.window];
   takeBlock(block);
   Object.assign(manifest, header);
   forgetView(); stage.films.clear();
@@ -29,6 +32,7 @@ export async function reload() {
   showRungs(); showNext(); showLog();
   for (const part of Object.values(steps)) part.reload?.(campaign.state);
   chooseExperiment(Math.max(0, manifest.experiments.findIndex(e => e.name === run)));
+  if (run && experiment()?.name === run) { state.window = seen; tell("window"); }
   tell("rung");
 }
 
@@ -104,7 +108,11 @@ function route() {
   const wanted = location.hash.slice(2), name = wanted in steps ? wanted : here < 0 ? "batch" : steps[campaign.state?.next?.panel] ? campaign.state.next.panel : "play";
   campaign.panel = name;
   for (const panel of every("[data-panel]")) panel.hidden = panel.dataset.panel !== name;
-  for (const link of every(".places a")) { if (link.hash === `#/${name}`) link.setAttribute("aria-current", "step"); else link.removeAttribute("aria-current"); }
+  for (const link of every(".places a")) {
+    if (link.hash !== `#/${name}`) { link.removeAttribute("aria-current"); continue; }
+    link.setAttribute("aria-current", "step");
+    one(".places").scrollLeft = link.offsetLeft - one(".places").offsetLeft - 40; // in a narrow window the steps are one line
+  }
   steps[name]?.shown?.();
   Figure.redraw(); paintStage();
 }

@@ -66,9 +66,10 @@ export async function undo() {
 
 // -- which model -----------------------------------------------------------------------------------------------------
 async function open(model, effects, values = {}) {
-  chosen.model = model; chosen.effects = effects; chosen.values = {...values};
+  if (model !== chosen.model) live.seen = false;
+  Object.assign(chosen, {model, effects, values: {...values}});
   const said = await guarded(() => ask("model", {model, effects}));
-  if (!said || chosen.model !== model) return;
+  if (!said || chosen.effects !== effects) return; // the list itself: another one has been asked for since
   chosen.sliders = said.sliders; chosen.ready = said.ready;
   showSliders();
   one("#look").textContent = said.ready ? "" : "Compiling the law of this combination: the first look takes some seconds.";
@@ -77,9 +78,12 @@ async function open(model, effects, values = {}) {
   look();
 }
 export function startFrom(rung) {
-  if (!rung || rung.live || rung.model === chosen.model) return;
+  if (!rung || rung.live) return;
+  picked++; clearTimeout(rest);
+  if (rung.model === chosen.model) return;
   past.length = 0;
-  open(rung.model, [...rung.effects]).then(() => undefined);
+  open(rung.model, [...rung.effects]);
+  keepLive(); refreshRungs();
 }
 export const effects = () => chosen.effects;
 export function forgetEffects() { one("#effects").replaceChildren(); if (one("#more-effects").open) showEffects(); }
@@ -87,7 +91,7 @@ export async function addEffects(effects) { remember(); await open(chosen.model,
 
 // -- looking: coalesced ------------------------------------------------------------------------------------------------
 // While sliders move, looks take long steps; when they have come to rest, one more is taken in the steps of a fit.
-let busy = false, again = false, rest = 0;
+let busy = false, again = false, rest = 0, picked = 0; // picked: how often a rung was chosen to be seen as it was fitted
 const RESTING_MS = 350;
 export function look() {
   if (campaign.panel !== "play") return;
@@ -102,7 +106,8 @@ async function next(exact = false) {
     const run = experiment()?.name, begun = performance.now();
     if (!chosen.model || !run || !(run in (fitted()?.experiments ?? {})) || !["train", "validate"].includes(experiment().role)) break;
     try {
-      const {header, block} = await packetOf(await post("play", {model: chosen.model, effects: chosen.effects, values: chosen.values, experiment: run, exact}));
+      const {model, effects, values} = chosen, before = picked, {header, block} = await packetOf(await post("play", {model, effects, values, experiment: run, exact}));
+      if (campaign.panel !== "play" || effects !== chosen.effects || run !== experiment()?.name || before !== picked) continue; // something else was asked for since
       showLook(header, block, run, exact);
       await new Promise(requestAnimationFrame);
       if (exact) continue;
@@ -115,11 +120,13 @@ async function next(exact = false) {
 }
 // A slider that is held may move on at any moment, and must not wait for an exact look.
 function settle() {
+  if (campaign.panel !== "play") return;
   if (document.querySelector("#sliders :active")) { rest = setTimeout(settle, RESTING_MS); return; }
   again = true;
   if (!busy) next(true);
 }
 function showLook(header, block, run, exact) {
+  live.seen = true;
   live.experiments = {[run]: unpack(header.run, block)};
   Object.assign(live, {train: header.train, validate: header.validate, unit: header.unit, runs: header.runs});
   keepLive();
@@ -129,10 +136,10 @@ function showLook(header, block, run, exact) {
   document.documentElement.dataset.look = exact ? "exact" : "quick";
 }
 
-// The model that is played is the last rung, as long as there is one.
+// The model that is played is the last rung, once it has been looked at and as long as there is one.
 export function keepLive() {
   const without = manifest.rungs.filter(r => !r.live);
-  manifest.rungs = chosen.model && without.some(r => r.model === chosen.model) ? [...without, live] : without;
+  manifest.rungs = live.seen && without.some(r => r.model === chosen.model) ? [...without, live] : without;
   live.before = fitted();
 }
 

@@ -9,7 +9,9 @@ async function said(answer) {
 }
 const lost = error => { throw error instanceof TypeError ? new Error("the workbench does not answer: has the command been ended?") : error; };
 
-export const get = path => fetch(path).catch(lost).then(said).then(answer => answer.json());
+const fetched = path => fetch(path).catch(lost).then(said);
+export const get = path => fetched(path).then(answer => answer.json());
+export const getPacket = path => fetched(path).then(packetOf);
 export const post = (path, body) => fetch(path, {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(body)}).catch(lost).then(said);
 export const ask = (path, body) => post(path, body).then(answer => answer.json());
 

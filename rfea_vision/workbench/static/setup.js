@@ -6,7 +6,7 @@ import {begin, campaign, complain, guarded, onJob, order, reload as reloadAll} f
 
 const seen = {run: 0, frame: 0, film: null, picture: null, line: null, reason: "", tool: "look", points: [], cursor: null, tried: new Map(), photo: -1};
 const tools = {
-  look: {label: "Look", say: "Move through the film; choose what to point at."},
+  look: {label: "Look", say: "Is the tube not found, or something else? Choose what to point at; the slider moves through the film."},
   clamp: {label: "Clamp", count: 2, say: "First frame: click both edges of the first cross-section that is seen."},
   tip: {label: "Tip", count: 1, say: "First frame: click the middle of the tube's free end."},
   region: {label: "Region", box: true, say: "Drag a box around wherever the tube goes."},
@@ -23,7 +23,7 @@ export function build() {
     h("div", {class: "pointing", id: "pointing"},
       h("div", {},
         h("div", {class: "pointers", role: "radiogroup", id: "tools", aria: {label: "What to point at"}}),
-        h("p", {class: "muted", id: "tool-say", role: "status"}),
+        h("p", {class: "muted", id: "tool-say", role: "status"}, tools.look.say),
         h("canvas", {id: "frame", tabIndex: 0, role: "application", aria: {label: "Picture of the film. With the arrow keys the cross moves, with Enter it points."}}),
         h("div", {class: "transport"}, h("input", {type: "range", id: "frame-slider", min: "0", max: "0", value: "0", aria: {label: "Frame"}}), h("output", {id: "frame-clock"})),
         h("p", {id: "frame-reason", class: "muted"})),
@@ -52,16 +52,17 @@ export function reload() {
   if (campaign.panel === "setup") shown();
 }
 export function shown() { if (filmed().length) guarded(() => openFilm()); }
-async function choose(i) { playing++; seen.run = i; seen.film = null; seen.photo = -1; seen.points = []; reload(); }
+function choose(i) { playing++; Object.assign(seen, {run: i, frame: 0, film: null, photo: -1, points: []}); reload(); }
 
 async function openFilm() {
   const e = run();
   if (seen.film?.name !== e.name) {
-    seen.film = {name: e.name, ...await get(`film/${numberOf(e)}`)};
+    const film = {name: e.name, ...await get(`film/${numberOf(e)}`)};
+    if (run()?.name !== e.name) return; // another one has been chosen since
+    seen.film = film;
     one("#frame-slider").max = seen.film.frames - 1;
-    seen.frame = Math.min(seen.frame, seen.film.frames - 1);
   }
-  await showFrame(seen.frame);
+  await (seen.photo < 0 ? showFrame(seen.frame) : showPicture());
 }
 
 // Whoever goes to a frame ends what plays by itself: a trial that runs through its pictures must not take them away again.
@@ -70,41 +71,37 @@ function goTo(frame) { playing++; return showFrame(frame); }
 
 // Pictures are asked for one at a time; of those that wait only the last counts.
 let busy = false;
-async function showFrame(frame) {
+const wanted = () => seen.photo < 0 ? `${numberOf(run())}?frame=${seen.frame}` : `photo/${seen.photo}`;
+function showFrame(frame) {
   seen.frame = frame; seen.photo = -1;
   one("#frame-slider").value = frame;
-  one("#frame-clock").textContent = `${(seen.film.times[frame] ?? 0).toFixed(3)} s`;
+  one("#frame-clock").textContent = `${(seen.film?.times[frame] ?? 0).toFixed(3)} s`;
+  return showPicture();
+}
+function showPhoto(index) { playing++; take("look"); seen.photo = index; return showPicture(); } // hints are pixels of the film
+async function showPicture() {
   if (busy) return;
   busy = true;
-  let shownFrame = -1;
-  while (shownFrame !== seen.frame) {
-    shownFrame = seen.frame;
-    const number = numberOf(run()), picture = new Image();
-    picture.src = `picture/${number}?frame=${shownFrame}`;
+  for (let got = null; got !== wanted();) {
+    got = wanted();
+    const picture = new Image(), photo = seen.photo;
+    picture.src = photo < 0 ? `picture/${got}` : got;
     try {
-      const [outline] = await Promise.all([get(`outline/${number}?frame=${shownFrame}`), picture.decode()]);
+      const [outline] = await Promise.all([photo < 0 ? get(`outline/${got}`) : {line: null, words: ""}, picture.decode()]);
+      if (got !== wanted()) continue;
       Object.assign(seen, {picture, line: outline.line, reason: outline.words});
-    } catch (error) { complain(error.message); break; }
+      one("#frame-reason").textContent = photo >= 0 ? campaign.state.photos[photo].note : seen.reason ? `Refused: ${seen.reason}.` : "";
+    } catch (error) { if (got === wanted()) { complain(photo < 0 ? error.message : "this photo cannot be read"); break; } }
     paint();
   }
   busy = false;
-  one("#frame-reason").textContent = seen.reason ? `Refused: ${seen.reason}.` : "";
-}
-async function showPhoto(index) {
-  playing++;
-  const picture = new Image();
-  picture.src = `photo/${index}`;
-  try { await picture.decode(); } catch { return complain("this photo cannot be read"); }
-  Object.assign(seen, {picture, line: null, reason: "", photo: index});
-  one("#frame-reason").textContent = campaign.state.photos[index].note;
-  paint();
 }
 
 // -- drawing ---------------------------------------------------------------------------------------------------------------
 const fitTo = () => { const canvas = one("#frame"), wide = canvas.parentElement.clientWidth, p = seen.picture; return p ? Math.min(wide / p.naturalWidth, 640 / p.naturalHeight) : 1; };
 export function paint() {
   const canvas = one("#frame"), p = seen.picture;
-  if (!p || !canvas.parentElement.clientWidth) return;
+  if (!p || !seen.film || !canvas.parentElement.clientWidth) return;
   const k = fitTo(), dense = Math.min(3, devicePixelRatio || 1), w = p.naturalWidth * k, tall = p.naturalHeight * k;
   canvas.style.width = `${w}px`; canvas.style.height = `${tall}px`;
   canvas.width = Math.round(w * dense); canvas.height = Math.round(tall * dense);
@@ -175,13 +172,16 @@ function finishBox(box) {
   keep(seen.tool, tools[seen.tool].many ? [...(run().hints[seen.tool] ?? []), box] : box);
 }
 
-// A hint goes into the files at once; taken away, its key is set to null.
+// A hint goes into the files at once, one after the other; taken away, its key is set to null.
+let written = Promise.resolve();
 async function keep(key, value) {
-  const said = await guarded(() => ask(`hint/${numberOf(run())}`, {key, value, all: one("#for-all").checked}));
-  if (!said) return;
+  const e = run(), all = one("#for-all").checked;
+  e.hints[key] = value; // what is drawn next begins from here, not from what the files said before
   take("look");
-  seen.tried.delete(run().name);
-  one("#tool-say").textContent = `${said.file}: camera.${key} ${value === null ? "taken away" : "written"}.`;
+  const said = await (written = written.then(() => guarded(() => ask(`hint/${numberOf(e)}`, {key, value, all}))));
+  if (!said) return reloadAll().catch(() => undefined); // why is said already
+  seen.tried.delete(e.name);
+  if (seen.tool === "look") one("#tool-say").textContent = `${said.file}: camera.${key} ${value === null ? "taken away" : "written"}.`;
   await guarded(reloadAll);
 }
 function showHints() {
