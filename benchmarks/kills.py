@@ -12,9 +12,9 @@ from benchmarks.damage.rows import ROWS, add_row, rows_of_this_code
 from testing.kills import kill_often, load_commands, small_campaign
 
 ENOUGH = 200  # kills of the whole group
-SHARES = {"improve": 50, "batch": 20, "fit": 60, "track": 70}
+SHARES = {"improve": 40, "batch": 10, "fit": 70, "track": 80}
 RUNGS = 3  # at least, of the climb that is killed
-BETWEEN = 15  # kills of it, at least, that leave a rung finished and another to climb
+BETWEEN = 12  # kills of it, at least, that leave a rung finished and another to climb
 
 
 def kill_all(file: Path = ROWS) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -96,7 +96,7 @@ class StageCache:
             for path, sha in files.items()
         )
 
-    def store(
+    def finished(
         self,
         key: str,
         digest: str,
@@ -105,14 +105,19 @@ class StageCache:
         options: object = None,
         inputs: Mapping[str, str] | None = None,
     ) -> StageRecord:
-        """Note that a stage has finished."""
+        """Return what is to be noted of a stage that has finished."""
         made = {path.relative_to(self.out).as_posix(): self.sha256(path) for path in outputs}
-        measured = key.partition("/")[0] in _MEASURED
-        order = 0 if measured else 1 + max((item.order for item in self.records("*")), default=0)
-        record = StageRecord(key, digest, plain(options) or {}, made, dict(inputs or {}), order, __version__)
-        write_text(self._file(key), json.dumps(asdict(record), indent=1) + "\n")
+        return StageRecord(key, digest, plain(options) or {}, made, dict(inputs or {}), 0, __version__)
+
+    def store(self, *records: StageRecord) -> None:
+        """Note that stages have finished, in this order and at once, as far as files can be."""
+        order = max((item.order for item in self.records("*")), default=0)
+        for record in records:
+            if record.key.partition("/")[0] not in _MEASURED:
+                order += 1
+                record = replace(record, order=order)
+            write_text(self._file(record.key), json.dumps(asdict(record), indent=1) + "\n")
         self.save_hashes()
-        return record
 
     def save_hashes(self) -> None:
         """Keep the remembered hashes for the next run."""

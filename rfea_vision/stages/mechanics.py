@@ -69,7 +69,9 @@ def last_model(work: Runner) -> str | None:
 def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
     _refuse_unknown(options.effects, options.effect_files)
-    if any("@" in effect for effect in options.effects):  # a joint that there is not is told before anything is measured, too
+    if any(
+        "@" in effect for effect in options.effects
+    ):  # a joint that there is not is told before anything is measured, too
         from rfea_vision.fitting.problem import parse_effects
 
         parse_effects(options.effects, options.segments)
@@ -222,10 +224,12 @@ def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Sto
             pressure: xr.Dataset | None,
         ) -> None:
             rung = (model, predictions, comparison, diagnosis, pressure)
-            outputs.extend(_save_rung(work, options, critique, recordings, actuator, rung))
+            saved = _save_rung(work, options, critique, recordings, actuator, rung)
+            outputs.extend(file for _, files in saved for file in files)
             rungs.append((rung_of(model, diagnosis, rungs), diagnosis))
             so_far = [rung for rung, _ in rungs]
             Ladder(rungs=so_far, noise_floor_mm=model.noise_floor_mm, stopped_because="not finished").save(path)
+            work.remember(*saved)  # at the very end: whoever is interrupted before finds the rung not done
             work.listener.note(describe_rung(so_far[-1]))
 
         ladder = climb(
@@ -308,23 +312,25 @@ def _save_rung(
     recordings: Recordings,
     actuator: Actuator,
     rung: tuple[ModelFit, Mapping[str, xr.Dataset], Comparison, Diagnosis, xr.Dataset | None],
-) -> list[Path]:
-    """Write a rung's artefacts, and note them as if fit, compare and diagnose had been called one by one."""
+) -> list[tuple[Stage, list[Path]]]:
+    """Write a rung's artefacts; return the stages that make them one by one, each with its files."""
     model, predictions, comparison, diagnosis, pressure = rung
     seen = [name for name in recordings if work.campaign.experiment(name).role in PREDICTED_ROLES]
     model = model.model_copy(update={"inputs": work.raw_inputs(seen)})
     folder = model_folder(work, model.name)
-    fit_files = [folder / "model.json", folder / "prediction.nc"]
     save_prediction(folder, predictions)
-    model.save(fit_files[0])
+    model.save(folder / "model.json")
     save_timings(folder, model)
-    own = _for_rung(options, model)
-    work.remember(_fit_stage(work, own, recordings, actuator), fit_files)
     comparison.save(folder / "comparison.json")
-    work.remember(_compare_stage(work, model.name), [folder / "comparison.json"])
-    outputs = save_diagnosis(folder, diagnosis, pressure)
-    work.remember(_diagnose_stage(work, model.name, recordings, critique), outputs)
-    return [*fit_files, folder / "comparison.json", *outputs]
+    diagnosed = save_diagnosis(folder, diagnosis, pressure)
+    return [
+        (
+            _fit_stage(work, _for_rung(options, model), recordings, actuator),
+            [folder / "model.json", folder / "prediction.nc"],
+        ),
+        (_compare_stage(work, model.name), [folder / "comparison.json"]),
+        (_diagnose_stage(work, model.name, recordings, critique), diagnosed),
+    ]
 
 
 # -- what each stage depends on ------------------------------------------------------------------------------------

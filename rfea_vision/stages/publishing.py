@@ -99,7 +99,9 @@ def group(works: Sequence[Runner], path: Path) -> list[Path]:
     labels = [
         name if names.count(name) == 1 else work.campaign.root.name for name, work in zip(names, works, strict=True)
     ]
-    tubes = [GroupMember(label, work.campaign.design, collect(work.out)) for label, work in zip(labels, works, strict=True)]
+    tubes = [
+        GroupMember(label, work.campaign.design, collect(work.out)) for label, work in zip(labels, works, strict=True)
+    ]
     write_text(path, render_group(tubes, title=path.stem.replace("-", " ")))
     return [path, *save_plates(group_plates(tubes), path.with_name(f"{path.stem}-figures"))]
 

@@ -97,7 +97,9 @@ class Runner:
                         self.listener.end(stage.name, stage.subject, "failed", str(error))
                         raise
                     stored = Stored.of(result)
-                    self.cache.store(stage.key, digest, outputs, options=stage.options, inputs=hashes)
+                    self.cache.store(
+                        self.cache.finished(stage.key, digest, outputs, options=stage.options, inputs=hashes)
+                    )
                     self._say(stage, "done", sentence)
         if stored is None:
             stored = Stored(load)
@@ -116,10 +118,16 @@ class Runner:
                     f"{path}: changed while it was read; wait until it is complete and run the command again"
                 )
 
-    def remember(self, stage: Stage, outputs: Sequence[Path]) -> None:
-        """Note a result that came about inside another stage, so that its own stage finds it done."""
-        hashes, digest = self._digest(stage)
-        self.cache.store(stage.key, digest, outputs, options=stage.options, inputs=hashes)
+    def remember(self, *results: tuple[Stage, Sequence[Path]]) -> None:
+        """Note results that came about inside another stage, so that their own stages find them done.
+
+        All is worked out before the first is noted: a command that is killed notes all of them or, but for an instant, none.
+        """
+        records = []
+        for stage, outputs in results:
+            hashes, digest = self._digest(stage)
+            records.append(self.cache.finished(stage.key, digest, outputs, options=stage.options, inputs=hashes))
+        self.cache.store(*records)
 
     def has(self, stage: Stage) -> bool:
         """Whether a stage has been done with just these inputs, options and code, and is not to be redone."""

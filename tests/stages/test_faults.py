@@ -136,7 +136,17 @@ def test_a_full_disk_keeps_what_was_there(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     "number",
-    [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.ENOENT, errno.EIO, errno.ESTALE, errno.EEXIST, errno.EISDIR],
+    [
+        errno.ENOSPC,
+        errno.EDQUOT,
+        errno.EROFS,
+        errno.EACCES,
+        errno.ENOENT,
+        errno.EIO,
+        errno.ESTALE,
+        errno.EEXIST,
+        errno.EISDIR,
+    ],
 )
 def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, capsys, monkeypatch):
     campaign = write_campaign(tmp_path / "campaign")

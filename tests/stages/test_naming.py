@@ -34,7 +34,7 @@ def store(work, options):
     file = work.out / "models" / options.name / "model.json"
     file.parent.mkdir(parents=True)
     file.write_text(json.dumps({"segments": options.segments}))
-    work.cache.store(f"fit/{options.name}", "digest", [file], options={"fit": as_record(options)})
+    work.cache.store(work.cache.finished(f"fit/{options.name}", "digest", [file], options={"fit": as_record(options)}))
 
 
 def ladder(work, *models):

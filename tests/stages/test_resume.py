@@ -10,6 +10,7 @@ import pytest
 from rfea_vision import open_campaign
 from rfea_vision.artefacts import Ladder
 from rfea_vision.critique import ladder as climbing
+from rfea_vision.stages import mechanics
 from rfea_vision.twin import TwinOptions, simulate
 from rfea_vision.units import rounded
 
@@ -44,9 +45,20 @@ def test_an_interrupted_improve_goes_on(tmp_path: Path, monkeypatch: pytest.Monk
     assert [rung.model for rung in kept.rungs] == ["base"] and kept.stopped_because == "not finished"
 
     monkeypatch.setattr(climbing, "fit", lambda *_: pytest.fail("the base model is fitted already"))
+    with monkeypatch.context() as saving:
+        saving.setattr(mechanics, "save_diagnosis", _interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            open_campaign(tmp_path / "tube").improve(**CHOICES)
+    noted = [path.name for path in (tmp_path / "tube" / "rfea" / ".stages").glob("*@base+gravity_tilt.json")]
+    assert noted == [], "a rung is noted whole: what is noted is not done again"
+
     ladder = open_campaign(tmp_path / "tube").improve(**CHOICES)
-    assert judged == [(), ("gravity_tilt",), ("gravity_tilt",)], "the first rung is not judged again"
+    assert judged == [(), *3 * [("gravity_tilt",)]], "the first rung is not judged again"
     assert [rung.added for rung in ladder.rungs] == [None, "gravity_tilt"]
     assert ladder.rungs[-1].verdict == "complete"
     told = rounded(ladder.rungs[-1].error("validate"))
     assert f"the held-out error is {told} mm" in ladder.stopped_because, "one figure of one error"
+
+
+def _interrupt(*_: Any) -> None:
+    raise KeyboardInterrupt
