@@ -123,14 +123,15 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
     floor = model.noise_floor_mm
     by_phase, where = [], []
     pressures, squares, places, biases = [], [], [], []
-    unit = "mm"
-    for name, dataset in predictions.items():
-        recording = recordings[name]
-        if recording.role not in ("train", "validate"):
+    compared = [name for name in predictions if recordings[name].role in ("train", "validate")]
+    units = {name: "mm" if {"tip", "midline"} & set(recordings[name].dataset) else "deg" for name in compared}
+    unit = units[compared[0]] if compared else "mm"
+    for name in compared:
+        if units[name] != unit:  # mm and deg are not pooled: such a run has its scores alone
             continue
+        dataset, recording = predictions[name], recordings[name]
         data = recording.dataset
         square, sigma = _square_error(dataset, data)
-        unit = "mm" if "tip" in data or "midline" in data else "deg"
         time = data["time"].values
         pressure = np.interp(time, data["log_time"].values, data["pressure"].values)
         phase = label_phases(time, pressure, np.nan_to_num(dataset["bend_angle"].values.astype(float)))

@@ -12,7 +12,7 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, Rung, WorstPlace
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.critique.evidence import candidate_rows, swallowed
-from rfea_vision.critique.measures import Errors, errors_of
+from rfea_vision.critique.measures import Errors, errors_of, in_another_unit
 from rfea_vision.critique.next_experiment import design_next
 from rfea_vision.critique.refinement import SEGMENTS, screen_segments
 from rfea_vision.critique.screening import offered
@@ -97,6 +97,16 @@ def _errors_without_effects(problem: Problem, fitted: Fitted) -> Errors | None:
     return errors_of(problem, base)
 
 
+def _left_out(problem: Problem) -> list[str]:
+    names = in_another_unit(problem)
+    if not names:
+        return []
+    unit = "an angle" if problem.train[0].has_tip else "a tip"
+    return [
+        f"{', '.join(names)}: fitted, but no judge here: of these runs {unit} was measured, unlike of {problem.train[0].name}"
+    ]
+
+
 def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, Any]]) -> Diagnosis:
     in_mm = search.floors.unit == "mm"
     fitted, best = search.present.fitted, verdict.best.fitted
@@ -115,7 +125,10 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, A
         noise_floor_mm=search.floor if in_mm else None,
         noise_floor_deg=None if in_mm else search.floor,
         explained_fraction=verdict.share if verdict.named else None,
-        warnings=swallowed(search.trials.problem, fitted, best, verdict.named) if verdict.named else [],
+        warnings=[
+            *(swallowed(search.trials.problem, fitted, best, verdict.named) if verdict.named else []),
+            *_left_out(search.trials.problem),
+        ],
     )
 
 

@@ -8,7 +8,7 @@ from scipy.fft import dct
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Floors
 from rfea_vision.fitting.fit import Fitted, Problem
-from rfea_vision.fitting.noise import noise_floor_deg, noise_floor_mm
+from rfea_vision.fitting.noise import before_repeat, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.solver import fit_clocks
@@ -21,8 +21,6 @@ MOST_RAISED = 4.0
 #: Systematic errors of clamp, calibration and of a chain of segments, over the tube's length (0.03 mm of 155): what the twin's
 #: films, whose truth is known, are read with.
 CALIBRATION_SHARE = 2e-4
-#: A repeat may begin so much earlier or later on its log than the run that it repeats.
-SEARCHED_S = 0.5
 #: Coefficients of a cosine transform that are looked at together, and by how much the residual in such a band must stand out
 #: from the modelled motion, the input and the noise there. Motion that is only late differs from itself by four times its square at
 #: the most; with half as much again it is not that.
@@ -94,12 +92,9 @@ def from_repeats(problem: Problem, fitted: Fitted) -> float | None:
         if item.repeat_of not in residuals:
             continue
         other, seen = residuals[str(item.repeat_of)]
-        then = item.time + _shift(item, other)
-        inside = (then >= other.time[0]) & (then <= other.time[-1])
-        if inside.sum() < 12:
-            continue
-        before = np.column_stack([np.interp(then[inside], other.time, column) for column in seen.T])
-        squares.append(float(np.mean(np.sum((gap[inside] - before) ** 2, axis=1))) / 2)
+        inside, before = before_repeat(item, other, seen)
+        if inside.any():
+            squares.append(float(np.mean(np.sum((gap[inside] - before) ** 2, axis=1))) / 2)
     return float(np.sqrt(np.mean(squares))) if squares else None
 
 
@@ -117,15 +112,6 @@ def _held_gaps(problem: Problem, fitted: Fitted) -> list[tuple[Observed, FloatAr
             )
             out.append((item, gap))
     return out
-
-
-def _shift(item: Observed, other: Observed) -> float:
-    """What to add to the time of one run to get that of the other, by their pressures; both begin alike unless these say else."""
-    first = other.excitation.start_s - item.excitation.start_s
-    grid, pressure = item.excitation.grid_s[::10], item.excitation.pressure[::10]
-    shifts: FloatArray = first + np.arange(-SEARCHED_S, SEARCHED_S + 1e-9, 0.01)
-    costs = [float(np.mean((other.excitation.at(grid + shift) - pressure) ** 2)) for shift in shifts]
-    return float(shifts[int(np.argmin(costs))])
 
 
 def _power(series: FloatArray) -> FloatArray:

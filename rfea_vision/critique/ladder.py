@@ -81,7 +81,8 @@ def _with_one_more(
     """The model with one effect more, under a law of its own, from where the search has found it best."""
     named = f"{below.options.name}+{plain(name)}"
     if name == SEGMENTS:
-        return refit_segments(problem, below, named)
+        finer = refit_segments(problem, below, named)
+        return None if finer is None else with_lever_held(problem, finer)
     values = row.values if row is not None else {}
     if not values:
         trials = Trials(problem, tuple(files))
@@ -116,7 +117,8 @@ def _look_back(problem: Problem, fitted: Fitted, floor: float, keep: str) -> Fit
         if effect == keep or needed:
             continue
         rest = [one for one in fitted.options.effects if one != effect]
-        name = "+".join((fitted.options.name.split("+")[0], *map(plain, rest)))
+        first, *added = fitted.options.name.split("+")
+        name = "+".join((first, *(one for one in added if one != plain(effect))))
         try:
             without = _stood_up(problem, fitted, fitted.values, rest, name)
         except DataError:
@@ -248,7 +250,7 @@ def improve(
             break
         following = finished[index + 1][0] if index + 1 < len(finished) else climb.next_model(step, diagnosis)
         if following is None:
-            stopped = f"{step.added} is named, but could not be fitted again"
+            stopped = f"{step.added} was to be added, but could not be fitted again"
             break
         climb.take(step, following)
         model = following

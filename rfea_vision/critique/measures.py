@@ -89,17 +89,29 @@ def mean_squares(item: Observed, predicted: Predicted) -> RunErrors:
 
 
 def errors_of(problem: Problem, fitted: Fitted) -> Errors:
-    """Errors of a solved fit; held-out runs may adjust their clocks where these were found from the motion."""
+    """Errors of a solved fit; held-out runs may adjust their clocks where these were found from the motion.
+
+    In one unit: runs of which only the angle was measured are left out where the first training run has a tip, and the other way round.
+    """
     runs = {
         item.name: mean_squares(item, one)
         for item, one in zip(problem.train, fitted.solution.evaluation.predicted, strict=True)
+        if item.name not in in_another_unit(problem)
     }
     for item in problem.validate:
+        if item.name in in_another_unit(problem):
+            continue
         clock = float(fit_clocks(fitted.model, [item], fitted.par)[0])
         one = predict_observed(fitted.model, fitted.par, item, (), clock)
         if one is not None:
             runs[item.name] = mean_squares(item, one)
     return Errors(runs)
+
+
+def in_another_unit(problem: Problem) -> list[str]:
+    """Runs that were measured in another unit (mm or deg) than the first training run, and so judge nothing."""
+    runs = (*problem.train, *problem.validate)
+    return [item.name for item in runs if item.has_tip != problem.train[0].has_tip]
 
 
 def common_runs(errors: Iterable[Errors]) -> set[str]:
@@ -122,7 +134,7 @@ def delta_bic(problem: Problem, before: Fitted, after: Fitted) -> float:
     """Change of BIC on the training runs, with the number of independent residuals of the better model."""
     count = max(effective_count(problem, before), effective_count(problem, after))
     added = len(after.coordinates.free) - len(before.coordinates.free)
-    ratio = after.solution.evaluation.cost / max(before.solution.evaluation.cost, 1e-300)
+    ratio = after.solution.cost / max(before.solution.cost, 1e-300)
     return float(count * np.log(max(ratio, 1e-12)) + added * np.log(count))
 
 

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 
-PHASES = ("rest", "rise", "hold", "fall", "reversal", "ringing")
 SMOOTHING_S = 0.04  # of the pressure before its slope is taken: longer than a sensor's ripple, shorter than a step
 REVERSAL_S = 0.15  # about a change of direction: a half swing of the paper's tube
 

@@ -19,7 +19,7 @@ from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE
 from rfea_vision.critique.screening import Sensitivity, available, offered, sensitivities
 from rfea_vision.fitting.fit import make_problem
-from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.observed import MM
 from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.scoring import options_of
 
@@ -69,7 +69,7 @@ def power_study(
     least: dict[tuple[str, str], tuple[float, dict[str, float]]] = {}
     for row in sensitivities(problem, fitted, effects):
         for column, name in enumerate(row.names):
-            shift = _tip_rms(row, column, row.items)
+            shift = _tip_rms(row, column)
             amplitude = structure / shift if shift > 0 else float("inf")
             if row.secant > 0:
                 amplitude = float(np.sqrt(row.secant * amplitude))
@@ -93,10 +93,10 @@ def power_study(
     return out
 
 
-def _tip_rms(row: Sensitivity, column: int, items: Sequence[Observed]) -> float:
+def _tip_rms(row: Sensitivity, column: int) -> float:
     """RMS movement of the tip (mm; of the angle in deg) per unit of the amplitude, less what the base model swallows."""
     total, frames = 0.0, 0
-    for item, part in zip(items, row.slices, strict=True):
+    for item, part in zip(row.items, row.slices, strict=True):
         count = item.time.size
         values = row.jacobian[part, column]
         if item.observe == "angle":

@@ -106,7 +106,7 @@ def propose(
             if after is not None:
                 found = tuple(after.values[f"{effect_id}.c{k}"] for k in range(1, len(law.terms) + 1))
                 found_law = replace(law, coefficients=found)
-                tried.append((after.solution.evaluation.cost, found_law, errors_of(problem, after)))
+                tried.append((after.solution.cost, found_law, errors_of(problem, after)))
     helping = [row for row in tried if matters(before, row[2], floor)]
     if not helping:
         raise DataError(
@@ -142,7 +142,7 @@ def _refitted(problem: Problem, fitted: Fitted, file: Path, effect_id: str, law:
             found = fit_added(problem, options, fitted)
         except DataError:
             continue
-        if found.solution.evaluation.cost < fitted.solution.evaluation.cost:
+        if found.solution.cost < fitted.solution.cost:
             return found
     return None
 

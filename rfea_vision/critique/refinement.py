@@ -10,6 +10,7 @@ from rfea_vision.critique.screening import Screened
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, carried, refit
 from rfea_vision.fitting.problem import make_model
+from rfea_vision.fitting.ratio import lever_free
 from rfea_vision.fitting.residuals import predict_observed
 
 SEGMENTS = "segments"
@@ -49,8 +50,8 @@ def screen_segments(problem: Problem, fitted: Fitted, floor: float) -> Screened 
 
 
 def refit_segments(problem: Problem, base: Fitted, name: str) -> Fitted | None:
-    """The same model on twice the segments."""
-    options = replace(base.options.with_segments(2 * base.options.segments), name=name)
+    """The same model on twice the segments, its lever free; None where it cannot be simulated."""
+    options = replace(lever_free(base).with_segments(2 * base.options.segments), name=name)
     known = dict(zip(base.model.names, base.par, strict=True))
     try:
         return refit(problem, options, known, base.options.segments, base.solution.clocks)

@@ -9,7 +9,7 @@ residuals: gradients are summed over blocks of time.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -160,9 +160,7 @@ class Sensitivity:
     secant: float = 0.0
 
 
-def sensitivities(
-    problem: Problem, fitted: Fitted, effects: Sequence[Effect], progress: Callable[[int, int], None] | None = None
-) -> Iterator[Sensitivity]:
+def sensitivities(problem: Problem, fitted: Fitted, effects: Sequence[Effect]) -> Iterator[Sensitivity]:
     """Sensitivity of every effect at every point of its grid; one simulation per point serves all effects.
 
     Where a run with all of them fails (on the edge of what can be simulated), they are taken in halves.
@@ -175,8 +173,6 @@ def sensitivities(
             effects if round_ == 0 else [e for e in effects if any(len(s.grid) > round_ for s in e.parameters.values())]
         )
         yield from _at_point(problem, fitted, compiled, active, point)
-        if progress is not None:
-            progress(round_ + 1, len(points))
 
 
 def swallowable(result: Evaluation, fitted: Fitted, free: int) -> FloatArray:

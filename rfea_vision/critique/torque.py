@@ -79,12 +79,7 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     if predicted is None or item.time.size < 25:
         return None
     gap, spread = _angle_gap(model, item, predicted)
-    period = float(np.median(np.diff(item.time)))
-    window = max(5, round(WINDOW_S / period) | 1)
-    window = min(window, item.time.size // 2 * 2 - 1)
-    smooth: list[FloatArray] = [
-        np.asarray(savgol_filter(gap, window, 3, deriv=d, delta=period, axis=0)) for d in range(3)
-    ]
+    smooth, window = _smoothed(item.time, gap)
     motion = predicted.motion
     acceleration = np.gradient(motion.rate, item.time, axis=0)
     pressure = item.excitation.at(item.time + clock_s, model.combined(par, item.excitation)[0])
@@ -97,6 +92,16 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     return ResidualTorque(
         measured - modelled, sigma, np.diff(motion.phi + smooth[0], axis=1), np.diff(motion.rate + smooth[1], axis=1)
     )
+
+
+def _smoothed(time: FloatArray, gap: FloatArray) -> tuple[list[FloatArray], int]:
+    """Series (frames, n), its rate and its acceleration, and the frames that each is taken over; lost frames are bridged."""
+    period = float(np.median(np.diff(time)))
+    even = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / period) + 1)
+    bridged = np.column_stack([np.interp(even, time, column) for column in gap.T])
+    window = min(max(5, round(WINDOW_S / period) | 1), even.size // 2 * 2 - 1)
+    smooth = [savgol_filter(bridged, window, 3, deriv=d, delta=even[1] - even[0], axis=0) for d in range(3)]
+    return [np.column_stack([np.interp(time, even, column) for column in part.T]) for part in smooth], window
 
 
 _WORDS = {
@@ -154,7 +159,8 @@ def summarise_torque(results: list[tuple[ResidualTorque, Observed, float]]) -> d
         "rms_mNm": float(np.sqrt(np.mean(torque**2)) * 1e3),
         "sigma_mNm": float(np.sqrt(np.mean(sigma**2)) * 1e3),
         "depends_on": ranked,
-        "note": "inverse dynamics of the measured minus the modelled motion, smoothed over 60 ms and four functions along the tube",
+        "note": "inverse dynamics of the measured minus the modelled motion, smoothed over 60 ms (five frames at least) and four "
+        "functions along the tube",
     }
 
 

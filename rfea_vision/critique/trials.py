@@ -42,7 +42,7 @@ class Trial:
     @property
     def cost(self) -> float:
         """Squared residual on the training runs, in standard errors."""
-        return self.fitted.solution.evaluation.cost
+        return self.fitted.solution.cost
 
     @property
     def free(self) -> int:
@@ -87,18 +87,16 @@ class Trials:
         held = base.fitted.values
         grids = [values, *({**values, name: v} for name, points in self._grids(key, start).items() for v in points[1:])]
         tries = [self._from(options, {**grid, **held, **start}, base.fitted) for grid in grids]
-        best = min(
-            (one for one in tries if one is not None), key=lambda one: one.solution.evaluation.cost, default=None
-        )
+        best = min((one for one in tries if one is not None), key=lambda one: one.solution.cost, default=None)
         smaller = [t for k, t in self.done.items() if t is not None and k < key and SEGMENTS not in k]
         nearest = min(smaller, key=lambda t: t.cost, default=base)
-        if best is None or best.solution.evaluation.cost > nearest.cost:
+        if best is None or best.solution.cost > nearest.cost:
             # The larger model holds the smaller one: where it ends above, it was led astray. Again from there, faintly.
             wanted = {**values, **held, **start}
             faint = {n: zero + FAINT * (wanted[n] - zero) for n, zero in absent.items() if n in wanted}
             again = self._from(options, {**wanted, **faint, **nearest.fitted.values}, nearest.fitted)
             found = [one for one in (best, again, nearest.fitted) if one is not None]
-            best = min(found, key=lambda one: one.solution.evaluation.cost)
+            best = min(found, key=lambda one: one.solution.cost)
         return best
 
     def _grids(self, key: frozenset[str], start: Mapping[str, float]) -> dict[str, tuple[float, ...]]:

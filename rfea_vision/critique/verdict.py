@@ -91,7 +91,7 @@ def _other(best: Weighed, row: Weighed) -> str:
 
 
 def _worth(search: Search, best: Weighed, own: str) -> float:
-    """Held-out squared error that comes back when a member of the best set is left out."""
+    """Held-out squared error above the floor where a member of the best set is left out."""
     without = search.without(best, own)
     return without.errors.held_excess(search.floor) if without is not None else 0.0
 

@@ -14,7 +14,7 @@ from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, build
-from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.profile import profile
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
@@ -24,7 +24,7 @@ from rfea_vision.fitting.rules import under_rules
 from rfea_vision.fitting.scoring import as_artefact
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import from_the_release, observed_scale, without_vanishing_ends
-from rfea_vision.fitting.steady_fit import Plateau, find_plateaus, fit_steady
+from rfea_vision.fitting.steady_fit import STEADY_SIGMA_M, Plateau, find_plateaus, fit_steady
 from rfea_vision.fitting.studies import leave_one_out, with_study
 from rfea_vision.options import FitOptions
 from rfea_vision.progress import Progress
@@ -105,7 +105,7 @@ def _steady_start(
         "experiment": [p.experiment for p in plateaus],
         "angle_deg": [float(np.rad2deg(p.angle)) for p in plateaus],
         "fitted_angle_deg": [float(np.rad2deg(s.phi[-1])) if s.found else None for s in angles],
-        "rms_mm": float(np.sqrt(np.mean(residual**2)) * 0.1) if fractions.size else None,
+        "rms_mm": float(np.sqrt(np.mean(residual**2)) * STEADY_SIGMA_M / MM) if fractions.size else None,
         "k_ref": float(fitted[0]),
         "k_slope": float(fitted[1]),
     }
@@ -228,7 +228,7 @@ def _refined(
 
 
 def effect_starts(model_effects: Sequence[Any], names: Sequence[str]) -> list[dict[str, float]]:
-    """Starts for the parameters of effects just added: each grid value of what vanishes with the amplitude, both signs."""
+    """Starts for the parameters of effects just added: each grid value of what vanishes with the amplitude."""
     starts: list[dict[str, float]] = [{}]
     for effect in model_effects:
         if effect.id not in names:

@@ -122,6 +122,12 @@ def _unit_and_bounds(fitted: Fitted, k: int) -> tuple[str, float | None, float |
     return spec.unit, *(given or (spec.lower, spec.upper))
 
 
+def limits(fitted: Fitted, name: str) -> tuple[float, float]:
+    """Lowest and highest value (SI) that a parameter may take; infinite where nothing bounds it."""
+    _, low, high = _unit_and_bounds(fitted, fitted.model.names.index(name))
+    return -np.inf if low is None else low, np.inf if high is None else high
+
+
 def _paper(
     parameters: dict[str, Parameter],
     par: FloatArray,

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.rules import pushed
 from rfea_vision.scatter import third_difference_noise
+
+#: A repeat may begin so much earlier or later on its log than the run that it repeats: nearest first, in s.
+_SEARCHED_S = np.array(sorted(np.arange(-50, 51) / 100, key=abs))
+#: Frames that two runs have in common at least, to be compared.
+LEAST_COMMON = 12
 
 
 def white_noise_mm(tip_mm: FloatArray) -> float:
@@ -29,14 +36,10 @@ def noise_floor_mm(
     for item in observed if repeats else ():
         other = by_name.get(item.repeat_of or "")
         if other is not None and item.has_tip and other.has_tip:
-            a = item.time - item.time[0]
-            b = other.time - other.time[0]
-            inside = a <= b[-1]
-            difference = np.stack(
-                [item.points[inside, -1, k] - np.interp(a[inside], b, other.points[:, -1, k]) for k in range(2)],
-                axis=-1,
-            )
-            pairs.append(float(np.sqrt(np.mean(np.sum(difference**2, axis=1)) / 2)) / MM)
+            inside, before = before_repeat(item, other, other.points[:, -1])
+            if inside.any():
+                difference = item.points[inside, -1] - before
+                pairs.append(float(np.sqrt(np.mean(np.sum(difference**2, axis=1)) / 2)) / MM)
     if pairs:
         return float(np.mean(pairs)), "repeated runs"
     stated, measured = [], []
@@ -60,6 +63,25 @@ def noise_floor_mm(
     if high > claim:
         return high, "the track's own high frequencies (above the stated standard errors)"
     return claim, "standard errors of the track"
+
+
+def before_repeat(item: Observed, other: Observed, seen: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Frames (frames,) of a repeat that the run that it repeats has, too, and what was `seen` (frames of it, k) of that then.
+
+    Their pressures say how much earlier or later a repeat begins on its log; where these do not change, both begin alike.
+    No frame where they have less than a dozen in common.
+    """
+    shifts: FloatArray = other.excitation.start_s - item.excitation.start_s + _SEARCHED_S
+    grid, pressure = item.excitation.grid_s[::10], item.excitation.pressure[::10]
+    if pushed([item]):
+        costs = [float(np.mean((other.excitation.at(grid + shift) - pressure) ** 2)) for shift in shifts]
+        shift = float(shifts[int(np.argmin(costs))])
+    else:
+        shift = float(shifts[0])
+    then = item.time + shift
+    inside = (then >= other.time[0]) & (then <= other.time[-1])
+    inside &= inside.sum() >= LEAST_COMMON
+    return inside, np.column_stack([np.interp(then[inside], other.time, column) for column in seen.T])
 
 
 def noise_floor_deg(observed: list[Observed]) -> float | None:

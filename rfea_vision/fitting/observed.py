@@ -23,10 +23,10 @@ class Observed:
     """One experiment, SI, mirrored where the tube bends right so that bending is towards -x.
 
     time : (frames,) s on the log's clock, valid frames only
-    points : (frames, m, 2) m at `fractions` of the centre line, the last one the tip; NaN where there is no midline
+    points : (frames, m, 2) m at `fractions` of the centre line, the last one the tip, or that alone; no point (m 0)
+        where only an angle was measured
     normals : (frames, m, 2) unit normals of the measured centre line
     sigma : (frames, m) m; angle, angle_sigma : (frames,) rad or NaN
-    weight_rows : how the residual is built, see `rows`
     """
 
     name: str

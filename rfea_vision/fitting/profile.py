@@ -15,6 +15,7 @@ from scipy.stats import chi2
 
 from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.fitting.intervals import limits
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted, refit
 
@@ -88,7 +89,7 @@ def _side(
 ) -> list[tuple[float, float]]:
     """Points on one side, from the best value outwards, until the misfit has risen by the threshold."""
     known, options, base = fitted.values, fitted.options, _misfit(fitted)
-    low, high = options.bounds.get(name, (-np.inf, np.inf))
+    low, high = limits(fitted, name)
     found: list[tuple[float, float]] = []
     clocks = fitted.solution.clocks
     for k in range(STEPS):
@@ -108,9 +109,7 @@ def _side(
 
 
 def _misfit(fitted: Fitted) -> float:
-    solution = fitted.solution
-    weighted = solution.evaluation.residual**2 * solution.row_weight
-    return float(weighted.sum() + solution.prior_residual @ solution.prior_residual)
+    return fitted.solution.cost + float(fitted.solution.prior_residual @ fitted.solution.prior_residual)
 
 
 def _crossing(best: float, side: list[tuple[float, float]]) -> float | None:

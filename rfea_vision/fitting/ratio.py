@@ -10,7 +10,7 @@ import numpy as np
 from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem
-from rfea_vision.fitting.refit import Fitted, refit, refit_from
+from rfea_vision.fitting.refit import Fitted, refit, refit_from, with_solution
 from rfea_vision.fitting.uncertainty import uncertainty_of
 from rfea_vision.options import FitOptions
 
@@ -42,7 +42,7 @@ def with_lever_held(problem: Problem, fitted: Fitted) -> Fitted:
     }
     options = replace(options, fixed={**options.fixed, "r_hyd": lever})
     held = refit(problem, options, known, options.segments, fitted.solution.clocks)
-    return replace(fitted, options=options, coordinates=held.coordinates, solution=held.solution, ratio_only=True)
+    return replace(with_solution(fitted, held), ratio_only=True)
 
 
 def with_lever_free(problem: Problem, fitted: Fitted) -> Fitted:
@@ -53,10 +53,7 @@ def with_lever_free(problem: Problem, fitted: Fitted) -> Fitted:
     """
     if not fitted.ratio_only:
         return fitted
-    freed = refit_from(problem, lever_free(fitted), fitted)
-    return replace(
-        fitted, options=freed.options, coordinates=freed.coordinates, solution=freed.solution, ratio_only=False
-    )
+    return replace(with_solution(fitted, refit_from(problem, lever_free(fitted), fitted)), ratio_only=False)
 
 
 def lever_free(fitted: Fitted) -> FitOptions:

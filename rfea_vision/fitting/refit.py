@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rfea_vision.arrays import FloatArray
@@ -44,6 +44,13 @@ class Fitted:
     def values(self) -> dict[str, float]:
         """Every parameter by its name."""
         return dict(zip(self.model.names, self.par.tolist(), strict=True))
+
+
+def with_solution(fitted: Fitted, found: Fitted) -> Fitted:
+    """The same record with another solved fit in it."""
+    return replace(
+        fitted, model=found.model, options=found.options, coordinates=found.coordinates, solution=found.solution
+    )
 
 
 def coordinates_for(problem: Problem, options: FitOptions, model: Model) -> Coordinates:

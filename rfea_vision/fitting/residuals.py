@@ -291,7 +291,7 @@ def rows(item: Observed, predicted: Predicted, *, jacobian: bool = True) -> tupl
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Residuals of all experiments stacked; `slices` says which rows are whose; None in place of one that failed."""
+    """Residuals of all experiments stacked; `slices` says which rows are whose."""
 
     residual: FloatArray
     jacobian: FloatArray

@@ -126,6 +126,10 @@ def metrics_by_role(problem: Problem, scores: dict[str, ExperimentScore], parts:
         if not names:
             continue
         without = [name for name in names if name not in parts]
+        if len(without) == len(names):
+            why = f"the model could not be simulated on {', '.join(names)}"
+            out[role] = Metrics(notes=dict.fromkeys(METRICS, why))
+            continue
         out[role] = pooled([parts[name] for name in names if name in parts], problem.actuator.length / MM)
         if without:
             out[role].notes["runs"] = f"without {', '.join(without)}, where the model could not be simulated"

@@ -20,6 +20,8 @@ from rfea_vision.scatter import NORMAL
 CLOCK_SCALE_S = 0.005  # a clock in units of order one for the optimiser; no result depends on it
 #: A clock is moved by at most so many of its standard errors, and never further than runs are ever late.
 LARGEST_CLOCK_SIGMAS, LARGEST_CLOCK_S = 4.0, 2.0
+#: A clock is moved by so much at once at most: an eighth of the period of fast ringing (4 Hz), beyond which slopes mislead.
+CLOCK_STEP_S = 0.03
 #: Robust standard deviations beyond which the Huber loss is linear.
 HUBER = 5.0
 #: Frames of a run that are enough to come near.
@@ -28,7 +30,7 @@ ROUGH_FRAMES = 500
 
 @dataclass(frozen=True)
 class Solution:
-    """Where the optimiser ended: full parameter vector, clocks per experiment, cost and the evaluation there.
+    """Where the optimiser ended: full parameter vector, clocks per experiment, cost (by its loss) and the evaluation there.
 
     `scaled_jacobian` is with respect to [coordinates, free clocks] in the optimiser's units; `prior_jacobian` and
     `prior_residual` are the rows of what was known beforehand, of the clocks too; `row_weight` is what the robust loss
@@ -40,7 +42,6 @@ class Solution:
     clocks: FloatArray
     cost: float
     converged: bool
-    message: str
     evaluation: Evaluation
     scaled_jacobian: FloatArray
     clock_index: tuple[int, ...]
@@ -88,7 +89,7 @@ class _Target:
     coordinates: Coordinates
     clocks: FloatArray
     clock_index: tuple[int, ...]
-    condensed: bool = True
+    condensed: bool
     count: int = 0
     last: tuple[bytes, _Point | None] | None = None
 
@@ -138,7 +139,7 @@ class _Target:
         sub = self.coordinates.matrix[list(self.coordinates.free)]
         return np.concatenate([jacobian[:, :ny] @ sub, jacobian[:, ny:] * CLOCK_SCALE_S], axis=1)
 
-    def solution(self, x: FloatArray, point: _Point, converged: bool, message: str, softness: float) -> Solution:
+    def solution(self, x: FloatArray, point: _Point, converged: bool, softness: float) -> Solution:
         par, values = self.unpack(x)
         evaluation, ny = point.evaluation, len(self.coordinates.free)
         residual, rows = self.priors(x)
@@ -147,9 +148,8 @@ class _Target:
             par=par,
             y=x[:ny],
             clocks=values,
-            cost=evaluation.cost,
+            cost=_cost(evaluation.residual, softness),
             converged=converged,
-            message=message,
             evaluation=evaluation,
             scaled_jacobian=self._scaled(picked),
             clock_index=self.clock_index,
@@ -181,7 +181,8 @@ def solve(
     for the caller to decide, and linear here.
     """
     clock_index = tuple(i for i, item in enumerate(items) if item.clock_free)
-    target = _Target(model, items, coordinates, np.zeros(len(items)) if clocks is None else clocks.copy(), clock_index)
+    begin = np.zeros(len(items)) if clocks is None else clocks.copy()
+    target = _Target(model, items, coordinates, begin, clock_index, condensed=loss != "huber")
     limits = np.array([_largest_clock(items[i]) for i in clock_index])
     target.clocks[list(clock_index)] = np.clip(target.clocks[list(clock_index)], -limits, limits)
     x0 = np.concatenate([coordinates.coordinates(start), target.clocks[list(clock_index)] / CLOCK_SCALE_S])
@@ -189,7 +190,7 @@ def solve(
     if first is None:
         return None
     if x0.size == 0:
-        return target.solution(x0, first, True, "nothing to fit", np.inf)
+        return target.solution(x0, first, True, np.inf)
     bad = np.full(first.residual.size, 1e3 * float(np.linalg.norm(first.residual)) + 1e3)
 
     def fun(x: FloatArray) -> FloatArray:
@@ -219,9 +220,14 @@ def solve(
     point = target.at(result.x)
     if point is None:
         return None
-    return target.solution(
-        result.x, point, result.status > 0, str(result.message), softness if loss == "huber" else np.inf
-    )
+    return target.solution(result.x, point, result.status > 0, softness if loss == "huber" else np.inf)
+
+
+def _cost(residual: FloatArray, softness: float) -> float:
+    """Sum of squares (rows,), of which what is beyond `softness` counts linearly."""
+    size = np.abs(residual)
+    inner = np.minimum(size, softness)
+    return float(np.sum(inner * (2 * size - inner)))
 
 
 def _largest_clock(item: Observed) -> float:
@@ -234,15 +240,15 @@ def fit_clocks(model: Model, items: Sequence[Observed], par: FloatArray) -> Floa
     for index, item in enumerate(items):
         if not item.clock_free:
             continue
-        for _ in range(6):
+        limit = _largest_clock(item)
+        for _ in range(6 + int(limit / CLOCK_STEP_S)):
             result = evaluate(model, par, [item], (), clocks[index : index + 1])
             if result is None:
                 break
             j = result.jacobian[:, 0]
             known = item.clock_sigma**-2
             step = -(float(j @ result.residual) + known * clocks[index]) / (float(j @ j) + known)
-            limit = _largest_clock(item)
-            clocks[index] = np.clip(clocks[index] + np.clip(step, -0.03, 0.03), -limit, limit)
+            clocks[index] = np.clip(clocks[index] + np.clip(step, -CLOCK_STEP_S, CLOCK_STEP_S), -limit, limit)
             if abs(step) < 1e-6:
                 break
     return clocks

@@ -93,7 +93,9 @@ def from_the_release(
         return reference
 
     def opening(share: float) -> list[Observed]:
-        return [item.opening(max(SHORTEST_OPENING, int(share * item.time.size))) for item in let_go]
+        return [
+            item.opening(min(max(SHORTEST_OPENING, int(share * item.time.size)), item.time.size)) for item in let_go
+        ]
 
     def cost(factors: tuple[float, float]) -> float:
         par = coordinates.parameters(coordinates.coordinates(_with_factors(reference, *factors)))

@@ -16,6 +16,10 @@ from rfea_vision.fitting.observed import MM, Observed
 SHORTEST_PLATEAU_S = 0.25  # a shorter hold is a step on a ramp
 
 
+#: Weights of a plateau's points and of its angle: about what a track is worth.
+STEADY_SIGMA_M, STEADY_SIGMA_RAD = 1e-4, 1e-3
+
+
 @dataclass(frozen=True)
 class Plateau:
     """A stretch where pressure and tube rest: mean pressure (Pa), points (m, 2) in m, bend angle (rad)."""
@@ -89,13 +93,11 @@ def fit_steady(
     coordinates: Coordinates,
     start: FloatArray,
     fractions: FloatArray,
-    sigma_m: float = 1e-4,
-    sigma_angle: float = 1e-3,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Least squares on the plateaus: parameters and weighted residual; None where the start has no steady state.
 
     start : (parameters,) in SI; fractions : (m,) places on the centre line at which the plateaus have points, or none
-    sigma_m, sigma_angle : weights, 0.1 mm and 1 mrad: about what a track is worth, the same for all plateaus
+    The weights (`STEADY_SIGMA_M`, `STEADY_SIGMA_RAD`) are about what a track is worth, the same for all plateaus.
     """
     guesses: dict[int, FloatArray] = {}
 
@@ -108,11 +110,11 @@ def fit_steady(
                 return None
             points, dpoints, angle, dangle, guesses[index] = out
             if fractions.size:
-                residuals.append(((plateau.points - points) / sigma_m).ravel())
-                jacobians.append((-dpoints / sigma_m).reshape(-1, len(coordinates.free)))
+                residuals.append(((plateau.points - points) / STEADY_SIGMA_M).ravel())
+                jacobians.append((-dpoints / STEADY_SIGMA_M).reshape(-1, len(coordinates.free)))
             else:
-                residuals.append(np.array([(plateau.angle - angle) / sigma_angle]))
-                jacobians.append(-dangle[None] / sigma_angle)
+                residuals.append(np.array([(plateau.angle - angle) / STEADY_SIGMA_RAD]))
+                jacobians.append(-dangle[None] / STEADY_SIGMA_RAD)
         return np.concatenate(residuals), np.concatenate(jacobians) @ coordinates.matrix[list(coordinates.free)]
 
     y0 = coordinates.coordinates(start)

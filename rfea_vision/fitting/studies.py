@@ -13,7 +13,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.noise import noise_floor_mm
 from rfea_vision.fitting.observed import MM
 from rfea_vision.fitting.problem import Problem
-from rfea_vision.fitting.refit import Fitted, refit, refit_from
+from rfea_vision.fitting.refit import Fitted, refit, refit_from, with_solution
 from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.scoring import metrics_by_role, score
 from rfea_vision.fitting.solver import fit_clocks
@@ -110,8 +110,7 @@ def with_study(problem: Problem, fitted: Fitted) -> Fitted:
         floor, _ = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
         count = enough_segments(rows, floor)
         if count != fitted.options.segments:
-            other = refit_from(problem, fitted.options.with_segments(count), fitted)
-            fitted = replace(other, plateaus=fitted.plateaus, steady=fitted.steady, starts=fitted.starts)
+            fitted = with_solution(fitted, refit_from(problem, fitted.options.with_segments(count), fitted))
     return replace(fitted, study=tuple(rows), study_seconds=seconds)
 
 
@@ -147,7 +146,7 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> dict[str, Any]:
     free = list(fitted.coordinates.free)
     spread = np.ptp(np.array(values), axis=0) / np.maximum(np.abs(fitted.par), 1e-300) if values else np.zeros(0)
     sentence = "no fit without one of the runs could be simulated"
-    if values:
+    if values and free:
         worst = free[int(np.argmax(spread[free]))]
         sentence = f"{fitted.model.names[worst]} moves most when a run is left out: by {100 * spread[worst]:.2g} %"
         if pooled is not None:

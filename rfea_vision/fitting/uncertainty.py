@@ -116,7 +116,7 @@ def sandwich(
     scale = np.where(seen, scale, 1.0)
     normed, known = jacobian / scale, known / scale
     _, singular, rows_v = np.linalg.svd(np.concatenate([normed, known]), full_matrices=False)
-    weak = singular < UNIDENTIFIABLE * max(singular[0], 1e-300)
+    weak = singular < UNIDENTIFIABLE * max(singular.max(initial=0.0), 1e-300)
     undetermined = np.any(np.abs(rows_v[weak]) > 0.1, axis=0) if np.any(weak) else np.zeros(count, dtype=bool)
     undetermined |= ~seen
     strong = ~weak

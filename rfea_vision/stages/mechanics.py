@@ -297,7 +297,7 @@ def _finished(
 
 def _for_rung(options: FitOptions, model: ModelFit) -> FitOptions:
     """Return the same options for another rung: its effects, and its segments where it has more."""
-    return replace(options, name=model.name, effects=tuple(model.effects), segments=model.segments)
+    return replace(options.with_segments(model.segments), name=model.name, effects=tuple(model.effects))
 
 
 def _with_files(critique: CritiqueOptions, fit: FitOptions | None) -> CritiqueOptions:

@@ -19,10 +19,11 @@ from rfea_vision.errors import InputError
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.prediction import NODES, as_dataset
-from rfea_vision.fitting.problem import make_model, start_vector
+from rfea_vision.fitting.problem import make_model, start_vector, with_zeros
 from rfea_vision.fitting.refine import EXACT_ORDER
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import options_of
+from rfea_vision.options import FitOptions
 from rfea_vision.report.collect import Experiment
 from rfea_vision.report.pack import Pack
 from rfea_vision.report.series import pack_modelled
@@ -163,8 +164,10 @@ class Player:
             self.open(chosen)
         model = self._models[chosen.key].result()
         par = _vector(chosen, model, values)
+        options = options_of(chosen.fit)
         looks = {
-            name: self._threads.submit(self._look, model, par, chosen.fit, name, shown, exact) for name in self.runs
+            name: self._threads.submit(self._look, model, par, chosen.fit, options, name, shown, exact)
+            for name in self.runs
         }
         seen = {name: future.result() for name, future in looks.items()}
         run, pack = self.runs[shown], Pack()
@@ -175,17 +178,18 @@ class Player:
         return header, pack
 
     def _look(
-        self, model: Model, par: np.ndarray, fit: ModelFit, name: str, shown: str, exact: bool
+        self, model: Model, par: np.ndarray, fit: ModelFit, options: FitOptions, name: str, shown: str, exact: bool
     ) -> Predicted | None:
         run = self.runs[name]
+        item, quickly = (with_zeros(one, options) for one in (run.item, run.quick))
         score = fit.experiments.get(name)
         clock = float(score.nuisance.get("clock_offset_s", 0.0)) if score is not None else 0.0
         fractions = run.nodes if name == shown else TIP
         if exact:
-            return predict_observed(replace(model, tolerance=FIT_TOLERANCE), par, run.item, (), clock, fractions)
-        quick = predict_observed(model, par, run.quick, (), clock, fractions)
+            return predict_observed(replace(model, tolerance=FIT_TOLERANCE), par, item, (), clock, fractions)
+        quick = predict_observed(model, par, quickly, (), clock, fractions)
         # what long steps do not survive, short ones may
-        return quick if quick is not None else predict_observed(model, par, run.item, (), clock, fractions)
+        return quick if quick is not None else predict_observed(model, par, item, (), clock, fractions)
 
 
 def quickened(item: Observed) -> Observed:

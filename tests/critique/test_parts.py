@@ -23,6 +23,7 @@ from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import Sensitivity
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.subsets import Combinations
+from rfea_vision.critique.torque import _smoothed
 from rfea_vision.critique.trials import Trials
 from rfea_vision.critique.verdict import _likely
 from rfea_vision.effects.catalogue import find_effects
@@ -59,6 +60,14 @@ def test_dependence_sees_curves_and_no_chance():
     assert correlation_ratio(x**2, x) > 0.95  # no linear correlation at all
     assert correlation_ratio(x**2 + np.std(x**2) * noise, x) == pytest.approx(0.5, abs=0.06)
     assert correlation_ratio(noise, x) < 0.02
+
+
+def test_a_rate_is_no_larger_where_frames_were_lost():
+    """Across a fifth of a second it is that of the chord; taken frame by frame it would be twenty times too large."""
+    time = np.delete(np.arange(0, 2, 0.01), np.r_[50:70, 120:124])
+    gap = np.sin(3 * time)[:, None]
+    (_, rate, _), _ = _smoothed(time, gap)
+    assert np.abs(rate[5:-5, 0] - 3 * np.cos(3 * time[5:-5])).max() < 0.6
 
 
 def _errors(held: float, line: float | None = None) -> Errors:

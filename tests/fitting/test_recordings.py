@@ -8,9 +8,12 @@ import pytest
 from rfea_vision.artefacts import Recording
 from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
-from rfea_vision.fitting.fit import make_model, make_problem
-from rfea_vision.fitting.observation import _without_jumps
+from rfea_vision.fitting.fit import fit, make_model, make_problem
+from rfea_vision.fitting.noise import noise_floor_mm
+from rfea_vision.fitting.observation import _without_jumps, observe_recording
+from rfea_vision.fitting.refit import refit_from
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.options import FitOptions
 from tests.fitting.runs import NOISE_MM, OPTIONS, changed, noisy
 
@@ -68,6 +71,45 @@ def test_bursts_of_wrong_frames_call_for_the_robust_loss(runs):
 
     assert worst(model) < 0.01 < worst(plain)
     assert "loss" not in fit_model(recordings, actuator, OPTIONS).given
+
+
+def test_the_robust_loss_reaches_the_data(runs):
+    """Not only the last step: what `solve` itself ends at is not drawn away by wrong frames."""
+    recordings, actuator, truth = runs
+
+    def bursts(data):
+        data["tip"].values[60:90] += 15
+
+    problem = make_problem(changed(recordings, bursts), actuator)
+    plain = fit(problem, replace(OPTIONS, loss="linear"))
+    robust = refit_from(problem, replace(OPTIONS, loss="huber"), plain)
+
+    def off(fitted):
+        return max(abs(fitted.values[name] / truth[name] - 1) for name in ("k_ref", "b_pos_ref", "b_neg_ref"))
+
+    assert off(robust) < 0.02 < off(plain)
+    assert robust.solution.cost < plain.solution.cost
+
+
+def test_a_repeat_is_compared_at_the_same_instants_of_its_log(runs):
+    """A track that begins a tenth of a second later is the same motion all the same."""
+    recordings, _, _ = runs
+    name, other = "one", "again"
+    data = recordings[next(iter(recordings))].dataset
+    later = data.isel(time=slice(12, None)).assign_attrs(experiment=other, repeat_of=name)
+    pair = {name: Recording(data.assign_attrs(experiment=name)), other: Recording(later)}
+    items = [observe_recording(one) for one in pair.values()]
+    assert noise_floor_mm(items, pair) == (pytest.approx(0.0, abs=1e-9), "repeated runs")
+
+
+def test_a_held_out_clock_is_found_as_far_off_as_sync_leaves_it(runs):
+    recordings, actuator, truth = runs
+    problem = make_problem(recordings, actuator)
+    model = make_model(actuator, OPTIONS, problem.mirror)
+    par = np.array([truth[name] for name in model.names])
+    item = replace(problem.train[0], clock_sigma=0.5)
+    late = replace(item, excitation=replace(item.excitation, start_s=item.excitation.start_s + 0.4))
+    assert fit_clocks(model, [late], par)[0] == pytest.approx(0.4, abs=2e-3)
 
 
 def late(data):
