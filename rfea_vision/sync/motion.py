@@ -256,7 +256,7 @@ def search(seen: FilteredMotion, target: Target) -> tuple[FloatArray, FloatArray
     span = grid[-1] - grid[0]
     least = min(max(LEAST_OVERLAP_S, 0.5 * min(span, target.last - target.first)), span)
     low, high = target.first - grid[-1] + least, target.last - grid[0] - least
-    offsets = np.linspace(low, high, int(min(max((high - low) / COARSE_S, 1), 5000)) + 1)
+    offsets = np.linspace(low, high, int(max((high - low) / COARSE_S, 1)) + 1)
     whole = _projector(x[:, solid])
     overall = float(np.mean(target.values**2))
     shares, own = np.zeros(len(offsets)), np.zeros(len(offsets))

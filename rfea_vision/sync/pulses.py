@@ -89,8 +89,10 @@ def align_by_trigger(
         else:
             note = ""
         return Alignment(float(pulses[0] - frames[0]), step / np.sqrt(12), 0.0, 0.0, 1.0, _NOTHING, note)
-    if len(pulses) == len(frames):
-        return _line(frames, pulses, step)
+    if len(pulses) == len(frames):  # unless as many frames were dropped as pulses came before the film
+        found = _fitting(frames, pulses, step)
+        if found is not None:
+            return found
     # Frames were dropped after their pulse, or pulses go on: the first belongs to the first, time stamps tell the rest.
     matched = _matched(frames, pulses, 0, step)
     if matched is not None:
@@ -116,17 +118,34 @@ def align_by_trigger(
 
 
 def _matched(frames: FloatArray, pulses: FloatArray, first: int, step: float) -> tuple[Alignment, int] | None:
-    """Each frame beside its pulse, pulse number `first` beside the first frame; the last frame's pulse. None: no match."""
-    offset = pulses[first] - frames[0]
-    after = np.clip(np.searchsorted(pulses, frames + offset), 1, len(pulses) - 1)
-    nearest = after - (frames + offset - pulses[after - 1] < pulses[after] - frames - offset)
-    if len(np.unique(nearest)) < len(frames):
-        return None
-    found = _line(frames, pulses[nearest], step)
-    late = pulses[nearest] - (frames * (1 + 1e-6 * found.drift_ppm) + found.offset_s)
-    if np.abs(late).max() >= LATE_FRAMES * float(np.median(np.diff(frames))):
-        return None
-    return found, int(nearest[-1])
+    """Each frame beside its pulse, pulse number `first` beside the first frame; the last frame's pulse. None: no match.
+
+    By time alone; or, as clocks may drift apart by whole frames, from each pulse to the next by the time between the frames.
+    """
+
+    def nearest(times: FloatArray) -> NDArray[np.int64]:
+        after = np.clip(np.searchsorted(pulses, times), 1, len(pulses) - 1)
+        return after - (times - pulses[after - 1] < pulses[after] - times)
+
+    def by_steps() -> NDArray[np.int64]:
+        at = [first]
+        for apart in np.diff(frames):
+            at.append(int(nearest(pulses[at[-1]] + apart)))
+        return np.array(at)
+
+    for choose in (lambda: nearest(frames + pulses[first] - frames[0]), by_steps):
+        chosen = choose()
+        found = _fitting(frames, pulses[chosen], step) if len(np.unique(chosen)) == len(frames) else None
+        if found is not None:
+            return found, int(chosen[-1])
+    return None
+
+
+def _fitting(frames: FloatArray, pulses: FloatArray, step: float) -> Alignment | None:
+    """The line through frames and their pulses; None where one of them lies so far from it that it belongs to another."""
+    found = _line(frames, pulses, step)
+    late = pulses - (frames * (1 + 1e-6 * found.drift_ppm) + found.offset_s)
+    return found if np.abs(late).max() < LATE_FRAMES * float(np.median(np.diff(frames))) else None
 
 
 def _pulses_before(

@@ -11,6 +11,7 @@ from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.sync import synchronise
 from rfea_vision.sync.ambiguity import repetition
+from rfea_vision.sync.pulses import _fitting, _matched
 from rfea_vision.twin import TwinOptions, simulate
 
 from .test_sync import made
@@ -170,6 +171,22 @@ def test_pulses_whose_frames_were_dropped_are_told_by_the_time_stamps(run):
     found = sync(Track(track.dataset.isel(time=keep)), logged, method="trigger")
     assert "4 of 1200 pulses have no frame" in found["sync_notes"]
     within(found, 0.05)
+
+
+def test_pulses_are_told_though_the_clocks_drift_apart_by_frames():
+    """100 ppm over a minute is six tenths of a frame at 100 frames/s, and one pulse has no frame."""
+    frames = np.arange(6000) / 100.0
+    pulses = 3.0 + np.arange(6001) / 100.0 * (1 + 1e-4)
+    seen = np.delete(frames, 2000)
+    found = _matched(seen, pulses, 0, 1e-4)
+    assert found is not None and found[0].drift_ppm == pytest.approx(100, abs=1)
+    assert found[0].offset_s == pytest.approx(3.0, abs=1e-4)
+
+
+def test_as_many_frames_dropped_as_pulses_came_early_are_no_match():
+    frames = np.delete(np.arange(305) / 60.0, [50, 90, 130, 170, 210])
+    pulses = np.arange(-5, 295) / 60.0
+    assert _fitting(frames, pulses, 1e-4) is None
 
 
 def test_a_lamp_in_a_slow_log_or_in_a_part_of_the_film():
