@@ -24,7 +24,7 @@ from rfea_vision.errors import DataError
 
 try:
     import fcntl
-except ImportError:  # Windows: the touched file alone
+except ImportError:  # Windows: the touched file tells of other hosts; on one host nothing waits
     fcntl = None
 
 BEAT_S, SILENT_S = 2.0, 15.0  # several beats, and the few seconds that network folders keep a file's time for
@@ -64,7 +64,7 @@ def locked(
         handle = None if nested else _open(path)
         if handle is not None:
             _wait(path, handle, shared, patience_s, say)
-        with contextlib.nullcontext() if handle is None else _beating(path, handle, shared):
+        with contextlib.nullcontext() if handle is None else _beating(handle, shared):
             yield
     finally:
         with _guard:
@@ -132,7 +132,7 @@ def _release(handle: int) -> None:
 
 
 @contextmanager
-def _beating(path: Path, handle: int, shared: bool) -> Iterator[None]:
+def _beating(handle: int, shared: bool) -> Iterator[None]:
     """Write who holds the lock, and touch its file until the block ends."""
     about = {
         "host": socket.gethostname(), "pid": os.getpid(), "command": " ".join(["rfea", *sys.argv[1:]])[:200], "shared": shared,

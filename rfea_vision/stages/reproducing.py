@@ -93,7 +93,7 @@ def table_one(fits: Mapping[str, ModelFit]) -> list[dict[str, Any]]:
     for key in _NAMES:
         for column, fit in fits.items():
             found = fit.paper_parameters.get(key)
-            low, high = (found.interval_95 if found is not None and found.interval_95 else (None, None)) or (None, None)
+            low, high = (None if found is None else found.interval_95) or (None, None)
             rows.append(
                 {
                     "parameter": key, "unit": PAPER_UNITS[key], "model": column, "published": getattr(PUBLISHED[column], key),

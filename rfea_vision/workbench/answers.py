@@ -33,7 +33,7 @@ def campaigns(desk: Desk, asked: dict[str, Any]) -> Response:
         found.append(
             {key: state[key] for key in keep} | {"index": index, "folder": shown(folder), "measured": measured}
         )
-    return JSONResponse({"folder": shown(desk.folder), "campaigns": found, "job": desk.worker.job})
+    return JSONResponse({"folder": shown(desk.folder), "campaigns": found})
 
 
 def state(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
@@ -43,7 +43,7 @@ def state(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     if step["do"]:
         step["command"] = order(path, desk.out, step["do"], step["options"])[1]
     job = {key: desk.worker.job.get(key) for key in ("index", "do", "label", "command")} if desk.worker.job else None
-    return JSONResponse(found | {"path": path, "job": job, "log": desk.log[-20:], "single": desk.single})
+    return JSONResponse(found | {"path": path, "job": job, "log": desk.log[-20:]})
 
 
 def evidence(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
@@ -64,7 +64,7 @@ def effects(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """The catalogue, and the laws of one's own that are open."""
     from rfea_vision.effects.catalogue import catalogue, load_effect_file
 
-    own = [effect for file in sorted(desk.own_files) for effect in load_effect_file(file)]
+    own = [effect for file in desk.laws() for effect in load_effect_file(file)]
     listed = [*own, *catalogue().values()]
     return JSONResponse([
         {"id": item.id, "title": item.title, "kind": item.kind, "shows": item.shows, "own": item in own} for item in listed
@@ -100,7 +100,7 @@ def stop(desk: Desk, asked: dict[str, Any]) -> Response:
 def _chosen(desk: Desk, index: int, asked: dict[str, Any]) -> Chosen:
     """The model that is asked for; its effect files are those that this user has opened, and no others."""
     wanted = {str(effect).partition("@")[0] for effect in asked["effects"]}
-    files = [file for file in sorted(desk.own_files) if wanted & laws.ids_of(file)]
+    files = [file for file in desk.laws() if wanted & laws.ids_of(file)]
     return desk.bench(index).chosen(str(asked["model"]), tuple(map(str, asked["effects"])), tuple(files))
 
 

@@ -12,7 +12,7 @@ from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
 from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.errors import InputError
 from rfea_vision.report.collect import Evidence, collect
-from rfea_vision.workbench.evidence import evidence_packet, newest
+from rfea_vision.workbench.evidence import DRAWN, evidence_packet, stamps
 from rfea_vision.workbench.play import Chosen, Player
 
 
@@ -23,14 +23,14 @@ class Bench:
         self.folder = folder
         self.out = out if out is not None else folder / OUTPUT_FOLDER
         self._lock = threading.Lock()
-        self._read: tuple[float, Evidence, bytes] | None = None
+        self._read: tuple[Any, Evidence, bytes] | None = None
         self._campaign: tuple[Any, Campaign] | None = None
-        self._player: tuple[float, Player] | None = None
+        self._player: tuple[Any, Player] | None = None
 
     def evidence(self) -> tuple[Evidence, bytes]:
         """The artefacts, and the packet that the page draws."""
         with self._lock:
-            age = newest(self.out)
+            age = stamps(self.out, *DRAWN)
             if self._read is None or self._read[0] != age:
                 evidence = collect(self.out)
                 self._read = (age, evidence, evidence_packet(evidence, self.folder.name))
@@ -44,8 +44,7 @@ class Bench:
         InputError
             If they cannot be read.
         """
-        files = [self.folder / "campaign.yaml", self.folder / "experiment.yaml", *self.folder.glob("*/experiment.yaml")]
-        age = tuple((str(file), file.stat().st_mtime_ns) for file in sorted(files) if file.is_file())
+        age = stamps(self.folder, "campaign.yaml", "experiment.yaml", "*/experiment.yaml")
         with self._lock:
             if self._campaign is None or self._campaign[0] != age:
                 self._campaign = (age, load_campaign(self.folder, self.out))
@@ -62,7 +61,7 @@ class Bench:
         """The player of the recordings as they now are."""
         evidence, _ = self.evidence()
         with self._lock:
-            age = max((file.stat().st_mtime for file in self.out.glob("*/recording.nc")), default=0.0)
+            age = stamps(self.out, "*/recording.nc")
             if self._player is None or self._player[0] != age:
                 self._player = (age, Player({item.name: item for item in evidence.experiments}))
             return self._player[1]

@@ -22,7 +22,7 @@ def write_sync(experiment: ExperimentSpec, asked: dict[str, Any]) -> Path:
     method = asked["method"]
     values: dict[str, Any] = {"method": method}
     if method == "offset":
-        values["value"] = f"{float(asked['value_ms']):g} ms"
+        values["value"] = f"{float(asked['value_ms']):.3f} ms"
     elif method == "led":
         if not asked.get("channel"):
             raise InputError("sync.channel: is missing; name the column of the log that holds the lamp's signal")

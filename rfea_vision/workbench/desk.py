@@ -16,12 +16,12 @@ from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
-from rfea_vision.workbench.hands import Worker
+from rfea_vision.workbench.hands import ENDS, Worker
 from rfea_vision.workbench.orders import order
 
 DEEPEST = 3  # folders below the one that was opened in which campaigns are looked for
 LOG_LINES = 200
-LONGEST_CHECK_S = 30.0
+LONGEST_START_S, LONGEST_CHECK_S = 600.0, 30.0  # loading what reads laws took 130 s on a busy machine
 
 
 class Desk:
@@ -66,7 +66,7 @@ class Desk:
 
     def begin(self, index: int, do: str, options: dict[str, Any], label: str) -> bool:
         """Hand a job to the worker; False if it is busy."""
-        files = {str(file) for file in self.own_files}
+        files = {str(file) for file in self.laws()}
         if not set(map(str, options.get("effect_files", []))) <= files:
             raise InputError("effect_files: only a law that was opened or written in this workbench is run")
         if "file" in options:
@@ -80,16 +80,20 @@ class Desk:
         kept, command = order(shown(self.campaigns[index]), self.out, do, options)
         return self.hand(index, do, kept, label or do, command)
 
+    def laws(self) -> list[Path]:
+        """The user's own effect files, as far as they are still there."""
+        return sorted(file for file in self.own_files if file.is_file())
+
     def _own_of(self, index: int, options: dict[str, Any]) -> list[str]:
         """Files of the user's own laws that a job's effects, or those of its model, are declared in."""
-        if not self.own_files:
+        if not (laws := self.laws()):
             return []
         from rfea_vision.workbench.laws import ids_of
 
         wanted = {str(effect).partition("@")[0] for effect in options.get("add", [])}
         if "model" in options:
             wanted |= set(self.bench(index).chosen(str(options["model"]), (), ()).fit.effects)
-        return [str(file) for file in sorted(self.own_files) if wanted & ids_of(file)]
+        return [str(file) for file in laws if wanted & ids_of(file)]
 
     def hand(self, index: int, do: str, options: dict[str, Any], label: str, command: str | None = None) -> bool:
         """Hand a job to the worker as it stands; one without a command is no step of its own."""
@@ -142,14 +146,16 @@ class Desk:
     def _judged(self, file: Path) -> dict[str, Any]:
         answers: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         self.judge.tell = answers.put
-        self.judge.submit({"do": "check law", "file": str(file)})
+        if not self.judge.submit({"do": "check law", "file": str(file)}):
+            raise InputError("another law is being read; try again when that has ended")
+        patience_s = LONGEST_START_S
         try:
-            while (event := answers.get(timeout=LONGEST_CHECK_S))["event"] not in ("finished", "failed", "stopped"):
-                pass
+            while (event := answers.get(timeout=patience_s))["event"] not in ENDS:
+                if event["event"] == "ready":
+                    patience_s = LONGEST_CHECK_S
         except queue.Empty:
             self.judge.stop()
-            self.judge.job = None
-            raise InputError(f"the law took longer than {LONGEST_CHECK_S:g} s to be read, and was stopped") from None
+            raise InputError(f"the law took longer than {patience_s:g} s to be read, and was stopped") from None
         if event["event"] != "finished":
             raise InputError(event.get("error", "the process that reads laws has ended"))
         return event["result"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -73,14 +74,15 @@ def limits_of(evidence: Evidence) -> dict[str, float] | None:
     return {"low": low, "high": high, "slope": slope} if logs else None
 
 
-def newest(folder: Path) -> float:
-    """When anything below the results folder that the page draws was written last."""
-    patterns = (
-        "ladder.json",
-        "*/track.nc",
-        "*/recording.nc",
-        "*/clip.json",
-        "models/*/*.json",
-        "models/*/prediction.nc",
-    )
-    return max((file.stat().st_mtime for pattern in patterns for file in folder.glob(pattern)), default=0.0)
+#: Results that the page draws.
+DRAWN = ("ladder.json", "*/track.nc", "*/recording.nc", "*/clip.json", "models/*/*.json", "models/*/prediction.nc")
+
+
+def stamps(folder: Path, *patterns: str) -> tuple[tuple[str, int, int], ...]:
+    """Files of a folder, each with its time of change (ns) and its size (bytes); what is still being written is no file yet."""
+    found = []
+    for file in {file for pattern in patterns for file in folder.glob(pattern) if not file.name.startswith(".")}:
+        with suppress(FileNotFoundError):  # has just been taken away
+            now = file.stat()
+            found.append((str(file), now.st_mtime_ns, now.st_size))
+    return tuple(sorted(found))

@@ -67,21 +67,16 @@ def _begin(experiments: list[dict[str, Any]]) -> Advice:
 
 def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
     """With a model: ask what it lacks, add that, again; then write it down."""
-    last = max(models, key=lambda model: (len(model["effects"]), model["verdict"] is not None))
+    last = max(models, key=lambda model: (len(model["effects"]), model["segments"], model["verdict"] is not None))
     name, lacking = last["name"], [effect for effect in last["named"] if effect not in last["effects"]]
     if last["verdict"] is None:
         say = f"{name} is fitted; nobody has asked yet what it lacks."
         return _step("add", say, "Ask what is missing", "diagnose", model=name)
     if last["verdict"] == "missing" and lacking:
-        say = f"{name} lacks {' and '.join(lacking)}."
-        return _step(
-            "add",
-            say,
-            f"Add {' and '.join(lacking)} and watch",
-            "fit",
-            add=[*last["effects"], *lacking],
-            segments=last["segments"],
-        )
+        laws = [effect for effect in lacking if effect != "segments"]  # no law, but a finer chain
+        segments = last["segments"] if laws == lacking else 2 * last["segments"]
+        say, label = f"{name} lacks {' and '.join(lacking)}.", f"Add {' and '.join(lacking)} and watch"
+        return _step("add", say, label, "fit", add=[*last["effects"], *laws], segments=segments)
     if last["verdict"] == "complete":
         if report is not None:
             return _step("add", f"Nothing that matters is missing, and the report is written: open {report}", "")

@@ -9,6 +9,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+#: Events with which a job is over.
+ENDS = ("finished", "failed", "stopped")
 PATIENCE_S = 2.0  # between a polite end and a kill; files are whole in either case
 
 Tell = Callable[[dict[str, Any]], None]
@@ -45,14 +47,18 @@ class Worker:
 
     def stop(self) -> None:
         """End the process and with it its job; what was finished is kept, for files are written whole or not at all."""
-        with self._lock:
-            process, self._process = self._process, None
-        if process is not None:
-            process.terminate()
-            try:
-                process.wait(timeout=PATIENCE_S)
-            except subprocess.TimeoutExpired:
-                process.kill()
+        with self._lock:  # the next job begins when this process has ended
+            process, job = self._process, self.job
+            self._process = self.job = None
+            if process is not None:
+                process.terminate()
+                try:
+                    process.wait(timeout=PATIENCE_S)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    process.wait()
+        if job is not None:
+            self.tell({**_told(job), "event": "stopped"})
 
     def _ready(self) -> subprocess.Popen[str]:
         if self._process is None or self._process.poll() is not None:
@@ -65,15 +71,25 @@ class Worker:
 
     def _listen(self, process: subprocess.Popen[str]) -> None:
         assert process.stdout is not None
-        for line in process.stdout:
-            event = json.loads(line)
-            job = self.job or {}
-            if event["event"] in ("finished", "failed"):
+        try:
+            for line in process.stdout:
+                self._hear(process, json.loads(line))
+        except ValueError:
+            pass  # the process was killed within a line
+        finally:
+            process.kill()  # has ended, or says nothing that is understood
+            process.wait()
+            self._hear(process, {"event": "stopped"})
+
+    def _hear(self, process: subprocess.Popen[str], event: dict[str, Any]) -> None:
+        """Tell what a process says of its job; one that was stopped has none."""
+        with self._lock:
+            job = self.job
+            if process is not self._process or job is None:
+                return
+            if event["event"] in ENDS:
                 self.job = None
-            self.tell({**_told(job), **event})
-        job, self.job = self.job, None
-        if job is not None:
-            self.tell({**_told(job), "event": "stopped"})
+        self.tell({**_told(job), **event})
 
 
 def _told(job: dict[str, Any]) -> dict[str, Any]:

@@ -27,8 +27,13 @@ from rfea_vision.workbench.yaml_edit import set_keys
 LONGEST_SIDE_PX, QUALITY = 1600, 88  # of what is sent to the page; hints are in pixels of the film itself
 
 
-@lru_cache(maxsize=8)
 def _source(video: VideoSpec) -> FrameSource:
+    stands = [path.stat() for path in (video.file, video.frames, video.times) if path is not None]
+    return _opened(video, tuple((now.st_mtime_ns, now.st_size) for now in stands))
+
+
+@lru_cache(maxsize=8)
+def _opened(video: VideoSpec, stands: tuple[tuple[int, int], ...]) -> FrameSource:
     return open_source(video)
 
 
@@ -123,7 +128,7 @@ def refused(campaign: Campaign, experiment: ExperimentSpec, reason: str) -> list
 
 
 def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: Any, *, everywhere: bool) -> Path:
-    """Write a hint into experiment.yaml, or for all films into campaign.yaml; None takes it away.
+    """Write a hint into experiment.yaml, or for all films into campaign.yaml, which a lone experiment has not; None takes it away.
 
     Raises
     ------
@@ -137,7 +142,8 @@ def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: 
         for x, y in _points(key, value):
             if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
                 raise InputError(f"camera.{key}: {x:g}, {y:g} lies outside the picture of {width} x {height} px")
-    file = (campaign.root / "campaign.yaml") if everywhere else experiment.file
+    shared = campaign.root / "campaign.yaml"
+    file = shared if everywhere and shared.is_file() else experiment.file
     set_keys(file, {("camera", key): value})
     return file
 

@@ -20,6 +20,7 @@ from starlette.responses import JSONResponse, RedirectResponse, Response, Stream
 from starlette.routing import Route
 
 from rfea_vision.errors import RfeaError
+from rfea_vision.files import storage_sentence
 from rfea_vision.workbench.desk import Desk
 
 #: Bytes of a question: a law of one's own has some thousand, the rest far less.
@@ -120,6 +121,9 @@ def _said(answer: str, *arguments: Any) -> Response:
         return getattr(loaded("workbench.answers"), answer)(*arguments)
     except RfeaError as error:
         return JSONResponse({"error": str(error)}, 422)
+    except OSError as error:
+        said = storage_sentence(error) or f"{error.filename}: {error.strerror}"
+        return JSONResponse({"error": said}, 422)
     except (KeyError, TypeError, ValueError) as error:
         return JSONResponse({"error": f"the page asked for something that is not there ({error})"}, 400)
 

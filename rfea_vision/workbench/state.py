@@ -53,7 +53,7 @@ def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> 
         "name": item.name,
         "role": item.role,
         "pictures": item.video is not None,
-        "logged": item.pressure.file is not None or item.pressure.url is not None,
+        "logged": not item.pressure.missing,
         "hints": {key: plain(getattr(camera.hints, key)) for key in POINTABLE} if camera is not None else {},
         "sync": {"method": sync.method, "value_s": sync.value_s, "box": sync.box, "channel": sync.channel},
         "bends": item.actuator.bends,

@@ -60,7 +60,8 @@ def try_hints(
         raise InputError(f"{name}: has no pictures to point at")
     calibration = work.calibration_of(experiment).value
     source = open_source(experiment.video)
-    total = int(np.searchsorted(source.times_s(), seconds))
+    times_s = source.times_s()
+    total = int(np.searchsorted(times_s, times_s[0] + seconds))
     camera = camera_vector(matched_to(calibration, source))
     count, good, failure = FIRST_FRAMES, 0, ""
     while True:

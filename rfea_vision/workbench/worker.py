@@ -54,6 +54,9 @@ def run_job(job: dict[str, Any], say: Say) -> Any:
     if job["do"] == "check law":
         from rfea_vision.workbench.laws import check
 
+        for name in ("rfea_vision.effects.typeset", "rfea_vision.report.formatting"):
+            import_module(name)
+        say({"event": "ready"})  # from here on the time is the law's own
         return check(Path(job["file"]))
     if job["do"] == "try":
         from rfea_vision.workbench.trying import try_hints

@@ -21,7 +21,7 @@ INDENT = 2  # spaces, as `rfea init` writes
 
 
 def set_keys(file: Path, values: Mapping[Keys, Any]) -> None:
-    """Set keys of a file that may not exist yet; it is written whole or not at all.
+    """Set keys of a file; it is written whole or not at all.
 
     Parameters
     ----------

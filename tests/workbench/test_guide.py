@@ -3,14 +3,35 @@
 from __future__ import annotations
 
 import pytest
+import yaml
 
 from rfea_vision.workbench.guide import next_step
+from rfea_vision.workbench.state import state_of
 
 
 def run(doubts="", *, good=100, pictures=True):
     tracked, recorded = {"good": good, "frames": 100}, {"doubts": doubts}
     measured = {"logged": True, "changed": False, "tracked": tracked, "recorded": recorded}
     return {"name": "steps", "role": "train", "pictures": pictures, **measured}
+
+
+def model(**more):
+    return {"name": "base", "effects": [], "segments": 4, "verdict": None, "named": []} | more
+
+
+def test_more_segments_are_no_law_but_a_finer_chain():
+    coarse = model(verdict="missing", named=["maxwell", "segments"])
+    assert next_step([run()], [coarse])["options"] == {"add": ["maxwell"], "segments": 8}
+    coarse["named"] = ["segments"]
+    assert next_step([run()], [coarse])["options"] == {"add": [], "segments": 8}
+    assert next_step([run()], [coarse, model(name="base-2", segments=8)])["options"] == {"model": "base-2"}
+
+
+def test_a_constant_pressure_stands_in_place_of_a_log(campaign):
+    file = next(campaign.glob("*/experiment.yaml"))
+    written = yaml.safe_load(file.read_text())
+    file.write_text(yaml.safe_dump(written | {"pressure": {"value": "100 kPa"}}))
+    assert all(item["logged"] for item in state_of(campaign, None)["experiments"])
 
 
 def test_a_measured_campaign_is_fitted():
@@ -37,4 +58,4 @@ def test_what_is_doubted_is_looked_at_first_and_may_be_fitted_all_the_same(item,
     step = next_step([item], [])
     assert step["panel"] == panel and says in step["say"] and step["experiment"] == "steps" and step["do"] is None
     assert step["otherwise"]["do"] == "fit"
-    assert next_step([item], [{"name": "base", "effects": [], "verdict": None, "named": []}])["do"] == "diagnose"
+    assert next_step([item], [model()])["do"] == "diagnose"
