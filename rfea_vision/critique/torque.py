@@ -100,7 +100,9 @@ def _smoothed(time: FloatArray, gap: FloatArray) -> tuple[list[FloatArray], int]
     even = np.linspace(time[0], time[-1], round((time[-1] - time[0]) / period) + 1)
     bridged = np.column_stack([np.interp(even, time, column) for column in gap.T])
     window = min(max(5, round(WINDOW_S / period) | 1), even.size // 2 * 2 - 1)
-    smooth = [savgol_filter(bridged, window, 3, deriv=d, delta=even[1] - even[0], axis=0) for d in range(3)]
+    smooth: list[FloatArray] = [
+        np.asarray(savgol_filter(bridged, window, 3, deriv=d, delta=even[1] - even[0], axis=0)) for d in range(3)
+    ]
     return [np.column_stack([np.interp(time, even, column) for column in part.T]) for part in smooth], window
 
 
