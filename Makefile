@@ -27,7 +27,7 @@ docs: $(VENV)/installed-dev
 
 # the documentation as pages that need no network, in build/site; a gallery of six campaigns with GALLERY=yes
 site: $(VENV)/installed-dev
-	$(BIN)/python -m mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 	$(if $(GALLERY),$(BIN)/python docs/gallery.py build/site/gallery)
 
 # --no-build-isolation: the build backend is pinned in requirements.txt like everything else

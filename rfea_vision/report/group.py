@@ -112,7 +112,7 @@ def _half(item: Parameter) -> float:
     return max(abs(end - item.value) for end in item.interval_95)
 
 
-def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes") -> str:
+def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes beside one another") -> str:
     """Make the page of a group: one HTML document without any link to another file."""
     titles: dict[str, str] = {}
     for tube in tubes:
@@ -126,7 +126,7 @@ def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes") -> str:
     parameters = {tube.name: parameters_of(tube) for tube in tubes}
     return environment().get_template("group.html.j2").render(
         title=title, rows=rows, cells=cells, effects=effects, titles=titles, plates=plates, parameters=parameters,
-        not_drawn=_not_drawn(tubes),
+        not_drawn=_not_drawn(tubes), unasked=[row["name"] for row in rows if row["shown"] and not row["verdict"]],
         variables=list(dict.fromkeys(key for tube in tubes for key in tube.design)),
         shared=list(dict.fromkeys(name for item in parameters.values() for name in item)), style=static("style.css"),
     )  # fmt: skip

@@ -102,7 +102,7 @@ def group(works: Sequence[Runner], path: Path) -> list[Path]:
     tubes = [
         GroupMember(label, work.campaign.design, collect(work.out)) for label, work in zip(labels, works, strict=True)
     ]
-    write_text(path, render_group(tubes, title=path.stem.replace("-", " ")))
+    write_text(path, render_group(tubes))
     return [path, *save_plates(group_plates(tubes), path.with_name(f"{path.stem}-figures"))]
 
 

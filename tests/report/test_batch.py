@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -130,6 +131,10 @@ def test_many_tubes_on_one_page(sample):
     assert all(effect in page for effect in ("in the model", "36", "30 g"))
     assert page.count("<svg") == len(plates) and "http://" not in page.replace("http://www.w3.org", "")
     assert "Not in it" not in page
+    assert "Nobody has asked" not in page and "not asked" not in page
+    unasked = [replace(step, diagnosis=None, rung=step.rung.model_copy(update={"verdict": ""})) for step in evidence.steps]
+    page = render_group([*tubes, GroupMember("E", {}, replace(evidence, steps=unasked))])
+    assert "what the last model of E lacks" in page and page.count("not asked") == 1
     lacking = GroupMember("D", {"load": (3.0, "mm")}, evidence)
     page = render_group([*tubes, lacking])
     assert page.count("Not in it: D (no turns in its design).") == len(plates)
