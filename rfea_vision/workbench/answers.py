@@ -33,7 +33,7 @@ def campaigns(desk: Desk, asked: dict[str, Any]) -> Response:
         found.append(
             {key: state[key] for key in keep} | {"index": index, "folder": shown(folder), "measured": measured}
         )
-    return JSONResponse({"folder": shown(desk.folder), "campaigns": found})
+    return JSONResponse({"folder": shown(desk.folder), "campaigns": found, "job": desk.worker.told()})
 
 
 def state(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
@@ -42,8 +42,7 @@ def state(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     path, step = shown(desk.campaigns[index]), found["next"]
     if step["do"]:
         step["command"] = order(path, desk.out, step["do"], step["options"])[1]
-    job = {key: desk.worker.job.get(key) for key in ("index", "do", "label", "command")} if desk.worker.job else None
-    return JSONResponse(found | {"path": path, "job": job, "log": desk.log[-20:]})
+    return JSONResponse(found | {"path": path, "job": desk.worker.told(), "log": desk.log[-20:]})
 
 
 def evidence(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
@@ -170,6 +169,13 @@ def law_template(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """A new law to begin with."""
     file, text = laws.new_law()
     return JSONResponse({"file": str(file), "text": text})
+
+
+def law_new(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+    """Where a law is written under a name that the user gives: a file that is not there yet."""
+    file = laws.named_file(str(asked["file"]), desk.campaigns)
+    laws.refuse_taken(file)
+    return JSONResponse({"file": str(file)})
 
 
 def law_open(desk: Desk, index: int, asked: dict[str, Any]) -> Response:

@@ -127,10 +127,12 @@ class Desk:
         InputError
             What is wrong with it, that it does not end, or that another law lies there already.
         """
+        from rfea_vision.workbench.laws import refuse_taken
+
         with self._judging:
             if keep:
-                if file not in self.begun_files and file.exists():
-                    raise InputError(f"{file}: is there already: open it, or give the name of a new file")
+                if file not in self.begun_files:
+                    refuse_taken(file)
                 self.begun_files.add(file)
                 self.own_files.discard(file)
                 write_text(file, text)

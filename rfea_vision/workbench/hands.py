@@ -45,6 +45,11 @@ class Worker:
             process.stdin.flush()
             return True
 
+    def told(self) -> dict[str, Any] | None:
+        """What is told of the job that is under way."""
+        job = self.job
+        return None if job is None else _told(job)
+
     def stop(self) -> None:
         """End the process and with it its job; what was finished is kept, for files are written whole or not at all."""
         with self._lock:  # the next job begins when this process has ended

@@ -108,6 +108,18 @@ def named_file(text: str, campaigns: Sequence[Path]) -> Path:
     return file
 
 
+def refuse_taken(file: Path) -> None:
+    """Raise where there is a file already.
+
+    Raises
+    ------
+    InputError
+        If there is one.
+    """
+    if file.exists():
+        raise InputError(f"{file}: is there already: open it, or give the name of a new file")
+
+
 def opened(file: Path) -> str:
     """The text of a law.
 

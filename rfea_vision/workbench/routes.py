@@ -70,6 +70,7 @@ def application(desk: Desk) -> Starlette:
             post("/c/{index:int}/hint/{number:int}", "hint"),
             post("/c/{index:int}/sync/{number:int}", "sync"),
             post("/c/{index:int}/law/template", "law_template"),
+            post("/c/{index:int}/law/new", "law_new"),
             post("/c/{index:int}/law/open", "law_open"),
             post("/c/{index:int}/law/check", "law_check"),
             post("/c/{index:int}/curve", "curve"),

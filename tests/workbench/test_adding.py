@@ -106,6 +106,8 @@ def test_a_law_is_checked_while_it_is_typed_and_fitted(work, served, visit, tmp_
     good = page.input_value("#law-text")
     file = tmp_path / "mine.py"
     page.fill("#law-file", str(file))
+    with page.expect_response("**/law/new"):
+        page.click("#law-save")
     page.fill("#law-text", good.replace("joint.tube_angle**2", "joint.rate"))
     page.wait_for_selector("#law-said.worse", timeout=300_000)
     assert "unit" in page.text_content("#law-said") and page.locator("#law-fit").is_disabled()
@@ -155,6 +157,41 @@ def test_a_file_that_comes_late_does_not_go_over_what_was_typed(work, served, vi
         held.pop().continue_()
     page.wait_for_timeout(500)
     assert page.input_value("#law-text") == "# mine" and page.input_value("#law-file") == file
+
+
+def test_a_name_in_the_field_is_no_order_to_write_there(work, served, visit, tmp_path):
+    mine, other = tmp_path / "mine.py", tmp_path / "other.py"
+    mine.write_text("# mine")
+    other.write_text("# another law")
+    page = visit(served.address + "#/law")
+    page.wait_for_selector("#law-said:has-text('Units fit')", timeout=300_000)
+    for file in (other, mine):
+        page.fill("#law-file", str(file))
+        page.click("#law-open")
+        until(page, lambda file=file: page.input_value("#law-text") == file.read_text())
+    page.fill("#law-file", str(other))
+    page.fill("#law-text", "# mine, typed on")
+    until(page, lambda: mine.read_text() == "# mine, typed on")
+    assert other.read_text() == "# another law"
+    page.click("#law-save")
+    page.wait_for_selector("#fault:has-text('is there already')")
+
+
+def test_a_job_that_the_page_has_not_heard_begin_is_shown_and_one_that_it_has_not_heard_end_goes(served, visit):
+    page = visit(served.address)
+    again = "import(document.querySelector('script[type=module]').src).then(main => main.reload())"
+
+    def with_job(route) -> None:
+        answer = route.fetch()
+        route.fulfill(response=answer, json=answer.json() | {"job": {"index": 0, "do": "improve", "label": "Climb"}})
+
+    page.route("**/state", with_job)
+    page.evaluate(again)
+    assert page.text_content("#job-label") == "Climb" and page.locator("#job-stop").is_visible()
+    page.unroute("**/state")
+    page.evaluate(again)
+    assert page.locator("#job").is_hidden()
+    idle(page)
 
 
 def test_a_law_that_never_ends_or_lies_in_a_campaign_is_refused(work, served, visit):

@@ -40,7 +40,7 @@ def test_a_measured_campaign_is_fitted():
 
 
 def test_a_report_that_is_written_is_said_with_its_place():
-    models = [{"name": "base", "effects": [], "verdict": "complete", "named": []}]
+    models = [model(verdict="complete")]
     assert next_step([run()], models)["do"] == "report"
     step = next_step([run()], models, "rfea/report/index.html")
     assert "rfea/report/index.html" in step["say"] and step["do"] is None and not step["label"]

@@ -1,8 +1,8 @@
 // Campaigns: where each of a folder stands, and what runs on which worker.
 import {show} from "../report/report.js";
 import {h, one} from "./dom.js";
-import {get, here} from "./server.js";
-import {guarded, order} from "./main.js";
+import {here} from "./server.js";
+import {guarded, order, standing} from "./main.js";
 
 const verdicts = {complete: "complete", missing: "something is missing", unexplained: "unexplained"};
 const running = new Map(); // folder -> what is said of it while a batch runs
@@ -24,7 +24,7 @@ function cured(models) {
 export async function shown() { await guarded(showCampaigns); }
 let asked = 0;
 async function showCampaigns() {
-  const mine = ++asked, said = await get("../../campaigns");
+  const mine = ++asked, said = await standing("../../campaigns");
   if (mine !== asked) return; // a later answer tells more
   one("#batch-folder").textContent = said.folder;
   if (here < 0) one("#title").textContent = said.folder.split("/").pop();

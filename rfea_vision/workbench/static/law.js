@@ -4,13 +4,14 @@ import {h, one} from "./dom.js";
 import {ask} from "./server.js";
 import {begin, campaign, go, guarded, onJob} from "./main.js";
 
+// file: where it is written, whatever name is being typed in the field
 const law = {file: "", text: "", effects: [], version: 0, asked: 0, typed: 0};
 
 export function build() {
   one('[data-panel="law"]').append(
     h("h2", {}, "Write a law of your own"),
     h("p", {class: "muted"}, "An effect is one class: parameters with units, the value at which each is absent, and the hooks that it changes. It is Python that runs with your rights, so nothing is ever opened from a campaign: only what you type here, or a file that you name."),
-    h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 44, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template"), h("button", {type: "button", id: "law-propose", onclick: propose}, "Propose one for what is left")),
+    h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 44, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-save", onclick: saveAs}, "Save as"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template"), h("button", {type: "button", id: "law-propose", onclick: propose}, "Propose one for what is left")),
     h("div", {class: "lawing"},
       h("textarea", {id: "law-text", rows: 30, disabled: true, spellcheck: false, autocapitalize: "off", aria: {label: "The law, in Python"}}),
       h("aside", {class: "beside"}, h("h3", {}, "What it says"), h("p", {id: "law-said", role: "status", class: "muted"}, "Nothing yet."), h("div", {id: "law-effects"}),
@@ -53,12 +54,13 @@ async function proposed({file, sentence}) {
   one("#law-said").textContent = sentence;
 }
 const openFile = () => bring("law/open", {file: one("#law-file").value});
+const saveAs = () => guarded(async () => { law.file = (await ask("law/new", {file: one("#law-file").value})).file; await check(true); });
 
 async function check(keep) {
   const version = ++law.version, said = one("#law-said");
   said.textContent = "Checking…";
   try {
-    const {effects} = await ask("law/check", {file: one("#law-file").value, text: one("#law-text").value, keep});
+    const {effects} = await ask("law/check", {file: law.file, text: one("#law-text").value, keep});
     if (version !== law.version) return false;
     law.effects = effects;
     said.textContent = "Units fit, derivatives exist, and each amplitude can be absent."; said.className = "better";
@@ -77,7 +79,7 @@ function allow(on) { one("#law-fit").disabled = one("#law-play").disabled = !on;
 const withLaw = () => [...new Set([...(campaign.play.effects() ?? []), ...law.effects.map(effect => effect.id)])];
 async function fit() {
   if (!await check(true)) return;
-  begin("fit", {add: withLaw(), segments: campaign.add.segments(), effect_files: [one("#law-file").value]}, `Fit with ${law.effects[0].id}`); go("add"); campaign.add.want(withLaw());
+  begin("fit", {add: withLaw(), segments: campaign.add.segments(), effect_files: [law.file]}, `Fit with ${law.effects[0].id}`); go("add"); campaign.add.want(withLaw());
 }
 async function playIt() {
   if (!await check(true)) return;

@@ -10,7 +10,7 @@ import * as play from "./play.js";
 import * as setup from "./setup.js";
 
 const steps = {setup, clock, play, add, law, batch};
-export const campaign = {state: null, panel: "", job: null, add, play}; // modules that others call are here, so that none imports in a circle
+export const campaign = {state: null, panel: "", add, play}; // modules that others call are here, so that none imports in a circle
 const listen = (selector, event, action) => every(selector).forEach(element => element.addEventListener(event, () => action(element)));
 
 // What stands in the files: state first, then the series that the figures draw. One reading ends before the next begins, so
@@ -18,7 +18,7 @@ const listen = (selector, event, action) => every(selector).forEach(element => e
 let reading = Promise.resolve();
 export function reload() { return reading = reading.catch(() => undefined).then(read); }
 async function read() {
-  campaign.state = await get("state");
+  campaign.state = await standing("state");
   one("#title").textContent = campaign.state.name;
   document.title = `${campaign.state.name} · rfea workbench`;
   const {header, block} = await getPacket("evidence");
@@ -71,7 +71,7 @@ export async function doNext(next = campaign.state?.next) {
 export const begin = (what, options, label) => order("job", {do: what, options, label});
 export async function order(address, body) {
   busy(true);
-  if (!await guarded(() => ask(address, body))) busy(false);
+  if (!await guarded(() => ask(address, body))) busy(!one("#job").hidden);
 }
 export function busy(on_) { if (on_) document.documentElement.dataset.busy = "yes"; else delete document.documentElement.dataset.busy; }
 export async function guarded(action) {
@@ -79,23 +79,35 @@ export async function guarded(action) {
 }
 export function complain(sentence) { const fault = one("#fault"); fault.textContent = sentence; fault.hidden = false; }
 
+// The job that is under way, or none; the bar of one that is shown already goes on.
+function showJob(job) {
+  const box = one("#job");
+  if (job) {
+    one("#job-label").textContent = job.label || job.do; one("#job-command").textContent = job.command ?? "";
+    if (box.hidden) { one("#job-say").textContent = ""; one("#job-bar").removeAttribute("value"); }
+  }
+  box.hidden = !job; one("#next").classList.toggle("busy", Boolean(job));
+}
+// An answer of the server with the job that is under way; that counts unless something was heard of one since it was asked.
+let heard = 0;
+export async function standing(path) {
+  const before = heard, said = await get(path);
+  if (before === heard && (said.job || !one("#job").hidden)) { showJob(said.job); busy(Boolean(said.job)); }
+  return said;
+}
+
 const settled = new Set();
 export function onJob(action) { settled.add(action); }
 function hear(event) {
-  if (event.event === "begun") campaign.job = event;
-  const mine = event.index === here, box = one("#job");
-  if (event.event === "begun") {
-    busy(true);
-    box.hidden = false; one("#job-label").textContent = event.label || event.do; one("#job-command").textContent = event.command ?? ""; one("#job-say").textContent = ""; one("#job-bar").removeAttribute("value");
-    one("#next").classList.add("busy");
-  }
+  const mine = event.index === here;
+  if (event.event === "begun") { heard++; showJob(null); showJob(event); busy(true); }
   if (event.event === "stage") one("#job-say").textContent = `${event.stage} ${event.subject}`;
   if (event.event === "progress") { const bar = one("#job-bar"); bar.max = event.total || 1; if (event.total) bar.value = event.done; one("#job-say").textContent = `${event.stage} ${event.subject}: ${event.done} of ${event.total}`; }
   if (event.event === "note" || (event.event === "ended" && event.sentence)) one("#said").textContent = event.sentence;
   if (event.event === "note" && mine) guarded(reload);
   if (["finished", "failed", "stopped"].includes(event.event)) {
-    box.hidden = true; one("#next").classList.remove("busy"); campaign.job = null;
-    const done = () => { if (event.event === "failed") complain(event.error); busy(false); }; // said last: what follows clears it
+    heard++; showJob(null);
+    const done = () => { if (event.event === "failed") complain(event.error); busy(!one("#job").hidden); }; // said last: what follows clears it
     if (mine) guarded(reload).then(() => settled.forEach(action => action(event))).then(done); else done();
   }
   for (const part of Object.values(steps)) part.hear?.(event, mine);
@@ -160,7 +172,8 @@ function wire() {
   on("time", () => { showTime(); Figure.move(); seek(); paintStage(); });
   new ResizeObserver(() => paintStage()).observe(stage.canvas.parentElement);
   addEventListener("hashchange", route);
-  listenTo(hear);
+  let lines = 0;
+  listenTo(hear, () => { if (lines++ || !one("#job").hidden) guarded(here < 0 ? batch.shown : reload); });
 }
 
 // Like the report, begin where the first rung fails most: a tube at rest shows nothing.

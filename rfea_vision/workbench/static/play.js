@@ -77,6 +77,13 @@ async function open(model, effects, values = {}) {
   live.effects = effects;
   look();
 }
+// A model that was fitted anew under its name has other sliders; the same ones stay, for one of them may be held.
+async function refresh() {
+  const {model, effects} = chosen, said = await guarded(() => ask("model", {model, effects}));
+  if (!said || effects !== chosen.effects) return;
+  if (JSON.stringify(said.sliders) !== JSON.stringify(chosen.sliders)) { chosen.sliders = said.sliders; showSliders(); }
+  look();
+}
 export function startFrom(rung) {
   if (!rung || rung.live) return;
   picked++; clearTimeout(rest);
@@ -101,7 +108,7 @@ export function look() {
 export function shown() { look(); }
 async function next(exact = false) {
   busy = true;
-  while (again) {
+  for (; again; exact = false) { // what moved meanwhile is looked at quickly again
     again = false;
     const run = experiment()?.name, begun = performance.now();
     if (!chosen.model || !run || !(run in (fitted()?.experiments ?? {})) || !["train", "validate"].includes(experiment().role)) break;
@@ -187,5 +194,5 @@ export function build() {
 export function reload() {
   showRuns();
   const rungs = manifest.rungs.filter(r => !r.live);
-  if (!rungs.some(r => r.model === chosen.model)) { const last = rungs.at(-1); if (last) open(last.model, [...last.effects]); } else look();
+  if (!rungs.some(r => r.model === chosen.model)) { const last = rungs.at(-1); if (last) open(last.model, [...last.effects]); } else refresh();
 }

@@ -33,9 +33,9 @@ export function unpack(record, block) {
   return out;
 }
 
-// Everything that happens, as it happens; the browser takes the line up again by itself.
-export function listenTo(action) {
+// Everything that happens, as it happens; the browser takes the line up again by itself, but what was said meanwhile is lost.
+export function listenTo(action, opened) {
   const events = new EventSource("../../events");
   events.addEventListener("message", message => action(JSON.parse(message.data)));
-  return events;
+  events.addEventListener("open", opened);
 }
