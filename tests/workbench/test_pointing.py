@@ -28,6 +28,7 @@ def served(serve, film):
 
 def point(page, at, until=None) -> None:
     """Click a pixel of the film, or drag from it to another."""
+    page.wait_for_selector("#frame[style*='width']")  # it is drawn, and listens
     width = int(page.evaluate("fetch('film/0').then(answer => answer.json()).then(film => film.width)"))
     box = at_rest(page, "#frame")
     scale = box["width"] / width
