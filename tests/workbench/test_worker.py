@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from rfea_vision.errors import DataError
 from rfea_vision.stages import mechanics
+from rfea_vision.workbench import trying
 from rfea_vision.workbench.worker import run_job
 
 
@@ -23,3 +27,22 @@ def test_a_job_names_its_model_as_the_command_does(fitted, monkeypatch, do, aske
     monkeypatch.setattr(mechanics, do, stage)
     run_job({"do": do, "campaign": str(fitted), "options": asked}, print)
     assert told == ["base"]
+
+
+def test_the_first_seconds_of_a_film_are_those_after_its_first_frame(monkeypatch):
+    times_s, counts = 100 + np.arange(300) / 30, []
+    experiment = SimpleNamespace(video="film")
+    campaign = SimpleNamespace(experiment=lambda name: experiment)
+    work = SimpleNamespace(campaign=campaign, calibration_of=lambda item: SimpleNamespace(value=None))
+    source = SimpleNamespace(path=Path("frames"), size=(640, 480), rate_Hz=None, times_s=lambda: times_s)
+
+    def follow(item: Any, calibration: Any, piece: trying.Beginning) -> None:
+        counts.append(len(piece.times_s()))
+        raise DataError("there is no tube")
+
+    stubs = {"open_campaign": lambda *_: work, "open_source": lambda video: source, "follow": follow}
+    for name, stub in (stubs | dict.fromkeys(("camera_vector", "matched_to"), lambda *_: None)).items():
+        monkeypatch.setattr(trying, name, stub)
+    with pytest.raises(DataError, match="no tube"):
+        trying.try_hints(Path("campaign"), None, print, name="run", seconds=2.0)
+    assert counts == [24, 60]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from rfea_vision.errors import InputError
+from rfea_vision.workbench.clocks import write_sync
+from rfea_vision.workbench.pointing import write_hint
 from rfea_vision.workbench.yaml_edit import set_keys, with_key
 
 WRITTEN = """# our tube, see lab book p. 12
@@ -96,3 +100,18 @@ def test_any_key_of_any_file(tree, first, second, value, style):
     changed = yaml.safe_load(with_key(text, (first, second), value))
     inner = tree.get(first) if isinstance(tree.get(first), dict) else {}
     assert changed == {**tree, first: {**inner, second: value}}
+
+
+def test_an_offset_of_minutes_is_kept_to_the_microsecond(tmp_path):
+    file = tmp_path / "experiment.yaml"
+    file.write_text("role: train\n")
+    write_sync(SimpleNamespace(file=file), {"method": "offset", "value_ms": 123456.78})
+    assert yaml.safe_load(file.read_text())["sync"] == {"method": "offset", "value": "123456.780 ms"}
+
+
+def test_a_lone_experiment_holds_what_is_pointed_at_for_all_films(tmp_path):
+    file = tmp_path / "experiment.yaml"
+    file.write_text("camera: {hints: {}}\n")
+    campaign, experiment = SimpleNamespace(root=tmp_path), SimpleNamespace(file=file)
+    assert write_hint(campaign, experiment, "tip", None, everywhere=True) == file
+    assert yaml.safe_load(file.read_text())["camera"]["tip"] is None
