@@ -239,7 +239,7 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     def said(picture, seen):
         beside = looks_beside(picture, wall, body)
         whole = np.ones(STATIONS)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, whole, whole, np.zeros(7), beside, 1.0))
+        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, whole, whole, np.zeros(7), beside, (), 1.0))
 
     everywhere = np.ones((STATIONS, 2), bool)
     assert said(narrow, everywhere) == said(wide, everywhere) == "", "where an edge is seen, the tube ends"
