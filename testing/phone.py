@@ -97,10 +97,12 @@ def film(
     *,
     rate_Hz: float = 30.0,
     hand: tuple[int, int] = (0, 0),
+    view: Callable[[int], np.ndarray] | None = None,
 ) -> Truth:
     """Render and encode one film; bends are positive to the camera's right for an arm that hangs.
 
-    From frame `hand[0]` to before `hand[1]` a hand covers most of the picture below the clamp.
+    From frame `hand[0]` to before `hand[1]` a hand covers most of the picture below the clamp. A camera that moves
+    shows at `view(frame)` (2, 3), an affine map of pixels, what it would have shown, had it stayed.
     """
     rng = np.random.default_rng(room.seed)
     wall = _wall(room, rng)
@@ -124,6 +126,10 @@ def film(
             )
             if hand[0] <= number < hand[1]:
                 picture[round(room.clamp[1] + 20) :] = (205, 160, 135)
+            if view is not None:
+                picture = cv2.warpAffine(
+                    picture, view(number), room.size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+                )
             picture = cv2.GaussianBlur(picture, (0, 0), room.blur)
             picture = picture * (1 + room.drift * np.sin(0.07 * number)) + rng.normal(0, room.noise, picture.shape)
             frame = av.VideoFrame.from_ndarray(np.clip(picture, 0, 255).astype(np.uint8), format="rgb24")

@@ -19,6 +19,7 @@ from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import next_hint
 from rfea_vision.vision.body.follower import BodyFollower, scale_for
+from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
 from rfea_vision.vision.find.begin import Scene, scale_at
@@ -135,11 +136,12 @@ def follow_body(
     """Follow the whole body by colour, texture and outline, from what was pointed at."""
     scale = scale_for(scene)
     follower = BodyFollower(scene, scale)
+    still = StillView(np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half())
     total = source.frame_count or 0
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     with closing(read_ahead(source.colours(scale), frames_ahead(source.size))) as frames:
         for done, (time_s, picture) in enumerate(frames):
-            reason = follower.next(picture, time_s)
+            reason = follower.next(still(picture), time_s)
             rows.append(time_s, reason, follower, np.nan if small is None else float(picture[small].mean()))
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))

@@ -164,7 +164,7 @@ class BodyFollower:
     def _refused(self, lab: Picture, fit: Fit) -> str:
         """Why a fit is no measurement: it leaves the hints, or breaks a rule."""
         fit.standing_out = standing_out(
-            lab, fit.body, self._pointed_half() * float(np.median(fit.body.half / self.first.half))
+            lab, fit.body, self.pointed_half() * float(np.median(fit.body.half / self.first.half))
         )
         if self.good and self.guide is None:  # where another program leads, its ends are off by as much as a mark
             cleared = self.wall.cleared(lab)
@@ -172,7 +172,7 @@ class BodyFollower:
         line_mm = unproject(self.camera, fit.body.points)
         return refused(self.first, fit) or off_hints(line_mm, self.scene, first=self.good == 0)
 
-    def _pointed_half(self) -> float:
+    def pointed_half(self) -> float:
         """Half the distance (px) of the clamp's two edges: the rims are within it, where the fit takes them for the edge."""
         return 0.5 * float(np.linalg.norm(self.clamp[1] - self.clamp[0]))
 
@@ -195,7 +195,7 @@ class BodyFollower:
         self.first.shape = lab.shape[:2]
         self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)
         self.wall = Wall(lab.shape)
-        half = self._pointed_half()
+        half = self.pointed_half()
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
@@ -378,7 +378,7 @@ class BodyFollower:
         floor = (FLOOR * half) ** 2 * mm2
         # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to
         # noise the curves would be smoothed, and the clamp's place with them.
-        mistaken = float(np.median(self.first.half)) - self._pointed_half()
+        mistaken = float(np.median(self.first.half)) - self.pointed_half()
         numbers[fitted.PROFILE] = float(np.hypot(SYSTEMATIC * half, mistaken)) / self.scale / PROFILE_SHARE
         k = COEFFICIENTS
         work.covariance[:] = 0.0

@@ -1,0 +1,80 @@
+"""A camera that drifts or breathes: pictures are brought back to the first one by the corners of the still wall."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.arrays import FloatArray
+
+CORNERS, APART_PX, LEAST_QUALITY = 150, 7.0, 0.03
+AROUND = 4.0  # half widths about the hinted line: corners there are the body's
+LEAST_CORNERS = 16
+STILL_SHARE = 0.4  # of the corners: with fewer that agree, what moves may be something else, and the last view is kept
+RENEWED_SHARE = 0.7  # with fewer new ones are taken: compression wears them
+AGREE_PX = 1.0
+# Where the view moved most, in pictures in which the body is 24 px wide: in films of a camera that stood still it moved by 1.6 at most.
+# From then on pictures are turned back; earlier it would be noise, which harms.
+LEAST_PX = 2.5
+
+
+class StillView:
+    """Sees by how much the view of a wall has moved, turned and grown since the first picture, and takes it back.
+
+    Parameters
+    ----------
+    line : (n, 2) px in the pictures, from the clamp to the tip in the first frame
+    half : px, half the width of the body
+    """
+
+    def __init__(self, line: FloatArray, half: float) -> None:
+        self._line, self._half = line, half
+        self._seen: NDArray[np.uint8] | None = None  # the picture in which the corners were taken,
+        self._there = self._first = np.empty((0, 1, 2), dtype=np.float32)  # where they are in it, and in the first one
+        self._drifts = False
+        self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one
+
+    def __call__(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The picture (h, w, 3) as it would be, had the camera stayed."""
+        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        if self._seen is None:
+            self._renew(grey)
+            return picture
+        if len(self._first) < LEAST_CORNERS:
+            return picture
+        self._look(grey)
+        frame = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * grey.shape[::-1]
+        self._drifts |= bool(np.abs(frame @ self.moved[:, :2].T + self.moved[:, 2] - frame).max() > LEAST_PX)
+        if not self._drifts:
+            return picture
+        back = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+        turned = cv2.warpAffine(picture, self.moved, grey.shape[::-1], flags=back, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(turned, dtype=np.uint8)
+
+    def _renew(self, grey: NDArray[np.uint8]) -> None:
+        """Take new corners from a picture whose view is known."""
+        wall = np.full(grey.shape, 255, dtype=np.uint8)
+        cv2.polylines(wall, [np.round(self._line).astype(np.int32)], False, (0,), round(AROUND * self._half))
+        found = cv2.goodFeaturesToTrack(grey, CORNERS, LEAST_QUALITY, APART_PX, mask=wall)
+        if self._seen is None or (found is not None and len(found) >= LEAST_CORNERS):
+            self._seen = grey
+            if found is not None:
+                self._there = found
+                self._first = cv2.transform(found, cv2.invertAffineTransform(self.moved)).astype(np.float32)
+
+    def _look(self, grey: NDArray[np.uint8]) -> None:
+        """Find the corners again, and the similarity that most of them agree on."""
+        assert self._seen is not None
+        guess = cv2.transform(self._first, self.moved).astype(np.float32)
+        options = {"winSize": (15, 15), "maxLevel": 2, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+        now, there, _ = cv2.calcOpticalFlowPyrLK(self._seen, grey, self._there, guess, **options)  # pyright: ignore
+        kept = there[:, 0] > 0
+        if kept.sum() < LEAST_CORNERS:
+            return
+        moved, agree = cv2.estimateAffinePartial2D(self._first[kept], now[kept], ransacReprojThreshold=AGREE_PX)
+        if moved is None or agree.sum() < max(STILL_SHARE * kept.sum(), LEAST_CORNERS):
+            return
+        self.moved = np.asarray(moved, dtype=float)
+        if agree.sum() < RENEWED_SHARE * len(self._first):
+            self._renew(grey)

@@ -1,0 +1,72 @@
+"""A camera that drifts and breathes is followed by the still wall behind the body."""
+
+import cv2
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.readers.video import open_video
+from rfea_vision.vision import track_frames
+from rfea_vision.vision.body.still import StillView
+from testing.phone import Arm, Room, film
+
+
+def drifting(x: float, y: float, zoom: float, size: tuple[int, int], share: float) -> np.ndarray:
+    """Affine map (2, 3) of a view that moves by x, y px and grows by `zoom` about the picture's middle, up to a share."""
+    grown, (w, h) = 1 + zoom * share, size
+    return np.array([[grown, 0, (1 - grown) * w / 2 + x * share], [0, grown, (1 - grown) * h / 2 + y * share]])
+
+
+def wall(bits: int) -> np.ndarray:
+    rng = np.random.default_rng(2)
+    picture = np.full((240, 200, 3), 210, dtype=np.uint8)
+    for _ in range(bits):
+        x, y = rng.integers(8, 190), rng.integers(8, 230)
+        cv2.rectangle(picture, (int(x), int(y)), (int(x) + 7, int(y) + 5), (90, 90, 90), -1)
+    return cv2.GaussianBlur(picture, (0, 0), 0.8)
+
+
+def test_the_view_is_that_of_the_wall_and_not_of_what_moves_before_it():
+    first, rng = wall(60), np.random.default_rng(0)
+    still = StillView(np.array([[100.0, 20.0], [100.0, 200.0]]), 8.0)
+    still(first)
+    for step in range(1, 6):
+        view = drifting(6.0, -4.0, 0.03, (200, 240), step / 5)
+        seen = cv2.warpAffine(first, view, (200, 240), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        seen[40:120, 4 * step : 4 * step + 70] = (60, 150, 90)  # a board is pushed through the picture
+        seen = np.clip(seen + rng.normal(0, 3, seen.shape), 0, 255).astype(np.uint8)
+        back = still(seen)
+    corners = np.array([[20.0, 20.0], [180.0, 20.0], [20.0, 220.0], [180.0, 220.0]])
+    true, told = (corners @ m[:, :2].T + m[:, 2] for m in (view, still.moved))
+    np.testing.assert_allclose(told, true, atol=0.15)
+    assert np.abs(back[150:220, 20:180].astype(float) - first[150:220, 20:180]).mean() < 4.0
+
+
+def test_a_wall_that_shows_nothing_leaves_pictures_as_they_are():
+    still = StillView(np.array([[100.0, 20.0], [100.0, 200.0]]), 8.0)
+    still(wall(2))
+    seen = np.roll(wall(2), 5, axis=1)
+    assert still(seen) is seen
+
+
+@pytest.mark.parametrize(("x", "y", "zoom"), [(10.0, -6.0, 0.02)])
+def test_a_film_whose_camera_drifts_is_measured_as_if_it_had_stayed(x, y, zoom, tmp_path):
+    arm, room = (
+        Arm(opacity=0.8, rgb=(90.0, 150.0, 120.0)),
+        Room((240, 260), 2.2, (120.0, 40.0), ruled=6.0, clutter=3, seed=4),
+    )
+    bends = -np.concatenate([np.linspace(0.05, 0.9, 12), np.linspace(0.85, 0.05, 12)])
+    truth = film(
+        tmp_path / "film.mp4", arm, room, bends, view=lambda number: drifting(x, y, zoom, room.size, number / 23)
+    )
+    source = open_video(tmp_path / "film.mp4")
+    calibration = scaled_by_distance(source.size, [[120.0, 40.0], [230.0, 40.0]], 50.0)
+    actuator = Actuator(outer_radius=arm.half_width / 1e3, inner_radius=arm.half_width / 2e3, length=arm.length / 1e3)
+    hints = Hints(clamp=truth.clamp_px, tip=truth.tip_px)
+    track = track_frames(source, calibration, actuator, hints=hints, vertical="image")
+    assert track.dataset.attrs["followed_by"] == "body" and track.valid.mean() >= 0.95
+    off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
+    swing = np.ptp(truth.tip_mm, axis=0).max()
+    assert np.nanmedian(off[-6:]) < 0.03 * swing  # 12 px are 5.4 mm, a tenth of the swing
+    assert np.sqrt(np.nanmean(off**2)) < 0.035 * swing
