@@ -28,6 +28,7 @@ _LEAST_FREE_BYTES = 1 << 16  # libraries in C do not always say that the last bl
 _COMPRESSED: dict[str, object] = {"compression": "gzip", "compression_opts": 4, "shuffle": True}
 _MARK = f"{zlib.crc32(socket.gethostname().encode()):08x}"
 _UNFINISHED = re.compile(r"^\..*~([0-9a-f]{8})-(\d+)~")
+_TEMPORARY = re.compile(r"\.([^/\\]*)~[0-9a-f]{8}-\d+~[^/\\.]*(\.[^/\\.]*)?$")
 
 
 @contextmanager
@@ -74,7 +75,8 @@ def sweep(folder: Path) -> None:
 
 def storage_sentence(error: OSError) -> str | None:
     """What a fault of the disk means, in one sentence; None if it is none."""
-    where = error.filename2 or error.filename or "the folder of results"
+    # of a file that was being written its own name, not that of the temporary one
+    where = _TEMPORARY.sub(r"\1\2", str(error.filename2 or error.filename or "the folder of results"))
     kept = "what was finished is kept"
     if error.errno in _FULL:
         return _full(where)

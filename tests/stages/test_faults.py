@@ -161,6 +161,12 @@ def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, capsys, monkeypat
     assert storage_sentence(OSError(errno.EINVAL, "x")) is None
 
 
+def test_a_file_that_is_being_written_is_told_by_its_own_name(tmp_path):
+    with pytest.raises(OSError) as failed, whole_file(tmp_path / "tube-A" / "recording.1.nc") as temporary:
+        raise PermissionError(errno.EROFS, "Read-only file system", str(temporary))
+    assert str(storage_sentence(failed.value)).startswith(f"{tmp_path}/tube-A/recording.1.nc: Read-only file system;")
+
+
 def test_a_raw_file_that_changes_while_it_is_read_is_not_taken(tmp_path, monkeypatch):
     campaign = write_campaign(tmp_path / "campaign")
     from rfea_vision.readers import tracks
