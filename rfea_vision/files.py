@@ -82,7 +82,8 @@ def storage_sentence(error: OSError) -> str | None:
         return _full(where)
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
         return f"{where}: {error.strerror}; allow it, or keep the results elsewhere with --out DIR; {kept}"
-    if error.errno in _GONE:
+    # a folder that goes away while it is looked at is said to be there, and no folder
+    if error.errno in _GONE or (error.errno in _IN_THE_WAY and not os.path.lexists(where)):
         return f"{where}: {error.strerror}; it went away while it was worked on: bring it back and run the command again; {kept}"
     if error.errno in _IN_THE_WAY:
         return f"{where}: {error.strerror}; a file stands where a folder belongs, or a folder where a file does: move it away; {kept}"

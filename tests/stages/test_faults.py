@@ -161,6 +161,15 @@ def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, capsys, monkeypat
     assert storage_sentence(OSError(errno.EINVAL, "x")) is None
 
 
+def test_what_is_in_the_way_is_told_from_what_has_gone(tmp_path):
+    (tmp_path / "there").touch()
+    said = {
+        name: str(storage_sentence(FileExistsError(errno.EEXIST, "File exists", str(tmp_path / name))))
+        for name in ("there", "gone")
+    }
+    assert "move it away" in said["there"] and "went away while it was worked on" in said["gone"]
+
+
 def test_a_file_that_is_being_written_is_told_by_its_own_name(tmp_path):
     with pytest.raises(OSError) as failed, whole_file(tmp_path / "tube-A" / "recording.1.nc") as temporary:
         raise PermissionError(errno.EROFS, "Read-only file system", str(temporary))
