@@ -51,7 +51,7 @@ def test_a_job_that_is_stopped_leaves_the_next_one_alone(worker):
     hand = worker("""read job; echo '{"event": "note"}'; read end""")
     for number in range(3):
         assert hand.submit({"do": "fit", "index": number})
-        assert heard(hand, 2) == ["begun", "note"] and hand.job["index"] == number
+        assert heard(hand, 2) == ["begun", "note"] and (hand.job or {}).get("index") == number
         hand.stop()
         assert hand.job is None and heard(hand, 1) == ["stopped"]
     assert hand.told.empty()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import yaml
@@ -105,13 +106,15 @@ def test_any_key_of_any_file(tree, first, second, value, style):
 def test_an_offset_of_minutes_is_kept_to_the_microsecond(tmp_path):
     file = tmp_path / "experiment.yaml"
     file.write_text("role: train\n")
-    write_sync(SimpleNamespace(file=file), {"method": "offset", "value_ms": 123456.78})
+    experiment: Any = SimpleNamespace(file=file)
+    write_sync(experiment, {"method": "offset", "value_ms": 123456.78})
     assert yaml.safe_load(file.read_text())["sync"] == {"method": "offset", "value": "123456.780 ms"}
 
 
 def test_a_lone_experiment_holds_what_is_pointed_at_for_all_films(tmp_path):
     file = tmp_path / "experiment.yaml"
     file.write_text("camera: {hints: {}}\n")
-    campaign, experiment = SimpleNamespace(root=tmp_path), SimpleNamespace(file=file)
+    campaign: Any = SimpleNamespace(root=tmp_path)
+    experiment: Any = SimpleNamespace(file=file)
     assert write_hint(campaign, experiment, "tip", None, everywhere=True) == file
     assert yaml.safe_load(file.read_text())["camera"]["tip"] is None
