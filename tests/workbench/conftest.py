@@ -51,15 +51,17 @@ def campaign(fitted: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def serve() -> Iterator[Callable[..., Served]]:
-    """Open the workbench on a folder; it is ended after the tests of a file."""
+def serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Served]]:
+    """Open the workbench on a folder; it is ended after the tests of a file. Laws are written to no real person's folder."""
     open_ones: list[subprocess.Popen[str]] = []
+    environment = {**os.environ, "XDG_DATA_HOME": str(tmp_path_factory.mktemp("home"))}
 
     def begin(folder: Path) -> Served:
         code = "import sys; from rfea_vision.cli import main; main(sys.argv[1:])"
         process = subprocess.Popen(
-            [sys.executable, "-c", code, "open", str(folder), "--no-browser"], stdout=subprocess.PIPE, text=True
-        )
+            [sys.executable, "-c", code, "open", str(folder), "--no-browser"],
+            stdout=subprocess.PIPE, text=True, env=environment,
+        )  # fmt: skip
         open_ones.append(process)
         assert process.stdout is not None
         return Served(process.stdout.readline().strip(), folder, process)
