@@ -14,7 +14,7 @@ from testing.kills import kill_often, load_commands, small_campaign
 ENOUGH = 200  # kills of the whole group
 SHARES = {"improve": 40, "batch": 10, "fit": 70, "track": 80}
 RUNGS = 3  # at least, of the climb that is killed
-BETWEEN = 12  # kills of it, at least, that leave a rung finished and another to climb
+BETWEEN = 8  # kills of it, at least, that leave a rung finished and another to climb
 
 
 def kill_all(file: Path = ROWS) -> None:
