@@ -200,7 +200,8 @@ def _experiment_problems(
     if seconds is not None and len(seconds) > 1:
         said += plausibility.of_times(log.time_s, seconds)
         if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
-            shifted = track.time_s + (experiment.sync.value_s or 0.0)
+            apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
+            shifted = track.time_s + apart_s + (experiment.sync.value_s or 0.0)
             said += plausibility.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa)
     problems += [_warning(experiment, "pressure", text) for text in said]
     return problems

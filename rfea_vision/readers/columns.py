@@ -59,9 +59,10 @@ def _meant(table: Table, name: str, part: str) -> str | None:
 def said_unit(table: Table, name: str, like: str) -> str | None:
     """Return the unit that the file or the column's name gives: ``pressure_bar``, ``p [psi]``, ``time (ms)``.
 
-    None where none is given, or the end of the name is no unit of what `like` measures.
+    None where none is given, or the end of the name is no unit of what `like` measures. ``p_atm`` is the pressure of the
+    atmosphere, not one in atmospheres.
     """
-    match = re.search(r"(?:_|\s*[\[(])([A-Za-z°ºµ]+(?:\([ag]\))?)[\])]?$", name)
+    match = re.search(r"(?:_(?!(?i:atm?)$)|\s*[\[(])([A-Za-z°ºµ]+(?:\([ag]\))?)[\])]?$", name)
     found = table.units.get(name) or (match[1] if match else None)
     if found is None:
         return None
@@ -78,8 +79,8 @@ def unit_of(table: Table, name: str, default: str) -> str:
     return said_unit(table, name, default) or table.units.get(name) or default
 
 
-def _seconds(values: np.ndarray) -> NDArray[np.float64] | None:
-    """Seconds after the first row, of dates and of text such as ``2026-03-01 14:05:30.25``; None for anything else."""
+def _moments(values: np.ndarray) -> NDArray[np.datetime64] | None:
+    """Moments, of dates and of text such as ``2026-03-01 14:05:30.25``; None for anything else."""
     if values.dtype.kind != "M":
         if not values.size or not re.match(r"\d{4}-\d\d-\d\d[ T]\d\d:\d\d", str(values[0])):
             return None
@@ -87,11 +88,18 @@ def _seconds(values: np.ndarray) -> NDArray[np.float64] | None:
             values = pd.to_datetime(pd.Series(values), format="ISO8601", utc=True).dt.tz_localize(None).to_numpy()
         except ValueError:
             return None
-    return (values - values[0]) / np.timedelta64(1, "s")
+    return values
+
+
+def clock_zero_s(table: Table, name: str) -> float | None:
+    """Return where the times that `in_unit` gives of a column of dates begin, in s after 1970; None of anything else."""
+    moments = _moments(table.columns[name]) if name in table.columns else None
+    return None if moments is None else float((moments[0] - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
 
 
 def in_unit(table: Table, name: str, to: str, key: str, unit: str | None = None) -> NDArray[np.float64]:
-    """Return a column (rows,) in the unit `to`; `unit` says what it is in, else the file does. Dates become s after the first row.
+    """Return a column (rows,) in the unit `to`; `unit` says what it is in, else the file does. Dates become s after the first
+    row, which is at `clock_zero_s`.
 
     Raises
     ------
@@ -99,9 +107,9 @@ def in_unit(table: Table, name: str, to: str, key: str, unit: str | None = None)
         If there is no such column, or its unit is unknown or of another kind.
     """
     column(table, name, key)
-    moments = _seconds(table.columns[name]) if to == "s" else None
+    moments = _moments(table.columns[name]) if to == "s" else None
     if moments is not None:
-        return moments
+        return (moments - moments[0]) / np.timedelta64(1, "s")
     values = table.numbers(name)
     try:
         return values * conversion_factor(unit or unit_of(table, name, to), to)

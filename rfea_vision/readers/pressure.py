@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
-from rfea_vision.readers.columns import column, in_unit, refuse_rows, said_unit, unit_of
+from rfea_vision.readers.columns import clock_zero_s, column, in_unit, refuse_rows, said_unit, unit_of
 from rfea_vision.readers.database import read_query
 from rfea_vision.readers.kinds.base import Table
 from rfea_vision.readers.tables import read_table
@@ -32,6 +32,7 @@ class PressureLog:
     channels : other columns of the same length, by name (a lamp, a trigger)
     chambers : of several chambers the pressure in each, by name; `pressure_kPa` is their sum, each times its sign
     signs : of several chambers the sign of each, by name
+    clock_zero_s : when `time_s` is 0, in s after 1970; None where the log names no dates
     """
 
     time_s: FloatArray
@@ -41,6 +42,7 @@ class PressureLog:
     channels: Mapping[str, FloatArray] = field(default_factory=dict)
     chambers: Mapping[str, FloatArray] = field(default_factory=dict)
     signs: Mapping[str, int] = field(default_factory=dict)
+    clock_zero_s: float | None = None
 
     def __post_init__(self) -> None:
         where = self.source or self.name or "pressure log"
@@ -54,6 +56,10 @@ class PressureLog:
         steps = np.diff(self.time_s, prepend=-np.inf)
         refuse_rows(where, "time", steps < 0, "is earlier than the row before", "sort the log by time, or split it")
         refuse_rows(where, "time", steps == 0, "repeats the row before", "remove the duplicate")
+
+    def zero_apart_s(self, other_s: float | None) -> float:
+        """Return at what time of this log another clock's zero lies; 0 unless both name dates: the zeros are then one."""
+        return 0.0 if other_s is None or self.clock_zero_s is None else other_s - self.clock_zero_s
 
 
 def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
@@ -69,8 +75,12 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
     if not spec.chamber and spec.sign > 0:
         return _read_one(spec, name)
     logs = [None if part.value_kPa is not None else _read_one(part, name) for part in spec.chambers]
+    first = next(log for log in logs if log is not None)
+    logs = [
+        log and replace(log, time_s=log.time_s + first.zero_apart_s(log.clock_zero_s), clock_zero_s=first.clock_zero_s)
+        for log in logs
+    ]
     read = [log for log in logs if log is not None]
-    first = read[0]
     begin, end = max(log.time_s[0] for log in read), min(log.time_s[-1] for log in read)
     common = (first.time_s >= begin) & (first.time_s <= end)
     if common.sum() < 2:
@@ -79,7 +89,7 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
         )
     time_s = first.time_s[common]
     kept = {key: values[common] for key, values in first.channels.items()}
-    return _summed(spec, time_s, logs, name, first.source, kept)
+    return replace(_summed(spec, time_s, logs, name, first.source, kept), clock_zero_s=first.clock_zero_s)
 
 
 def _summed(
@@ -117,6 +127,7 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
     pressure_kPa, said = _in_kPa(table, pressure_name, spec.unit)
     if (spec.reference or said) == "absolute":
         pressure_kPa = pressure_kPa - _ambient_kPa(table, pressure_name, spec)
+    zero_s = None if time_name is None else clock_zero_s(table, time_name)
     if time_name is None:
         time_s = table.times_s[pressure_name]
     else:
@@ -126,7 +137,7 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
         for other, values in table.columns.items()
         if other not in (time_name, pressure_name) and values.shape == time_s.shape and values.dtype.kind in "fiub"
     }
-    return PressureLog(time_s, pressure_kPa, name, table.source, others)
+    return PressureLog(time_s, pressure_kPa, name, table.source, others, clock_zero_s=zero_s)
 
 
 def constant_pressure(spec: PressureSpec, from_s: float, to_s: float, name: str = "") -> PressureLog:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.errors import InputError
-from rfea_vision.readers.columns import in_unit, refuse_rows
+from rfea_vision.readers.columns import clock_zero_s, in_unit, refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table
 from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
 from rfea_vision.readers.tables import read_table
@@ -74,7 +74,7 @@ def read_track(
     valid = np.isfinite(np.concatenate(columns, axis=1)).all(axis=1)
     if np.count_nonzero(valid) < 2:
         raise InputError(f"{path}: {np.count_nonzero(valid)} complete rows of {len(time_s)}; at least two are needed")
-    sigma_mm, sigma_deg = _optional(table, "sigma_mm"), _optional(table, "sigma_deg")
+    sigma_mm, sigma_deg = _sigma(table, "sigma_mm", valid), _sigma(table, "sigma_deg", valid)
     given = sigma_deg is not None if nodes is None and tip is None else sigma_mm is not None
     dataset = xr.Dataset(
         {
@@ -88,6 +88,9 @@ def read_track(
             "sigma_source": "given in the track" if given else "estimated from the track's own high frequencies",
         },
     )
+    zero_s = clock_zero_s(table, (spec and spec.time) or "time_s")
+    if zero_s is not None:
+        dataset.attrs["clock_zero_s"] = zero_s
     if nodes is not None:
         _add_nodes(dataset, nodes, valid, sigma_mm, bends)
     if tip is not None:
@@ -156,8 +159,13 @@ def _angle(table: Table, given: str | None) -> FloatArray | None:
     return in_unit(table, given or "angle_deg", "deg", "track.angle")
 
 
-def _optional(table: Table, name: str) -> FloatArray | None:
-    return table.numbers(name) if name in table.columns else None
+def _sigma(table: Table, name: str, valid: NDArray[np.bool_]) -> FloatArray | None:
+    """Standard errors (row,) where the table gives them; every valid row needs one."""
+    if name not in table.columns:
+        return None
+    sigma = table.numbers(name)
+    refuse_rows(table.source, name, valid & ~(np.isfinite(sigma) & (sigma > 0)), "is not a finite number above 0")
+    return sigma
 
 
 def _pair(table: Table) -> FloatArray | None:

@@ -109,12 +109,13 @@ def _align(
     """Offset and drift by the method asked for."""
     log_time, pressure = (np.asarray(values, dtype=float) for values in (log.time_s, log.pressure_kPa))
     nothing = (np.empty(0), np.empty(0))
+    apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
     if method == "common_clock":
-        return Alignment(0.0, 0.0, 0.0, 0.0, 1.0, nothing, "")
+        return Alignment(apart_s, 0.0, 0.0, 0.0, 1.0, nothing, "")
     if method == "offset":
         if value_s is None:
             raise InputError(f"{experiment}: sync.value is missing; give log clock minus camera clock, such as 12 ms")
-        return Alignment(float(value_s), 0.0, 0.0, 0.0, 1.0, nothing, "")
+        return Alignment(apart_s + float(value_s), 0.0, 0.0, 0.0, 1.0, nothing, "")
     if method == "motion":
         return align_by_motion(track, log_time, pressure, experiment=experiment, bends=bends)
     named = channel or ("led" if method == "led" else "trigger")

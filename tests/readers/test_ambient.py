@@ -19,7 +19,7 @@ def _log(folder, **columns):
 
 
 @pytest.mark.parametrize(
-    ("name", "air"), [("air_kPa", AIR_KPA), ("air_hPa", 10 * AIR_KPA), ("air [mbar]", 10 * AIR_KPA)]
+    ("name", "air"), [("p_atm", AIR_KPA), ("air_kPa", AIR_KPA), ("air_hPa", 10 * AIR_KPA), ("air [mbar]", 10 * AIR_KPA)]
 )
 def test_the_air_is_taken_off_in_its_own_unit(tmp_path, name, air):
     spec = PressureSpec(

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +8,11 @@ import sqlalchemy
 from scipy.io import savemat
 
 from rfea_vision.campaign import PressureSpec
+from rfea_vision.campaign.specs import TrackSpec
 from rfea_vision.errors import InputError
 from rfea_vision.readers.pressure import read_pressure
+from rfea_vision.readers.tracks import read_track
+from rfea_vision.sync import synchronise
 
 TIME_S = np.arange(200) * 0.001
 PRESSURE_kPa = 120.0 + 80.0 * np.sin(2 * np.pi * 7.0 * TIME_S)
@@ -189,3 +193,25 @@ def test_chambers_whose_logs_do_not_meet_are_refused(tmp_path):
     spec = _chambers(tmp_path, np.linspace(TIME_S[-1] + 1.0, TIME_S[-1] + 2.0, 50))
     with pytest.raises(InputError, match="no time in common"):
         read_pressure(spec)
+
+
+def test_logs_and_a_track_with_dates_keep_what_lies_between_them(tmp_path):
+    """A log from 14:05:25 on, a second chamber and a track from 14:05:30 on: one clock, and their first rows are 5 s apart."""
+    seconds = np.arange(0.0, 20.0, 0.1)
+    for name, first in (("left", 25), ("right", 30), ("track", 30)):
+        frame = pd.DataFrame({"clock": pd.Timestamp(f"2026-03-01 14:05:{first}") + pd.to_timedelta(seconds, unit="s")})
+        frame["pressure_kPa"] = frame["angle_deg"] = seconds + (first - 25)
+        frame.to_csv(tmp_path / f"{name}.csv", index=False)
+    left, right = (
+        PressureSpec(file=tmp_path / f"{name}.csv", time="clock", chamber=name, folder=tmp_path)
+        for name in ("left", "right")
+    )
+    log = read_pressure(replace(left, further=(right,)))
+    np.testing.assert_allclose(log.time_s[[0, -1]], [5.0, 19.9])
+    np.testing.assert_allclose(log.pressure_kPa, 2 * log.time_s)
+    track = read_track(tmp_path / "track.csv", spec=TrackSpec(tmp_path / "track.csv", time="clock"))
+    for method, value_s in (("common_clock", None), ("offset", -1.0)):
+        found = synchronise(
+            track, read_pressure(left), experiment="a", role="train", bends="left", method=method, value_s=value_s
+        )
+        np.testing.assert_allclose(found.time_s[0], 5.0 + (value_s or 0.0))
