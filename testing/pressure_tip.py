@@ -87,7 +87,10 @@ def fit_pressure_tip(
     if unknown:
         raise InputError(f"free: {unknown[0]} is not a parameter of this model; it has {', '.join(model.names)}")
     bend = max(0.1, float(np.max(2 * np.arctan2(-seen[:, 0], -seen[:, 1]))))
-    plateaus = [Plateau("table", 0.0, 0.0, float(p), point[None], 0.0) for p, point in zip(pressure, seen, strict=True)]
+    plateaus = [
+        Plateau("table", 0.0, 0.0, float(p), point[None], 0.0, gravity)
+        for p, point in zip(pressure, seen, strict=True)
+    ]
     reference = np.append(base_reference(actuator, segments), np.zeros(len(model.names) - 7))
     best: tuple[FloatArray, FloatArray] | None = None
     for factor in (1.0, 0.3, 3.0, 0.1, 10.0, 0.03, 30.0):
@@ -95,7 +98,7 @@ def fit_pressure_tip(
         held[:6] *= factor
         held[1] = 0.0  # a constant spring has a steady state at every pressure
         coordinates = build(model, actuator, segments, bend, only=tuple(free), held=held)
-        found = fit_steady(model, plateaus, coordinates, held, TIP, sigma_m=1e-3)
+        found = fit_steady(model, plateaus, coordinates, held, TIP)
         if found is None:
             continue
         again = best is not None and abs(np.sum(found[1] ** 2) / np.sum(best[1] ** 2) - 1) < 1e-4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import click
 
 from rfea_vision.cli.console import print_json, say, say_next
 from rfea_vision.cli.options import Quantity, campaign_options, code_option, opened
-from rfea_vision.errors import InputError
+from rfea_vision.errors import DataError, InputError
 
 
 @click.command("export")
@@ -45,8 +46,11 @@ def export_command(
 
     Writes OUT.c and OUT.h (C99, self-contained), or with --fmu OUT.fmu; of the model named, or of the one fitted last.
     """
+    from rfea_vision.artefacts import Recording
+    from rfea_vision.dynamics.simulation import STANDARD_GRAVITY
     from rfea_vision.export import c_files, fitted_model, fmu_content
     from rfea_vision.files import whole_file, write_text
+    from rfea_vision.fitting.observation import rig_of
     from rfea_vision.stages import mechanics
 
     *models, last = places
@@ -71,11 +75,20 @@ def export_command(
     target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
     with opened(campaign, out) as work:
         fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
+        runs = [work.out / run.name / "recording.nc" for run in work.campaign.experiments if run.role == "train"]
+    rigs = {rig_of(Recording.load(path).dataset) for path in runs if path.is_file()}
+    if len(rigs) > 1:
+        raise DataError(
+            f"{campaign}: its training runs stand under gravity from {len(rigs)} sides, and an exported tube under one; "
+            "export from a folder that holds the runs of one of them"
+        )
+    gravity, mounting = rigs.pop() if rigs else (STANDARD_GRAVITY, 0.0)
     name = re.sub(r"\W", "_", target.name, flags=re.ASCII)
     name = name if re.match(r"[A-Za-z_]", name) else f"tube_{name}"
-    model, par = fitted_model(fit)
+    model, par = fitted_model(fit, gravity, mounting)
     about = f"Model '{fit.name}' of {campaign.name}: {fit.segments} segments"
     about += f", {', '.join(fit.effects)}" if fit.effects else ""
+    about += f", gravity {math.degrees(mounting):.4g} deg from the hanging tube" if gravity else ", no gravity in its plane"
     if fmu:
         written = [target.with_name(f"{target.name}.fmu")]
         content = fmu_content(model, par, name, step_s, about, iterations)

@@ -12,6 +12,8 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import NextExperiment
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.fitting.fit import Fitted, Problem
+from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.residuals import as_rigged
 from rfea_vision.units import rounded
 
 DURATION_S = 8.0  # of the proposed run: room for two swings up and down, and pauses
@@ -76,12 +78,12 @@ def profiles(low: float, high: float, rate: float, seed: int) -> dict[str, Float
     return {name: _limited(np.asarray(target, dtype=float), rate) for name, target in targets.items()}
 
 
-def _seen(fitted: Fitted, pressure: FloatArray, unit: str) -> FloatArray | None:
-    """What a camera would see of a pressure: middle and tip (frames, 4) in mm, or the bend angle (frames, 1) in deg."""
-    model = fitted.model
+def _seen(fitted: Fitted, like: Observed, pressure: FloatArray, unit: str) -> FloatArray | None:
+    """What a camera would see of a pressure on a rig: middle and tip (frames, 4) in mm, or the bend angle (frames, 1) in deg."""
+    model, par, _ = as_rigged(fitted.model, fitted.par, like)
     excitation = Excitation(0.0, STEP_S, pressure)
     times = np.arange(0, DURATION_S - 0.02, 0.01)
-    motion = model.simulate(fitted.par, excitation, times)
+    motion = model.simulate(par, excitation, times)
     if not motion.ok:
         return None
     if unit == "deg":
@@ -142,7 +144,7 @@ def design_next(
 
     def apart(design: _Design) -> float:
         pressure = shaped(shapes[design.shape], design.amplitude, design.pace, rate)
-        one, other = (_seen(rival, pressure, unit) for rival in rivals[:2])
+        one, other = (_seen(rival, problem.train[0], pressure, unit) for rival in rivals[:2])
         if one is None or other is None:
             return -1.0
         coordinates = 2 if unit == "mm" else 1

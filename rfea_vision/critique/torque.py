@@ -24,7 +24,7 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.prediction import observe_as_scored
 from rfea_vision.fitting.residual_tests import correlation_ratio
-from rfea_vision.fitting.residuals import Predicted, predict_observed
+from rfea_vision.fitting.residuals import Predicted, as_rigged, predict_observed
 from rfea_vision.fitting.scoring import rebuild
 
 SHAPES = 4  # Legendre functions of the position along the tube
@@ -82,6 +82,7 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     smooth, window = _smoothed(item.time, gap)
     motion = predicted.motion
     acceleration = np.gradient(motion.rate, item.time, axis=0)
+    model, par, _ = as_rigged(model, par, item)
     pressure = item.excitation.at(item.time + clock_s, model.combined(par, item.excitation)[0])
     seen = (motion.phi + smooth[0], motion.rate + smooth[1], acceleration + smooth[2])
     measured = joint_torques(model, par, *seen, motion.states, pressure)

@@ -17,6 +17,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -120,10 +121,21 @@ def _key(effects: Sequence[Effect]) -> str:
         hooks / "hooks.py",
     ):
         digest.update(file.read_bytes())
+    digest.update(version("sympy").encode())
     for effect in effects:
-        digest.update(effect.id.encode())
-        digest.update((type(effect).source_text or inspect.getsource(type(effect))).encode())
+        kind = type(effect)
+        digest.update(f"{effect.id} {effect.form} {kind.__module__} {kind.__qualname__}".encode())
+        for one in kind.__mro__[
+            : kind.__mro__.index(base.Effect)
+        ]:  # a form inherits from its effect, and a user's from any
+            digest.update(_source(one))
     return digest.hexdigest()[:24]
+
+
+def _source(kind: type) -> bytes:
+    """The whole file in which an effect is declared: its law may call what stands beside it."""
+    own = vars(kind).get("source_text")
+    return own.encode() if own else Path(inspect.getfile(kind)).read_bytes()
 
 
 def _load(path: Path) -> ModuleType:
@@ -163,6 +175,7 @@ def _compile(effects: Sequence[Effect], key: str) -> CompiledLaw:
     once = _load(path)
     if not all((folder / f"{module}.py").exists() for module in once.LOOPS.values()):
         _derive(effects, path)
+        once = _load(path)
     loops = {name: _loop(folder / f"{module}.py", name) for name, module in once.LOOPS.items()}
     return CompiledLaw(loops=Loops(**loops), once=once, **once.FACTS)
 

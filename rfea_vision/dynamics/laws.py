@@ -143,8 +143,10 @@ def _joint_torque(joint: Joint, effects: Sequence[Effect]) -> sp.Expr:
     hydraulic: sp.Expr = PRESSURE * sp.pi * joint.inner_radius**2 * BASE["r_hyd"]
     rest: sp.Expr = sp.Integer(0)
     added: sp.Expr = sp.Integer(0)
-    for effect in effects:
+    # One that remembers the pressure puts its memory in place of the pressure in all that the others have made of it.
+    for effect in sorted(effects, key=lambda effect: bool(effect.states)):
         hydraulic = effect.hydraulic_torque(joint, hydraulic)
+    for effect in effects:
         rest = effect.rest_angle(joint, rest)
         added = added + effect.joint_torque(joint)
     return hydraulic - joint.stiffness * (THETA - rest) - joint.damping * RATE + added

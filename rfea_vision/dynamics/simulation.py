@@ -21,6 +21,8 @@ from rfea_vision.dynamics.line import felt_pressure, pressure_of_chambers, scala
 from rfea_vision.dynamics.motion import Motion, Steady
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
+from rfea_vision.effects.base import HOOKS
+from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
@@ -83,6 +85,18 @@ class Model:
     order: int = 2
     tolerance: float = 1e-8
     at: dict[str, int] = field(default_factory=dict)  # effect id -> the only joint it acts on (counted from 1)
+
+    def __post_init__(self) -> None:
+        """Refuse a joint for an effect that acts on the whole tube (InputError)."""
+        for effect in self.effects:
+            whole = [
+                name for name, hook in HOOKS.items() if (hook.once or name == "body_force") and effect.overrides(name)
+            ]
+            if effect.id in self.at and whole:
+                joint = self.at[effect.id]
+                raise InputError(
+                    f"effect '{effect.id}@{joint}': acts on the whole tube and has no joint; leave '@{joint}' away"
+                )
 
     @cached_property
     def law(self) -> CompiledLaw:
@@ -271,7 +285,8 @@ class Model:
             drive = np.ascontiguousarray(a + (b - a) * nodes[None, :, None])
         place = (frames_s - excitation.start_s) / excitation.step_s
         step = np.clip(np.floor(place), 0, felt.shape[0] - 1).astype(np.int64)
-        return Course(tableau, excitation.step_s, felt, dfelt, drive, free, step, place - step, self.tolerance)
+        within = np.clip(place - step, 0.0, 1.0)  # the end of the excitation is a multiple of its step to rounding only
+        return Course(tableau, excitation.step_s, felt, dfelt, drive, free, step, within, self.tolerance)
 
     def simulate(
         self,

@@ -75,7 +75,7 @@ def load_effect_file(path: Path) -> list[type[Effect]]:
         spec.loader.exec_module(module)
     except Exception as error:
         raise InputError(f"{path}: {type(error).__name__}: {error}; mend the file") from error
-    effects = _effects_in(module)
+    effects = [effect for effect in _effects_in(module) if effect.__module__ == module.__name__]  # not what it imports
     if not effects:
         raise InputError(f"{path}: declares no effect; subclass rfea_vision.effects.base.Effect and give it an `id`")
     for effect in effects:

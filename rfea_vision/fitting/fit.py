@@ -99,7 +99,7 @@ def _steady_start(
     if not found:
         return par, {"note": "the start has no steady state at the plateaus; dynamic fit from the paper's table"}
     fitted, residual = min(found, key=lambda pair: float(pair[1] @ pair[1]))
-    angles = [model.steady(fitted, p.pressure) for p in plateaus]
+    angles = [model.rigged(p.gravity, p.mounting).steady(fitted, p.pressure) for p in plateaus]
     record = {
         "pressure_kPa": [p.pressure / 1e3 for p in plateaus],
         "experiment": [p.experiment for p in plateaus],

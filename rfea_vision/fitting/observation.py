@@ -137,6 +137,7 @@ def observe_recording(
     excitation = Excitation.from_log(log_time, pressure, from_s, float(time[valid][-1]) + 0.25, step_s, chambers)
     # A hand lets go when it does: where nothing but that is timed by the log's clock, the moment is found with the fit.
     let_go = held is not None and bool(np.ptp(pressure) < 1e3)
+    gravity, mounting = rig_of(data)
     tip_mm = points[keep, -1] / MM if fractions.size else np.zeros((0, 2))
     return Observed(
         name=name,
@@ -157,8 +158,8 @@ def observe_recording(
         tip_noise_mm=white_noise_mm(tip_mm),
         origin_sigma=_origin_sigma(data) if fractions.size > 1 else 0.0,
         unknown_before_s=unknown_before_s,
-        gravity=0.0 if data.attrs.get("gravity") == "none" else STANDARD_GRAVITY,
-        mounting=np.deg2rad(float(data.attrs.get("gravity_deg", 0.0))),
+        gravity=gravity,
+        mounting=mounting,
         held=held,
         conditions=json.loads(str(data.attrs.get("conditions", "{}"))),
     )
@@ -312,6 +313,12 @@ def _moves_at_first(time: FloatArray, signal: FloatArray) -> bool:
     travelled = np.abs(line[0]) * (time[first][-1] - time[0])
     scatter = np.std(np.diff(signal[first], axis=0), axis=0) / np.sqrt(2)
     return bool(np.any((travelled > 0.01 * np.ptp(signal, axis=0).max()) & (travelled > 6 * scatter)))
+
+
+def rig_of(data: xr.Dataset) -> tuple[float, float]:
+    """Gravity (m/s^2) in the plane of a recording, and its direction (rad) from down, positive towards the side of the bend."""
+    gravity = 0.0 if data.attrs.get("gravity") == "none" else STANDARD_GRAVITY
+    return gravity, float(np.deg2rad(float(data.attrs.get("gravity_deg", 0.0))))
 
 
 def _origin_sigma(data: xr.Dataset) -> float:

@@ -119,7 +119,7 @@ def _predict(
     fractions: FloatArray | None = None,
 ) -> Predicted | None:
     """Simulate an experiment whose excitation is all known."""
-    model, par, free = _as_rigged(model, par, item, free)
+    model, par, free = as_rigged(model, par, item, free)
     row = model.law.time_shift(par, model._constants, item.time - item.middle_s)[0]
     shift = np.broadcast_to(np.asarray(row[0], dtype=float), item.time.shape)
     frames = np.clip(item.time + shift + clock_s, item.excitation.start_s, item.excitation.end_s)
@@ -164,12 +164,12 @@ def as_it_stood(model: Model, par: FloatArray, item: Observed, frames_s: FloatAr
 
     par : (parameters,) in SI, in the order of `model.names`
     """
-    rigged, values, _ = _as_rigged(model, par, item)
+    rigged, values, _ = as_rigged(model, par, item)
     start = {} if item.held is None else item.held.start(model.chain)
     return rigged.simulate(values, item.excitation, frames_s, **start)
 
 
-def _as_rigged(
+def as_rigged(
     model: Model, par: FloatArray, item: Observed, free: Sequence[int] = ()
 ) -> tuple[Model, FloatArray, list[int]]:
     """The model as the rig of this run stands, with what is known of the run in place of what is fitted; where `free` is in it."""

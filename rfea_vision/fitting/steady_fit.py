@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.dynamics.simulation import Model
+from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Model
 from rfea_vision.fitting.coordinates import Coordinates
 from rfea_vision.fitting.observed import MM, Observed
 
@@ -30,12 +30,16 @@ class Plateau:
     pressure: float
     points: FloatArray
     angle: float
+    gravity: float = STANDARD_GRAVITY  # as the rig of this run stands, see `Observed`
+    mounting: float = 0.0
 
 
 def find_plateaus(items: Sequence[Observed]) -> list[Plateau]:
     """Stretches of at least a quarter second over which the pressure and the tube stay within narrow bands."""
     found = []
     for item in items:
+        if item.conditions:  # its rest is that of another tube, or of a loaded one
+            continue
         pressure = item.excitation.at(item.time)
         band = max(0.01 * np.ptp(item.excitation.pressure), 1e3)
         signal = item.points[:, -1] / MM if item.has_tip else np.rad2deg(item.angle)[:, None]
@@ -61,6 +65,8 @@ def find_plateaus(items: Sequence[Observed]) -> list[Plateau]:
                             float(pressure[tail].mean()),
                             item.points[tail].mean(axis=0),
                             float(np.mean(item.angle[tail])),
+                            item.gravity,
+                            item.mounting,
                         )
                     )
                 start = stop
@@ -105,7 +111,8 @@ def fit_steady(
         par = coordinates.parameters(y)
         residuals, jacobians = [], []
         for index, plateau in enumerate(plateaus):
-            out = steady_points(model, par, plateau.pressure, coordinates.free, fractions, guesses.get(index))
+            own = model.rigged(plateau.gravity, plateau.mounting)
+            out = steady_points(own, par, plateau.pressure, coordinates.free, fractions, guesses.get(index))
             if out is None:
                 return None
             points, dpoints, angle, dangle, guesses[index] = out

@@ -108,6 +108,7 @@ def simulate(
 @contextmanager
 def whole_campaign(out: Path) -> Iterator[Path]:
     """A folder to write to, which becomes `out` once it is finished; InputError if that is already filled."""
+    out = out.resolve()  # `.` has no name
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"{out}: already there and not empty; choose another folder, or remove it first")
     work = out.with_name(f".{out.name}-unfinished")

@@ -8,7 +8,13 @@ import yaml
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
-from rfea_vision.calibration.projection import perturbed_cameras, pixels_to_plane_mm, plane_mm_to_pixels, unproject
+from rfea_vision.calibration.projection import (
+    perturbed_cameras,
+    pixels_to_plane_mm,
+    plane_mm_to_pixels,
+    project,
+    unproject,
+)
 from rfea_vision.calibration.storage import load_calibration, save_calibration
 from rfea_vision.errors import DataError, InputError
 
@@ -188,3 +194,15 @@ def test_every_lens_model_fits_points_made_with_it_and_is_the_same_compiled(mode
     assert bundle.sigma_px < 0.03
     sigma = np.sqrt(np.diag(bundle.lens_covariance))[:4]
     assert np.all(np.abs(bundle.lens.vector[:4] - lens.vector[:4]) < 5 * sigma + 0.02)
+
+
+def test_nothing_is_seen_beyond_the_horizon():
+    """A camera that looks along the plane: a pixel above the horizon is that of a place behind it, and of none before it."""
+    tilt = np.radians(60.0)
+    turned = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
+    camera = np.concatenate([[0.0, 800.0, 800.0, 320.0, 240.0], np.zeros(8), turned.ravel(), [0.0, 0.0, 500.0]])
+    seen = project(camera, [[0.0, 50.0]])
+    np.testing.assert_allclose(unproject(camera, seen), [[0.0, 50.0]], atol=1e-6)
+    horizon = 240 + 800 * turned[1, 1] / turned[2, 1]
+    beyond = unproject(camera, [[320.0, horizon + 50.0 * np.sign(horizon - seen[0, 1])]])
+    assert np.isnan(beyond).all()

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from rfea_vision.dynamics.simulation import Chain, Model
+from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.base import HOOKS
 from rfea_vision.effects.catalogue import catalogue, find_effects
+from rfea_vision.errors import InputError
 
 FRACTIONS = np.linspace(0, 1, 7)
 EFFECTS = sorted(catalogue())
@@ -224,3 +225,21 @@ def test_what_is_evaluated_once_a_run_costs_no_compiling(actuator):
     assert lagged.loops == turned.loops == alone.loops != _model(actuator, "drag").law.loops
     assert alone.parameters[7:] == ("drag.c", "maxwell.k1", "maxwell.T") and lagged.parameters[10:] == ("pressure_lag.T",)
     assert _model(actuator, "drag").law.loops.joint_law is _model(actuator, "base_rotation").law.loops.joint_law
+
+
+def test_the_order_of_effects_does_not_change_the_law(actuator, published):
+    """What is lagged is lagged in all that is made of the pressure."""
+    bends = []
+    for names in (["pressure_lag:second_order", "virtual_work"], ["virtual_work", "pressure_lag:second_order"]):
+        model = Model(Chain.tube(actuator, 8), find_effects(names), tolerance=1e-12)
+        excitation = Excitation(0.0, 1e-3, np.r_[np.zeros(20), np.full(200, 1e5)])
+        motion = model.simulate(_parameters(model, published, _present), excitation, np.array([0.05, 0.1]))
+        assert motion.ok, motion.message
+        bends.append(motion.phi[:, -1])
+    np.testing.assert_allclose(bends[0], bends[1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["drag", "payload", "camera_scale"])
+def test_an_effect_of_the_whole_tube_has_no_joint(actuator, name):
+    with pytest.raises(InputError, match=f"'{name}@2': acts on the whole tube"):
+        Model(Chain.tube(actuator, 4), find_effects([name]), at={name: 2})

@@ -236,3 +236,12 @@ def test_steep_dry_friction_is_solved(n, friction, actuator, published):
             assert motion.ok, (width, tolerance, motion.message)
             found.append(motion.phi)
         assert np.abs(found[0] - found[1]).max() < 1e-5
+
+
+def test_the_last_instant_of_an_excitation_is_read_whatever_its_step(actuator, published):
+    """Its end is a multiple of the step to rounding only: beyond it by 1e-13 a frame had come back as a straight tube."""
+    model = Model(Chain.tube(actuator, 2))
+    for count in (150, 151, 211, 333, 407):
+        excitation = Excitation(0.1, 0.0007, np.full(count, 1e5))
+        motion = model.simulate(scaled(published, 8, 2), excitation, np.array([0.11, excitation.end_s]))
+        assert motion.ok and motion.phi[1, -1] == pytest.approx(motion.phi[0, -1], rel=1e-6)

@@ -2,7 +2,14 @@
 
 import os
 
+import numpy as np
+
+from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics import compilation
+from rfea_vision.dynamics.parameters import PUBLISHED
+from rfea_vision.dynamics.simulation import Chain, Model
+from rfea_vision.effects.catalogue import find_effects, load_effect_file
+from rfea_vision.effects.permission import name_files
 
 
 def test_what_was_used_longest_ago_goes(tmp_path, monkeypatch):
@@ -16,3 +23,48 @@ def test_what_was_used_longest_ago_goes(tmp_path, monkeypatch):
     left = {path.name for path in tmp_path.rglob("*.*")}
     assert {"law_new.py", "law_older.py", "law_just_made.py"} <= left
     assert not {"law_old.nbc", "law_oldest.nbc"} & left
+
+
+TWO_FORMS = """
+import sympy as sp
+from rfea_vision.effects.base import Effect, EffectParameter
+from rfea_vision.effects.maxwell import Maxwell
+
+
+class Mine(Effect):
+    id = "mine"
+    title = "Mine"
+    reference = "none"
+    parameters = {"c": EffectParameter("1", 0.0, -1.0, 1.0, 0.1, "strength")}
+
+    def stiffness(self, joint, stiffness):
+        return stiffness * (1 + self.c)
+
+
+class Other(Mine):
+    form = "other"
+
+    def stiffness(self, joint, stiffness):
+        return stiffness * (1 - self.c)
+"""
+
+
+def test_each_form_and_whatever_it_inherits_has_a_law_of_its_own(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(TWO_FORMS)
+    name_files([path])
+    mine, other = (effect() for effect in load_effect_file(path))  # and not the effect that the file imports
+    assert compilation._key([mine]) != compilation._key([other])
+    law = {effect.form: Model(Chain.tube(Actuator(), 2), (effect,)) for effect in (mine, other)}
+    par = np.append(PUBLISHED["8-DoF"].vector(), 0.3)
+    bends = {form: model.steady(par, 1e5).phi[-1] for form, model in law.items()}
+    assert abs(bends["other"]) > abs(bends[""])
+    kinds = find_effects(["maxwell", "maxwell:logarithmic", "mullins", "mullins:linear"])
+    assert len({compilation._key([kind]) for kind in kinds}) == 4
+
+
+def test_a_law_that_inherits_changes_with_what_it_inherits_from(monkeypatch):
+    (second,) = find_effects(["maxwell_2"])
+    before = compilation._key([second])
+    monkeypatch.setattr(type(second).__mro__[1], "source_text", "another law", raising=False)
+    assert compilation._key([second]) != before

@@ -27,7 +27,12 @@ class CalibrationError:
         cameras = perturbed_cameras(calibration)
         fields = [unproject(other, pixels) - grid for other in cameras] or [np.zeros_like(grid)]
         terms = self._terms(grid).T
-        solutions = [np.linalg.lstsq(terms, np.nan_to_num(field), rcond=None)[0] for field in fields]
+        # Where a camera that is turned a little no longer sees a place, the others say what it would have been.
+        solutions = [
+            np.linalg.lstsq(terms[seen], f[seen], rcond=None)[0]
+            for f in fields
+            for seen in [np.isfinite(f).all(axis=1)]
+        ]
         self.fields = np.stack(solutions)  # (axes, 10, 2)
         self.fields[:, 0] -= np.tensordot(self.fields, self._terms(origin), axes=(1, 0))
 
