@@ -64,7 +64,7 @@ def batch_command(
     """
     from rfea_vision.distributed import BatchResult, Security, dashboard, dask_client, run_batch
     from rfea_vision.distributed.batch import refuse_shared_results
-    from rfea_vision.stages.recipes import load_recipe
+    from rfea_vision.stages.recipes import load_recipe, recipe_file
 
     steps = load_recipe(recipe)  # a broken recipe is said before any worker starts
     refuse_shared_results(folders, out)
@@ -72,10 +72,12 @@ def batch_command(
         return _print_plan(folders, steps, out, force, as_json)
     page = _Index(index)
     security = Security(tls_ca, tls_cert, tls_key)
+    own_recipe = recipe_file(recipe)
+    files = [*named_files(), *([own_recipe] if own_recipe is not None else [])]
     with (
         ConsoleListener().shown() as listener,
         _memory_said(memory),
-        dask_client(scheduler, workers, memory=memory, security=security, folders=folders) as client,
+        dask_client(scheduler, workers, memory=memory, security=security, folders=folders, files=files) as client,
     ):
         advance = listener.begin("batch", f"{len(folders)} campaigns")
         listener.note(f"dashboard: {dashboard(client)}")

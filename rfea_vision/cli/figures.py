@@ -59,7 +59,7 @@ def figures_command(
 @click.option("--force", is_flag=True, help="Fit again even if nothing has changed.")
 @output_options
 def reproduce_command(campaign: Path | None, out: Path | None, twin: Path, force: bool, as_json: bool) -> None:
-    """The paper: its Table I and Figs. 4 to 10.
+    """The paper: its Table I and figures 4 to 10.
 
     Two and eight bodies, published parameters beside those found with their intervals, as one page and as files; on your campaign, or
     on a twin of the paper's tube. The same data give the same bytes.

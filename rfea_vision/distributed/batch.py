@@ -17,6 +17,7 @@ from rfea_vision.distributed import tasks
 from rfea_vision.distributed.cluster import start_again
 from rfea_vision.distributed.tasks import BatchResult, Settings, sentence_of
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.stages.recipes import recipe_file
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -36,6 +37,7 @@ class _Campaign:
     index: int
     folder: Path
     out: Path | None
+    runs: tuple[str, ...] = ()
     waiting: set[Any] = field(default_factory=set)
     failures: dict[str, str] = field(default_factory=dict)
 
@@ -77,7 +79,9 @@ def run_batch(
         If the scheduler, or all its workers, have gone; what was finished is kept.
     """
     refuse_shared_results(folders, out)
-    settings = Settings(tasks.fingerprint(), recipe, force, trust, tuple(map(str, effect_files)))
+    recipe = str(recipe_file(recipe) or recipe)  # whole paths, as workers have working folders of their own
+    code = tuple(str(file.resolve()) for file in effect_files)
+    settings = Settings(tasks.fingerprint(), recipe, force, trust, code)
     return _Batch(folders, out, client, settings, on_result).run()
 
 
@@ -146,6 +150,8 @@ class _Batch:
         except Exception as error:  # a folder of a stranger: whatever it is, it is this campaign's
             self._end(campaign, BatchResult("", "failed", {"campaign": sentence_of(error)}))
             return
+        if found is not None:
+            campaign.runs = tuple(item.name for item in found.experiments if item.role != "ignore")
         if found is not None and found.camera is not None:
             # one task calibrates first, so that the experiments' tasks find it done instead of each doing it
             self._submit(campaign, "calibrate", tasks.calibrate)
@@ -153,12 +159,8 @@ class _Batch:
             self._measure(campaign)
 
     def _measure(self, campaign: _Campaign) -> None:
-        from rfea_vision.campaign import read_campaign
-
-        found = read_campaign(campaign.folder, campaign.out, trust=self.settings.trust).campaign
-        for item in found.experiments if found is not None else ():
-            if item.role != "ignore":
-                self._submit(campaign, f"measure {item.name}", tasks.measure, item.name)
+        for name in campaign.runs:
+            self._submit(campaign, f"measure {name}", tasks.measure, name)
         if not campaign.waiting:
             self._submit(campaign, "finish", tasks.finish, {})
 

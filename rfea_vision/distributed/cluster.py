@@ -74,6 +74,7 @@ def dask_client(
     memory: str = "auto",
     security: Security | None = None,
     folders: Sequence[Path] = (),
+    files: Sequence[Path] = (),
 ) -> Iterator[Client]:
     """Connect to a scheduler, or start a cluster of processes on this machine for as long as the block runs.
 
@@ -82,7 +83,7 @@ def dask_client(
     scheduler : its address; None starts a cluster here
     workers, memory : processes of the cluster here, and what each may use (``auto``: an equal share)
     security : for ``tls://``
-    folders : what the workers of a scheduler must see under the same paths
+    folders, files : what the workers of a scheduler must see under the same paths
 
     Raises
     ------
@@ -96,7 +97,7 @@ def dask_client(
         timeouts = config.set({"distributed.comm.timeouts.connect": f"{_ANSWER_S:g}s"})
         with timeouts, _connected(scheduler, security or Security()) as client:
             # one that is not here either, or is no folder, is refused as on this machine: by name, beside the others
-            _check_workers(client, scheduler, [folder for folder in folders if folder.is_dir()])
+            _check_workers(client, scheduler, [*(folder for folder in folders if folder.is_dir()), *files])
             yield client
         return
     with (
@@ -165,9 +166,9 @@ async def _greet(scheduler: str, security: Any) -> None:
     await comm.close()
 
 
-def _check_workers(client: Client, scheduler: str, folders: Sequence[Path]) -> None:
-    """Ask every worker which version it runs and which folders it does not see."""
-    wanted, paths = fingerprint(), [str(folder.resolve()) for folder in folders]
+def _check_workers(client: Client, scheduler: str, needed: Sequence[Path]) -> None:
+    """Ask every worker which version it runs and which folders and files it does not see."""
+    wanted, paths = fingerprint(), [str(path.resolve()) for path in needed]
     ends = time.monotonic() + 0.5 * _ANSWER_S
     while not client.scheduler_info(n_workers=-1)["workers"]:
         if time.monotonic() > ends:
@@ -183,7 +184,7 @@ def _check_workers(client: Client, scheduler: str, folders: Sequence[Path]) -> N
             from rfea_vision.distributed.tasks import fingerprint as here
         except ImportError:
             return "", []
-        return here(), [path for path in paths if not os.path.isdir(path)]  # noqa: PTH112
+        return here(), [path for path in paths if not os.path.exists(path)]  # noqa: PTH110
 
     try:
         answers: Any = client.run(look, on_error="return")

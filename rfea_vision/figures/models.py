@@ -156,14 +156,17 @@ def _fit(step: LadderStep) -> list[Plate]:
 
 
 def _study(rows: Sequence[Mapping[str, Any]]) -> list[Plate]:
+    """The error over the number of segments: of the tip, or where only angles were measured, of the angle."""
+    tip = any(np.isfinite(_nested(row, role, "tip_rmse_mm")) for row in rows for role in ("train", "validate"))
+    key, error = ("tip_rmse_mm", Axis("tip error", "mm")) if tip else ("angle_rmse_deg", Axis("angle error", "deg"))
     count = np.array([float(row["segments"]) for row in rows])
     series: list[Series | None] = []
     marks: tuple[tuple[str, Role], ...] = (("train", "rings"), ("validate", "dots"))
     for role, mark in marks:
-        values = np.array([_nested(row, role, "tip_rmse_mm") for row in rows])
+        values = np.array([_nested(row, role, key) for row in rows])
         series.append(Series("training" if role == "train" else "held out", mark, count, values))
     title, segments = "Error against the number of segments", Axis("number of segments")
-    return lines("study", title, segments, Axis("tip error", "mm"), series, log_y=True, whole_x=True) if rows else []
+    return lines("study", title, segments, error, series, log_y=True, whole_x=True) if rows else []
 
 
 def _nested(row: Mapping[str, Any], role: str, key: str) -> float:

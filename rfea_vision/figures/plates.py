@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -40,12 +41,15 @@ class Series:
 
 @dataclass(frozen=True)
 class Plate(ABC):
-    """What all figures have: the name of their file, a title for lists, and a caption."""
+    """What all figures have: a title for lists, and a name that is safe as that of a file and as a mark in SVG."""
 
     name: str
     title: str
-    caption: str = field(default="", kw_only=True)
     wide: bool = field(default=False, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Leave out of the name, which may hold what a person called a run or a design variable, all but plain signs."""
+        object.__setattr__(self, "name", re.sub(r"[^\w.-]+", "-", self.name))
 
     @abstractmethod
     def table(self) -> pd.DataFrame:

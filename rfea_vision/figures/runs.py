@@ -148,17 +148,14 @@ def _maps(run: str, data: xr.Dataset, modelled: xr.Dataset) -> list[Plate]:
 def _trust(run: str, data: xr.Dataset) -> list[Plate]:
     """What tells how far the measurement can be trusted."""
     found: list[Plate] = []
-    for name, key, axis, part in (
-        ("tracking", "tip_sigma", Axis("standard error of the tip", "mm"), 0), ("seen", "seen", Axis("share of the edges seen"), None),
-        ("blur", "blur", Axis("blur of the edges", "px"), None),
+    if "tip_sigma" in data:  # in the norm of the tip error
+        data = data.assign(tip_sigma=("time", np.hypot(*data["tip_sigma"].values.T)))
+    for name, key, axis in (
+        ("tracking", "tip_sigma", Axis("standard error of the tip", "mm")), ("seen", "seen", Axis("share of the edges seen")),
+        ("blur", "blur", Axis("blur of the edges", "px")),
     ):  # fmt: skip
         found += lines(
-            f"{run}-{name}",
-            axis.label.capitalize(),
-            TIME,
-            axis,
-            [curve(data, key, name, "measured", part=part)],
-            wide=True,
+            f"{run}-{name}", axis.label.capitalize(), TIME, axis, [curve(data, key, name, "measured")], wide=True
         )
     hinge, angle = _valid(data, "hinge_length"), _valid(data, "bend_angle")
     if hinge is not None and angle is not None:

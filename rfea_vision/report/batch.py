@@ -7,6 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from markupsafe import Markup
@@ -45,8 +46,9 @@ def campaign_row(folder: Path, *, beside: Path | None = None, why: str = "") -> 
     name = folder.parent.name if folder.name == "rfea" else folder.name
     try:
         row = _campaign(collect(folder), name, beside)
-    except (RfeaError, OSError, ValueError) as error:
-        row = {"name": name, "why": str(error), "steps": [], "experiments": [], "link": None}
+    except Exception as error:  # whatever is wrong with one campaign, the others are listed
+        said = str(error) if isinstance(error, RfeaError) else f"its results cannot be read ({error!r})"
+        row = {"name": name, "why": said, "steps": [], "experiments": [], "link": None, "floor": None}
     return {**row, "why": why or row["why"]}
 
 
@@ -88,7 +90,7 @@ def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, A
         "headline": prose.headline(evidence, titles),
         "verdict": last.verdict if last else "",
         "floor": shown.floor if shown else None,
-        "link": Path(os.path.relpath(page, beside)).as_posix() if beside is not None and page.exists() else None,
+        "link": quote(Path(os.path.relpath(page, beside)).as_posix()) if beside is not None and page.exists() else None,
         "steps": [rung_name(step, titles) for step in steps],
         "experiments": [
             {"name": key, "role": role, "errors": [_error(step, key, unit, tested) for step in steps]}

@@ -117,9 +117,16 @@ def _load(reader: Any, path: Path, key: str, absent: dict[str, str]) -> Any:
         return reader(path)
     except RfeaError as error:
         absent[key] = f"{error}"
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, LookupError) as error:
         absent[key] = f"{path.name} could not be read ({error}); run the stage that writes it with --force."
     return None
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    content = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(content, dict):
+        raise ValueError(f"it holds a {type(content).__name__} in place of names and values")
+    return content
 
 
 def _experiments(folder: Path) -> list[Experiment]:
@@ -147,7 +154,7 @@ def _clip(room: Path, absent: dict[str, str]) -> tuple[bytes | None, dict[str, A
     if not record.exists():
         absent["clip"] = "There is no film of this run (its track came from another tool), so the tube is drawn alone."
         return None, {}
-    info = _load(lambda path: json.loads(path.read_text(encoding="utf-8")), record, "clip", absent)
+    info = _load(_read_mapping, record, "clip", absent)
     if info is None:
         return None, {}
     film = room / str(info.get("file", "clip.mp4"))
@@ -207,9 +214,7 @@ def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> Ladder
         )
     seconds = {}
     if (room / "timings.json").exists():
-        timings = _load(
-            lambda file: json.loads(file.read_text(encoding="utf-8")), room / "timings.json", "timings", absent
-        )
+        timings = _load(_read_mapping, room / "timings.json", "timings", absent)
         seconds = (timings or {}).get("segments_study_s", {})
     return LadderStep(
         rung, on_ladder, fit, pieces["comparison"], pieces["diagnosis"], predictions, pressure, absent, seconds

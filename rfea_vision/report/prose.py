@@ -73,6 +73,8 @@ def effect_titles(evidence: Evidence) -> dict[str, str]:
         named_effects = [*(step.diagnosis.named if step.diagnosis else []), *step.fit.effects, step.rung.added or ""]
         for effect in named_effects:
             titles.setdefault(effect, _words(effect))
+    for rung in evidence.ladder.rungs if evidence.ladder else []:  # also of one whose model is gone
+        titles.setdefault(rung.added or "", _words(rung.added or ""))
     for step in evidence.steps:
         titles |= {effect: law["title"] for effect, law in step.fit.laws.items() if law.get("title")}
     return titles

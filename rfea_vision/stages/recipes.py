@@ -100,6 +100,12 @@ def _told(name: str, options: Mapping[str, Any]) -> tuple[Any, ...]:
         raise InputError(f"{first['loc'][0]}: {explain(first)}") from error
 
 
+def recipe_file(name_or_path: str) -> Path | None:
+    """Return the whole path of a recipe of one's own; None for the name of one of pipelines/."""
+    path = Path(name_or_path).expanduser()
+    return path.resolve() if path.suffix in (".yaml", ".yml") else None
+
+
 def load_recipe(name_or_path: str) -> Recipe:
     """Return a recipe of pipelines/ by name, or one's own by path.
 
@@ -108,8 +114,8 @@ def load_recipe(name_or_path: str) -> Recipe:
     InputError
         If there is no such recipe, or something in it is wrong.
     """
-    path = Path(name_or_path).expanduser()
-    if path.suffix not in (".yaml", ".yml"):
+    path = recipe_file(name_or_path)
+    if path is None:
         recipes = list_recipes()
         if name_or_path not in recipes:
             raise InputError(

@@ -12,6 +12,7 @@ import pytest
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.report import render_comparison, render_index, render_notebook
+from rfea_vision.report.collect import collect
 from testing.report.browser import Browser
 from testing.report.sample import RUNGS, write_sample
 
@@ -42,6 +43,27 @@ def test_index_has_a_row_per_experiment_and_a_column_per_rung(tube_a: Path, tmp_
     assert 'href="tube-A/rfea/report/index.html"' in html
     assert "tube-B" in html
     assert "no command has written results for this campaign yet" in html
+
+
+def test_one_broken_folder_does_not_stop_the_index(tube_a: Path, tmp_path: Path) -> None:
+    """Artefacts of the wrong kind are a sentence, and a name with signs of its own keeps its link."""
+    broken = tmp_path / "tube #2?" / "rfea"
+    shutil.copytree(tube_a, broken)
+    (broken / "report").mkdir(exist_ok=True)
+    (broken / "report" / "index.html").write_text("made before")
+    (broken / TWO[0] / "clip.json").write_text("[]")
+    (broken / "models" / RUNGS[0] / "timings.json").write_text("[1, 2]")
+    evidence = collect(broken)
+    run = next(run for run in evidence.experiments if run.name == TWO[0])
+    assert "clip.json could not be read (it holds a list" in run.absent["clip"]
+    assert "timings.json could not be read (it holds a list" in evidence.steps[0].absent["timings"]
+    html = render_index([broken], beside=tmp_path)
+    assert 'href="tube%20%232%3F/rfea/report/index.html"' in html
+
+
+def test_a_folder_that_nobody_foresaw_is_listed_with_the_reason(tube_a: Path, monkeypatch) -> None:
+    monkeypatch.setattr("rfea_vision.report.batch.collect", lambda folder: {}["surprise"])
+    assert "its results cannot be read (KeyError(&#39;surprise&#39;))" in render_index([tube_a])
 
 
 def test_notebook_runs_as_it_stands(tube_a: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,7 +154,9 @@ def test_many_tubes_on_one_page(sample):
     assert page.count("<svg") == len(plates) and "http://" not in page.replace("http://www.w3.org", "")
     assert "Not in it" not in page
     assert "Nobody has asked" not in page and "not asked" not in page
-    unasked = [replace(step, diagnosis=None, rung=step.rung.model_copy(update={"verdict": ""})) for step in evidence.steps]
+    unasked = [
+        replace(step, diagnosis=None, rung=step.rung.model_copy(update={"verdict": ""})) for step in evidence.steps
+    ]
     page = render_group([*tubes, GroupMember("E", {}, replace(evidence, steps=unasked))])
     assert "what the last model of E lacks" in page and page.count("not asked") == 1
     lacking = GroupMember("D", {"load": (3.0, "mm")}, evidence)

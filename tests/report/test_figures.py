@@ -7,11 +7,13 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from rfea_vision.errors import InputError
 from rfea_vision.figures import Lines, Map, Series, save_plates
-from rfea_vision.figures.models import plates
+from rfea_vision.figures.models import _study, plates
 from rfea_vision.figures.plates import Axis
+from rfea_vision.figures.runs import _trust
 from rfea_vision.figures.saving import as_svg
 from rfea_vision.report.collect import collect
 from rfea_vision.report.figures import FIGURES
@@ -34,6 +36,18 @@ def test_every_figure_of_the_page_has_its_file(drawn):
         lacking
     )  # only where a study, a profile or an experiment was asked for
     assert len({plate.name for plate in drawn}) == len(drawn)
+
+
+def test_an_inclinometers_study_of_segments_is_drawn_in_degrees():
+    rows = [{"segments": n, "train_tip_rmse_mm": None, "train_angle_rmse_deg": 1.0 / n} for n in (2, 4)]
+    (study,) = _study(rows)
+    assert list(study.table()["angle error [deg]"].dropna()) == [0.5, 0.25]
+
+
+def test_the_standard_error_of_the_tip_is_in_the_norm_of_its_error():
+    data = xr.Dataset({"tip_sigma": (("time", "xy"), [[0.3, 0.4], [0.6, 0.8]])}, coords={"time": [0.0, 1.0]})
+    (plate,) = _trust("run", data)
+    assert list(plate.table()["standard error of the tip [mm]"]) == pytest.approx([0.5, 1.0])
 
 
 def test_the_numbers_drawn_stand_beside_with_units(drawn, tmp_path):
@@ -67,6 +81,21 @@ def test_two_drawings_in_one_page_share_no_mark():
     assert marks[0] and not marks[0] & marks[1]
     for svg, own in zip((one, two), marks, strict=True):
         assert set(re.findall(r'href="#([^"]+)"', svg)) <= own
+
+
+def test_a_name_of_a_stranger_leads_nowhere(tmp_path):
+    """A key of a campaign's `design` becomes part of a figure's name, which stands in markup and in paths."""
+    x = np.linspace(0.0, 1.0, 5)
+    for name in ('k-over-"><script>alert(1)</script>', "../../../evil", "a run (2)"):
+        plate = Lines(name, "t", Axis("x"), Axis("y"), (Series("s", "dots", x, x),))
+        svg = as_svg(plate)
+        assert "<script" not in svg
+        marks = set(re.findall(r'id="([^"]+)"', svg))
+        assert set(re.findall(r"url\(#([^)]+)\)", svg)) <= marks
+        assert all(re.fullmatch(r"[\w.-]+", mark) for mark in marks)
+        assert {path.parent for path in save_plates([plate], tmp_path / "a" / "b", formats=["svg"])} == {
+            tmp_path / "a" / "b"
+        }
 
 
 def test_what_is_wrong_is_said(tmp_path, monkeypatch):

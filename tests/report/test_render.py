@@ -50,6 +50,13 @@ def numbers_in(value: object) -> set[float]:
     return {float(value)} if isinstance(value, int | float) and not isinstance(value, bool) else set()
 
 
+def test_a_rung_whose_model_is_gone_is_said(copy: Path) -> None:
+    shutil.rmtree(copy / "models" / RUNGS[-1])
+    for name in RUNGS[:-1]:
+        (copy / "models" / name / "diagnosis.json").unlink()
+    assert f"models/{RUNGS[-1]} is named in ladder.json but is not there" in words(page_of(copy))
+
+
 def test_says_what_was_found(small: Path) -> None:
     text = words(page_of(small))
     lacked = (

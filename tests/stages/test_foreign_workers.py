@@ -30,6 +30,13 @@ class Scheduler:
         return {"tcp://10.0.0.7:1": self.answer if self.answer != "asked" else look()}
 
 
+class Task:
+    """One that ends well."""
+
+    def result(self) -> None:
+        return None
+
+
 @pytest.mark.parametrize(
     ("answer", "says"),
     [
@@ -59,6 +66,42 @@ def test_only_folders_that_are_here_are_asked_for(tmp_path, monkeypatch):
     (tmp_path / "notes.txt").touch()
     with cluster.dask_client("tcp://a:1", folders=[tmp_path, tmp_path / "notes.txt", tmp_path / "nowhere"]):
         assert asked == [tmp_path]
+
+
+def test_files_that_are_named_are_asked_for_and_reach_workers_by_their_whole_paths(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text("steps: [sync]\n")
+    asked: list[Path] = []
+    monkeypatch.setattr(cluster, "_connected", lambda *_: nullcontext())
+    monkeypatch.setattr(cluster, "_check_workers", lambda client, scheduler, needed: asked.extend(needed))
+    with cluster.dask_client("tcp://a:1", folders=[tmp_path], files=[Path("own.yaml")]):
+        assert asked == [tmp_path, Path("own.yaml")]
+    with pytest.raises(InputError, match=r"does not see .*absent\.yaml"):
+        monkeypatch.undo()
+        cluster._check_workers(Scheduler("asked"), "tcp://a:1", [tmp_path, tmp_path / "absent.yaml"])  # type: ignore[arg-type]
+    monkeypatch.chdir(tmp_path)
+    told: list[Settings] = []
+    monkeypatch.setattr(batch._Batch, "run", lambda self: told.append(self.settings) or [])
+    batch.run_batch([], client=None, recipe="own.yaml", effect_files=[Path("own.py")])  # type: ignore[arg-type]
+    assert told[0].recipe == str(tmp_path / "own.yaml")
+    assert told[0].effect_files == (str(tmp_path / "own.py"),)
+    batch.run_batch([], client=None, recipe="default")  # type: ignore[arg-type]
+    assert told[1].recipe == "default"
+
+
+def test_a_campaign_that_goes_while_its_camera_is_calibrated_ends_nothing(tmp_path, monkeypatch):
+    """Its runs are known from the first reading; the task of each says what has gone."""
+    run = SimpleNamespace(name="steps", role="train")
+    found = SimpleNamespace(camera=object(), experiments=[run, SimpleNamespace(name="aside", role="ignore")])
+    readings = iter([SimpleNamespace(campaign=found)])
+    monkeypatch.setattr("rfea_vision.campaign.read_campaign", lambda *_, **__: next(readings))
+    client = SimpleNamespace(submit=lambda *_, **__: Task())
+    settings = Settings(fingerprint(), "", False, False, ())
+    work = batch._Batch([tmp_path], None, client, settings, None)  # type: ignore[arg-type]
+    work._begin(0)
+    (future,) = work.pending
+    work._heard(future, *work.pending.pop(future))
+    assert [what for _, what in work.pending.values()] == ["measure steps"]
 
 
 @pytest.mark.parametrize(

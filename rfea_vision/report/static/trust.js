@@ -1,6 +1,8 @@
 // What the numbers rest on: tracking, clock, width, and the fit itself.
+// Standard error of the tip in the norm of its error.
+const tipSigma = () => { const both = series(experiment().tip_sigma); return both && column(both, 0).map((x, i) => Math.hypot(x, column(both, 1)[i])); };
 plots.tracking = timePlot({
-  times: frameTimes, measured: () => column(series(experiment().tip_sigma), 1), unit: "mm", digits: 2, limits: () => [0, extent(series(experiment().tip_sigma))[1] * 1.1 || 1],
+  times: frameTimes, measured: tipSigma, unit: "mm", digits: 2, limits: () => [0, extent(tipSigma())[1] * 1.1 || 1],
   extra(pen, box, x) { for (const gap of experiment().gaps) pen.rect(x(gap.from) - 1, box.top, Math.max(2, x(gap.to) - x(gap.from)), 8, pen.colours.bad); },
 });
 plots.tracking.need = needs(measuredNeeds("tip_sigma"));
