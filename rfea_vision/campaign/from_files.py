@@ -8,7 +8,10 @@ import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 from pathlib import Path
+
+import yaml
 
 from rfea_vision.campaign.guess import FileGuess, Key, look
 from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
@@ -134,7 +137,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
     for path in paths:
         name = re.sub(r"[^\w-]+", "-", _stem(path)).strip("-_") or "run"
         name = f"{name}-run" if name in RESERVED_NAMES or name == OUTPUT_FOLDER else name
-        names.append(name if name not in names else f"{name}-{names.count(name) + len(names)}")
+        names.append(next(free for free in chain([name], (f"{name}-{n}" for n in count(2))) if free not in names))
     return names
 
 
@@ -147,7 +150,8 @@ def _scalar(value: object) -> str:
     if isinstance(value, int | float):
         return str(value)
     text = str(value)
-    return text if re.fullmatch(r"[A-Za-z][\w.-]*|[\d.]+ [A-Za-z]+", text) else json.dumps(text, ensure_ascii=False)
+    plain = re.fullmatch(r"[A-Za-z][\w.-]*|[\d.]+ [A-Za-z]+", text) and yaml.safe_load(text) == text
+    return text if plain else json.dumps(text, ensure_ascii=False)
 
 
 def _item(keys: Sequence[Key], where: str, guesses: list[str]) -> str:

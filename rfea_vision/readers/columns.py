@@ -62,7 +62,7 @@ def said_unit(table: Table, name: str, like: str) -> str | None:
     None where none is given, or the end of the name is no unit of what `like` measures. ``p_atm`` is the pressure of the
     atmosphere, not one in atmospheres.
     """
-    match = re.search(r"(?:_(?!(?i:atm?)$)|\s*[\[(])([A-Za-z°ºµ]+(?:\([ag]\))?)[\])]?$", name)
+    match = re.search(r"(?:_(?!(?i:atm?)\b)|\s*[\[(])([A-Za-z°ºµ]+(?:\([ag]\))?)[\])]?(?:\.\d+)?$", name)
     found = table.units.get(name) or (match[1] if match else None)
     if found is None:
         return None

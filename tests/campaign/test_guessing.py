@@ -183,3 +183,14 @@ def test_pressures_that_nothing_calls_chambers_are_asked_for(tmp_path, headers):
     assert guess.chambers == () and "of several chambers" in next(
         key.why for key in guess.pressure if key.name == "pressure"
     )
+
+
+def test_every_run_has_a_name_of_its_own_and_yaml_reads_no_other_thing_into_it(tmp_path):
+    names = ("r-3.csv", "r.csv", "sub/r.csv", "no.csv", "null.csv")
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        tip_track("left").assign(pressure_kPa=PRESSURE_kPa).to_csv(tmp_path / name, index=False)
+    write_campaign_from(tmp_path / "tube", [tmp_path / name for name in names])
+    reading = read_campaign(tmp_path / "tube")
+    assert not [item for item in reading.problems if item.severity == "error"]
+    assert {item.name for item in reading.campaign.experiments} == {"r-3", "r", "r-2", "no", "null"}

@@ -224,3 +224,63 @@ def test_frames_of_an_unsure_tracker_say_so(tmp_path):
         file["tracks"][0, :, 2, 9] = np.nan
     track = read_track(spec.file, spec=TrackSpec(**{**vars(spec), "points": tuple((name,) for name in MARKS)}))
     assert list(track.dataset["reason"].values[6:10]) == ["", "low_confidence", "", "not_tracked"]
+
+
+@pytest.mark.parametrize("x_columns", ["No", "One"])
+def test_an_empty_cell_of_labview_leaves_its_row_out(tmp_path, x_columns):
+    head = f"LabVIEW Measurement\nSeparator\tTab\nX_Columns\t{x_columns}\n***End_of_Header***\n"
+    keys = "X0\t0\t0\nDelta_X\t0.1\t0.1\n***End_of_Header***\n"
+    rows = [[0.0, 10, 1], [0.1, "", 2], [0.2, 12, 3]]
+    cells = [row if x_columns == "One" else ["", *row[1:]] for row in rows]
+    body = "\n".join("\t".join(map(str, row)) for row in [["X_Value", "p", "p"], *cells])
+    (tmp_path / "a.lvm").write_text(head + keys + body + "\n")
+    table = read_table(tmp_path / "a.lvm")
+    np.testing.assert_allclose(table.times_s["p"], [0.0, 0.2])
+    np.testing.assert_allclose(table.columns["p"], [10, 12])
+    np.testing.assert_allclose(table.columns["p.1"], [1, 2, 3])  # a second channel of the same name is a second one
+
+
+def test_channels_of_one_name_are_all_there(tmp_path):
+    from asammdf import MDF, Signal
+
+    with MDF(version="4.10") as file:
+        for factor in (1, 2):
+            file.append([Signal(factor * PRESSURE_kPa, TIME_S, name="p", unit="bar")])
+        file.save(tmp_path / "a.mf4", overwrite=True)
+    table = read_table(tmp_path / "a.mf4")
+    np.testing.assert_allclose(table.columns["p.1"], 2 * table.columns["p"])
+    assert table.units == {"p": "bar", "p.1": "bar"}
+    (tmp_path / "a.csv").write_text("time_s,p [bar],p [bar]\n0,1,2\n1,1,2\n")
+    np.testing.assert_allclose(
+        read_pressure(PressureSpec(file=tmp_path / "a.csv", pressure="p [bar].1")).pressure_kPa, 200
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("Sample #;pressure_kPa;note\n1;2.5;run #3\n2;3.5;\n", [2.5, 3.5]),
+        ("# rig 3\n# time_s;pressure_kPa\n0;2.5\n1;3.5\n", [2.5, 3.5]),
+        ("time_s;pressure_kPa\n0,5;1.002,5\n1;1.003\n", [1002.5, 1003.0]),
+    ],
+)
+def test_signs_that_mean_two_things_in_text(tmp_path, text, wanted):
+    (tmp_path / "a.csv").write_text(text)
+    np.testing.assert_allclose(read_table(tmp_path / "a.csv").numbers("pressure_kPa"), wanted)
+
+
+@pytest.mark.parametrize(
+    ("first", "odd", "fault"),
+    [
+        ("2,5", "1.5", "has a point among numbers with decimal commas"),
+        ("1.000,5", "1.5", "has a point among numbers with decimal commas"),
+        ("2,5", "1.500", "has a point among numbers with decimal commas"),
+        ("1.000,5", "01.03.2026", "is not a number"),
+        ("2,5", "full", "is not a number"),
+    ],
+)
+def test_a_point_is_not_read_over_among_decimal_commas(tmp_path, first, odd, fault):
+    rows = "".join(f"{row},0;2,5\n" for row in range(1, 300))
+    (tmp_path / "a.csv").write_text(f"time_s;pressure_kPa\n0,0;{first}\n{rows}300,0;{odd}\n")
+    with pytest.raises(InputError, match=f"row 301: '{odd}' {fault}"):
+        read_table(tmp_path / "a.csv").numbers("pressure_kPa")

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Container, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -196,6 +197,11 @@ def unseen(positions: FloatArray, confidence: FloatArray | None, least: float) -
     if confidence is None:
         return positions
     return np.where((confidence >= least)[..., None], positions, np.nan)
+
+
+def distinct(name: str, taken: Container[str]) -> str:
+    """Return `name`; or, where it is taken, with a number as pandas gives columns of one name: ``p``, ``p.1``, ``p.2``."""
+    return next(free for free in chain([name], (f"{name}.{number}" for number in count(1))) if free not in taken)
 
 
 def listed(names: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rfea_vision.readers.kinds.base import Kind, Points, Table, points_table
+from rfea_vision.readers.kinds.base import Kind, Points, Table, distinct, points_table
 
 
 def read_c3d(path: Path) -> Table:
@@ -30,7 +30,7 @@ def read_c3d(path: Path) -> Table:
     columns = dict(table.columns)
     said = [str(item).strip() for item in analog.get("UNITS", {}).get("value", [])]
     for index, values in enumerate(samples):
-        name = str(analog["LABELS"]["value"][index]).strip()
+        name = distinct(str(analog["LABELS"]["value"][index]).strip(), columns)
         columns[name], units[name] = values, said[index] if index < len(said) else ""
         times[name] = np.arange(len(values)) / float(analog["RATE"]["value"][0])
     return Table(str(path), columns, units, times, table.points)

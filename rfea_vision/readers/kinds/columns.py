@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers.kinds.base import Kind, Table, frame_table, refuse_too_much
+from rfea_vision.readers.kinds.base import Kind, Table, distinct, frame_table, refuse_too_much
 
 _FORMULA = 3  # conversion type of a channel that is computed by a formula in the file (ASAM MDF 4, cc_type 3)
 
@@ -41,9 +41,10 @@ def read_mdf(path: Path) -> Table:
                     raise InputError(f"{path}: {what}; export it with its values")
         for signal in file.iter_channels(skip_master=True):
             if signal.samples.ndim == 1 and signal.samples.dtype.kind in "fiu":
-                columns[signal.name] = np.asarray(signal.samples)
-                units[signal.name] = signal.unit
-                times[signal.name] = np.asarray(signal.timestamps, dtype=np.float64)
+                name = distinct(signal.name, columns)
+                columns[name] = np.asarray(signal.samples)
+                units[name] = signal.unit
+                times[name] = np.asarray(signal.timestamps, dtype=np.float64)
     return Table(str(path), columns, units, times)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers.kinds.base import Kind, Table
+from rfea_vision.readers.kinds.base import Kind, Table, distinct
 from rfea_vision.readers.kinds.text import decoded
 
 _MARK = "LabVIEW Measurement"
@@ -47,7 +47,10 @@ def _keys(lines: list[str], separator: str) -> dict[str, list[str]]:
 
 
 def _part(path: Path, header: list[str], body: list[str], separator: str, about_file: dict[str, list[str]]) -> Table:
-    """One table: `X_Columns` says whether the times stand in a column for all channels (One), in one each (Multi) or nowhere."""
+    """One table: `X_Columns` says whether the times stand in a column for all channels (One), in one each (Multi) or nowhere.
+
+    Where a channel has no value its cell is empty: that row is left out of it, with its time.
+    """
     about, point = _keys(header, separator), about_file.get("Decimal_Separator", ["."])[0]
     x_columns = about_file.get("X_Columns", ["One"])[0]
     rows = [[cell.strip().replace(point, ".") for cell in line.split(separator)] for line in _until_empty(body)]
@@ -58,12 +61,15 @@ def _part(path: Path, header: list[str], body: list[str], separator: str, about_
         name = rows[0][place]
         if name in ("", "Comment"):
             continue
-        columns[name] = _column(rows[1:], place)
+        name = distinct(name, columns)
+        full = [index for index, row in enumerate(rows) if index and place < len(row) and row[place]]
+        columns[name] = np.array([float(rows[index][place]) for index in full])
         if x_columns == "No":
             first, step = (float(about[key][channel].replace(point, ".")) for key in ("X0", "Delta_X"))
-            times[name] = first + step * np.arange(columns[name].size)
+            times[name] = first + step * (np.array(full) - 1)
         else:
-            times[name] = _column(rows[1:], place - 1 if x_columns == "Multi" else 0)[: columns[name].size]
+            of_times = place - 1 if x_columns == "Multi" else 0
+            times[name] = np.array([float(rows[index][of_times]) for index in full])
         units[name] = "".join(about.get("Y_Unit_Label", [])[channel : channel + 1])
     return Table(str(path), columns, {name: unit for name, unit in units.items() if unit}, times)
 
@@ -71,11 +77,6 @@ def _part(path: Path, header: list[str], body: list[str], separator: str, about_
 def _until_empty(lines: list[str]) -> list[str]:
     """The rows: below them stands an empty line, and perhaps the header of the next table."""
     return list(takewhile(str.strip, dropwhile(lambda line: not line.strip(), lines)))
-
-
-def _column(rows: list[list[str]], place: int) -> np.ndarray:
-    """Numbers of a column; a shorter channel leaves its last cells empty."""
-    return np.array([float(row[place]) for row in rows if place < len(row) and row[place]])
 
 
 def _is_lvm(path: Path) -> bool:

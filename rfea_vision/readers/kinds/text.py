@@ -6,6 +6,7 @@ import csv
 import re
 import warnings
 from io import StringIO
+from itertools import takewhile
 from pathlib import Path
 
 import pandas as pd
@@ -19,6 +20,7 @@ _LOOKED_AT = 200
 _BYTES_PER_VALUE = 10
 """Of text, as logs are written: seven digits, a point, a sign or a blank, a separator."""
 _POINT = re.compile(r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$|^[+-]?(nan|inf)$", re.IGNORECASE)
+_PARTED = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+(,\d*)?$")
 _COMMA = re.compile(r"^[+-]?(\d{1,3}(\.\d{3})+|\d+|),\d+([eE][+-]?\d+)?$")
 _UNIT_CELL = re.compile(r"^\s*[\[(]?\s*([^\d\s\[\]()]{1,8}|m/s\^?2)?\s*[\])]?\s*$")
 
@@ -73,10 +75,48 @@ def _header(lines: list[str], separator: str) -> tuple[int, int] | None:
     return None
 
 
+def _headers(lines: list[str]) -> dict[str, tuple[int, int]]:
+    """The header and the first data by every separator that gives a table."""
+    return {separator: place for separator in _SEPARATORS if (place := _header(lines, separator)) is not None}
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith("#")
+
+
+def _read_thousands(path: Path, frame: pd.DataFrame) -> None:
+    """Make numbers of columns with cells such as ``1.002,5``, which pandas leaves as text: it would read dates as numbers, too.
+
+    Refused is a point that might be a decimal one, ``1.5`` or, where no other cell has thousands, ``1.500``.
+    """
+    for name in frame.select_dtypes(exclude="number"):
+        cells = frame[name].astype(str).str.strip()
+        parted = cells.str.fullmatch(_PARTED)
+        numbers = parted | cells.str.fullmatch(_COMMA) | cells.str.fullmatch(r"[+-]?\d+")
+        commas = cells.str.contains(",") & numbers
+        if not commas.any():
+            continue
+        sure = parted & (parted & commas).any()
+        odd = cells[cells.str.contains(".", regex=False) & cells.str.fullmatch(_POINT) & ~sure]
+        if len(odd):
+            where = f"{path}: column '{name}', row {odd.index[0] + 1}"
+            text = "has a point among numbers with decimal commas; write all numbers in one way"
+            raise InputError(f"{where}: '{odd.iloc[0]}' {text}")
+        plain = cells.str.replace(".", "", regex=False).str.replace(",", ".", regex=False)
+        cells = cells.where(~numbers, plain).where(frame[name].notna())
+        values = pd.to_numeric(cells, errors="coerce")
+        frame[name] = cells if (values.isna() & cells.notna()).any() else values
+
+
 def read_text(path: Path) -> Table:
     """Read one table of text."""
-    every = [line for line in decoded(path).splitlines() if line.strip() and not line.startswith("#")]
-    found = {sep: place for sep in _SEPARATORS if (place := _header(every, sep)) is not None}
+    lines = [line for line in decoded(path).splitlines() if line.strip()]
+    every = [line for line in lines if not _is_comment(line)]
+    found = _headers(every)
+    if not found and (above := list(takewhile(_is_comment, lines))):  # NumPy writes its header as a comment
+        titled = [above[-1].lstrip("# "), *every]
+        found = _headers(titled)
+        every = titled if found else every
     if found:
         separator = max(found, key=lambda sep: len(_cells(every[found[sep][0]], sep)))
         header, first = found[separator]
@@ -87,18 +127,20 @@ def read_text(path: Path) -> Table:
             raise InputError(f"{path}:1: no header line; name the columns, for example 'time_s,pressure_kPa'")
         header, first = 0, 1
     sample = [cell for line in every[first : first + _LOOKED_AT] for cell in _cells(line, separator)]
-    comma = any(_COMMA.match(cell) for cell in sample) and not any("." in c and _POINT.match(c) for c in sample)
+    commas = [cell for cell in sample if _COMMA.match(cell)]
+    thousands = any("." in cell for cell in commas)
+    comma = bool(commas) and (thousands or not any("." in cell and _POINT.match(cell) for cell in sample))
     with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):  # cells would be dropped in silence
         frame = pd.read_csv(
             StringIO("\n".join([every[header], *every[first:]])),
             sep=separator,
             decimal="," if comma else ".",
-            thousands="." if comma else None,
-            comment="#",
             skipinitialspace=True,
             index_col=False,
         )
     refuse_too_much(path, frame.size)
+    if comma:
+        _read_thousands(path, frame)
     table = frame_table(str(path), frame)
     if first == header + 2:
         cells = [cell.strip("[]() ") for cell in _cells(every[header + 1], separator)]
