@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 
 import numpy as np
@@ -35,9 +36,10 @@ def board_pdf(board: Board, title: str) -> bytes:
     left, bottom = (page[0] - place[0]) / 2, (page[1] - place[1]) / 2
     columns, rows = board.inner_corners
     text = f"{title}: {columns} x {rows} inner corners, squares of {board.square_mm:g} mm; print at 100 %, then measure"
+    escaped = re.sub(r"([\\()])", r"\\\1", text)
     drawing = (
         f"q {place[0]:.4f} 0 0 {place[1]:.4f} {left:.4f} {bottom:.4f} cm /Board Do Q "
-        f"BT /F1 7 Tf {left:.4f} {bottom - 12:.4f} Td ({text}) Tj ET"
+        f"BT /F1 7 Tf {left:.4f} {bottom - 12:.4f} Td ({escaped}) Tj ET"
     ).encode("latin-1", "replace")
     bits = zlib.compress(np.packbits(picture > 127, axis=1).tobytes(), 9)
     image = (

@@ -35,7 +35,7 @@ from rfea_vision.dynamics.system import (
     Laws,
     allocate,
 )
-from rfea_vision.errors import DataError
+from rfea_vision.errors import DataError, InputError
 
 NEWTON_ITERATIONS = 3  # default: every step takes as long as any other
 SETTLED = 1e-5  # rad; a last change above it is no solution
@@ -134,6 +134,8 @@ class Stepper:
         pressure_Pa: float = 0.0,
         newton_iterations: int = NEWTON_ITERATIONS,
     ) -> None:
+        if model.law.chambers:
+            raise InputError(f"effects at the chamber {model.law.chambers[0]}: in real time a tube has one pressure")
         self.model, self.par, self.step_s = model, np.asarray(par, dtype=float), float(step_s)
         self._iterations = int(newton_iterations)
         self._system = model.system(self.par)

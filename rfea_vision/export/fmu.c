@@ -28,6 +28,7 @@ typedef struct {
     @NAME@_t model;
     @NAME@_output_t output;
     double pressure, before;
+    int running;
     const callbacks_t *callbacks;
 } instance_t;
 
@@ -65,12 +66,17 @@ EXPORT status_t fmi2EnterInitializationMode(void *c) {
     (void)c;
     return OK;
 }
-EXPORT status_t fmi2ExitInitializationMode(void *c) {
-    instance_t *item = c;
+/* At rest at the pressure as it stands: outputs may be asked for before initialisation ends. */
+static status_t at_rest(instance_t *item) {
     item->before = item->pressure;
     if (@NAME@_init(&item->model, item->pressure, &item->output))
         return failed(item, "no stable static equilibrium at the first pressure; start from a lower one");
     return OK;
+}
+EXPORT status_t fmi2ExitInitializationMode(void *c) {
+    instance_t *item = c;
+    item->running = 1;
+    return at_rest(item);
 }
 EXPORT status_t fmi2Terminate(void *c) {
     (void)c;
@@ -86,6 +92,7 @@ EXPORT status_t fmi2Reset(void *c) {
 
 EXPORT status_t fmi2GetReal(void *c, const reference_t *which, size_t n, double *values) {
     instance_t *item = c;
+    if (!item->running && at_rest(item) != OK) return ERROR_;
     for (size_t k = 0; k < n; k++) {
         switch (which[k]) {
         case PRESSURE: values[k] = item->pressure; break;

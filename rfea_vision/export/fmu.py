@@ -9,6 +9,7 @@ import hashlib
 import io
 import os
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
@@ -34,11 +35,10 @@ _OUTPUTS = (
 _UNITS = {"Pa": 'kg="1" m="-1" s="-2"', "m": 'm="1"', "rad": 'rad="1"', "m3/s": 'm="3" s="-1"'}
 
 
-def compiler() -> str | None:
-    """The C compiler of this machine: what the variable CC names, else cc, gcc or clang; None if there is none."""
-    return next(
-        (found for name in (os.environ.get("CC"), "cc", "gcc", "clang") if name and (found := shutil.which(name))), None
-    )
+def compiler() -> list[str] | None:
+    """The C compiler of this machine, as words: what the variable CC says, else cc, gcc or clang; None if there is none."""
+    said = [shlex.split(os.environ.get("CC", "")), ["cc"], ["gcc"], ["clang"]]
+    return next(([found, *words[1:]] for words in said if words and (found := shutil.which(words[0]))), None)
 
 
 def build_library(source: Path, target: Path) -> None:
@@ -52,10 +52,11 @@ def build_library(source: Path, target: Path) -> None:
     program = compiler()
     if program is None:
         raise DataError("export: no C compiler found; install one (gcc or clang), or name it in the variable CC")
-    command = [program, "-std=c99", "-O2", "-shared", "-fPIC", "-o", str(target), str(source), "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    command = [*program, "-std=c99", "-O2", "-shared", "-fPIC", "-o", str(target), str(source), "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise DataError(f"export: {Path(program).name} refuses {source.name}: {done.stderr.strip().splitlines()[0]}")
+        said = next(iter(done.stderr.strip().splitlines()), f"exit code {done.returncode}")
+        raise DataError(f"export: {Path(program[0]).name} refuses {source.name}: {said}")
 
 
 def _platform() -> tuple[str, str]:

@@ -13,7 +13,7 @@ def cc():
         if os.environ.get("CI"):
             pytest.fail("no C compiler, and CI is set")
         pytest.skip("no C compiler here (cc, gcc or clang)")
-    return compiler()
+    return compiler()[0]
 
 
 @pytest.fixture

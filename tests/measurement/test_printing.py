@@ -33,6 +33,7 @@ def test_the_printed_board_is_found(kind, tmp_path):
 def test_the_page_has_the_true_scale(kind):
     board = BOARDS[kind]
     page = board_pdf(board, "test")
+    assert rb"a \(b\) \\ c" in board_pdf(board, "a (b) \\ c")
     width, height = map(float, re.search(rb"q ([\d.]+) 0 0 ([\d.]+) ", page).groups())
     assert width / 72 * 25.4 == pytest.approx(10 * board.square_mm, abs=1e-3)
     assert height / 72 * 25.4 == pytest.approx(7 * board.square_mm, abs=1e-3)
