@@ -71,7 +71,7 @@ def read_track(
     columns += [nodes.reshape(len(time_s), -1)] if nodes is not None else []
     columns += [tip] if tip is not None else []
     columns += [angle[:, None]] if angle is not None else []
-    valid = np.isfinite(np.concatenate(columns, axis=1)).all(axis=1)
+    valid = np.asarray(np.isfinite(np.concatenate(columns, axis=1)).all(axis=1))
     if np.count_nonzero(valid) < 2:
         raise InputError(f"{path}: {np.count_nonzero(valid)} complete rows of {len(time_s)}; at least two are needed")
     sigma_mm, sigma_deg = _sigma(table, "sigma_mm", valid), _sigma(table, "sigma_deg", valid)
@@ -164,7 +164,7 @@ def _sigma(table: Table, name: str, valid: NDArray[np.bool_]) -> FloatArray | No
     if name not in table.columns:
         return None
     sigma = table.numbers(name)
-    refuse_rows(table.source, name, valid & ~(np.isfinite(sigma) & (sigma > 0)), "is not a finite number above 0")
+    refuse_rows(table.source, name, valid & ~(np.isfinite(sigma) & (sigma >= 0)), "is no finite number, or below 0")
     return sigma
 
 

@@ -65,13 +65,13 @@ def test_given_sigmas_are_taken(tmp_path):
     assert track.dataset.attrs["sigma_source"] == "given in the track"
 
 
-@pytest.mark.parametrize("wrong", [np.nan, 0.0, -0.1])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -0.1])
 def test_a_standard_error_that_is_none_is_refused_where_there_is_a_tip(tmp_path, wrong):
     frame = pd.DataFrame({"time_s": TIME_S, "tip_x_mm": TIME_S, "tip_y_mm": -155.0, "sigma_mm": 0.25})
     frame.loc[3, ["tip_x_mm", "sigma_mm"]] = np.nan  # a gap needs none
     assert read(tmp_path, frame).valid.sum() == len(TIME_S) - 1
     frame.loc[7, "sigma_mm"] = wrong
-    with pytest.raises(InputError, match="sigma_mm, row 8: is not a finite number above 0"):
+    with pytest.raises(InputError, match="sigma_mm, row 8: is no finite number, or below 0"):
         read(tmp_path, frame)
 
 

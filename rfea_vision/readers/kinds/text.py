@@ -104,7 +104,7 @@ def _read_thousands(path: Path, frame: pd.DataFrame) -> None:
             raise InputError(f"{where}: '{odd.iloc[0]}' {text}")
         plain = cells.str.replace(".", "", regex=False).str.replace(",", ".", regex=False)
         cells = cells.where(~numbers, plain).where(frame[name].notna())
-        values = pd.to_numeric(cells, errors="coerce")
+        values = pd.Series(pd.to_numeric(cells, errors="coerce"))
         frame[name] = cells if (values.isna() & cells.notna()).any() else values
 
 
