@@ -41,7 +41,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         If the disk is full.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    prefix = f".{path.stem[:80]}~{_MARK}-{os.getpid()}~"
+    prefix = f".{os.fsencode(path.stem)[:80].decode(errors='ignore')}~{_MARK}-{os.getpid()}~"
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=path.suffix)
     os.close(handle)
     temporary = Path(name)

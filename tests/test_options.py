@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record, from_record, options_of, read, read_flags, written
+from rfea_vision.options.given import read_conditions, read_fixed
 from rfea_vision.stages.recipes import Recipe, load_recipe
 
 RECIPE: dict[str, Any] = {
@@ -38,6 +39,14 @@ def test_flags_recipe_and_record_say_the_same():
     assert asked.fixed == {"r_hyd": pytest.approx(3.6e-3)} and asked.pressure_zero_sd == 1e3
     assert from_record(FitOptions, as_record(asked)) == asked
     assert as_record(FitOptions()) == {"name": "base"}, "what is not asked for leaves no trace"
+
+
+def test_pure_numbers_need_no_unit_and_are_finite():
+    assert read_conditions({"pressure_gain": 0.98}) == {"pressure_gain.g": 0.98}
+    assert read_conditions({"pressure_gain": "98 %"}) == {"pressure_gain.g": pytest.approx(0.98)}
+    for text in ("nan", "inf", "1e999"):
+        with pytest.raises(InputError, match=f"'{text}' is no finite number"):
+            read_fixed([f"pressure_gain.g={text}"], {"pressure_gain.g": "1"})
 
 
 def test_what_was_asked_for_is_written_as_it_is_read():

@@ -22,7 +22,8 @@ from rfea_vision.files import is_file, is_folder
 
 OUTPUT_FOLDER = "rfea"
 RESERVED_NAMES = frozenset({"calibration", "models", "report", ".stages"})
-_SAFE_NAME = re.compile(r"^[^\s./\\:\x00-\x1f\x7f-\x9f][^/\\:\x00-\x1f\x7f-\x9f]{0,199}$")
+_SAFE_NAME = re.compile(r"^[^\s./\\:\x00-\x1f\x7f-\x9f][^/\\:\x00-\x1f\x7f-\x9f]*$")
+_LONGEST_NAME = 150  # bytes: those that file systems allow, 255, less what stands around it in the names of files
 _ALMOST = re.compile(r"^(campaign|experiment)\.(ya?ml|json)(\.txt)?$", re.IGNORECASE)
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -193,8 +194,10 @@ def _read_experiment(
         {} if shared is None else {k: v for k, v in shared.content.items() if k not in ("format", "name", "design")}
     )
     parsed, problems = _validate(ExperimentFile, _merge(inherited, own.content), files, name)
-    if not _SAFE_NAME.match(name) or name in RESERVED_NAMES:
-        message = f"'{name}' cannot name a folder of results; use letters, digits and dashes"
+    if not _SAFE_NAME.match(name) or name in RESERVED_NAMES or len(name.encode(errors="replace")) > _LONGEST_NAME:
+        message = (
+            f"'{name}' cannot name a folder of results; use letters, digits and dashes, {_LONGEST_NAME} bytes at most"
+        )
         problems.append(problem_at(files, "name", message, experiment=name))
     actuator, found = _actuator(parsed, files, name)
     if shared is None or "actuator" in own.content:
@@ -284,19 +287,27 @@ def _validate(
         return model.model_validate({key: value for key, value in content.items() if key not in broken}), problems
 
 
-#: Keys of which each stands in the place of the others: a log of its own, or another way to say where gravity points.
-_ALTERNATIVES = ({"file", "url", "value"}, {"angle", "plumb"})
+#: Keys, by the part that has them, of which each stands in the place of the others: a log of its own, another calibration.
+_ALTERNATIVES = {
+    "pressure": {"file", "url", "value"},
+    "gravity": {"angle", "plumb"},
+    "camera": {"file", "photos", "scale"},
+    "scale": {"distance", "places"},
+    "actuator": {"mass", "mass_per_length"},
+}
+#: Keys on which the meaning of the others hangs: with another value nothing is inherited beside them.
+_KINDS = {"sync": "method", "section": "kind"}
 
 
-def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `above` laid over `below`, mapping by mapping; the source of the picture replaces that of the campaign."""
-    merged = dict(below)
-    for keys in _ALTERNATIVES:
-        if keys & set(above):
-            merged = {key: value for key, value in merged.items() if key not in keys}
+def _merge(below: Mapping[str, Any], above: Mapping[str, Any], part: str = "") -> dict[str, Any]:
+    """Return `above` laid over `below`, mapping by mapping; what stands in the place of an inherited key replaces it."""
+    kind, keys = _KINDS.get(part, ""), _ALTERNATIVES.get(part, set())
+    if kind in below and kind in above and below[kind] != above[kind]:
+        return dict(above)
+    merged = {key: value for key, value in below.items() if not (key in keys and keys & set(above))}
     for key, value in above.items():
         under = merged.get(key)
-        merged[key] = _merge(under, value) if isinstance(under, dict) and isinstance(value, dict) else value
+        merged[key] = _merge(under, value, key) if isinstance(under, dict) and isinstance(value, dict) else value
     return merged
 
 

@@ -147,6 +147,11 @@ def resolve_experiment(
             "camera", f"is missing; pictures need it: board and photos, an earlier calibration, or {SCALE_EXAMPLE}"
         )
     pressure = _pressures(parsed.pressure, finder)
+    section = None if parsed.actuator is None else parsed.actuator.section
+    if section is not None and section.kind != "tube" and section.chamber_area is None and pressure.acts:
+        finder.complain(
+            "actuator.section.chamber_area", "is missing; a pressure acts on it, for example 'chamber_area: 60 mm^2'"
+        )
     rig = _rig(parsed, actuator, finder)
     experiment = ExperimentSpec(
         rig=rig,
@@ -212,15 +217,27 @@ def _track(part: TrackPart, finder: Finder) -> TrackSpec | None:
     )
 
 
+#: What has no meaning for a body of this kind.
+_UNUSED = {
+    "tube": {"section.chamber_area", "section.thickness", "section.width"},
+    "rod": {"inner_radius", "section.thickness", "section.width"},
+    "rectangle": {"inner_radius", "outer_radius"},
+    "custom": {"inner_radius", "section.thickness", "section.width"},
+}
+
+
 def resolve_actuator(part: ActuatorPart) -> Actuator:
     """Return what is bent.
 
     Raises
     ------
     InputError
-        If its dimensions do not make a section.
+        If its dimensions do not make a section, or some are not of its kind.
     """
     section = part.section or SectionPart()
+    given = part.model_fields_set | {f"section.{key}" for key, value in section if value is not None}
+    for key in sorted(given & _UNUSED[section.kind]):
+        raise InputError(f"actuator.{key} has no meaning in a section of the kind '{section.kind}'; leave it out")
     values = part.model_dump(exclude={"mass", "section", "material"})
     if part.mass is not None and part.mass_per_length is not None:
         raise InputError("actuator.mass stands beside actuator.mass_per_length; keep one of the two")

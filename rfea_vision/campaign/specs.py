@@ -134,6 +134,11 @@ class PressureSpec:
         return any((part.file, part.url, part.value_kPa) == (None, None, None) for part in self.chambers)
 
     @property
+    def acts(self) -> bool:
+        """Whether some chamber has a log, or a constant pressure other than none."""
+        return any(part.file or part.url or part.value_kPa for part in self.chambers)
+
+    @property
     def constant(self) -> bool:
         """Whether there is no log at all: the pressure of every chamber was constant."""
         return all(part.value_kPa is not None for part in self.chambers)

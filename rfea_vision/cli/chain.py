@@ -9,7 +9,7 @@ import click
 from rfea_vision.cli.console import print_json, say_next
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.model import print_ladder
-from rfea_vision.cli.options import campaign_options, code_option, opened
+from rfea_vision.cli.options import campaign_options, code_option, opened, refuse_beside
 from rfea_vision.errors import InputError
 
 
@@ -43,6 +43,7 @@ def report_command(
     if more and not group:
         raise click.UsageError(f"Got unexpected '{more[0]}': several campaigns go on one page with --group.")
     if group:
+        refuse_beside("--group", ("other", "notebook"), "it writes the page of all tubes")
         _report_group((campaign, *more), out or Path("rfea-group.html"), force, as_json)
         return
     if other is not None and not other.is_dir():

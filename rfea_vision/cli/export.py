@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json, say, say_next
-from rfea_vision.cli.options import Quantity, campaign_options, code_option, opened
+from rfea_vision.cli.options import Quantity, campaign_options, code_option, opened, refuse_beside
 from rfea_vision.errors import DataError, InputError
 
 
@@ -46,20 +46,18 @@ def export_command(
 
     Writes OUT.c and OUT.h (C99, self-contained), or with --fmu OUT.fmu; of the model named, or of the one fitted last.
     """
-    from rfea_vision.artefacts import Recording
-    from rfea_vision.dynamics.simulation import STANDARD_GRAVITY
-    from rfea_vision.export import c_files, fitted_model, fmu_content
-    from rfea_vision.files import whole_file, write_text
-    from rfea_vision.fitting.observation import rig_of
-    from rfea_vision.stages import mechanics
-
     *models, last = places
-    if len(models) > 1:
-        raise InputError("export: give CAMPAIGN, at most one MODEL, and OUT")
+    if len(models) > 1 or (models and poses):
+        at_most = "and OUT: tracks have no MODEL" if poses else "at most one MODEL, and OUT"
+        raise InputError(f"export: give CAMPAIGN, {at_most}")
+    if not step_s > 0:
+        raise InputError("export: --step must be longer than zero, for example 1ms")
+    refuse_beside("export", ("force",), "it writes its files anew each time")
     target = Path(last)
     if crate or poses:
         if fmu or (crate and poses):
             raise InputError("export: give one of --fmu, --crate and --poses")
+        refuse_beside("--crate" if crate else "--poses", ("step_s", "iterations"), "it writes no code that steps")
         files = _write_crate(campaign, out, models, target) if crate else _write_poses(campaign, out, target)
         if as_json:
             print_json({"files": [str(path) for path in files]})
@@ -72,6 +70,13 @@ def export_command(
                     f"python -c \"import xarray; print(xarray.open_dataset('{files[0]}'))\"", "movement opens it, too"
                 )
         return
+    from rfea_vision.artefacts import Recording
+    from rfea_vision.dynamics.simulation import STANDARD_GRAVITY
+    from rfea_vision.export import c_files, fitted_model, fmu_content
+    from rfea_vision.files import whole_file, write_text
+    from rfea_vision.fitting.observation import rig_of
+    from rfea_vision.stages import mechanics
+
     target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
     with opened(campaign, out) as work:
         fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
@@ -88,7 +93,9 @@ def export_command(
     model, par = fitted_model(fit, gravity, mounting)
     about = f"Model '{fit.name}' of {campaign.name}: {fit.segments} segments"
     about += f", {', '.join(fit.effects)}" if fit.effects else ""
-    about += f", gravity {math.degrees(mounting):.4g} deg from the hanging tube" if gravity else ", no gravity in its plane"
+    about += (
+        f", gravity {math.degrees(mounting):.4g} deg from the hanging tube" if gravity else ", no gravity in its plane"
+    )
     if fmu:
         written = [target.with_name(f"{target.name}.fmu")]
         content = fmu_content(model, par, name, step_s, about, iterations)

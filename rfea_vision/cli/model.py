@@ -130,7 +130,7 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
         say(f"where it shows: {diagnosis.where[0].sentence}")
     planned = diagnosis.next_experiment
     if planned is not None:
-        file = next((p for p in (out / "models").glob(f"*/{Path(planned.pressure).name}")), Path(planned.pressure))
+        file = out / "models" / diagnosis.model / Path(planned.pressure).name
         say(f"next experiment: {planned.sentence} Pressure to play: {file}")
     say_next(*_after_verdict(diagnosis.verdict, campaign))
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import click
+from click.core import ParameterSource
 
 from rfea_vision.cli.console import ConsoleListener
 from rfea_vision.options.asking import Option, asked_by, read_flags
@@ -94,6 +95,25 @@ def code_option(command: _Command) -> _Command:
         metavar="FILE.py",
         help="An effect file that models here were fitted with: its code runs only if it is named.",
     )(command)
+
+
+def typed() -> dict[str, str]:
+    """The options that stand on the command line which runs: parameter -> flag."""
+    context = click.get_current_context()
+    return {
+        option.name: max(option.opts, key=len)
+        for option in context.command.params
+        if isinstance(option, click.Option) and option.name is not None
+        and context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
+    }  # fmt: skip
+
+
+def refuse_beside(flag: str, odd: Iterable[str], why: str) -> None:
+    """Raise where one of the parameters `odd` was typed, which has no effect beside `flag`."""
+    given = typed()
+    for name in odd:
+        if name in given:
+            raise click.UsageError(f"{given[name]} has no effect with {flag}: {why}; leave it out.")
 
 
 def named_files() -> tuple[Path, ...]:

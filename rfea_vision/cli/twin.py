@@ -13,7 +13,7 @@ import click
 from rfea_vision.campaign.specs import GRAVITY_DEG
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.model import print_ladder
-from rfea_vision.cli.options import Quantity, ask, opened, output_options
+from rfea_vision.cli.options import Quantity, ask, opened, output_options, refuse_beside
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
 from rfea_vision.units import parse_quantity
@@ -105,6 +105,8 @@ def simulate_command(out: Path, as_json: bool, **choices: Any) -> None:
     scene, like = parse_scene(choices.pop("scene")), choices.pop("like")
     hidden = parse_hidden(choices.pop("hidden"))
     if like is not None:
+        odd = [*choices.keys() - {"seed", "write_truth"}, "scene"]
+        refuse_beside("--like", sorted(odd), "the campaign's recordings say it")
         _report_twin(out, _simulate_like(out, like, hidden, choices["seed"], choices["write_truth"]), as_json)
         return
     fixed = {"hidden": hidden, "actuator": Actuator(bends=choices.pop("bends")), "scene": scene}
@@ -140,8 +142,12 @@ def _played(pressure: str | None, choices: dict[str, Any]) -> dict[str, Any]:
     if pressure is None:
         return {}
     path = Path(pressure)
-    if not path.suffix and not path.exists():
-        return {"pressure_max_kPa": Quantity("kPa", "270kPa").convert(pressure, None, None)}
+    if not path.exists():
+        try:
+            return {"pressure_max_kPa": Quantity("kPa", "270kPa").convert(pressure, None, None)}
+        except click.BadParameter:
+            if not path.suffix or path.suffix[1:2].isdigit():  # the digits of a number, not the ending of a file
+                raise
     from rfea_vision.campaign.specs import PressureSpec
     from rfea_vision.readers.pressure import read_pressure
     from rfea_vision.twin.excitation import given_programme

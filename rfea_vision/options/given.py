@@ -7,6 +7,7 @@ the wall and may have a prior.
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -70,7 +71,7 @@ def read_conditions(given: Mapping[str, object]) -> dict[str, float]:
             hint = f"; did you mean '{near[0]}'?" if near else "; 'rfea effects' lists them"
             raise InputError(f"'{name}' is no parameter of an effect{hint}")
         try:
-            found[full] = parse_quantity(value, units[full], example=f"2 {units[full]}")
+            found[full] = _number(str(value), units[full])
         except ValueError as error:
             raise InputError(f"{name}: {error}") from error
     return found
@@ -169,8 +170,17 @@ def _split(option: str, items: Sequence[str], units: Mapping[str, str]) -> list[
 
 
 def _value(option: str, item: str, text: str, unit: str) -> float:
-    plain, example = unit in ("1", ""), "3.6 mm" if unit == "m" else f"1 {unit}"
     try:
-        return float(text) if plain and "%" not in text else parse_quantity(text.strip(), unit, example=example)
+        return _number(text, unit)
     except ValueError as error:
         raise InputError(f"{option} {item}: {error}") from error
+
+
+def _number(text: str, unit: str) -> float:
+    """A value in SI, written with its unit; a pure number stands alone, or in %."""
+    if unit not in ("1", "") or "%" in text:
+        return parse_quantity(text.strip(), unit, example="3.6 mm" if unit == "m" else f"1 {unit}")
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"'{text}' is no finite number; write for example 0.98")
+    return number

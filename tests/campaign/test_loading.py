@@ -3,6 +3,7 @@ import yaml
 
 from rfea_vision.campaign import load_campaign, read_campaign
 from rfea_vision.campaign.check import check_campaign
+from rfea_vision.campaign.loading import _merge
 from rfea_vision.errors import InputError
 
 from .campaigns import write_campaign, write_experiment
@@ -55,6 +56,20 @@ def test_experiments_inherit_and_override(campaign):
     assert sine.sync.method == "led"
     assert (steps.actuator.bends, sine.actuator.bends) == ("right", "left")
     assert steps.actuator.length == sine.actuator.length
+
+
+@pytest.mark.parametrize(
+    ("shared", "own", "holds"),
+    [
+        ({"camera": {"photos": "*.png", "plane": "p.png"}}, {"camera": {"file": "c.yaml"}}, {"plane": "p.png", "file": "c.yaml"}),
+        ({"actuator": {"mass": "3 g"}}, {"actuator": {"mass_per_length": "2 g/m"}}, {"mass_per_length": "2 g/m"}),
+        ({"sync": {"method": "offset", "value": "1 ms"}}, {"sync": {"method": "motion"}}, {"method": "motion"}),
+        ({"sync": {"method": "led"}}, {"sync": {"method": "led", "box": [1]}}, {"method": "led", "box": [1]}),
+        ({"track": {"scale": "2 mm"}}, {"track": {"file": "t.csv"}}, {"scale": "2 mm", "file": "t.csv"}),
+    ],
+)  # fmt: skip
+def test_what_stands_in_the_place_of_an_inherited_key_replaces_it(shared, own, holds):
+    assert list(_merge(shared, own).values()) == [holds]
 
 
 def test_a_file_shared_by_the_campaign_is_found_there(campaign):
@@ -112,6 +127,7 @@ WRONG = [
     ("steps", {"format": "rfea-experiment/2"}, "format", "must be 'rfea-experiment/1'"),
     ("steps", {"name": "models"}, "name", "cannot name a folder"),
     ("steps", {"name": "../up"}, "name", "cannot name a folder"),
+    ("steps", {"name": "軟" * 51}, "name", "150 bytes at most"),
     ("steps", {"repeat_of": "nobody"}, "repeat_of", "no other experiment"),
     ("steps", {"actuator": {"length": 155}}, "actuator.length", "155 has no unit; write for example '4 mm'"),
     (None, {"format": "rfea-campaign/2"}, "format", "must be 'rfea-campaign/1'"),
@@ -270,8 +286,33 @@ def test_chambers_are_read_with_their_signs(tmp_path):
     assert len(pressure.files) == 1
     assert [problem.key for problem in read_campaign(folder).problems] == ["actuator.section"]
     campaign = folder / "campaign.yaml"
-    campaign.write_text(campaign.read_text().replace("bends", "section: {kind: rod}, bends"))
+    text = campaign.read_text().replace("inner_radius: 3 mm, ", "")
+    campaign.write_text(text.replace("bends", "section: {kind: rod, chamber_area: 60 mm^2}, bends"))
     assert not read_campaign(folder).problems
+
+
+@pytest.mark.parametrize(
+    ("actuator", "key", "says"),
+    [
+        ({"section": {"kind": "rod"}}, "actuator.section.chamber_area", "for example 'chamber_area: 60 mm^2'"),
+        (
+            {"section": {"kind": "tube", "chamber_area": "60 mm^2"}},
+            "actuator.section.chamber_area",
+            "of the kind 'tube'",
+        ),
+        ({"section": {"kind": "rod", "width": "3 mm"}}, "actuator.section.width", "has no meaning"),
+        ({"section": {"kind": "rod"}, "inner_radius": "3 mm"}, "actuator.inner_radius", "leave it out"),
+    ],
+)
+def test_a_section_holds_what_its_kind_uses(campaign, actuator, key, says):
+    edit(campaign / "campaign.yaml", actuator=actuator)
+    found = [problem for problem in read_campaign(campaign).problems if problem.severity == "error"]
+    assert found and {problem.key for problem in found} == {key}
+    assert all(says in problem.message for problem in found)
+    edit(campaign / "campaign.yaml", actuator={"section": {"kind": "rod"}})
+    for run in ("steps", "sine"):
+        edit(campaign / run / "experiment.yaml", pressure={"value": "0 kPa"})
+    assert not [problem for problem in read_campaign(campaign).problems if problem.severity == "error"]
 
 
 @pytest.mark.parametrize(

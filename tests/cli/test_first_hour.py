@@ -12,6 +12,7 @@ from rich.progress import Progress
 
 from rfea_vision.artefacts import Diagnosis, Ladder, Rung
 from rfea_vision.cli import console, model, root
+from rfea_vision.cli.twin import _played
 
 from .console import rfea
 
@@ -68,7 +69,20 @@ def test_the_table_shows_what_ranks_the_candidates(tmp_path, capsys):
     ]
     model.print_diagnosis(Diagnosis(model="base", verdict="missing", candidates=rows), tmp_path, tmp_path)
     table = capsys.readouterr().out
-    assert "score" not in table and re.search(r"maxwell +99 % +98 %", table) and re.search(r"drag +1 % +12 %", table), table
+    assert "score" not in table and re.search(r"maxwell +99 % +98 %", table) and re.search(r"drag +1 % +12 %", table), (
+        table
+    )
+
+
+def test_the_pressure_to_play_is_that_of_the_model_asked_about(tmp_path, capsys):
+    file = "next-experiment-coulomb-drag.csv"
+    for name in ("a", "base", "z"):
+        (tmp_path / "models" / name).mkdir(parents=True)
+        (tmp_path / "models" / name / file).touch()
+    planned = {"for": ["coulomb", "drag"], "pressure": file, "sentence": "A slow ramp."}
+    for name in ("a", "base", "z"):
+        model.print_diagnosis(Diagnosis(model=name, verdict="missing", next_experiment=planned), tmp_path, tmp_path)
+        assert str(tmp_path / "models" / name / file) in capsys.readouterr().out.replace("\n", "")
 
 
 def test_a_tie_stands_wherever_its_member_does(tmp_path, capsys):
@@ -125,6 +139,12 @@ def test_the_twin_plays_a_given_pressure(tmp_path):
     rows = (tmp_path / "twin" / "given-1" / "pressure.csv").read_text().splitlines()[1:]
     played = [float(row.split(",")[1]) for row in rows]
     assert max(played) == pytest.approx(90, abs=1) and played[0] == pytest.approx(0, abs=1)
+
+
+@pytest.mark.parametrize("text", ["1.5bar", "0.15 MPa", "150kPa"])
+def test_a_highest_pressure_may_have_a_point_in_it(tmp_path, monkeypatch, text):
+    monkeypatch.chdir(tmp_path)
+    assert _played(text, {}) == {"pressure_max_kPa": pytest.approx(150.0)}
 
 
 def test_every_command_that_ends_well_says_what_comes_next(tmp_path):
