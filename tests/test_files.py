@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from rfea_vision.files import dataset_groups, read_dataset, write_datasets
+from rfea_vision.files import dataset_groups, read_dataset, whole_file, write_datasets
 
 
 @pytest.fixture
@@ -56,6 +56,14 @@ def test_what_is_written_is_read(tmp_path, groups):
     again = tmp_path / "again.nc"
     write_datasets(again, {name: read_dataset(path, name) for name in groups})
     assert again.read_bytes() == path.read_bytes()
+
+
+def test_a_long_name_in_any_script_can_be_written(tmp_path):
+    """A name of a file has 255 bytes; that of the temporary one must have room for more than the stem."""
+    path = tmp_path / f"{'軟' * 80}.txt"
+    with whole_file(path) as temporary:
+        temporary.write_text("soft")
+    assert path.read_text() == "soft"
 
 
 def test_a_dataset_without_a_frame(tmp_path, groups):

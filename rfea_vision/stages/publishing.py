@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -84,7 +85,7 @@ def side_by_side(first: Runner, second: Runner) -> Path:
     names = (first.campaign.name, second.campaign.name)
     if names[0] == names[1]:
         names = (first.campaign.root.name, second.campaign.root.name)
-    path = first.out / "report" / f"beside-{names[1]}.html"
+    path = _page_beside(first, names[1])
     write_text(path, render_comparison(first.out, second.out, names=names))
     return path
 
@@ -117,9 +118,15 @@ def beside_results(work: Runner, earlier: Path) -> Path:
     from rfea_vision.report import render_comparison
 
     name = earlier.resolve().name
-    path = work.out / "report" / f"beside-{name}.html"
+    path = _page_beside(work, name)
     write_text(path, render_comparison(work.out, earlier, names=(f"{work.campaign.name}, now", name)))
     return path
+
+
+def _page_beside(work: Runner, name: str) -> Path:
+    """The page that puts a campaign beside `name`, which is whatever somebody called theirs."""
+    safe = re.sub(r"[^\w.-]+", "-", name)
+    return work.out / "report" / f"beside-{safe}.html"
 
 
 def bring_up_to_date(work: Runner) -> None:

@@ -7,12 +7,14 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.report import render_comparison, render_index, render_notebook
 from rfea_vision.report.collect import collect
+from rfea_vision.stages.publishing import _page_beside
 from testing.report.browser import Browser
 from testing.report.sample import RUNGS, write_sample
 
@@ -84,6 +86,12 @@ def test_notebook_runs_as_it_stands(tube_a: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_notebook_of_an_empty_folder(tmp_path: Path) -> None:
     assert json.loads(render_notebook(tmp_path, title="nothing"))["cells"]
+
+
+def test_a_campaigns_name_leads_no_page_elsewhere(tmp_path: Path) -> None:
+    page = _page_beside(SimpleNamespace(out=tmp_path), "../../evil")  # type: ignore[arg-type]
+    assert page.parent == tmp_path / "report"
+    assert page.name == "beside-..-..-evil.html"
 
 
 def test_pair_without_models(tube_a: Path, tmp_path: Path) -> None:
