@@ -160,7 +160,7 @@ def _experiment_problems(
                 source = open_video(video.file, video.rate_Hz)
                 said = plausibility.of_rate(video.rate_Hz, open_video(video.file).rate_Hz)
                 problems += [_warning(experiment, "video.rate", text) for text in said]
-            elif video.frames is not None and video.times is not None:
+            elif video.frames is not None and (video.times is not None or video.rate_Hz is not None):
                 source = open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
             if source is not None:
                 pictures_s = source.times_s()

@@ -14,11 +14,11 @@ from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
 from rfea_vision.readers.columns import column, in_unit, said_unit
 from rfea_vision.readers.kinds.base import Points, Table, points_of_columns
+from rfea_vision.readers.pictures import PICTURES
 from rfea_vision.readers.tables import endings, read_table
 from rfea_vision.units import conversion_factor, pressure_unit
 
 FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mts")
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 _ATMOSPHERE_kPa = (85.0, 108.0)
 """Of an open line, from 1,500 m above the sea to the highest air pressure recorded."""

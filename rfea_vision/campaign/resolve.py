@@ -35,6 +35,7 @@ from rfea_vision.campaign.specs import (
 )
 from rfea_vision.data import read_camera_profile
 from rfea_vision.errors import InputError
+from rfea_vision.files import is_file
 
 #: Names of chambers stand after the @ of an effect, before the point of a parameter.
 CHAMBER = r"[^\W\d_][^.@=,]*"
@@ -195,9 +196,11 @@ def _source(parsed: ExperimentFile, finder: Finder) -> tuple[VideoSpec | None, T
     if names == ["frames"]:
         assert parsed.frames is not None
         folder = finder.file("frames.folder", parsed.frames.folder, folder=True)
-        times = finder.file("frames.times", parsed.frames.times or "frames.csv")
+        table, rate = parsed.frames.times or "frames.csv", parsed.frames.rate
+        needed = parsed.frames.times is not None or rate is None or any(is_file(at / table) for at in finder.folders)
+        times = finder.file("frames.times", table) if needed else None
         within = finder.reach.within
-        return VideoSpec(None, folder, times, parsed.frames.rate, within), None
+        return VideoSpec(None, folder, times, rate, within), None
     assert parsed.video is not None
     return VideoSpec(finder.file("video.file", parsed.video.file), rate_Hz=parsed.video.rate), None
 

@@ -55,7 +55,7 @@ class CameraSpec:
 
 @dataclass(frozen=True)
 class VideoSpec:
-    """A video `file`, or a folder of `frames` with their `times` table; `rate_Hz` overrides recorded times.
+    """A video `file`, or a folder of `frames` with their `times` table, or without; `rate_Hz` overrides recorded times.
 
     No picture may lie outside of `within`, where that is given.
     """

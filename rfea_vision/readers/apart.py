@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import select
+import signal
 import struct
 import subprocess
 import sys
@@ -23,12 +24,14 @@ import numpy as np
 from rfea_vision.errors import DataError, InputError
 
 MOST_BYTES = 1_750_000_000  # so that all of it stays below 2 GB
-#: Processor time of one answer: the largest table that is read takes a few seconds, and a wall clock counts what other programs take.
+#: Processor time of one answer: libraries load in a few seconds, and a wall clock counts what other programs take.
 MOST_CPU_S = 15
 ANSWER_S = 120.0  # of a wall clock, for a reader that waits
+#: More of both for each MB of the file: the slowest reader, of LabVIEW's text, takes 0.09 s where this was written.
+MORE_S_PER_MB = 1.0
 _START = (
     "import sys, json; sys.path[:] = json.loads(sys.argv[1]); from rfea_vision.readers.serving import serve; "
-    "serve(int(sys.argv[2]), int(sys.argv[3]))"
+    "serve(int(sys.argv[2]))"
 )
 _KINDS = "biufM"  # of arrays that cross as they are; text crosses as JSON
 _LENGTH = struct.Struct("<Q")
@@ -116,6 +119,12 @@ def _built(value: Any, read: Any) -> Any:
 # -- the process ---------------------------------------------------------------------------------------------------
 
 
+def _size_MB(path: Path) -> float:
+    with suppress(OSError, ValueError):
+        return path.stat().st_size / 1e6
+    return 0.0
+
+
 class _Process:
     """The process that reads; started when it is needed, and again when a file has ended it."""
 
@@ -126,22 +135,27 @@ class _Process:
 
     def ask(self, what: str, path: Path, **given: Any) -> Any:
         """Send one question and wait for its answer."""
+        more_s = 0.0 if what == "film next" else MORE_S_PER_MB * _size_MB(path)  # one picture is no whole file
+        late = "on this machine; export a part of it, or, if it is not large, all of it again: it may be damaged"
         with self.lock:
             process = self._running()
             assert process.stdin is not None and process.stdout is not None
             try:
-                send(process.stdin, {"what": what, "path": str(path), **given})
-                ends = time.monotonic() + ANSWER_S
+                send(process.stdin, {"what": what, "path": str(path), "most_cpu_s": int(MOST_CPU_S + more_s), **given})
+                ends = time.monotonic() + ANSWER_S + more_s
                 answer = receive(lambda count: self._read(process.stdout, count, ends))
             except TimeoutError as error:
                 self._end()
-                raise InputError(
-                    f"{path}: cannot be read within {ANSWER_S:g} s; it is damaged, or not what it says it is"
-                ) from error
+                raise InputError(f"{path}: cannot be read within {ANSWER_S + more_s:.3g} s {late}") from error
             except (OSError, EOFError, ValueError, KeyError, TypeError, struct.error) as error:
-                limits = f"needed more than {MOST_BYTES / 1e9:g} GB or {MOST_CPU_S} s of processor time"
                 self._end()
-                raise InputError(f"{path}: ended the process that read it, or {limits}; export it again") from error
+                if process.returncode == -getattr(signal, "SIGXCPU", 0):
+                    text = f"cannot be read within {int(MOST_CPU_S + more_s)} s of processor time {late}"
+                else:
+                    text = (
+                        f"ended the process that read it, or needed more than {MOST_BYTES / 1e9:g} GB; export it again"
+                    )
+                raise InputError(f"{path}: {text}") from error
             except BaseException:
                 self._end()
                 raise
@@ -161,7 +175,7 @@ class _Process:
                 "HDF5_PLUGIN_PATH": "",
             }
             self.process = subprocess.Popen(
-                [sys.executable, "-P", "-c", _START, paths, str(MOST_BYTES), str(MOST_CPU_S)],
+                [sys.executable, "-P", "-c", _START, paths, str(MOST_BYTES)],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=os.environ | quiet,
             )  # fmt: skip
             self.owner = os.getpid()

@@ -12,8 +12,10 @@ import pandas as pd
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import MOST_VALUES, Table, frame_table
 
-# A query that has not ended by then counts to infinity, or makes the database do work that belongs into it.
+# A query that has not ended by then counts to infinity, or makes the database do work that belongs into it. Of processor time,
+# as other programs' work is no fault of the file's; more for a large file, which has to be read through.
 LONGEST_QUERY_S = 20.0
+_MORE_S_PER_MB = 1.0
 _LONGEST_VALUE = 1_000_000  # bytes of one value: columns of times and pressures hold numbers
 _READING = {sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION, sqlite3.SQLITE_RECURSIVE}
 _BLOCK = 100_000
@@ -57,13 +59,14 @@ def _from_sqlite(shown: str, folder: Path, name: str, query: str) -> pd.DataFram
     path = (folder / name).resolve()
     if not path.is_file():  # SQLite would make an empty database in its place
         raise InputError(f"pressure.url: no database '{name}' in {folder}; correct the path")
-    ends = time.monotonic() + LONGEST_QUERY_S
+    longest_s = LONGEST_QUERY_S + _MORE_S_PER_MB * path.stat().st_size / 1e6
+    ends = time.thread_time() + longest_s
     try:
         connection = sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)
         try:
             connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _LONGEST_VALUE)
             connection.execute("PRAGMA trusted_schema = OFF")
-            connection.set_progress_handler(lambda: time.monotonic() > ends, 10_000)
+            connection.set_progress_handler(lambda: time.thread_time() > ends, 10_000)
             connection.set_authorizer(
                 lambda action, *_: sqlite3.SQLITE_OK if action in _READING else sqlite3.SQLITE_DENY
             )
@@ -79,6 +82,9 @@ def _from_sqlite(shown: str, folder: Path, name: str, query: str) -> pd.DataFram
         finally:
             connection.close()
     except (sqlite3.Error, sqlite3.Warning, ValueError, OverflowError, MemoryError) as error:
+        if str(error) == "interrupted":
+            fault = f"pressure.query: {shown} does not end within {longest_s:.3g} s of processor time on this machine"
+            raise InputError(f"{fault}; correct the query, or select less") from error
         raise _refused(shown, error) from error
     return pd.DataFrame(rows, columns=names)
 
@@ -112,5 +118,4 @@ def _refused(shown: str, error: Exception) -> InputError:
 
 
 def _reason(error: Exception) -> str:
-    text = " ".join(str(getattr(error, "orig", None) or error).split())[:200]
-    return f"it does not end within {LONGEST_QUERY_S:g} s" if text == "interrupted" else text
+    return " ".join(str(getattr(error, "orig", None) or error).split())[:200]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,17 @@ from rfea_vision.errors import InputError
 from rfea_vision.readers.apart import ask, isolated
 
 Picture = NDArray[np.uint8]
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+
+def numbered_pictures(folder: Path, endings: tuple[str, ...] = PICTURES) -> tuple[Path, ...]:
+    """Return the pictures of a folder in order of the numbers in their names: 10.png comes after 9.png."""
+    files = (path for path in folder.iterdir() if path.suffix.lower() in endings)
+    return tuple(
+        sorted(
+            files, key=lambda path: [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
+        )
+    )
 
 
 def read_grey(path: Path, *, as_stored: bool = False) -> Picture | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
-from rfea_vision.readers.columns import refuse_rows
+from rfea_vision.readers.columns import in_unit, refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table, listed, points_of_columns, unseen
 from rfea_vision.units import conversion_factor
 
@@ -45,8 +45,11 @@ def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
             raise InputError(f"{table.source}: track.individual: no '{individual}'; there are: {listed(known)}")
         points = table.points.get(individual or known[0], table.points[known[0]])
     else:
-        time_s = table.numbers("time_s") if "time_s" in table.columns else None
-        found = points_of_columns(table.source, table.columns, table.units, time_s)
+        assert spec is not None
+        time = spec.time or ("time_s" if "time_s" in table.columns else None)
+        time_s = None if time is None else in_unit(table, time, "s", "track.time")
+        asked = {name for group in spec.points for name in group}
+        found = points_of_columns(table.source, table.columns, table.units, time_s, asked)
         if found is None:
             names = listed(list(table.columns))
             raise InputError(f"{table.source}: track.points: no columns such as tip_x_mm, tip_y_mm; there are: {names}")

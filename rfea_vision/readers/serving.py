@@ -18,8 +18,8 @@ from rfea_vision.readers.apart import begin_serving, receive, send
 _MOST_WRITTEN_BYTES = 1 << 30  # a reader that writes more unpacks a bomb
 
 
-def serve(most_bytes: int, most_cpu_s: int) -> None:
-    """Answer until nobody asks any more; an answer that takes more processor time than this ends the process."""
+def serve(most_bytes: int) -> None:
+    """Answer until nobody asks any more; an answer that takes more processor time than was asked for ends the process."""
     begin_serving()
     _limit(most_bytes)
     # what a library prints must not get into the answers
@@ -39,7 +39,7 @@ def serve(most_bytes: int, most_cpu_s: int) -> None:
             asked = receive(read)
         except EOFError:
             return
-        _limit_time(most_cpu_s)
+        _limit_time(asked.pop("most_cpu_s"))
         try:
             answer = {"value": _answer(films, asked.pop("what"), Path(asked.pop("path")), asked)}
         except RfeaError as error:
@@ -127,7 +127,9 @@ class _Films:
             self.sources = {} if len(self.sources) > 4 else self.sources
             self.sources[key] = (
                 replace(open_video(path, given["rate_Hz"]), threads=1)  # type: ignore[call-arg]
-                if times is None
-                else open_frames(path, Path(times), given["rate_Hz"], within=None if within is None else Path(within))
+                if "times" not in given
+                else open_frames(
+                    path, times and Path(times), given["rate_Hz"], within=None if within is None else Path(within)
+                )
             )
         return self.sources[key]

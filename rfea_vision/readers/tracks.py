@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 _NODE = re.compile(r"^([xy])(\d+)_mm$")
 _KNOWN = "tip_x_mm and tip_y_mm, or nodes x00_mm, y00_mm, x01_mm, ..., or angle_deg"
+_OF_POINTS = ("individual", "axes", "scale", "rate", "origin", "confidence")
+"""Keys of `track` that say something of named points alone."""
 _LAST_CHORDS = 4
 """Chords at the tip end over which the tangent's angle is carried on to the tip."""
 
@@ -61,6 +64,7 @@ def read_track(
         time_s, nodes, tip = nodes_of_points(points, spec, to_rig_mm)
         angle = None
     else:
+        _refuse_keys_of_points(path, spec)
         time_s = _time(table, spec.time if spec is not None else None, (spec and spec.angle) or "angle_deg")
         nodes, tip, angle = _nodes(table), _pair(table), _angle(table, spec.angle if spec is not None else None)
     if nodes is None and tip is None and angle is None:
@@ -102,6 +106,15 @@ def read_track(
         sigma = sigma_deg if sigma_deg is not None else np.full(len(time_s), noise_of(angle[valid, None]))
         _add(dataset, "bend_angle_sigma", ("time",), sigma, valid, "deg")
     return Track(dataset)
+
+
+def _refuse_keys_of_points(path: Path, spec: TrackSpec | None) -> None:
+    """Refuse what is said of named points where there are none: it would be left out without a word."""
+    for field in fields(spec) if spec is not None else ():
+        key = field.name.split("_")[0]
+        if key in _OF_POINTS and getattr(spec, field.name) != field.default:
+            text = "means nothing without 'points'; leave it out, or name the points on the tube with 'track.points'"
+            raise InputError(f"{path}: track.{key}: {text}")
 
 
 def _why_not(points: Points | None, spec: TrackSpec | None) -> NDArray[np.str_]:

@@ -6,7 +6,6 @@ decoder's memory: converting each frame to grey or BGR would halve the rate.
 
 from __future__ import annotations
 
-import csv
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
@@ -21,7 +20,8 @@ from numpy.typing import NDArray
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import is_file
 from rfea_vision.readers.apart import isolated
-from rfea_vision.readers.pictures import read_colour, read_grey, scaled
+from rfea_vision.readers.pictures import PICTURES, numbered_pictures, read_colour, read_grey, scaled
+from rfea_vision.readers.tables import read_table
 
 Luma = NDArray[np.uint8]
 MOST_PIXELS = 1 << 28  # of one picture; a phone's 200 megapixels are less
@@ -248,43 +248,39 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
 
 
 def open_frames(
-    folder: Path, times_csv: Path, rate_Hz: float | None = None, *, within: Path | None = None
+    folder: Path, times_csv: Path | None, rate_Hz: float | None = None, *, within: Path | None = None
 ) -> FrameSource:
-    """Open a folder of pictures listed in `times_csv` (columns ``file`` and ``time_s``).
+    """Open a folder of pictures listed in `times_csv` (``file`` and ``time_s``); without it all of them, in the order of their numbers.
 
     No picture may lie outside of `within`, where that is given: links and ``..`` in names are followed first.
 
     Raises
     ------
     InputError
-        If the table or a picture is missing, or time runs backwards.
+        If the table or a picture is missing, there is neither table nor rate, or time runs backwards.
     """
     if isolated():
         from rfea_vision.readers.film import Film
 
-        return Film.open(folder, rate_Hz=rate_Hz, times=str(times_csv), within=None if within is None else str(within))
-    try:
-        with times_csv.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.DictReader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{times_csv}: frames.times not readable; give a CSV with columns file,time_s") from error
-    if not rows or "file" not in rows[0] or (rate_Hz is None and "time_s" not in rows[0]):
-        raise InputError(f"{times_csv}: frames.times needs columns file,time_s and at least one row")
-    files = tuple(folder / str(row["file"]).strip() for row in rows)
+        listed = None if times_csv is None else str(times_csv)
+        return Film.open(folder, rate_Hz=rate_Hz, times=listed, within=None if within is None else str(within))
+    files, seconds = _listed(folder, times_csv)
+    where = f"{folder}: frames.folder" if times_csv is None else f"{times_csv}: frames.times"
     outside = next((file for file in files if within is not None and not _lies_in(file, within)), None)
     if outside is not None:
         raise InputError(
-            f"{times_csv}: frames.times: '{outside}' leads out of the campaign's folder; copy the pictures into it, or give --trust"
+            f"{where}: '{outside}' leads out of the campaign's folder; copy the pictures into it, or give --trust"
         )
     missing = next((file for file in files if not is_file(file)), None)
     if missing is not None:
-        raise InputError(f"{missing}: named in {times_csv.name} but not there; copy it or remove the row")
-    try:
-        times = tuple(i / rate_Hz if rate_Hz else float(row["time_s"]) for i, row in enumerate(rows))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{times_csv}: frames.times: time_s must be a number in every row ({error})") from error
-    if not np.all(np.isfinite(times)) or np.any(np.diff(times) < 0):
-        raise InputError(f"{times_csv}: frames.times: time_s must be finite and must not run backwards; sort the rows")
+        raise InputError(f"{missing}: named in {(times_csv or folder).name} but not there; copy it or remove the row")
+    if rate_Hz is not None:
+        seconds = np.arange(len(files)) / rate_Hz
+    if seconds is None:
+        raise InputError(f"{where}: says no times; give a table with columns file,time_s, or 'rate: 240 Hz'")
+    if not np.all(np.isfinite(seconds)) or np.any(np.diff(seconds) < 0):
+        raise InputError(f"{where}: time_s must be finite and must not run backwards; sort the rows")
+    times = tuple(seconds.tolist())
     first = read_grey(files[0])
     if first is None:
         raise InputError(f"{files[0]}: not a readable picture; copy it again")
@@ -292,3 +288,16 @@ def open_frames(
         1.0 / float(np.median(np.diff(times))) if len(times) > 1 and np.median(np.diff(times)) > 0 else None
     )
     return FolderSource(folder, (first.shape[1], first.shape[0]), len(files), rate, files, times)
+
+
+def _listed(folder: Path, times_csv: Path | None) -> tuple[tuple[Path, ...], NDArray[np.float64] | None]:
+    """The pictures, at least one, and their times where a table says them."""
+    if times_csv is None:
+        if not (files := numbered_pictures(folder)):
+            raise InputError(f"{folder}: frames.folder holds no picture ({', '.join(PICTURES)}); correct the folder")
+        return files, None
+    table = read_table(times_csv)
+    if not table.columns.get("file", np.empty(0)).size:
+        raise InputError(f"{times_csv}: frames.times needs columns file,time_s and at least one row")
+    seconds = table.numbers("time_s") if "time_s" in table.columns else None
+    return tuple(folder / str(name).strip() for name in table.columns["file"]), seconds

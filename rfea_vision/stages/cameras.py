@@ -130,7 +130,7 @@ def open_source(video: VideoSpec) -> Any:
 
     if video.file is not None:
         return open_video(video.file, video.rate_Hz)
-    assert video.frames is not None and video.times is not None
+    assert video.frames is not None
     return open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
 
 

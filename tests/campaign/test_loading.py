@@ -72,6 +72,20 @@ def test_what_stands_in_the_place_of_an_inherited_key_replaces_it(shared, own, h
     assert list(_merge(shared, own).values()) == [holds]
 
 
+def test_frames_with_a_rate_need_no_table(campaign):
+    (campaign / "steps" / "frames").mkdir()
+    edit(
+        campaign / "steps" / "experiment.yaml",
+        track=None,
+        camera={"file": None, "scale": {"points": [[0, 0], [9, 0]], "distance": "1 mm"}},
+        frames={"folder": "frames", "rate": "240 Hz"},
+    )
+    video = read_campaign(campaign).campaign.experiment("steps").video
+    assert (video.frames.name, video.times, video.rate_Hz) == ("frames", None, 240.0)
+    (campaign / "steps" / "frames.csv").write_text("file\n")
+    assert read_campaign(campaign).campaign.experiment("steps").video.times.name == "frames.csv"
+
+
 def test_a_file_shared_by_the_campaign_is_found_there(campaign):
     (campaign / "steps" / "pressure.csv").rename(campaign / "all.csv")
     edit(campaign / "steps" / "experiment.yaml", pressure={"file": "all.csv"})

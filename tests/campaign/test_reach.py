@@ -144,7 +144,8 @@ def test_a_query_selects_and_ends(tmp_path, query, monkeypatch):
     monkeypatch.setattr("rfea_vision.readers.database.MOST_VALUES", 100_000_000)
     with sqlite3.connect(tmp_path / "log.db") as database:
         database.execute("CREATE TABLE log (t, p)")
-    with pytest.raises(InputError, match=r"pressure.query: sqlite:///log.db"):
+    says = "does not end within 0.5.* s of processor time on this machine" if query == ENDLESS else "sqlite:///log.db"
+    with pytest.raises(InputError, match=rf"pressure.query: .*{says}"):
         read_query("sqlite:///log.db", query.format(out=tmp_path / "made.db"), tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log.db"]
 

@@ -80,6 +80,19 @@ def test_a_folder_of_pictures(tmp_path):
         open_frames(tmp_path, table)
 
 
+@pytest.mark.parametrize("text", ["file;time_s\n9.png;0\n10.png;0,5\n", "file, time_s\n9.png, 0\n10.png, 0.5\n"])
+def test_pictures_are_listed_in_any_table_or_in_none(tmp_path, text):
+    for number, picture in zip((9, 10), numbered(2), strict=True):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), picture)
+    (tmp_path / "frames.csv").write_text(text)
+    listed = open_frames(tmp_path, tmp_path / "frames.csv")
+    assert listed.times_s().tolist() == [0.0, 0.5]
+    plain = open_frames(tmp_path, None, 2.0)
+    assert (plain.files, plain.times) == (listed.files, listed.times)
+    with pytest.raises(InputError, match=r"frames.folder: says no times.*'rate: 240 Hz'"):
+        open_frames(tmp_path, None)
+
+
 def test_broken_files_are_named(tmp_path):
     with pytest.raises(InputError, match="not found"):
         open_video(tmp_path / "none.mp4")

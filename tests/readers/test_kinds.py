@@ -284,3 +284,26 @@ def test_a_point_is_not_read_over_among_decimal_commas(tmp_path, first, odd, fau
     (tmp_path / "a.csv").write_text(f"time_s;pressure_kPa\n0,0;{first}\n{rows}300,0;{odd}\n")
     with pytest.raises(InputError, match=f"row 301: '{odd}' {fault}"):
         read_table(tmp_path / "a.csv").numbers("pressure_kPa")
+
+
+@pytest.mark.parametrize("more", [{"rate_Hz": 1.0}, {"force_z": 1.0}, {"force_x": 1.0, "force_y": 1.0, "force_z": 1.0}])
+def test_other_columns_do_not_put_points_into_space(tmp_path, more):
+    """Nor is the column of time that is named forgotten beside points."""
+    columns = {"t [ms]": 1e3 * TIME_S} | {f"a_{axis}_mm": 0.0 * TIME_S for axis in "xy"}
+    columns |= {"b_x_mm": TIP_mm[:, 0], "b_y_mm": TIP_mm[:, 1]}
+    pd.DataFrame(columns | more).to_csv(tmp_path / "a.csv", index=False)
+    spec = TrackSpec(tmp_path / "a.csv", points=(("a",), ("b",)), time="t [ms]")
+    track = read_track(spec.file, spec=spec)
+    np.testing.assert_allclose(track.dataset["tip"], TIP_mm)
+    np.testing.assert_allclose(track.time_s, TIME_S)
+
+
+@pytest.mark.parametrize(
+    ("key", "given"),
+    [("rate", {"rate_Hz": 120.0}), ("scale", {"scale_mm": 0.1}), ("origin", {"origin": (0.0, 0.0)}),
+     ("axes", {"axes": ("x", "-y")}), ("individual", {"individual": "a"}), ("confidence", {"confidence": 0.9})],
+)  # fmt: skip
+def test_what_is_said_of_points_that_there_are_not_is_refused(tmp_path, key, given):
+    pd.DataFrame({"time_s": TIME_S, "angle_deg": TIME_S}).to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(InputError, match=f"track.{key}: means nothing without 'points'"):
+        read_track(tmp_path / "a.csv", spec=TrackSpec(tmp_path / "a.csv", **given))

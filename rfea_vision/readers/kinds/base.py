@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Container, Generator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import chain, count
@@ -171,9 +171,16 @@ _AXIS = re.compile(r"^(?P<name>.*?)[._ ]?(?P<axis>[xyzXYZ])(?:[_ ]*[\[(]?(?P<uni
 
 
 def points_of_columns(
-    source: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], time_s: FloatArray | None
+    source: str,
+    columns: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    time_s: FloatArray | None,
+    asked: Collection[str] = (),
 ) -> Points | None:
-    """Gather columns such as ``tip1_x_mm, tip1_y_mm`` or ``/tip.point.x`` as points; None where there are none."""
+    """Gather columns such as ``tip1_x_mm, tip1_y_mm`` or ``/tip.point.x`` as points; None where there are none.
+
+    They lie in space where one that is `asked` for (none: any) has all three axes, and have the unit that these agree on.
+    """
     rows = max((values.size for values in columns.values()), default=0) if time_s is None else time_s.size
     found: dict[str, dict[str, str]] = {}
     said: dict[str, str] = {}
@@ -182,11 +189,12 @@ def points_of_columns(
         if match and match["name"] and values.size == rows and values.dtype.kind in "fiu":
             found.setdefault(match["name"], {})[match["axis"].lower()] = column
             said[column] = match["unit"] or units.get(column, "")
-    axes = ("x", "y", "z") if any("z" in item for item in found.values()) else ("x", "y")
+    wanted = {name: item for name, item in found.items() if name in asked} or found
+    axes = ("x", "y", "z") if any(len(item) == 3 for item in wanted.values()) else ("x", "y")
     whole = {name: item for name, item in found.items() if all(axis in item for axis in axes)}
     if not whole:
         return None
-    kinds = {said[item[axis]] for item in whole.values() for axis in axes}
+    kinds = {said[whole[name][axis]] for name in (wanted.keys() & whole or whole) for axis in axes}
     values = [np.stack([columns[item[axis]].astype(float) for axis in axes], axis=1) for item in whole.values()]
     unit = kinds.pop() if len(kinds) == 1 else ""
     return Points(source, tuple(whole), np.stack(values, axis=1), unit, time_s, y_down=unit == "px")

@@ -16,7 +16,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import unseen
-from rfea_vision.readers.pictures import read_grey
+from rfea_vision.readers.pictures import numbered_pictures, read_grey
 from rfea_vision.readers.tables import read_table
 from rfea_vision.vision.body.midline import Refusal, midline_from_mask
 
@@ -40,14 +40,6 @@ def guide_of(hints: Hints, clamp_px: FloatArray) -> Guide | None:
         rows = _rows(hints.keypoints, clamp)
         return lambda frame: _enough(rows.get(frame))
     return None if hints.masks is None else _by_masks(hints.masks, clamp)
-
-
-def mask_files(folder: Path) -> list[Path]:
-    """The masks of a folder, in order of the numbers in their names: 10.png comes after 9.png."""
-    files = (path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
-    return sorted(
-        files, key=lambda path: [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
-    )
 
 
 def _rows(path: Path, clamp: FloatArray) -> dict[int, FloatArray]:
@@ -100,7 +92,7 @@ def _enough(found: FloatArray | None) -> FloatArray | None:
 
 
 def _by_masks(folder: Path, clamp: FloatArray) -> Guide:
-    files = mask_files(folder)
+    files = numbered_pictures(folder, PICTURES)
     if not files:
         raise InputError(f"{folder}: camera.masks holds no picture ({', '.join(PICTURES)}); give one mask per frame")
 
