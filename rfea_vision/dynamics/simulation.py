@@ -21,7 +21,7 @@ from rfea_vision.dynamics.line import felt_pressure, pressure_of_chambers, scala
 from rfea_vision.dynamics.motion import Motion, Steady
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
-from rfea_vision.effects.base import HOOKS
+from rfea_vision.effects.base import OF_THE_TUBE
 from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
@@ -89,14 +89,9 @@ class Model:
     def __post_init__(self) -> None:
         """Refuse a joint for an effect that acts on the whole tube (InputError)."""
         for effect in self.effects:
-            whole = [
-                name for name, hook in HOOKS.items() if (hook.once or name == "body_force") and effect.overrides(name)
-            ]
-            if effect.id in self.at and whole:
-                joint = self.at[effect.id]
-                raise InputError(
-                    f"effect '{effect.id}@{joint}': acts on the whole tube and has no joint; leave '@{joint}' away"
-                )
+            if effect.id in self.at and any(effect.overrides(name) for name in OF_THE_TUBE):
+                place = f"@{self.at[effect.id]}"
+                raise InputError(f"effect '{effect.id}{place}': acts on the whole tube; leave '{place}' away")
 
     @cached_property
     def law(self) -> CompiledLaw:

@@ -322,12 +322,15 @@ class Effect:
 HOOKS = hooks_of(Effect)
 #: Hooks that each of several chambers may have of its own.
 LINE_HOOKS = ("felt_pressure", "line_time_constant")
+#: Hooks of the tube as a whole: an effect that has one of them has no joint.
+OF_THE_TUBE = ("body_force", *(name for name, hook in HOOKS.items() if hook.once))
 
 __all__ = [
     "BASE_PARAMETERS",
     "BASE_UNITS",
     "HOOKS",
     "LINE_HOOKS",
+    "OF_THE_TUBE",
     "Body",
     "BodyInertia",
     "BodyPlace",

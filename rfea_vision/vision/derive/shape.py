@@ -74,15 +74,13 @@ def build_dataset(
     time, lamp = rows.of_all("time"), rows.of_all("lamp")
     profile = rows.good_ones("profile") if rows.marked else None
     data = _in_parts(rows, smoothed, view)
-    marks: dict[str, Any] = {
-        "marker_elongation_assumption": "absent: the tube shows no marks that stand out of the noise"
-    }
+    marks: dict[str, Any] = {"marker_elongation_assumption": "absent: no marks on the tube stand out of the noise"}
     marked = None
     if profile is not None:
         marked = marker_elongation(profile / 256.0, data["length"][1], numbers[:, fitted.BEND], rows.segments)
     elif any(rows.material):
-        ends_sigma = np.sqrt(numbers[:, fitted.TIP_VARIANCE])
-        marked = elongation_between(rows.material, data["length"][1], ends_sigma, rows.segments)
+        errors = np.sqrt(numbers[:, fitted.TIP_VARIANCE])
+        marked = elongation_between(rows.material, data["length"][1], errors, rows.segments)
     if marked is not None:
         marks = marked.attributes
         data["marker_elongation"] = (("time", "segment"), marked.elongation)
