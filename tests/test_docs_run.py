@@ -68,7 +68,8 @@ def test_every_command_line_of_the_documents_runs(desk, page, line, capsys):
     if words[0] == "init":
         words[1] = "another-tube"
     if words[0] == "simulate":
-        words = [w for w in words if w] + ["--duration", "1s", "--experiments", "1"]
+        words = [w for w in words if w]
+        words += [] if "--like" in words else ["--duration", "1s", "--experiments", "1"]
         words[1] = f"{words[1]}-{len(list(desk.iterdir()))}"
     if words[0] in ("fit", "improve") and "--segments" not in words and "--paper" not in words:
         words += ["--segments", "4"]  # the page speaks of the line, not of how fine the chain is
