@@ -201,7 +201,7 @@ def test_nothing_is_seen_beyond_the_horizon():
     """A camera that looks along the plane: a pixel above the horizon is that of a place behind it, and of none before it."""
     tilt = np.radians(60.0)
     turned = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
-    camera = pack_camera("pinhole", np.array([800.0, 800.0, 320.0, 240.0]), turned, np.array([0.0, 0.0, 500.0]))
+    camera = pack_camera("brown5", np.array([800.0, 800.0, 320.0, 240.0]), turned, np.array([0.0, 0.0, 500.0]))
     seen = project(camera, [[0.0, 50.0]])
     np.testing.assert_allclose(unproject(camera, seen), [[0.0, 50.0]], atol=1e-6)
     horizon = 240 + 800 * turned[1, 1] / turned[2, 1]
