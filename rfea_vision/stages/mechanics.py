@@ -69,9 +69,8 @@ def last_model(work: Runner) -> str | None:
 def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
     _refuse_unknown(options.effects, options.effect_files)
-    if any(
-        "@" in effect for effect in options.effects
-    ):  # a joint that there is not is told before anything is measured, too
+    # A joint that there is not is told before anything is measured, too.
+    if any("@" in effect for effect in options.effects):
         from rfea_vision.fitting.problem import parse_effects
 
         parse_effects(options.effects, options.segments)
