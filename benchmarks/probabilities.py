@@ -29,7 +29,7 @@ from rfea_vision.fitting.fit import fit, make_problem, stiff_start
 
 FOLDER = Path(__file__).parent / "probabilities"
 RESULTS = FOLDER / "results.jsonl"
-#: Seeds that the rule was calibrated on (all below 1700 were looked at while the method was made), and seeds that are run once.
+#: Seeds that the rule was calibrated on, and seeds that were run once and looked at since, as were all below.
 CALIBRATED, UNSEEN = range(1301, 1341), range(1700, 2100)
 
 

@@ -56,6 +56,32 @@ def write_mat(folder):
     return PressureSpec(file=folder / "log.mat", time="log.t", pressure="log.p", unit="bar")
 
 
+def write_simulink(folder):
+    """As 'To Workspace' writes a structure with time: a signal without a label first, then the pressure."""
+    signals = [{"values": TIME_S[:, None] ** 2, "label": ""}, {"values": PRESSURE_kPa[:, None], "label": "p line"}]
+    savemat(folder / "sim.mat", {"out": {"time": TIME_S[:, None], "signals": signals, "blockName": "rig/To Workspace"}})
+    return PressureSpec(file=folder / "sim.mat", time="out.time", pressure="out.p line", unit="kPa")
+
+
+def write_simulink73(folder):
+    with h5py.File(folder / "sim73.mat", "w", userblock_size=512) as file:
+        file.create_dataset("out/time", data=TIME_S[None, :])
+        for field, first, second in (("values", TIME_S[None] ** 2, PRESSURE_kPa[None]), ("label", "q", "p line")):
+            items = file.create_dataset(f"out/signals/{field}", (1, 2), dtype=h5py.ref_dtype)
+            for place, value in enumerate((first, second)):
+                data = np.array([[ord(sign)] for sign in value], np.uint16) if isinstance(value, str) else value
+                items[0, place] = file.create_dataset(f"#refs#/{field}{place}", data=data).ref
+    with (folder / "sim73.mat").open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    return PressureSpec(file=folder / "sim73.mat", time="out.time", pressure="out.p line", unit="kPa")
+
+
+def write_numbers(folder):
+    """No header at all, as many a logger of one's own writes it."""
+    np.savetxt(folder / "plain.txt", np.stack([TIME_S, 0.0 * TIME_S, PRESSURE_kPa], axis=1), fmt="%.12f")
+    return PressureSpec(file=folder / "plain.txt", time="c1", pressure="c3")
+
+
 def write_mat73(folder):
     """As MATLAB writes ``save('log.mat', 'log', 'cells', '-v7.3')``: HDF5 behind 512 bytes, arrays transposed."""
     with h5py.File(folder / "log.mat", "w", userblock_size=512) as file:
@@ -184,5 +210,27 @@ def write_c3d(folder):
     return TrackSpec(folder / "run.c3d", axes=("x", "z"))
 
 
-LOGS = [write_csv, write_parquet, write_mdf, write_mat, write_mat73, write_lvm, write_bag]
-POSES = [write_dlc_text, write_dlc, write_sleap, write_tierpsy, write_movement, write_c3d]
+def write_motive(folder):
+    """An export of OptiTrack's Motive: m, y up; a rigid body with quaternions between the markers, one cell not seen."""
+    mm = (PIXELS - CLAMP) * [1.0, -1.0] * SCALE_mm
+    columns = [("Rigid Body", "plate", "1", "Rotation", axis) for axis in "XYZW"]
+    columns += [
+        ("Marker", f"set:{mark}", str(place), "Position", axis) for place, mark in enumerate(MARKS) for axis in "XYZ"
+    ]
+    space = np.stack([mm[..., 0], mm[..., 1], np.full(mm.shape[:2], 30.0)], axis=2).reshape(len(TIME_S), -1) / 1e3
+    said = "Format Version,1.23,Take Name,run,Export Frame Rate,100.000000,Length Units,Meters,Coordinate Space,Global"
+    head = [said, ""]
+    for place, label in enumerate(("Type", "Name", "ID", "")):
+        head.append(",".join(["", label, *(column[place] for column in columns)]))
+    head.append(",".join(["Frame", "Time (Seconds)", *(column[4] for column in columns)]))
+    rows = [
+        ",".join([str(place), f"{time:.6f}", "0", "0", "0", "1", *(f"{value:.12f}" for value in row)])
+        for place, (time, row) in enumerate(zip(TIME_S, space, strict=True))
+    ]
+    (folder / "take.csv").write_text("\n".join([*head, *rows]) + "\n")
+    return TrackSpec(folder / "take.csv", axes=("x", "y"), points=tuple((f"set:{mark}",) for mark in MARKS))
+
+
+LOGS = [write_csv, write_parquet, write_mdf, write_mat, write_mat73, write_simulink, write_simulink73, write_numbers]
+LOGS += [write_lvm, write_bag]
+POSES = [write_dlc_text, write_dlc, write_sleap, write_tierpsy, write_movement, write_c3d, write_motive]

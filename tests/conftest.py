@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from rfea_vision.readers.apart import isolated
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -26,6 +29,13 @@ def shared_data() -> Path:
             pytest.fail(reason)
         pytest.skip(reason)
     return folder
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_on() -> Iterator[None]:
+    """No test, and no command that it runs, leaves this process reading in another one: tests of the same worker would."""
+    yield
+    assert not isolated(), "still reading in a process of its own"
 
 
 #: Files that take long (more than 15 s of processor time, the last four about 10 s): they go first, so that no core waits for the

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from types import FrameType
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from rfea_vision.files import dataset_groups, read_dataset, whole_file, write_datasets
+from rfea_vision.files import dataset_groups, read_dataset, whole_file, write_datasets, write_text
 
 
 @pytest.fixture
@@ -70,3 +71,8 @@ def test_a_dataset_without_a_frame(tmp_path, groups):
     empty = groups["steps"].isel(time=slice(0))
     write_datasets(tmp_path / "empty.nc", {None: empty})
     xr.testing.assert_identical(read_dataset(tmp_path / "empty.nc"), empty)
+
+
+def test_a_folders_name_that_is_no_utf8_breaks_no_page(tmp_path):
+    write_text(tmp_path / "page.html", f"rfea improve {os.fsdecode(b'Pr' + bytes([0xFC]) + b'f')}")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8").endswith("Pr\\udcfcf")

@@ -78,7 +78,7 @@ class ModelFit(_Json):
     actuator: dict[str, Any] = Field(default_factory=dict)
     parameters: dict[str, Parameter]
     paper_parameters: dict[str, Parameter] = Field(default_factory=dict)
-    correlation: dict[str, Any] = Field(default_factory=dict)  # {"names": [...], "matrix": [[...]]}
+    correlation: dict[str, Any] = Field(default_factory=dict)  # of the noise: {"names", "matrix", "stderr"}
     metrics: dict[str, Metrics]
     noise_floor_mm: float | None = None
     noise_floor_deg: float | None = None  # where only an angle was measured
@@ -111,20 +111,27 @@ class WorstPlace(_Json):
     to_s: float
     from_sigma: float
     to_sigma: float
-    rmse_mm: float
+    rmse_mm: float | None = None
+    rmse_deg: float | None = None  # of the bend angle, where only an angle was measured
     phase: Literal["hold", "rise", "fall", "reversal", "rest", "ringing"]
     sentence: str
 
+    @property
+    def rmse(self) -> float:
+        """The error in the unit of what was measured."""
+        return next((error for error in (self.rmse_mm, self.rmse_deg) if error is not None), 0.0)
+
 
 class Comparison(_Json):
-    """`comparison.json`: where a model fails. Tables as lists of rows."""
+    """`comparison.json`: where a model fails. Tables as lists of rows; an error in mm or, where only angles were measured, in deg."""
 
     format: Literal["rfea-comparison/1"] = "rfea-comparison/1"
     model: str
     noise_floor_mm: float | None = None
-    # {"experiment","role","phase","rmse_mm","share","frames"}
+    # {"experiment","role","phase","rmse_mm","rmse_deg","share","frames"}
     by_phase: list[dict[str, Any]] = Field(default_factory=list)
-    by_pressure: list[dict[str, Any]] = Field(default_factory=list)  # {"from_kPa","to_kPa","rmse_mm","frames"}
+    # {"from_kPa","to_kPa","rmse_mm","rmse_deg","frames"}
+    by_pressure: list[dict[str, Any]] = Field(default_factory=list)
     by_segment: list[dict[str, Any]] = Field(default_factory=list)  # {"from_sigma","to_sigma","rmse_mm","bias_mm"}
     where: list[WorstPlace] = Field(default_factory=list)
     # {"rms_mNm", "depends_on": [{"on","score","sentence"}], "note"}

@@ -15,7 +15,7 @@ QUALITY = 60  # of JPEG
 
 
 def save_thumbnails(folder: Path, photos: Sequence[Path], plane: Path | None) -> list[Path]:
-    """Write ``<name of the photo>.jpg`` for every photo that can be read, and return what was written."""
+    """Write ``<name of the photo, with its ending>.jpg`` for every photo that can be read, and return what was written."""
     like = reference_photo(photos, plane)
     written = []
     for path in [*photos, *([plane] if plane is not None else [])]:
@@ -25,7 +25,7 @@ def save_thumbnails(folder: Path, photos: Sequence[Path], plane: Path | None) ->
         picture = photo.shown(like)
         scale = min(1.0, LONGEST_SIDE_PX / max(picture.shape))
         small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        target = folder / f"{path.stem}.jpg"
+        target = folder / f"{path.name}.jpg"
         with whole_file(target) as temporary:
             cv2.imwrite(str(temporary), small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         written.append(target)

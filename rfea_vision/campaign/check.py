@@ -185,7 +185,7 @@ def _experiment_problems(
     if experiment.pressure.constant:
         return problems
     if experiment.pressure.missing:
-        text = "is missing: the pictures can be tracked, but nothing can be synchronised or fitted"
+        text = "is missing, so nothing can be fitted; of a run at constant pressure write 'pressure: {value: 0 kPa}'"
         return problems if pressure_said else [*problems, _warning(experiment, "pressure", text)]
     try:
         from rfea_vision.readers.pressure import read_pressure

@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
 
@@ -99,6 +99,8 @@ def _stem(path: Path) -> str:
 
 def _runs(found: Sequence[FileGuess]) -> tuple[list[RunFiles], list[FileGuess]]:
     """Bring films and tracks together with logs: by name, then by folder, then in order where the numbers agree."""
+    if not any(item.what in ("film", "track", "both") for item in found):
+        found = [_moving(item) if item.what == "log" and len(item.motion) > 1 else item for item in found]
     logs = [item for item in found if item.what == "log"]
     alone = [item for item in found if item.what == "unknown"]
     tracked = {_stem(item.path) for item in found if item.what in ("track", "both")}
@@ -130,6 +132,12 @@ def _runs(found: Sequence[FileGuess]) -> tuple[list[RunFiles], list[FileGuess]]:
     pairs.sort(key=lambda pair: pair[0].path)
     names = _names([item.path for item, _, _ in pairs])
     return [RunFiles(name, *pair) for name, pair in zip(names, pairs, strict=True)], alone + logs
+
+
+def _moving(log: FileGuess) -> FileGuess:
+    """A log whose one column that nothing explains is taken for an angle."""
+    angle = next(key.value for key in log.motion if key.name == "angle")
+    return replace(log, what="track" if any(key.value == angle for key in log.pressure) else "both")
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
@@ -218,8 +226,7 @@ def _experiment(folder: Path, run: RunFiles, held_out: bool, guesses: list[str])
     guesses.append(f"{where}.role: {role}: {why}")
     heading = "video" if run.motion.what == "film" else "track"
     text = f"format: rfea-experiment/1\nname: {_scalar(run.name)}\nrole: {role}  # guessed: {why}\n"
-    motion = [key for key in run.motion.motion if key.name != "time_unit"]
-    text += f"{heading}:\n" + _lines(_brought(folder, run.name, motion), f"{where}.{heading}", guesses)
+    text += f"{heading}:\n" + _lines(_brought(folder, run.name, run.motion.motion), f"{where}.{heading}", guesses)
     if run.log is None:
         guesses.append(
             f"{where}.pressure: needed, and not guessed: no log was found that belongs to {run.motion.path.name}"

@@ -13,7 +13,7 @@ import numpy as np
 from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
 from rfea_vision.readers.columns import column, in_unit, said_unit
-from rfea_vision.readers.kinds.base import Points, Table, points_of_columns
+from rfea_vision.readers.kinds.base import AXIS, Points, Table, points_of_columns
 from rfea_vision.readers.pictures import PICTURES
 from rfea_vision.readers.tables import endings, read_table
 from rfea_vision.units import conversion_factor, pressure_unit
@@ -22,6 +22,13 @@ FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mts")
 
 _ATMOSPHERE_kPa = (85.0, 108.0)
 """Of an open line, from 1,500 m above the sea to the highest air pressure recorded."""
+_LEAST_kPa, _MOST_kPa = 8.0, 2000.0
+"""Largest pressures of a run: what soft actuators are driven with lies between (some 10 kPa of air in silicone to 1 MPa of water)."""
+_LEAST_deg = 3.2
+"""An angle that never exceeds this is one in radians, up to half a turn."""
+_BY_NAME = "by their names, from the clamp to the tip"
+_BARE = "the only column beside the time"
+_ALONE = "the only column left, and no other file holds a motion; is it an angle?"
 _LONGEST_STEP_S = 0.5
 """Between two samples of a log: slower ones show no motion of a tube."""
 
@@ -40,7 +47,10 @@ class Key:
 
 @dataclass(frozen=True)
 class FileGuess:
-    """One file: what it holds, and the keys that say how to read it; with several chambers those of each."""
+    """One file: what it holds, and the keys that say how to read it; with several chambers those of each.
+
+    A log with a single column that nothing explains has keys of motion, too: it may be an angle.
+    """
 
     path: Path
     what: str
@@ -68,6 +78,12 @@ class _Columns:
             if name not in self.taken and values.size > 1 and values.dtype.kind in "fiu" and np.isfinite(values).any()
         ]
 
+    def measured(self, names: Sequence[str]) -> list[str]:
+        """Return `names` without those of set points and computed values, unless there are no others."""
+        words = column_words()
+        other = self.called(names, [*words["supply"], *words["computed"]])
+        return [name for name in names if name not in other] or list(names)
+
     def called(self, names: Sequence[str], words: Sequence[str]) -> list[str]:
         return [name for name in names if set(self.words(name)) & set(words)]
 
@@ -93,10 +109,17 @@ def _table(path: Path) -> FileGuess:
     motion, actuator = _motion(columns, time)
     pressure = _pressure(columns, time)
     if pressure is None and motion is None:
-        return FileGuess(path, "unknown", note="no column looks like a pressure, a tip or an angle")
+        bare = "c1" in columns.table.columns  # of a file without a header
+        remedy = "; write a line of names above its numbers, for example 'time_s,p_kPa,angle_deg'" if bare else ""
+        return FileGuess(path, "unknown", note=f"no column looks like a pressure, a tip or an angle{remedy}")
     what = "log" if motion is None else "track" if pressure is None else "both"
     file = (Key("file", path),)
     each = tuple(file + keys for keys in pressure or ((),))
+    if motion is None:
+        pressures = {key.value for keys in each for key in keys if key.why != _BARE}
+        rest = columns.measured([name for name in columns.numeric() if name not in pressures])
+        if len(rest) == 1:
+            motion = (*time, Key("angle", rest[0], _ALONE), *_angle_unit(columns.table, rest[0]))
     return FileGuess(path, what, each[0], each if len(each) > 1 else (), file + (motion or ()), actuator)
 
 
@@ -150,14 +173,12 @@ def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...]
     ambient = columns.called(by_unit + by_word, column_words()["ambient"]) or columns.called(
         names, column_words()["ambient"]
     )
-    found = [name for name in dict.fromkeys(by_word + by_unit) if name not in ambient]
-    supply = columns.called(found, column_words()["supply"])
-    found = [name for name in found if name not in supply] or found
+    found = columns.measured([name for name in dict.fromkeys(by_word + by_unit) if name not in ambient])
     if chambers := _chambers(columns, found):
         return tuple((*time, *said, *_column(table, name, ambient)) for name, said in chambers.items())
     why = "its header and its unit say so" if found and found[0] in by_unit else "its header says so"
     if not found and len(names) == 1 and len(table.columns) == 2:
-        found, why = names, "the only column beside the time"
+        found, why = names, _BARE
     if not found:
         return None
     name = found[0]
@@ -171,8 +192,18 @@ def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...]
 def _column(table: Table, name: str, ambient: list[str]) -> tuple[Key, ...]:
     """Unit and reference of a pressure."""
     unit = said_unit(table, name, "kPa")
-    largest = f"the file names no unit; the largest value is {np.nanmax(table.columns[name]):.4g}"
-    return (() if unit else (Key("unit", "kPa", largest),)) + _reference(table, name, unit or "kPa", ambient)
+    guessed, why = _unit_by_size(table.columns[name])
+    return (() if unit else (Key("unit", guessed, why),)) + _reference(table, name, unit or guessed, ambient)
+
+
+def _unit_by_size(values: np.ndarray) -> tuple[str, str]:
+    """The unit in which these would be pressures that bend a tube."""
+    largest, lowest = (float(np.abs(bound(values[np.isfinite(values)]))) for bound in (np.max, np.min))
+    why = f"the file names no unit; the largest value is {largest:.4g}"
+    if _is_air(lowest / 10.0):
+        return "hPa", f"{why}, the lowest that of air in hPa"
+    fitting = "bar" if largest < _LEAST_kPa else "Pa" if largest > _MOST_kPa else "kPa"
+    return fitting, why
 
 
 def _chambers(columns: _Columns, names: list[str]) -> dict[str, tuple[Key, ...]]:
@@ -230,7 +261,7 @@ def _is_air(pressure_kPa: float) -> bool:
 def _motion(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...] | None, tuple[Key, ...]]:
     """What of the tube's motion a table holds, and what that tells of the tube."""
     table = columns.table
-    clock = tuple(key for key in time if key.name == "time")
+    clock = time if time and time[0].name == "time" else ()
     if table.points:
         return _poses(next(iter(table.points.items())), len(table.points))
     if {"tip_x_mm", "tip_y_mm"} <= set(table.columns) or {"x00_mm", "y00_mm"} <= set(table.columns):
@@ -240,16 +271,27 @@ def _motion(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...] |
         return (*clock, Key("angle", "angle_deg")), ()
     marked = points_of_columns(table.source, table.columns, table.units, table.columns.get("time_s"))
     if marked is not None and any(word in name.lower() for name in marked.names for word in column_words()["tip"]):
-        columns.taken |= set(columns.numeric())
-        return _poses(("", marked), 1)
-    called = columns.called(columns.numeric(), column_words()["angle"])
-    by_unit = [name for name in columns.numeric() if said_unit(table, name, "deg") is not None]
+        places = {name: AXIS.match(name) for name in columns.numeric()}
+        columns.taken |= {name for name, match in places.items() if match and match["name"] in marked.names}
+        return _poses(("", marked), 1, clock)
+    names = columns.measured(columns.numeric())
+    called = columns.called(names, column_words()["angle"])
+    by_unit = [name for name in names if said_unit(table, name, "deg") is not None]
     found = list(dict.fromkeys([*(name for name in called if name in by_unit), *called, *by_unit]))
     if not found or (not clock and "time_s" not in table.columns and found[0] not in table.times_s):
         return None, ()
-    columns.taken.add(found[0])
-    unit = "" if found[0] in by_unit else "; no unit is said, deg is taken"
-    return (*clock, Key("angle", found[0], f"its header says so{unit}")), ()
+    name = found[0]
+    columns.taken.add(name)
+    keys = (*clock, Key("angle", name, "its header says so"))
+    return (*keys, *_angle_unit(table, name)), ()
+
+
+def _angle_unit(table: Table, name: str) -> tuple[Key, ...]:
+    if said_unit(table, name, "deg") is not None:
+        return ()
+    largest = float(np.nanmax(np.abs(table.columns[name])))
+    unit = "rad" if largest < _LEAST_deg else "deg"
+    return (Key("unit", unit, f"the file names no unit; the largest value is {largest:.4g}"),)
 
 
 def _tube(table: Table) -> tuple[Key, ...]:
@@ -260,28 +302,55 @@ def _tube(table: Table) -> tuple[Key, ...]:
     seen = (np.abs(x) < np.inf) & (np.abs(y) < np.inf)
     if not seen.any():
         return ()
-    farthest, across = float(np.hypot(x, y)[seen].max()), float(x[seen][np.argmax(np.abs(x[seen]))])
+    return _reached(x[seen], y[seen])
+
+
+def _reached(x: np.ndarray, y: np.ndarray) -> tuple[Key, ...]:
+    """The tube's length and side, from where its tip has been (rows,) mm from the clamp."""
+    farthest, across = float(np.hypot(x, y).max()), float(x[np.argmax(np.abs(x))])
     return (
         Key("length", f"{farthest:.4g} mm", "the farthest that the tip has been from the clamp"),
         Key("bends", "left" if across < 0 else "right", "where the tip has gone farthest"),
     )
 
 
-def _poses(first: tuple[str, Points], count: int) -> tuple[tuple[Key, ...], tuple[Key, ...]]:
+def _poses(
+    first: tuple[str, Points], count: int, clock: tuple[Key, ...] = ()
+) -> tuple[tuple[Key, ...], tuple[Key, ...]]:
     individual, points = first
     keys = [Key("individual", individual, f"the first of {count}")] if count > 1 else []
-    keys.append(_order(points))
+    order = _order(points)
+    keys.append(order)
+    axes, actuator = _hanging(points, order)
     if points.positions.shape[2] == 3:
-        keys.append(
-            Key(
-                "axes", None, "[x, -z]: the file's axes that point to the camera's right, and up along the hanging tube"
-            )
-        )
+        keys.append(axes)
     if points.unit in ("px", "pixels", ""):
         keys.append(Key("scale", None, "0.25 mm: the length of one pixel; or a camera in campaign.yaml"))
-    if points.time_s is None:
+    if points.time_s is None and not clock:
         keys.append(Key("rate", None, "100 Hz: of the frames, the file does not say it"))
-    return tuple(keys), ()
+    return (*clock, *keys), actuator
+
+
+def _hanging(points: Points, order: Key) -> tuple[Key, tuple[Key, ...]]:
+    """The axes to the camera's right and up along the tube, and what its ends tell of the tube, where both are named."""
+    unknown = Key(
+        "axes", None, "[x, -z]: the file's axes that point to the camera's right, and up along the hanging tube"
+    )
+    if points.positions.shape[2] != 3 or order.why != _BY_NAME:
+        return unknown, ()
+    ends = [[group] if isinstance(group, str) else group for group in (order.value[0], order.value[-1])]
+    clamp, tip = (points.positions[:, [points.names.index(name) for name in end]].mean(axis=1) for end in ends)
+    way = (tip - clamp)[np.isfinite(tip - clamp).all(axis=1)]
+    if not len(way):
+        return unknown, ()
+    along = int(np.argmax(np.abs(np.median(way, axis=0))))
+    right = max((axis for axis in range(3) if axis != along), key=lambda axis: float(np.ptp(way[:, axis])))
+    up = f"-{'xyz'[along]}" if np.median(way[:, along]) > 0 else "xyz"[along]
+    seen = f"from the clamp the tip lies along {'xyz'[along]}, and moves most along {'xyz'[right]}"
+    axes = Key("axes", ["xyz"[right], up], seen)
+    if points.unit in ("px", "pixels", ""):
+        return axes, ()
+    return axes, _reached(*(conversion_factor(points.unit, "mm") * way[:, [right, along]]).T)
 
 
 def _order(points: Points) -> Key:
@@ -295,10 +364,6 @@ def _order(points: Points) -> Key:
 
     clamp, tip = list(filter(named(column_words()["clamp"]), names)), list(filter(named(column_words()["tip"]), names))
     middle = [name for name in names if name not in clamp + tip]
-    why = (
-        "by their names, from the clamp to the tip"
-        if clamp and tip
-        else "in the file's order; from the clamp to the tip?"
-    )
+    why = _BY_NAME if clamp and tip else "in the file's order; from the clamp to the tip?"
     groups = [clamp] * bool(clamp) + [[name] for name in middle] + [tip] * bool(tip)
     return Key("points", [group[0] if len(group) == 1 else group for group in groups], why)

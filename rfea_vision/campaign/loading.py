@@ -130,6 +130,9 @@ def _read_folder(reach: Reach, out: Path) -> Reading:
         shared, problems = YamlFile(file, {}, {}), [_file_problem(file, error)]
     parsed, found = _validate(CampaignFile, shared.content, (shared,))
     problems += found
+    if parsed.name is not None and _is_long(parsed.name):  # the record of its calibration is called after it
+        message = f"is longer than {_LONGEST_NAME} bytes; choose a shorter one, and write the rest as 'note'"
+        problems.append(problem_at((shared,), "name", message))
     actuator, camera = None, None
     if not problems or shared.content:
         actuator, found = _actuator(parsed, (shared,))
@@ -154,6 +157,10 @@ def _read_folder(reach: Reach, out: Path) -> Reading:
     about = (parsed.name or root.name, root, out, actuator or Actuator(), camera)
     campaign = Campaign(*about, tuple(experiments), parsed.design or {})
     return Reading(campaign, tuple(broken), tuple(problems))
+
+
+def _is_long(name: str) -> bool:
+    return len(name.encode(errors="replace")) > _LONGEST_NAME
 
 
 def _read_lone(reach: Reach, out: Path) -> Reading:
@@ -194,7 +201,10 @@ def _read_experiment(
         {} if shared is None else {k: v for k, v in shared.content.items() if k not in ("format", "name", "design")}
     )
     parsed, problems = _validate(ExperimentFile, _merge(inherited, own.content), files, name)
-    if not _SAFE_NAME.match(name) or name in RESERVED_NAMES or len(name.encode(errors="replace")) > _LONGEST_NAME:
+    if name in RESERVED_NAMES:
+        message = f"'{name}' is what rfea calls a folder of results of its own; choose another name"
+        problems.append(problem_at(files, "name", message, experiment=name))
+    elif not _SAFE_NAME.match(name) or _is_long(name):
         message = (
             f"'{name}' cannot name a folder of results; use letters, digits and dashes, {_LONGEST_NAME} bytes at most"
         )

@@ -30,6 +30,10 @@ _VACUUM_KPA = -101.325  # no gauge pressure lies below
 _UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
 # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
 _TOO_LONG = 50.0
+# lengths of the tube that its tip may be from the clamp: a soft arm may stretch a little, and markers stand a little off
+_REACH = 1.15
+# lengths of the tube, and the share of rows, beyond which places are those of a slip or of rows without a tube: no tube stretches so
+_OFF, _FEW = 2.0, 0.05
 # mm of the tip, or deg: a tube beside the one that was driven seemed to move by 0.008 mm, a few of its standard errors.
 _STILL = 0.05
 # Of the pressure's variance, that a linear function of the tip's place, up to half a second later, gives again: 0.85 to 1.00 over the
@@ -84,11 +88,17 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
     """Doubt a track of another tool: its unit and its axes, by the length of the tube."""
     if "tip" in track:
         tip = track["tip"].values[track["valid"].values.astype(bool)]
-        far = float(np.hypot(*tip.T).max())
+        distance = np.hypot(*tip.T)
+        far, off = float(distance.max()), distance > _OFF * length_mm
         x_mm, y_mm = np.abs(np.median(tip[: max(1, len(tip) // 20)], axis=0))
-        if far < 0.02 * length_mm or far > 2.0 * length_mm:
+        at_most = f"the tip is at most {far:.4g} mm from the clamp, and the tube {length_mm:.4g} mm long"
+        if 0 < off.mean() < _FEW:
+            return [f"{at_most}; {off.sum()} rows lie beyond any tube: leave empty those in which none was seen"]
+        if far < 0.02 * length_mm or off.any():
+            return [f"{at_most}; are these mm?"]
+        if far > _REACH * length_mm:
             return [
-                f"the tip is never more than {far:.3g} mm from the clamp, the tube is {length_mm:.3g} mm long; are these mm?"
+                f"{at_most}; is actuator.length that of the part that bends, and the track's first point at its clamp?"
             ]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
             return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]

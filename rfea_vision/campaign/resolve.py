@@ -216,7 +216,7 @@ def _track(part: TrackPart, finder: Finder) -> TrackSpec | None:
         scale_mm=None if part.scale is None else 1e3 * part.scale,
         rate_Hz=part.rate,
         origin=None if part.origin is None else tuple(part.origin),
-        **part.model_dump(include={"individual", "axes", "confidence", "time", "angle"}),
+        **part.model_dump(include={"individual", "axes", "confidence", "time", "angle", "unit", "time_unit"}),
     )
 
 

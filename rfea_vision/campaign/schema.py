@@ -52,6 +52,12 @@ def _pressure_unit(value: object) -> object:
     return value
 
 
+def _angle_unit(value: object) -> object:
+    if isinstance(value, str):
+        conversion_factor(value, "deg")
+    return value
+
+
 def _time_unit(value: object) -> object:
     if isinstance(value, str):
         conversion_factor(value, "s")
@@ -278,7 +284,8 @@ class TrackPart(_Part):
     clamp to the tip, a list in the list being a group whose mean counts, or ``all``; `individual`; `axes` of the file that
     are the rig's x and y, such as ``[x, -z]``; `scale`, the length of one unit of the file; `rate`, where it names no times;
     `origin`, where the clamp is in the file's units; `confidence`, below which a point is not taken. Of a table, `time` and
-    `angle` name columns that are not called ``time_s`` and ``angle_deg``; their units are those of the header.
+    `angle` name columns that are not called ``time_s`` and ``angle_deg``; `time_unit` and `unit` say what they are in where
+    the header does not.
     """
 
     file: str | None = None
@@ -291,6 +298,8 @@ class TrackPart(_Part):
     confidence: Annotated[float, Field(ge=0.0, le=1.0)] = 0.6
     time: Text | None = None
     angle: Text | None = None
+    unit: Annotated[str | None, BeforeValidator(_angle_unit)] = None
+    time_unit: Annotated[str | None, BeforeValidator(_time_unit)] = None
 
 
 class PressurePart(_Part):

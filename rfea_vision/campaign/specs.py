@@ -80,6 +80,7 @@ class TrackSpec:
     origin : place of the clamp in the file's units, where none of the points is there
     confidence : points that the tracker trusts less are left out
     time, angle : columns of a table, where they are not called ``time_s`` and ``angle_deg``
+    unit, time_unit : of these columns, where the header does not say it
     """
 
     file: Path
@@ -92,6 +93,8 @@ class TrackSpec:
     confidence: float = 0.6
     time: str | None = None
     angle: str | None = None
+    unit: str | None = None
+    time_unit: str | None = None
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,7 @@ def batch_command(
     """
     from rfea_vision.distributed import BatchResult, Security, dashboard, dask_client, run_batch
     from rfea_vision.distributed.batch import refuse_shared_results
+    from rfea_vision.readers.apart import isolating
     from rfea_vision.stages.recipes import load_recipe, recipe_file
 
     steps = load_recipe(recipe)  # a broken recipe is said before any worker starts
@@ -75,10 +76,13 @@ def batch_command(
     own_recipe = recipe_file(recipe)
     files = [*named_files(), *([own_recipe] if own_recipe is not None else [])]
     with (
+        isolating(),  # a campaign's results, which the page is made of, may be a stranger's
         ConsoleListener().shown() as listener,
         _memory_said(memory),
         dask_client(scheduler, workers, memory=memory, security=security, folders=folders, files=files) as client,
     ):
+        if not index.is_file():
+            page.write([])  # one that cannot be written is said now, and not when the first campaign ends
         advance = listener.begin("batch", f"{len(folders)} campaigns")
         listener.note(f"dashboard: {dashboard(client)}")
 
@@ -98,7 +102,7 @@ def batch_command(
     else:
         _print_batch(results)
         click.echo(f"index: {index}")
-        say_next(f"open {index}", "every campaign in one table, with links to the reports")
+        say_next("open", index, why="every campaign in one table, with links to the reports")
     return DataError.exit_code if failed else 0
 
 
@@ -161,7 +165,7 @@ def _print_plan(folders: tuple[Path, ...], steps: Any, out: Path | None, force: 
         for item in items:
             if item.state == "broken":
                 say(f"{name}: {item.subject or item.stage}: {item.sentence}")
-    say_next(f"rfea batch {' '.join(map(str, folders))}", "does it")
+    say_next("rfea batch", *folders, why="does it")
     return DataError.exit_code if broken else 0
 
 
@@ -221,5 +225,5 @@ def table_command(folders: tuple[Path, ...], kind: str | None, output: Path | No
         for sentence in empty.values():
             click.echo(f"left out: {sentence}", err=True)
         click.echo(f"{path}: {len(rows)} rows, {len(columns)} columns")
-        say_next(f"rfea report --group {' '.join(map(str, folders))}", "the same tubes on one page")
+        say_next("rfea report --group", *folders, why="the same tubes on one page")
     return DataError.exit_code if empty else 0

@@ -48,46 +48,45 @@ def report_command(
         return
     if other is not None and not other.is_dir():
         raise InputError(f"--compare {other}: no such folder; give a campaign, or an earlier folder of its results")
-    forced = ("report",) if force else ()
+    forced, second = ("report",) if force else (), None
+    if other is not None and not publishing.is_results(other):
+        with opened(other, None, force=forced) as second:  # one after the other: two that wait for each other never end
+            second.report()
     with opened(campaign, out, force=forced) as work:
         files = {"file": work.report()}
         status = work.outcome("report", "page")
         if notebook:
             files["notebook"] = publishing.notebook(work)
-        if other is not None:
-            if publishing.is_results(other):
-                files["compare"] = publishing.beside_results(work, other)
-            else:
-                with opened(other, None, force=forced) as second:
-                    second.report()
-                files["compare"] = publishing.side_by_side(work, second)
+        if second is not None:
+            files["compare"] = publishing.side_by_side(work, second)
+        elif other is not None:
+            files["compare"] = publishing.beside_results(work, other)
     if as_json:
         shown = {key: str(path) for key, path in files.items()}
         print_json({**shown, "status": status, "bytes": files["file"].stat().st_size})
     else:
         for path in files.values():
             click.echo(str(path))
-        say_next(f"open {files.get('compare', files['file'])}", "in a browser; it needs no network")
+        say_next("open", files.get("compare", files["file"]), why="in a browser; it needs no network")
 
 
 def _report_group(campaigns: tuple[Path, ...], page: Path, force: bool, as_json: bool) -> None:
     """Bring every campaign up to date, then write the page of all."""
-    from contextlib import ExitStack
-
     from rfea_vision.stages import publishing
 
     page = page if page.suffix == ".html" else page / "rfea-group.html"
-    with ExitStack() as stack:
-        works = [stack.enter_context(opened(path, None, force=("report",) if force else ())) for path in campaigns]
-        for work in works:
+    works = []
+    for path in {path.resolve(): path for path in campaigns}.values():  # each once
+        with opened(path, None, force=("report",) if force else ()) as work:
             publishing.bring_up_to_date(work)
-        files = publishing.group(works, page)
+        works.append(work)
+    files = publishing.group(works, page)
     if as_json:
         print_json(
             {"file": str(page), "campaigns": [str(path) for path in campaigns], "figures": [str(p) for p in files[1:]]}
         )
     else:
-        say_next(f"open {page}", "in a browser; it needs no network")
+        say_next("open", page, why="in a browser; it needs no network")
 
 
 @click.command("run")
@@ -115,6 +114,6 @@ def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_j
         print_metrics(models)
     if "report" in results:
         click.echo(f"report: {results['report']}")
-        say_next(f"open {results['report']}", "in a browser; it needs no network")
+        say_next("open", results["report"], why="in a browser; it needs no network")
     else:
-        say_next(f"rfea report {campaign}")
+        say_next("rfea report", campaign)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 import sys
 import textwrap
@@ -74,9 +75,9 @@ def _between_words(text: str, stream: TextIO, indent: str = "") -> str:
     )
 
 
-def say_next(command: str, why: str = "") -> None:
-    """Print the last line of a command: what to type next, and what for."""
-    say(f"next: {command}" + (f"   ({why})" if why else ""))
+def say_next(command: str, *words: object, why: str = "") -> None:
+    """Print the last line of a command: what to type next, `words` quoted as a shell wants them, and what for."""
+    say(" ".join(["next:", command, *(shlex.quote(str(word)) for word in words)]) + (f"   ({why})" if why else ""))
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], *, left: int = 1) -> None:

@@ -33,7 +33,7 @@ def effects_command(context: click.Context, options: CritiqueOptions, as_json: b
         return
     rows = [[effect.id, effect.kind, effect.title, ", ".join(effect.parameters)] for effect in effects.values()]
     print_table("", ["effect", "kind", "what", "parameters"], rows, left=4)
-    say_next("rfea effects show ID", "one of them, with its law")
+    say_next("rfea effects show ID", why="one of them, with its law")
 
 
 @effects_command.command("show")
@@ -85,7 +85,7 @@ def new_command(file: Path, as_json: bool) -> None:
         print_json({"file": str(file)})
     else:
         click.echo(f"{file}: written; edit the law in it")
-        say_next(f"rfea diagnose CAMPAIGN --effect-file {file}")
+        say_next("rfea diagnose CAMPAIGN --effect-file", file)
 
 
 def _typeset(effect: Any) -> str:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import re
+from datetime import date
 from pathlib import Path
 
 import click
 
 from rfea_vision.cli.console import print_json, say, say_next
-from rfea_vision.cli.options import Quantity, campaign_options, code_option, opened, refuse_beside
+from rfea_vision.cli.options import Quantity, campaign_argument, code_option, opened, refuse_beside
 from rfea_vision.errors import DataError, InputError
 
 
 @click.command("export")
 @code_option
-@campaign_options
+@campaign_argument
 @click.argument("places", nargs=-1, required=True, metavar="[MODEL] OUT")
 @click.option("--fmu", is_flag=True, help="Write an FMU (FMI 2.0, co-simulation) instead of C.")
 @click.option("--crate", is_flag=True, help="Write the fit with its files and hashes as an RO-Crate, the folder OUT.")
@@ -34,7 +35,6 @@ def export_command(
     campaign: Path,
     places: tuple[str, ...],
     out: Path | None,
-    force: bool,
     as_json: bool,
     fmu: bool,
     crate: bool,
@@ -52,7 +52,6 @@ def export_command(
         raise InputError(f"export: give CAMPAIGN, {at_most}")
     if not step_s > 0:
         raise InputError("export: --step must be longer than zero, for example 1ms")
-    refuse_beside("export", ("force",), "it writes its files anew each time")
     target = Path(last)
     if crate or poses:
         if fmu or (crate and poses):
@@ -64,11 +63,10 @@ def export_command(
         else:
             say(f"{target}: {', '.join(path.name for path in files)}")
             if crate:
-                say_next(f"open {files[0]}", "the list of what the crate holds, an RO-Crate 1.1")
+                say_next("open", files[0], why="the list of what the crate holds, an RO-Crate 1.1")
             else:
-                say_next(
-                    f"python -c \"import xarray; print(xarray.open_dataset('{files[0]}'))\"", "movement opens it, too"
-                )
+                shown = f"import xarray; print(xarray.open_dataset({str(files[0])!r}))"
+                say_next("python -c", shown, why="movement opens it, too")
         return
     from rfea_vision.artefacts import Recording
     from rfea_vision.dynamics.simulation import STANDARD_GRAVITY
@@ -111,9 +109,9 @@ def export_command(
     else:
         say(f"{fit.name}: {', '.join(str(path) for path in written)}; a step is {step_s * 1e3:g} ms")
         if fmu:
-            say_next(f"rfea compare {campaign} {fit.name}", "how far the model in it is to be trusted")
+            say_next("rfea compare", campaign, fit.name, why="how far the model in it is to be trusted")
         else:
-            say_next(f"cc -O2 -c {written[0]} -lm", "C99, needs nothing else")
+            say_next("cc -O2 -c", written[0], why="C99, needs nothing else")
 
 
 def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Path) -> list[Path]:
@@ -124,14 +122,15 @@ def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Pa
 
     with opened(campaign, out) as work:
         fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
-        rooms = [work.out / "models" / fit.name, *(work.out / run.name for run in work.campaign.experiments)]
+        rooms = [mechanics.model_folder(work, fit.name), *(work.out / run.name for run in work.campaign.experiments)]
         kept = [path for room in rooms for path in sorted(room.glob("*")) if path.suffix in (".json", ".nc", ".csv")]
         files = {path.relative_to(work.out).as_posix(): path for path in kept if not path.name.startswith(".")}
         root = work.campaign.root
         words = [*root.glob("campaign.yaml"), *(run.file for run in work.campaign.experiments)]
         files |= {f"campaign/{path.relative_to(root).as_posix()}": path for path in words if path.is_file()}
         name = work.campaign.name
-    return [write_crate(folder, fit, files, name=name, versions=versions().items())]
+    today = date.today().isoformat()
+    return [write_crate(folder, fit, files, name=name, made_on=today, versions=versions().items())]
 
 
 def _write_poses(campaign: Path, out: Path | None, folder: Path) -> list[Path]:

@@ -44,9 +44,7 @@ def figures_command(
         print_json({"folder": str(files[0].parent), "files": [path.name for path in files]})
         return
     say(f"{files[0].parent}: {len({path.stem for path in files})} figures, {len(files)} files")
-    say_next(
-        f"rfea export {campaign} --crate OUT", "the fit behind them, with its files and hashes, to publish beside them"
-    )
+    say_next("rfea export --crate", campaign, "OUT", why="the fit behind them, with its files and hashes")
 
 
 @click.command("reproduce")
@@ -76,7 +74,7 @@ def reproduce_command(campaign: Path | None, out: Path | None, twin: Path, force
         print_json({"page": str(files[0]), "files": [str(path) for path in files[1:]]})
         return
     say(f"{files[0]}: Table I and {len({path.stem for path in files[2:]})} drawings, each as a file beside it")
-    say_next(f"rfea improve {campaign}", "what the paper's model lacks here")
+    say_next("rfea improve", campaign, why="what the paper's model lacks here")
 
 
 def _write_twin(folder: Path) -> None:

@@ -35,7 +35,7 @@ def fit_command(
     else:
         print_model(model)
         click.echo(str(work.out / "models" / model.name / "model.json"))
-        say_next(f"rfea compare {campaign} {model.name}", f"where it fails; 'rfea diagnose {campaign}' says why")
+        say_next("rfea compare", campaign, model.name, why="where it fails; 'rfea diagnose' says why")
     if model.status == "refused":
         context.exit(1)
 

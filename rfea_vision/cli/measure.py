@@ -57,7 +57,7 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
         print_json(summary)
     elif calibration is None:
         say(summary["sentence"])
-        say_next(f"rfea sync {campaign}")
+        say_next("rfea sync", campaign)
     else:
         photos = sorted(calibration.photos, key=lambda photo: (not photo["used"], -(photo.get("rms_px") or 0.0)))
         rows = [
@@ -76,7 +76,7 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
         say(f"{calibration.model}: {lens} px{fit}, {tilt}")
         for sentence in _judgement(calibration.quality):
             say(sentence)
-        say_next(f"rfea track {campaign} --preview")
+        say_next("rfea track", campaign, "--preview")
 
 
 def _judgement(quality: dict[str, Any]) -> list[str]:
@@ -136,9 +136,9 @@ def track_command(
         for name, few in lacking.items():
             say(f"{name}: {few}")
         if lacking:
-            say_next(f"rfea track {campaign} -e {next(iter(lacking))} --preview", "draws what was seen over the video")
+            say_next("rfea track", campaign, "-e", next(iter(lacking)), "--preview", why="draws what was seen over the video")
         else:
-            say_next(f"rfea sync {campaign}")
+            say_next("rfea sync", campaign)
     return DataError.exit_code if lacking else 0
 
 
@@ -184,4 +184,4 @@ def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, n
             rows,
             left=2,
         )
-        say_next(f"rfea improve {campaign}", "or step by step: rfea fit, compare, diagnose")
+        say_next("rfea improve", campaign, why="or step by step: rfea fit, compare, diagnose")

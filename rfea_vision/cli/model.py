@@ -11,7 +11,6 @@ import click
 from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.options import ask, campaign_options, code_option, opened
-from rfea_vision.cli.root import COMMANDS
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
 
@@ -45,7 +44,7 @@ def compare_command(campaign: Path, models: tuple[str, ...], out: Path | None, f
     for name, comparison in comparisons.items():
         print_comparison(name, comparison)
     last = list(comparisons)[-1]
-    say_next(f"rfea diagnose {campaign} {last}", "why it fails there")
+    say_next("rfea diagnose", campaign, last, why="why it fails there")
 
 
 @click.command("diagnose")
@@ -97,12 +96,12 @@ def improve_command(
         say(f"report: {report}")
         last = ladder.rungs[-1].verdict if ladder.rungs else ""
         if last == "unexplained":
-            say_next(*_after_verdict(last, campaign))
+            _say_after(last, campaign)
         elif any(rung.tied for rung in ladder.rungs):
             tied = next(i for i, rung in enumerate(ladder.rungs) if rung.tied)
-            say_next(f"rfea diagnose {campaign} {ladder.rungs[tied - 1].model}", "which run would split the tie")
+            say_next("rfea diagnose", campaign, ladder.rungs[tied - 1].model, why="which run would split the tie")
         else:
-            say_next(f"open {report}", "in a browser; 'rfea export' takes the model along")
+            say_next("open", report, why="in a browser; 'rfea export' takes the model along")
 
 
 def print_comparison(name: str, comparison: Comparison) -> None:
@@ -132,7 +131,7 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     if planned is not None:
         file = out / "models" / diagnosis.model / Path(planned.pressure).name
         say(f"next experiment: {planned.sentence} Pressure to play: {file}")
-    say_next(*_after_verdict(diagnosis.verdict, campaign))
+    _say_after(diagnosis.verdict, campaign)
 
 
 def _print_candidates(diagnosis: Diagnosis) -> None:
@@ -174,18 +173,16 @@ def _with_rivals(effect: str, rivals: Sequence[str]) -> str:
     return f"{effect} (or {' or '.join(rivals)}: these data cannot tell)" if rivals else effect
 
 
-def _after_verdict(verdict: str, campaign: Path) -> tuple[str, str]:
-    """The next command, and what for."""
+def _say_after(verdict: str, campaign: Path) -> None:
+    """Say the next command after a verdict, and what for."""
     if verdict == "missing":
-        return f"rfea improve {campaign}", "adds it, fits again, and judges what is left"
-    if verdict == "complete":
-        return f"rfea report {campaign}", "one page, offline"
-    if "propose" in COMMANDS:
-        return f"rfea propose {campaign}", "a law for what is left; 'rfea effects new FILE' writes one of your own"
-    return (
-        "rfea effects new my_effect.py",
-        f"a law of your own; then rfea improve {campaign} --effect-file my_effect.py",
-    )
+        say_next("rfea improve", campaign, why="adds it, fits again, and judges what is left")
+    elif verdict == "complete":
+        say_next("rfea report", campaign, why="one page, offline")
+    else:
+        say_next(
+            "rfea propose", campaign, why="a law for what is left; 'rfea effects new FILE' writes one of your own"
+        )
 
 
 def print_ladder(ladder: Ladder) -> None:

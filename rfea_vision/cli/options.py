@@ -57,9 +57,9 @@ def trust_option(command: _Command) -> _Command:
     """Add --trust and --untrusted; `trusted` tells whether the first was given, so that no command has to hand it on."""
 
     def apart(ctx: click.Context, param: click.Parameter, value: bool) -> None:
-        from rfea_vision.readers.apart import isolate
+        from rfea_vision.readers.apart import isolating
 
-        isolate(value)
+        ctx.with_resource(isolating(value))
 
     command = click.option(
         "--untrusted",
@@ -127,9 +127,14 @@ def trusted() -> bool:
 
 
 def campaign_options(command: _Command) -> _Command:
+    """Add the argument CAMPAIGN and the options of every command that runs stages on one."""
+    force = click.option("--force", is_flag=True, help="Redo the stage even if nothing has changed.")
+    return campaign_argument(force(command))
+
+
+def campaign_argument(command: _Command) -> _Command:
     """Add the argument CAMPAIGN and the options of every command that works on one."""
     command = trust_option(output_options(command))
-    command = click.option("--force", is_flag=True, help="Redo the stage even if nothing has changed.")(command)
     command = click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")(
         command
     )

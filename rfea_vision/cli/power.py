@@ -45,7 +45,7 @@ def power_command(
     hidden = sorted({row.effect for row in rows} - {row.effect for row in seen})
     if hidden:
         say(f"not to be seen in these recordings at any strength that physics allows: {', '.join(hidden)}")
-    say_next(f"rfea simulate OUT --like {campaign} --hidden EFFECT.PARAMETER=VALUE", "a twin to try one of them on")
+    say_next("rfea simulate OUT --hidden EFFECT.PARAMETER=VALUE --like", campaign, why="a twin to try one of them on")
 
 
 def _at(grid: dict[str, float]) -> str:

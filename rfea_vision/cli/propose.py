@@ -37,4 +37,4 @@ def propose_command(
         return
     say(proposal.sentence)
     click.echo(f"law: {proposal.file}")
-    say_next(f"rfea improve {campaign} --effect-file {proposal.file}", "weighs it against the catalogue")
+    say_next("rfea improve", campaign, "--effect-file", proposal.file, why="weighs it against the catalogue")

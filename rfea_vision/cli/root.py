@@ -84,6 +84,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     0 done; 1 the data do not allow it; 2 wrong usage or a broken input file; 130 interrupted.
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
+    for stream in (sys.stdout, sys.stderr):  # a terminal that cannot show a letter of a name shows its number
+        with contextlib.suppress(AttributeError):
+            stream.reconfigure(errors="backslashreplace")  # pyright: ignore[reportAttributeAccessIssue]
     with contextlib.suppress(ValueError):  # only the main thread may set it
         signal.signal(signal.SIGTERM, _interrupt)
         # a shell may have had the first ignored, and nohup the second: Windows knows no terminal that hangs up
@@ -159,7 +162,7 @@ def _with_its_place(error: click.NoSuchOption, context: click.Context) -> click.
         for name, command in commands
         if command and error.option_name in (o for p in command.params for o in p.opts)
     ]
-    if error.possibilities or not homes:
+    if error.possibilities or not 0 < len(homes) < 4:  # what many commands have, none of them is looked for by
         return error
     others = " and ".join(f"'rfea {name}'" for name in homes)
     return click.UsageError(f"{error.message} It is an option of {others}.", context)

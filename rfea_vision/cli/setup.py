@@ -39,7 +39,7 @@ def init_command(folder: Path, first: Path | None, files: tuple[Path, ...], as_j
     for path in written:
         click.echo(str(path))
     say("fill these in and put your files beside them")
-    say_next(f"rfea check {folder}", "what is still wrong, all at once")
+    say_next("rfea check", folder, why="what is still wrong, all at once")
 
 
 def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
@@ -57,7 +57,7 @@ def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
     for sentence in written.left_out:
         click.echo(f"left out: {sentence}")
     say("look at the lines marked '# guessed:' and '# needed:'")
-    say_next(f"rfea check {folder}", "what is still wrong, all at once")
+    say_next("rfea check", folder, why="what is still wrong, all at once")
 
 
 @click.command("check")
@@ -86,12 +86,12 @@ def check_command(campaign: Path, as_json: bool) -> int:
         say(f"experiments: {found}")
         warnings = len(checked.problems) - len(errors)
         click.echo(f"{_count(len(errors), 'error')}, {_count(warnings, 'warning')}")
-        if errors and not checked.experiments:
-            say_next("rfea init DIR", "writes a campaign to fill in, or guesses one with --from FILES")
+        if errors and not checked.experiments and not (campaign / "campaign.yaml").is_file():
+            say_next("rfea init DIR", why="writes a campaign to fill in, or guesses one with --from FILES")
         elif errors:
-            say_next(f"rfea check {campaign}", "again, once these are mended")
+            say_next("rfea check", campaign, why="again, once these are mended")
         else:
-            say_next(f"rfea improve {campaign}", "or step by step: rfea track, sync, fit, compare, diagnose")
+            say_next("rfea improve", campaign, why="or step by step: rfea track, sync, fit, compare, diagnose")
     return InputError.exit_code if errors else 0
 
 
@@ -127,7 +127,7 @@ def doctor_command(as_json: bool) -> int:
         print_json({"ok": not broken, "findings": [vars(item) for item in findings]})
     else:
         print_table("", ["what", "state", "found", "for"], [list(vars(item).values()) for item in findings], left=4)
-        say_next("rfea demo" if not broken else "pip install rfea-vision", "" if not broken else "mends what is broken")
+        say_next("rfea demo" if not broken else "pip install rfea-vision", why="mends what is broken" if broken else "")
     return 1 if broken else 0
 
 
@@ -148,7 +148,7 @@ def board_command(name: str | None, output: Path | None, as_json: bool) -> None:
             print_json(titles)
         else:
             print_table("", ["board", "what"], list(titles.items()), left=2)
-            say_next("rfea board NAME", "writes it as PDF")
+            say_next("rfea board NAME", why="writes it as PDF")
         return
     from rfea_vision.campaign.schema import BoardPart
     from rfea_vision.files import whole_file
@@ -169,4 +169,4 @@ def board_command(name: str | None, output: Path | None, as_json: bool) -> None:
         print_json({"file": str(path)})
     else:
         say(f"{path}: print it at 100 %, measure a square, and write what you measured as camera.board.square")
-        say_next("rfea init DIR", "a campaign to photograph it for")
+        say_next("rfea init DIR", why="a campaign to photograph it for")

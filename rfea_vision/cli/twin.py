@@ -165,14 +165,15 @@ def _simulate_like(out: Path, campaign: Path, hidden: dict[str, float], seed: in
     """A twin of a campaign: fit the base model if there is no model yet, then play its logs to a tube like that."""
     from rfea_vision.artefacts import Actuator
     from rfea_vision.twin import TwinOptions
-    from rfea_vision.twin.like import base_like, simulate_like
+    from rfea_vision.twin.like import base_like, simulate_like, tube_like
 
     with opened(campaign, None) as work:
+        tube_like(work.campaign.actuator)  # before anything is fitted
         fit = work.model("base") if "base" in work.model_names() else work.fit()
         recordings = {name: stored.value for name, stored in work.recordings("train", "validate", "test").items()}
     base = base_like({name: item.value for name, item in fit.parameters.items()}, fit.segments)
     options = TwinOptions(
-        hidden=hidden, actuator=Actuator(**fit.actuator), base=base, seed=seed, write_truth=write_truth
+        hidden=hidden, actuator=tube_like(Actuator(**fit.actuator)), base=base, seed=seed, write_truth=write_truth
     )
     with ConsoleListener().shown() as listener:
         return simulate_like(out, recordings, options, listener.begin("simulate", out.name))
@@ -184,7 +185,7 @@ def _report_twin(out: Path, truth: dict[str, Any], as_json: bool) -> None:
         return
     hidden = ", ".join(f"{name}={value:g}" for name, value in truth["parameters"].items()) or "nothing"
     say(f"{out}: {len(truth['experiments'])} experiments; hidden: {hidden}")
-    say_next(f"rfea improve {out}")
+    say_next("rfea improve", out)
 
 
 def _roles(count: int | None, roles: str | None) -> tuple[str, ...] | None:
@@ -242,4 +243,4 @@ def demo_command(place: Path | None, folder: Path, options: CritiqueOptions, for
     if truth is not None:
         say(f"what the example hides: {', '.join(truth)}")
     click.echo(f"report: {report.resolve()}")
-    say_next(f"open {report.resolve()}", "in a browser; then 'rfea init DIR' for your own tube")
+    say_next("open", report.resolve(), why="in a browser; then 'rfea init DIR' for your own tube")

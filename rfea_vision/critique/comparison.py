@@ -92,7 +92,7 @@ def _worst(
         along = _row_means(rows.T)
         bad = np.flatnonzero(along >= 0.5 * np.nanmax(along))
         low, high = float(sigma[bad[0]]), float(sigma[bad[-1]])
-        times = f", {rounded(rms / floor)} times the noise floor" if floor else ""
+        times = f", {rounded(rms / floor)} times the noise of the track" if floor else ""
         where = f"from {100 * low:.0f} to {100 * high:.0f} % of the tube's length"
         if low > 0.9:
             where = "at the tip" if unit == "mm" else "in the bend angle"
@@ -110,12 +110,12 @@ def _worst(
                 to_s=float(stop),
                 from_sigma=low,
                 to_sigma=high,
-                rmse_mm=rms,
+                **_in_unit(rms, unit),
                 phase=label,
                 sentence=sentence,
             )  # type: ignore[arg-type]
         )
-    return sorted(places, key=lambda p: -p.rmse_mm)
+    return sorted(places, key=lambda p: -p.rmse)
 
 
 def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> Comparison:
@@ -144,7 +144,7 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
                     "experiment": name,
                     "role": recording.role,
                     "phase": label,
-                    "rmse_mm": _rms(per_frame[inside]),
+                    **_in_unit(_rms(per_frame[inside]), unit),
                     "share": float(np.nansum(per_frame[inside])) / total if total > 0 else 0.0,
                     "frames": int(inside.sum()),
                 }
@@ -156,12 +156,12 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
             places.append(square)
             biases.append(dataset["normal_residual"].values)
     torque = summarise_torque(list(all_residual_torques(model, recordings).values()))
-    where.sort(key=lambda p: -p.rmse_mm)
+    where.sort(key=lambda p: -p.rmse)
     comparison = Comparison(
         model=model.name,
         noise_floor_mm=floor,
         by_phase=by_phase,
-        by_pressure=_by_pressure(pressures, squares),
+        by_pressure=_by_pressure(pressures, squares, unit),
         by_segment=_by_segment(places, biases),
         where=where[:WORST_PLACES],
         residual_torque=torque,
@@ -180,7 +180,12 @@ def goes_with(comparison: Comparison) -> list[dict[str, Any]]:
     return [{"what": row["what"], "r2": row["score"]} for row in ranked if row["score"] >= WORTH_A_WORD]
 
 
-def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray]) -> list[dict[str, Any]]:
+def _in_unit(error: float | None, unit: str) -> dict[str, float | None]:
+    """An error under the name of its unit; the other is null."""
+    return {f"rmse_{name}": error if name == unit else None for name in ("mm", "deg")}
+
+
+def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray], unit: str) -> list[dict[str, Any]]:
     if not pressures:
         return []
     pressure, square = np.concatenate(pressures), np.concatenate(squares)
@@ -192,7 +197,7 @@ def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray]) -> list
             {
                 "from_kPa": float(low),
                 "to_kPa": float(high),
-                "rmse_mm": _rms(square[inside]),
+                **_in_unit(_rms(square[inside]), unit),
                 "frames": int(inside.sum()),
             }
         )
@@ -233,8 +238,8 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
         out.append(f"The angle of model {model.name} is off by {rounded(held.angle_rmse_deg)} deg RMS on {kind} runs.")
     totals: dict[str, float] = {}
     for row in comparison.by_phase:
-        if row["rmse_mm"] is not None:
-            totals[row["phase"]] = totals.get(row["phase"], 0.0) + row["rmse_mm"] ** 2 * row["frames"]
+        if (error := row[f"rmse_{unit}"]) is not None:
+            totals[row["phase"]] = totals.get(row["phase"], 0.0) + error**2 * row["frames"]
     if totals and sum(totals.values()) > 0:
         worst = max(totals, key=lambda key: totals[key])
         out.append(

@@ -54,7 +54,7 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
         else:
             sigma = np.nanstd(measured, axis=0)
         segments = mean.size
-        own = model["elongation"].values[inside].mean(axis=0)
+        own = np.nanmean(model["elongation"].values[inside], axis=0)
         centre = (np.arange(segments) + 0.5) / segments
         modelled = np.interp(centre, (np.arange(own.size) + 0.5) / own.size, own)
         weight = 1 / np.maximum(sigma, 1e-6) ** 2

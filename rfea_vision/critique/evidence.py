@@ -9,12 +9,12 @@ import numpy as np
 
 from rfea_vision.artefacts.judgement import Candidate, Parameter
 from rfea_vision.critique.measures import delta_bic, matters, share
-from rfea_vision.critique.refinement import SEGMENTS
 from rfea_vision.critique.search import Search
 from rfea_vision.critique.trials import Trial, plain
 from rfea_vision.critique.verdict import Verdict, title
+from rfea_vision.dynamics.parameters import scaled
 from rfea_vision.fitting.fit import Fitted, Problem
-from rfea_vision.fitting.uncertainty import sandwich
+from rfea_vision.fitting.intervals import intervals
 
 
 def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
@@ -56,10 +56,9 @@ def form_of(name: str, verdict: Verdict) -> str | None:
 def _refitted(search: Search, name: str, done: Trial) -> dict[str, Any]:
     problem, unit, before = search.trials.problem, search.floors.unit, search.present
     names = set(before.errors.runs) & set(done.errors.runs)
-    shown: dict[str, Any] = {f"train_rmse_{unit}": done.errors.train}
-    if problem.validate:
-        shown[f"validate_rmse_{unit}"] = done.errors.held
-    return shown | {
+    return {
+        f"train_rmse_{unit}": done.errors.train,
+        f"validate_rmse_{unit}": done.errors.validate,
         "share": share(before.errors.on(names), done.errors.on(names), search.floor),
         "delta_bic": delta_bic(problem, before.fitted, done.fitted),
         "parameters": effect_parameters(problem, done.fitted, name),
@@ -70,42 +69,18 @@ def _refitted(search: Search, name: str, done: Trial) -> dict[str, Any]:
 
 
 def effect_parameters(problem: Problem, fitted: Fitted, name: str) -> dict[str, Parameter]:
-    """Fitted values of an effect with their intervals; none for what is no effect but a finer chain."""
-    effect = next((e for e in fitted.model.effects if e.id == plain(name)), None)
-    if name == SEGMENTS or effect is None:
-        return {}
-    covariance, quantile = _covariance(problem, fitted)
-    out: dict[str, Parameter] = {}
-    for parameter, spec in effect.parameters.items():
-        k = fitted.model.names.index(f"{effect.id}.{parameter}")
-        value, error = float(fitted.par[k]), float(np.sqrt(max(covariance[k, k], 0)))
-        out[f"{effect.id}.{parameter}"] = Parameter(
-            value=value,
-            unit=spec.unit,
-            stderr=error,
-            lower=spec.lower,
-            upper=spec.upper,
-            interval_95=(value - quantile * error, value + quantile * error),
-        )
-    return out
-
-
-def _covariance(problem: Problem, fitted: Fitted) -> tuple[Any, float]:
-    """Covariance of all parameters of a fit, and the quantile of its 95 % intervals."""
-    solution, matrix = fitted.solution, fitted.coordinates.matrix
-    spread = sandwich(
-        list(problem.train), solution.evaluation.residual, solution.scaled_jacobian, solution.evaluation.slices
-    )
-    ny = len(fitted.coordinates.free)
-    return matrix @ spread.covariance[:ny, :ny] @ matrix.T, spread.quantile
+    """Fitted values of an effect with the intervals that the data can give; none for what is no effect but a finer chain."""
+    found = intervals(fitted, problem.train, problem.actuator, fitted.par).parameters
+    return {key: value for key, value in found.items() if key.partition(".")[0] == plain(name)}
 
 
 def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:
     """Base parameters that had moved to make up for the missing effects: value and z-score before and after."""
-    covariance, _ = _covariance(problem, before)
+    covariance = intervals(before, problem.train, problem.actuator, before.par).covariance
     out = []
+    with_it = scaled(after.par, after.options.segments, before.options.segments)
     for k in range(7):
-        old, new, error = float(before.par[k]), float(after.par[k]), float(np.sqrt(max(covariance[k, k], 0)))
+        old, new, error = float(before.par[k]), float(with_it[k]), float(np.sqrt(max(covariance[k, k], 0)))
         if error > 0 and abs(new - old) > 3 * error and abs(new - old) > 0.03 * abs(old):
             out.append(
                 f"{before.model.names[k]} had moved to make up for {' and '.join(effects)}: {old:.4g} before, {new:.4g} with it "

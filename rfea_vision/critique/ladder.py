@@ -75,6 +75,12 @@ def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool, b
     return Step(why=f"the verdict is {diagnosis.verdict}: {diagnosis.sentence}")
 
 
+def rest_of_set(begun: Sequence[str], diagnosis: Diagnosis, step: Step) -> list[str]:
+    """What is left of a set of stand-ins when a step is taken: begun by it, or without the member that it adds, named or not."""
+    whole = begun or (diagnosis.stand_ins if step.grade == "stand-in" else ())
+    return [name for name in whole if plain(name) != plain(str(step.added))]
+
+
 def _with_one_more(
     problem: Problem, below: Fitted, name: str, row: Candidate | None, files: Sequence[Path]
 ) -> Fitted | None:
@@ -240,8 +246,7 @@ def improve(
         if progress is not None:
             progress(index + 1, MOST_RUNGS)
         step = next_step(diagnosis, climb.dropped, asked.stand_ins, begun)
-        if step.grade == "stand-in":
-            begun = [one for one in begun or diagnosis.stand_ins if one != plain(str(step.added))]
+        begun = rest_of_set(begun, diagnosis, step)
         late = asked.budget_s is not None and time.monotonic() - started > asked.budget_s
         if step.added is None or (late and step.grade != "named"):
             stopped = step.why or f"the time budget of {asked.budget_s:.0f} s is used up; nothing more is named"

@@ -62,6 +62,11 @@ class Errors:
         return self._rms(self.judges, "tip") or 0.0
 
     @property
+    def validate(self) -> float | None:
+        """The same on validation runs; None where there are none, or none on which the model could be simulated."""
+        return self._rms(("validate",), "tip")
+
+    @property
     def held_midline(self) -> float | None:
         return self._rms(self.judges, "midline")
 
@@ -93,13 +98,14 @@ def errors_of(problem: Problem, fitted: Fitted) -> Errors:
 
     In one unit: runs of which only the angle was measured are left out where the first training run has a tip, and the other way round.
     """
+    odd = in_another_unit(problem)
     runs = {
         item.name: mean_squares(item, one)
         for item, one in zip(problem.train, fitted.solution.evaluation.predicted, strict=True)
-        if item.name not in in_another_unit(problem)
+        if item.name not in odd
     }
     for item in problem.validate:
-        if item.name in in_another_unit(problem):
+        if item.name in odd:
             continue
         clock = float(fit_clocks(fitted.model, [item], fitted.par)[0])
         one = predict_observed(fitted.model, fitted.par, item, (), clock)

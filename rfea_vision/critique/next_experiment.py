@@ -78,10 +78,19 @@ def profiles(low: float, high: float, rate: float, seed: int) -> dict[str, Float
     return {name: _limited(np.asarray(target, dtype=float), rate) for name, target in targets.items()}
 
 
+def _shared(pressure: FloatArray, like: Observed) -> dict[str, tuple[float, FloatArray]]:
+    """Signs and pressures of the chambers of a rig that make up a pressure: to either side the first that bends there is driven."""
+    chambers, driven = {}, set[float]()
+    for name, (sign, _) in like.excitation.chambers.items():
+        chambers[name] = sign, np.maximum(sign * pressure, 0.0) * (sign not in driven)
+        driven.add(sign)
+    return chambers
+
+
 def _seen(fitted: Fitted, like: Observed, pressure: FloatArray, unit: str) -> FloatArray | None:
     """What a camera would see of a pressure on a rig: middle and tip (frames, 4) in mm, or the bend angle (frames, 1) in deg."""
     model, par, _ = as_rigged(fitted.model, fitted.par, like)
-    excitation = Excitation(0.0, STEP_S, pressure)
+    excitation = Excitation(0.0, STEP_S, pressure, chambers=_shared(pressure, like))
     times = np.arange(0, DURATION_S - 0.02, 0.01)
     motion = model.simulate(par, excitation, times)
     if not motion.ok:

@@ -35,11 +35,11 @@ SWALLOWED = 0.05
 
 @dataclass(frozen=True)
 class Screened:
-    """One effect at one point of its grid: the share of the squared error that a linear step would remove."""
+    """One effect at one point of its grid: its amplitudes after a linear step, and the share of the squared error that would go."""
 
     effect: str
     grid: dict[str, float]
-    step: dict[str, float]
+    amplitudes: dict[str, float]
     explained: float
     score_p: float | None  # None where no score test says it: see refinement.py
     at: int | None = None
@@ -57,11 +57,14 @@ def offered(
         else [*sorted(catalogue()), *(u for u in users if u not in catalogue()), *_by_chamber(problem)]
     )
     clocks_free = all(item.clock_sigma >= TUBE_LAG_S for item in problem.train)
-    unpushed = () if pushed(problem.train) else line_effects()  # of a pressure that never changes no line can be told
+    moving = pushed(problem.train)
     chosen = []
     for effect in find_effects([i for i in ids if i not in own], effect_files):
         tied_to_base = any(name in fitted.coordinates.names for name in effect.exactly_tied_to)
-        if tied_to_base or effect.id in unpushed or (effect.id == "time_offset" and clocks_free):
+        # Of a pressure that never changes neither its line nor what it lengthens can be told.
+        unpushed = not moving and (effect.id in line_effects() or effect.overrides("stretch"))
+        no_such_body = problem.actuator.kind in effect.not_of
+        if tied_to_base or no_such_body or unpushed or (effect.id == "time_offset" and clocks_free):
             continue
         chosen.append(effect)
     return tuple(chosen)
@@ -109,11 +112,11 @@ def _vector(model: Model, fitted: Fitted, point: dict[str, float]) -> FloatArray
     return par
 
 
-def room(effect: Effect, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """How far each amplitude may step down and up from its absent value."""
+def room(effect: Effect, names: Sequence[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where each amplitude is absent, and how far it may step down and up from there."""
     specs = [effect.parameters[name] for name in names]
     zero = np.array([spec.absent or 0.0 for spec in specs])
-    return np.array([spec.lower for spec in specs]) - zero, np.array([spec.upper for spec in specs]) - zero
+    return zero, np.array([spec.lower for spec in specs]) - zero, np.array([spec.upper for spec in specs]) - zero
 
 
 def bounded_step(
@@ -246,12 +249,13 @@ def screened_rows(rows: Sequence[Sensitivity], effects: Sequence[Effect]) -> lis
     for row in rows:
         # The residual is measured minus modelled; its Jacobian has the sign of minus the model's.
         gradient, hessian = -row.jacobian.T @ row.residual, row.jacobian.T @ row.jacobian
-        step, fall = bounded_step(gradient, hessian, *room(row.effect, row.names))
+        zero, low, high = room(row.effect, row.names)
+        step, fall = bounded_step(gradient, hessian, low, high)
         found.append(
             Screened(
                 row.effect.id,
                 row.grid,
-                dict(zip(row.names, step.tolist(), strict=True)),
+                dict(zip(row.names, (zero + step).tolist(), strict=True)),
                 max(fall, 0.0) / max(float(row.residual @ row.residual), 1e-300),
                 _score_p(row.jacobian, row.residual, _clusters(row.items, row.slices), tests),
             )

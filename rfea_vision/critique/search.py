@@ -265,7 +265,7 @@ class Search:
             base = self.without(best, own) or self.present
             possible = {e.id for e in available(self.effects, {plain(one) for one in base.effects})}
             # of a grid its best point
-            starts = {row.effect: {**row.grid, **row.step} for row in reversed(self.screened)}
+            starts = {row.effect: {**row.grid, **row.amplitudes} for row in reversed(self.screened)}
             names = list(dict.fromkeys([*others, *forms]))
             for name in names:  # it grows
                 if plain(name) not in possible & set(starts):

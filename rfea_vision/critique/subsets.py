@@ -37,6 +37,7 @@ class _Column:
     grid: dict[str, float]
     names: tuple[str, ...]
     place: NDArray[np.int64]
+    absent: FloatArray
     low: FloatArray
     high: FloatArray
 
@@ -97,7 +98,7 @@ class Combinations:
         """The joint step, within its bounds; None where an effect would have the wrong sign: the set without it is as good."""
         columns = [self._columns[i] for i in picks]
         place = np.concatenate([column.place for column in columns])
-        low, high = (np.concatenate([getattr(c, side) for c in columns]) for side in ("low", "high"))
+        absent, low, high = (np.concatenate([getattr(c, key) for c in columns]) for key in ("absent", "low", "high"))
         step, fall = bounded_step(self._gradient[place], self._hessian[np.ix_(place, place)], low, high)
         begin = 0
         for column in columns:
@@ -106,7 +107,8 @@ class Combinations:
             if not step[own].any():
                 return None
         start = {name: value for column in columns for name, value in column.grid.items()}
-        start |= dict(zip([name for column in columns for name in column.names], step.tolist(), strict=True))
+        names = [name for column in columns for name in column.names]
+        start |= dict(zip(names, (absent + step).tolist(), strict=True))
         return Proposal(tuple(column.effect for column in columns), start, fall / self._cost)
 
 

@@ -69,7 +69,7 @@ def _quantities(course: Course) -> dict[str, tuple[str, FloatArray]]:
     a, r = n * course.theta, n * course.rate
     p = np.broadcast_to(course.pressure[:, None] / 1e5, a.shape)
     t = np.broadcast_to((course.time - course.time[0])[:, None], a.shape)
-    most = np.maximum.accumulate(np.maximum(a, 0.0), axis=0)
+    most = np.maximum.accumulate(np.abs(a), axis=0)
     out: dict[str, tuple[str, FloatArray]] = {
         "1": ("a constant torque", np.ones_like(a)),
         "a": ("the angle", a),
@@ -133,9 +133,9 @@ def effect_source(effect_id: str, terms: Sequence[Term], coefficients: Sequence[
     if "m" in _words(text):
         states.append('"m": "rad"')
         rates.append(
-            '"m": sp.Piecewise(((joint.tube_angle - self.m) / self.follow, joint.tube_angle > self.m), (0, True))'
+            '"m": sp.Piecewise(((sp.Abs(joint.tube_angle) - self.m) / self.follow, sp.Abs(joint.tube_angle) > self.m), (0, True))'
         )
-        relaxed.append('"m": sp.Piecewise((joint.tube_angle, joint.tube_angle > 0), (0, True))')
+        relaxed.append('"m": sp.Abs(joint.tube_angle)')
         names.append("m = self.m")
     if "t" in _words(text):
         states.append('"t": "s"')

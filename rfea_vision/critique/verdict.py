@@ -122,7 +122,7 @@ def sets_of(search: Search, weighed: Sequence[Weighed]) -> list[EffectSet]:
             effects=list(item.added),
             probability=item.probability,
             share=item.share,
-            **{f"validate_rmse_{search.floors.unit}": item.trial.errors.held},  # type: ignore[arg-type]
+            **{f"validate_rmse_{search.floors.unit}": item.trial.errors.validate},  # type: ignore[arg-type]
         )
         for item in weighed[:MOST_SETS]
     ]

@@ -15,7 +15,7 @@ from rfea_vision import __version__
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import storage_sentence
-from rfea_vision.readers.apart import isolate
+from rfea_vision.readers.apart import isolating
 
 _PATIENCE_S = 60.0  # for a lock that another worker holds
 
@@ -138,21 +138,21 @@ def _working(folder: str, out: str | None, settings: Settings, part: str | None)
             f"{folder}: the batch was started with rfea-vision {settings.version}, this worker runs {fingerprint()}; install the same"
         )
     name_files(settings.effect_files)
-    isolate()
     _one_thread()
-    if not Path(folder).is_dir():
-        raise InputError(f"{folder}: this worker does not see the folder; mount it under the same path")
-    reading = read_campaign(folder, out, trust=settings.trust)
-    blocked = reading.blocked
-    if reading.campaign is None or blocked is not None:
-        raise InputError(str(blocked or reading.problems[0]))
-    work = Workspace(reading.campaign, tolerant=True)
-    for problem in reading.problems:
-        if problem.severity == "error" and problem.experiment is not None:
-            work.failures.setdefault(problem.experiment, InputError(str(problem)))
-    with locked(work.cache.lock, shared=part is not None, patience_s=_PATIENCE_S), _alone(work, part, locked):
-        yield work
-        work.cache.save_hashes()
+    with isolating():
+        if not Path(folder).is_dir():
+            raise InputError(f"{folder}: this worker does not see the folder; mount it under the same path")
+        reading = read_campaign(folder, out, trust=settings.trust)
+        blocked = reading.blocked
+        if reading.campaign is None or blocked is not None:
+            raise InputError(str(blocked or reading.problems[0]))
+        work = Workspace(reading.campaign, tolerant=True)
+        for problem in reading.problems:
+            if problem.severity == "error" and problem.experiment is not None:
+                work.failures.setdefault(problem.experiment, InputError(str(problem)))
+        with locked(work.cache.lock, shared=part is not None, patience_s=_PATIENCE_S), _alone(work, part, locked):
+            yield work
+            work.cache.save_hashes()
 
 
 @contextmanager

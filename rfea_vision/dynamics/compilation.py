@@ -125,17 +125,15 @@ def _key(effects: Sequence[Effect]) -> str:
     for effect in effects:
         kind = type(effect)
         digest.update(f"{effect.id} {effect.form} {kind.__module__} {kind.__qualname__}".encode())
-        for one in kind.__mro__[
-            : kind.__mro__.index(base.Effect)
-        ]:  # a form inherits from its effect, and a user's from any
+        # A form inherits from its effect, and one of a person's file from any.
+        for one in kind.__mro__[: kind.__mro__.index(base.Effect)]:
             digest.update(_source(one))
     return digest.hexdigest()[:24]
 
 
-def _source(kind: type) -> bytes:
+def _source(kind: type[Effect]) -> bytes:
     """The whole file in which an effect is declared: its law may call what stands beside it."""
-    own = vars(kind).get("source_text")
-    return own.encode() if own else Path(inspect.getfile(kind)).read_bytes()
+    return kind.source_text.encode() if kind.source_text else Path(inspect.getfile(kind)).read_bytes()
 
 
 def _load(path: Path) -> ModuleType:

@@ -35,15 +35,18 @@ class Excitation:
         to_s: float,
         longest_step_s: float = LONGEST_STEP_S,
         chambers_Pa: Mapping[str, tuple[float, FloatArray]] | None = None,
+        *,
+        at_once: bool = False,
     ) -> Excitation:
         """Put a log on a grid aligned with its own samples: every sample of a regular log up to 1 kHz is a grid point.
 
         time_s, pressure_Pa : (samples,) the log; from_s, to_s : what of it is to be covered; longest_step_s : of the grid
         chambers_Pa : of several chambers, by name, the sign with which each bends, and its own pressure (samples,)
+        at_once : begin at `from_s` to the last digit, as what begins in motion must, and not at the sample before
         """
         period = float(np.median(np.diff(time_s)))
         step = period / np.ceil(period / longest_step_s - 1e-6) if period > longest_step_s / 2 else longest_step_s
-        first = time_s[0] + np.floor((from_s - time_s[0]) / step + 1e-9) * step
+        first = from_s if at_once else time_s[0] + np.floor((from_s - time_s[0]) / step + 1e-9) * step
         count = int(np.ceil((to_s - first) / step - 1e-9)) + 1
         grid = first + step * np.arange(max(count, 2))
         chambers = {name: (sign, np.interp(grid, time_s, own)) for name, (sign, own) in (chambers_Pa or {}).items()}

@@ -143,13 +143,14 @@ def _joint_torque(joint: Joint, effects: Sequence[Effect]) -> sp.Expr:
     hydraulic: sp.Expr = PRESSURE * sp.pi * joint.inner_radius**2 * BASE["r_hyd"]
     rest: sp.Expr = sp.Integer(0)
     added: sp.Expr = sp.Integer(0)
-    # One that remembers the pressure puts its memory in place of the pressure in all that the others have made of it.
-    for effect in sorted(effects, key=lambda effect: bool(effect.states)):
-        hydraulic = effect.hydraulic_torque(joint, hydraulic)
+    felt: sp.Expr = PRESSURE
     for effect in effects:
+        hydraulic = effect.hydraulic_torque(joint, hydraulic)
         rest = effect.rest_angle(joint, rest)
         added = added + effect.joint_torque(joint)
-    return hydraulic - joint.stiffness * (THETA - rest) - joint.damping * RATE + added
+        felt = effect.joint_pressure(joint, felt)
+    torque = hydraulic - joint.stiffness * (THETA - rest) - joint.damping * RATE + added
+    return torque.subs(PRESSURE, felt) if felt != PRESSURE else torque
 
 
 def laid_out(effects: Sequence[Effect]) -> list[Effect]:
@@ -162,7 +163,7 @@ def laid_out(effects: Sequence[Effect]) -> list[Effect]:
 
 
 def compose(effects: Sequence[Effect]) -> ComposedLaw:
-    """Apply every effect to the paper's law, in the order given.
+    """Apply every effect to the paper's law, by name: the same effects are the same law, in whatever order they were added.
 
     Raises
     ------
@@ -172,8 +173,9 @@ def compose(effects: Sequence[Effect]) -> ComposedLaw:
     ids = [effect.id for effect in effects]
     if len(set(ids)) != len(ids):
         raise InputError(f"effects {ids}: each effect can be added once; remove the repeated one")
-    joint = _base_joint(effects)
-    torque = _joint_torque(joint, effects)
+    by_name = sorted(effects, key=lambda effect: effect.id)
+    joint = _base_joint(by_name)
+    torque = _joint_torque(joint, by_name)
     names, symbols, states, weights = list(BASE_PARAMETERS), list(BASE.values()), [], []
     rates: list[sp.Expr] = []
     relaxed: list[sp.Expr] = []
@@ -217,7 +219,7 @@ def compose(effects: Sequence[Effect]) -> ComposedLaw:
     def values(hook: str, among: Sequence[Effect]) -> tuple[sp.Expr, ...]:
         return tuple(final(value) for value in composed(HOOKS[hook], among))
 
-    common = [effect for effect in effects if not effect.chamber]
+    common = [effect for effect in by_name if not effect.chamber]
     chambers = dict.fromkeys(effect.chamber for effect in effects if effect.chamber)
     return ComposedLaw(
         effects=tuple(effect.id for effect in layout),
@@ -234,7 +236,7 @@ def compose(effects: Sequence[Effect]) -> ComposedLaw:
         active=frozenset(name for name in ONCE if any(effect.overrides(name) for effect in common)),
         lines={
             chamber: {
-                name: values(name, [effect for effect in effects if effect.chamber == chamber]) for name in LINE_HOOKS
+                name: values(name, [effect for effect in by_name if effect.chamber == chamber]) for name in LINE_HOOKS
             }
             for chamber in chambers
         },

@@ -62,6 +62,14 @@ def sensed(
     return values.copy(), slopes if change is None else slopes + slope[:, None] * change
 
 
+def at_rest(
+    law: CompiledLaw, par: FloatArray, con: FloatArray, pressure: float, change: FloatArray | None
+) -> tuple[float, FloatArray]:
+    """Pressure (Pa) in the tube that rests at a sensed one, and its derivative (parameters,); `change` is that of the sensed one."""
+    values, slopes = sensed(law.felt_pressure, par, con, np.array([float(pressure)]), change)
+    return float(values[0]), slopes[0]
+
+
 def _behind(
     par: FloatArray,
     con: FloatArray,

@@ -200,5 +200,10 @@ class Stepper:
         tip, none = np.empty((1, 1, 2)), np.empty((1, chain.bodies + 1, 0))
         tube = (float(chain.arc[0]), chain.offset, chain.polygon, float(self._system.line[3]), np.empty(0))
         centre_line(phi[None].copy(), none, *tube, np.ones(1), tip, np.empty((1, 1, 2, 0)))
+        if self.model.law.changes("stretch"):
+            tip *= 1.0 + float(self.model.law.stretch(self.par, self.model._constants, self._gauge)[0][0])
+        if self.model.law.changes("line_shift"):
+            shift = float(self.model.law.line_shift(self.par, self.model._constants, self._gauge)[0][0])
+            tip[0, 0] += shift * np.array([np.cos(phi[-1]) - np.cos(phi[0]), np.sin(phi[0]) - np.sin(phi[-1])])
         tip[0, 0, 0] *= self.model.mirror
         return Moment(tip[0, 0], float(phi[-1]), float(self._system.volume_rate * (rate[-1] - rate[0])), float(last))

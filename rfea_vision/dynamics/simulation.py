@@ -17,7 +17,7 @@ from rfea_vision.dynamics.compilation import CompiledLaw, compile_law, constants
 from rfea_vision.dynamics.equilibrium import equilibrium
 from rfea_vision.dynamics.excitation import Excitation
 from rfea_vision.dynamics.integration import Course, Trace, integrate
-from rfea_vision.dynamics.line import felt_pressure, pressure_of_chambers, scalar, sensed
+from rfea_vision.dynamics.line import at_rest, felt_pressure, pressure_of_chambers, scalar
 from rfea_vision.dynamics.motion import Motion, Steady
 from rfea_vision.dynamics.shape import centre_line
 from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
@@ -233,9 +233,7 @@ class Model:
         n, m = self.chain.bodies, max(self.law.state_count, 1)
         system = self.system(par)
         index = np.asarray(free, dtype=np.int64)
-        given = None if change is None else change[None]
-        actual, slopes = sensed(self.law.felt_pressure, par, self._constants, np.array([float(pressure)]), given)
-        target, dpressure = float(actual[0]), slopes[0]
+        target, dpressure = at_rest(self.law, par, self._constants, pressure, change)
         torque = np.zeros(n) if drive is None else np.asarray(drive, dtype=float)
         force = np.zeros(2) if pulled is None else np.asarray(pulled, dtype=float)
         phi = np.zeros(n + 1) if start is None else start.copy()
@@ -317,14 +315,13 @@ class Model:
         out_phi, out_om, out_z = np.zeros((count, n + 1)), np.zeros((count, n + 1)), np.zeros((count, n, m))
         out_S = np.zeros((count, n + 1, p))
         pivot = self.pivot(par, index)
+        pressure, change = self.combined(par, excitation)
+        first = float(pressure[0]), None if change is None else change[0]
         if held is not None:
-            begin = self._held(par, np.asarray(held, dtype=float), float(self.combined(par, excitation)[0][0]), index)
+            begin = self._held(par, np.asarray(held, dtype=float), *first, index)
         elif start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
-            pressure, change = self.combined(par, excitation)
-            first_change = None if change is None else change[0]
-            wanted, given = list(free), {"drive": first_drive, "pulled": pulled, "change": first_change}
-            rest = self.steady(par, pressure[0], wanted, fall=True, **given)
+            rest = self.steady(par, first[0], list(free), fall=True, drive=first_drive, pulled=pulled, change=first[1])
             if not rest.found:
                 message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
                 return Motion(1, message, out_phi, out_om, out_z, out_S, index, pivot=pivot)
@@ -344,16 +341,19 @@ class Model:
         message = "" if status == OK else _why(status, done, taken, excitation)
         return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot, taken)
 
-    def _held(self, par: FloatArray, theta: FloatArray, pressure: float, free: NDArray[np.int64]) -> tuple[Any, ...]:
+    def _held(
+        self, par: FloatArray, theta: FloatArray, pressure: float, change: FloatArray | None, free: NDArray[np.int64]
+    ) -> tuple[Any, ...]:
         """Start of a run that is let go: a shape that does not depend on the parameters, hidden states that may."""
         n, m = self.chain.bodies, max(self.law.state_count, 1)
         phi = np.concatenate([[0.0], np.cumsum(theta)])
         relaxed = np.zeros((n, m, 3 + par.size))
         if self.law.state_count:
             system = self.system(par)
-            felt = float(self.law.felt_pressure(par, self._constants, pressure)[0][0])
+            felt, slope = at_rest(self.law, par, self._constants, pressure, change)
             at = (system.position, system.arc, system.weights, system.par, system.con)
             self.law.loops.relaxed_states(theta, np.zeros(n), np.zeros((n, m)), felt, *at, relaxed)
+            relaxed[:, :, 3:] += relaxed[:, :, 2, None] * slope
         slopes = np.ascontiguousarray(relaxed[:, :, 3 + free])
         return phi, np.zeros(n + 1), relaxed[:, :, 0].copy(), np.zeros((n + 1, free.size)), slopes
 

@@ -1,7 +1,7 @@
 """What an effect is: the parts of the model that it changes, its law in SymPy, and the words that go with it.
 
 An effect is one file with one subclass of `Effect`. It overrides the hooks it needs; every hook receives the present
-expression and returns the new one, so effects stack in any order of declaration. Derivatives, compiled code and the
+expression and returns the new one. Effects stack by name, in whatever order they are asked for. Derivatives, compiled code and the
 typeset law come from that single declaration. Every amplitude has a value at which the effect is absent, so that the
 model without it is truly nested in the model with it.
 
@@ -35,6 +35,10 @@ BASE_UNITS: dict[str, str] = {
     "b_neg_slope": "N*s/rad",
     "r_hyd": "m",
 }
+
+
+#: Kinds of bodies without a bore, about which some laws are.
+BEAMS = ("rod", "rectangle", "custom")
 
 
 @dataclass(frozen=True)
@@ -159,6 +163,8 @@ class Effect:
     dissipates: ClassVar[bool] = False
     source_text: ClassVar[str | None] = None  # of a user's file
     exactly_tied_to: ClassVar[tuple[str, ...]] = ()
+    #: Kinds of sections in which the critique does not look for it.
+    not_of: ClassVar[tuple[str, ...]] = ()
     goes_with: ClassVar[tuple[str, ...]] = ()  # effects without which this one is no candidate
     # of an effect of the line that acts on one of several chambers alone; asked for as id@chamber
     chamber: ClassVar[str] = ""
@@ -205,6 +211,11 @@ class Effect:
     def hydraulic_torque(self, joint: Joint, torque: sp.Expr) -> sp.Expr:
         """Torque of the pressure (N m)."""
         return torque
+
+    @hook("Pa", latex="p_j = {0}", passes_on=True)
+    def joint_pressure(self, joint: Joint, pressure: sp.Expr) -> sp.Expr:
+        """Pressure (Pa) that everything in a joint feels."""
+        return pressure
 
     @hook("N*m", latex=r"\tau = {0}")
     def joint_torque(self, joint: Joint) -> sp.Expr:
@@ -277,6 +288,11 @@ class Effect:
         """How far the centre line moves away from the inextensible side (m) at a pressure in the tube (Pa)."""
         return sp.Integer(0)
 
+    @hook("1", latex=r"\mathbf{{x}} = (1 + {0})\, \mathbf{{x}}_0", of=("pressure",))
+    def stretch(self, pressure: sp.Symbol) -> sp.Expr:
+        """Share by which lengths from the clamp grow at a pressure in the tube (Pa); of several chambers at their sum."""
+        return sp.Integer(0)
+
     # between the tube and the file -------------------------------------------------------------------------------
     @hook("m", "m", latex=r"x' = {0},\quad y' = {1}", of=("x", "y"), passes_on=True)
     def observed_position(self, x: sp.Expr, y: sp.Expr, mirror: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
@@ -328,6 +344,7 @@ OF_THE_TUBE = ("body_force", *(name for name, hook in HOOKS.items() if hook.once
 __all__ = [
     "BASE_PARAMETERS",
     "BASE_UNITS",
+    "BEAMS",
     "HOOKS",
     "LINE_HOOKS",
     "OF_THE_TUBE",

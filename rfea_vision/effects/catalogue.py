@@ -20,11 +20,9 @@ _NOT_EFFECTS = {"base", "catalogue", "hooks", "permission", "typeset", "validati
 
 
 def _effects_in(module: object) -> list[type[Effect]]:
-    return [
-        item
-        for item in vars(module).values()
-        if isinstance(item, type) and issubclass(item, Effect) and item is not Effect and hasattr(item, "id")
-    ]
+    """Effects that stand in a module, and what has no id of its own, for effects to inherit from."""
+    kinds = [item for item in vars(module).values() if isinstance(item, type)]
+    return [kind for kind in kinds if issubclass(kind, Effect) and kind is not Effect]
 
 
 @cache
@@ -75,11 +73,13 @@ def load_effect_file(path: Path) -> list[type[Effect]]:
         spec.loader.exec_module(module)
     except Exception as error:
         raise InputError(f"{path}: {type(error).__name__}: {error}; mend the file") from error
-    effects = [effect for effect in _effects_in(module) if effect.__module__ == module.__name__]  # not what it imports
+    own = [kind for kind in _effects_in(module) if kind.__module__ == module.__name__]  # not what it imports
+    for kind in own:
+        kind.source_text = path.read_text(encoding="utf-8")
+    effects = [kind for kind in own if hasattr(kind, "id")]
     if not effects:
         raise InputError(f"{path}: declares no effect; subclass rfea_vision.effects.base.Effect and give it an `id`")
     for effect in effects:
-        effect.source_text = path.read_text(encoding="utf-8")
         try:
             validate(effect())
         except InputError as error:

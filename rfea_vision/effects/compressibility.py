@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from rfea_vision.effects.base import Effect, EffectParameter, Joint
+from rfea_vision.effects.base import BEAMS, Effect, EffectParameter, Joint
 
 
 class Compressibility(Effect):
@@ -16,6 +16,7 @@ class Compressibility(Effect):
     shows = "a slightly wider bore under pressure"
     mistaken_for = "pressure_gain, radial_expansion"
     split_by = "the volume that flows in against the angle"
+    not_of = BEAMS
     parameters = {"c": EffectParameter("1/Pa", 0.0, 0.0, 1e-6, 5e-10, "one over the bulk modulus", display="1/GPa")}
 
     def rubber_volume(self, joint: Joint, fraction: sp.Expr) -> sp.Expr:

@@ -8,7 +8,7 @@ from rfea_vision.effects.base import Effect, EffectParameter, Joint
 
 
 class Mullins(Effect):
-    """k_j (1 - c (1 - exp(-z / s))), z the largest tube angle so far (followed within 0.2 ms)."""
+    """k_j (1 - c (1 - exp(-z / s))), z the largest tube angle so far, to either side (followed within 0.2 ms)."""
 
     id = "mullins"
     title = "Softening after the first bend (Mullins)"
@@ -29,11 +29,11 @@ class Mullins(Effect):
         return stiffness * (1 - self.c * (1 - sp.exp(-self.z / self.s)))
 
     def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
-        gap = joint.tube_angle - self.z
+        gap = sp.Abs(joint.tube_angle) - self.z
         return {"z": sp.Piecewise((gap / self.follow, gap > 0), (0, True))}
 
     def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
-        return {"z": sp.Piecewise((joint.tube_angle, joint.tube_angle > 0), (0, True))}
+        return {"z": sp.Abs(joint.tube_angle)}
 
 
 class CappedMullins(Mullins):

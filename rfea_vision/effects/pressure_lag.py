@@ -36,5 +36,5 @@ class TwiceLaggedPressure(PressureLag):
     def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
         return {"p_tube": joint.pressure}
 
-    def hydraulic_torque(self, joint: Joint, torque: sp.Expr) -> sp.Expr:
-        return torque.subs(joint.pressure, self.p_tube)
+    def joint_pressure(self, joint: Joint, pressure: sp.Expr) -> sp.Expr:
+        return self.p_tube

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from rfea_vision.effects.base import Effect, EffectParameter, Joint
+from rfea_vision.effects.base import BEAMS, Effect, EffectParameter, Joint
 
 
 class RadialExpansion(Effect):
@@ -20,6 +20,7 @@ class RadialExpansion(Effect):
     shows = "the width in the picture grows with the pressure"
     mistaken_for = "a softer spring"
     split_by = "the measured width"
+    not_of = BEAMS
     parameters = {
         "c": EffectParameter("1/Pa", 0.0, 0.0, 1e-6, 1e-9, "relative growth per pressure", display="1/MPa"),
         "axis": EffectParameter(

@@ -54,6 +54,9 @@ def dimension(expression: Any, known: dict[Any, Dimension]) -> Dimension:
         return inner ** float(exponent) if exponent.is_number else inner
     if isinstance(expression, sp.Piecewise):
         pieces: Any = expression.args
+        for _, condition in pieces:
+            for relation in condition.atoms(sp.core.relational.Relational):
+                _same([side for side in relation.args if side != 0], known)
         return _same([branch for branch, _ in pieces if branch != 0], known)
     if isinstance(expression, (sp.Max, sp.Min)):
         return _same([a for a in expression.args if a != 0], known)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from rfea_vision.effects.base import Effect, EffectParameter, Joint
+from rfea_vision.effects.base import BEAMS, Effect, EffectParameter, Joint
 
 
 class VariableMass(Effect):
@@ -17,6 +17,7 @@ class VariableMass(Effect):
     mistaken_for = "payload (the same at every pressure)"
     split_by = "the ringing frequency at a low and at a high pressure"
     kind = "load"
+    not_of = BEAMS
     parameters = {
         "a": EffectParameter("1", 0.0, 0.0, 3.0, 1.0, "share of the inflowing water that moves with the body")
     }

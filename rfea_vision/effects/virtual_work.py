@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from rfea_vision.effects.base import Effect, EffectParameter, Joint
+from rfea_vision.effects.base import BEAMS, Effect, EffectParameter, Joint
 
 
 class VirtualWork(Effect):
@@ -16,6 +16,7 @@ class VirtualWork(Effect):
     shows = "the torque grows less with bending than the paper's law says"
     mistaken_for = "the slope of the stiffness"
     split_by = "steps from several pressures: the slope of stiffness changes the ringing, the torque law does not"
+    not_of = BEAMS
     parameters = {"a": EffectParameter("1", 0.0, 0.0, 1.5, 0.5, "share of the virtual-work torque")}
 
     def hydraulic_torque(self, joint: Joint, torque: sp.Expr) -> sp.Expr:

@@ -89,7 +89,7 @@ def check_exportable(model: Model) -> None:
     InputError
         The model has effects of the camera or of the clocks.
     """
-    hooks = ("observed_position", "time_shift")
+    hooks = ("observed_position", "time_shift", "angle_drift")
     outside = [effect.id for effect in model.effects if any(effect.overrides(hook) for hook in hooks)]
     if outside:
         raise InputError(
@@ -203,5 +203,7 @@ def _laws(model: Model, par: FloatArray) -> str:
         ]
         head = "static void body_force(double length, const double *motion, double (*out)[5])"
         text += writer.function(head, targets, _FORCE_ITEMS)
-    felt = writer.function("", [("const double felt", law.once["felt_pressure"][0])], {laws.PRESSURE: "pressure"})
-    return text + "static double felt_pressure(double pressure)" + felt[:-2] + "    return felt;\n}\n"
+    for hook in ("felt_pressure", "line_shift", "stretch"):
+        head = f"static void {hook}(double pressure, double *out)"
+        text += writer.function(head, [("*out", law.once[hook][0])], {laws.PRESSURE: "pressure"})
+    return text

@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.files import sha256_of, write_text
@@ -22,7 +23,7 @@ _KINDS = {".json": "application/json", ".nc": "application/x-netcdf", ".yaml": "
 
 
 def write_crate(
-    folder: Path, fit: ModelFit, files: Mapping[str, Path], *, name: str, versions: Iterable[tuple[str, str]]
+    folder: Path, fit: ModelFit, files: Mapping[str, Path], *, name: str, made_on: str, versions: Iterable[tuple[str, str]]
 ) -> Path:
     """Write the crate.
 
@@ -32,6 +33,7 @@ def write_crate(
     fit : the model
     files : what is copied into the crate, by path inside it
     name : of the campaign
+    made_on : day of the crate, ISO 8601; the same fit gives the same bytes on one day
     versions : names and versions of the software that made it
 
     Returns
@@ -46,17 +48,17 @@ def write_crate(
         shutil.copyfile(path, target)
         kind = _KINDS.get(path.suffix, "application/octet-stream")
         graph.append(
-            {"@id": inside, "@type": "File", "name": Path(inside).name, "encodingFormat": kind,
+            {"@id": quote(inside), "@type": "File", "name": Path(inside).name, "encodingFormat": kind,
              "contentSize": str(target.stat().st_size), "sha256": sha256_of(target)}
         )  # fmt: skip
     raw = [
-        {"@id": f"#raw/{path}", "@type": "CreativeWork", "name": path, "sha256": digest,
+        {"@id": f"#raw/{quote(path)}", "@type": "CreativeWork", "name": path, "sha256": digest,
          "description": "raw input, kept in the campaign's folder"}
         for path, digest in sorted(fit.inputs.items())
     ]  # fmt: skip
     values = [_value(key, item.model_dump(mode="json")) for key, item in fit.parameters.items()]
     tools = [
-        {"@id": f"#software/{tool}", "@type": "SoftwareApplication", "name": tool, "version": version}
+        {"@id": f"#software/{quote(tool)}", "@type": "SoftwareApplication", "name": tool, "version": version}
         for tool, version in versions
     ]
     made = {
@@ -65,7 +67,7 @@ def write_crate(
         "instrument": [{"@id": item["@id"]} for item in tools],
     }  # fmt: skip
     root = {
-        "@id": "./", "@type": "Dataset", "name": f"{name}: {fit.name}",
+        "@id": "./", "@type": "Dataset", "name": f"{name}: {fit.name}", "datePublished": made_on,
         "description": f"The RSDA model fitted to {name}, {fit.segments} segments"
         + (f", with {', '.join(fit.effects)}" if fit.effects else "") + ".",
         "hasPart": [{"@id": item["@id"]} for item in graph], "mentions": [{"@id": "#fit"}],
@@ -84,7 +86,7 @@ def write_crate(
 
 def _value(name: str, item: Mapping[str, Any]) -> dict[str, Any]:
     found = {
-        "@id": f"#parameter/{name}",
+        "@id": f"#parameter/{quote(name)}",
         "@type": "PropertyValue",
         "name": name,
         "value": item["value"],

@@ -373,8 +373,14 @@ static void observe(const @NAME@_t *model, @NAME@_output_t *output) {
         hx -= chord * sin(middle);
         hy -= chord * cos(middle);
     }
-    output->tip_x_m = MIRROR * (hx + OUTER_RADIUS * cos(model->phi[N]));
-    output->tip_y_m = hy - OUTER_RADIUS * sin(model->phi[N]);
+    double shift = 0; /* of the centre line away from the inextensible side, as against the first cross-section's */
+    line_shift(model->at_gauge, &shift);
+    double longer = 0;
+    stretch(model->at_gauge, &longer);
+    hx = (1 + longer) * (hx + OUTER_RADIUS * cos(model->phi[N])) + shift * (cos(model->phi[N]) - cos(model->phi[0]));
+    hy = (1 + longer) * (hy - OUTER_RADIUS * sin(model->phi[N])) + shift * (sin(model->phi[0]) - sin(model->phi[N]));
+    output->tip_x_m = MIRROR * hx;
+    output->tip_y_m = hy;
     output->angle_rad = model->phi[N];
     output->flow_m3_s = VOLUME_RATE * (model->rate[N] - model->rate[0]);
 }
@@ -383,7 +389,8 @@ int @NAME@_init(@NAME@_t *model, double pressure_Pa, @NAME@_output_t *output) {
     work_t w;
     memset(&w, 0, sizeof w);
     memset(model, 0, sizeof *model);
-    const double target = felt_pressure(pressure_Pa);
+    double target = 0;
+    felt_pressure(pressure_Pa, &target);
     int failed = settle(&w, 0);
     for (int part = 1; part <= @STRIDES@ && !failed; part++) failed = settle(&w, target * part / @STRIDES@);
     memcpy(model->phi, w.phi, sizeof w.phi);
@@ -396,7 +403,9 @@ int @NAME@_init(@NAME@_t *model, double pressure_Pa, @NAME@_output_t *output) {
 
 int @NAME@_step(@NAME@_t *model, double pressure_Pa, @NAME@_output_t *output) {
     static const double GAMMA = 0.29289321881345254; /* 1 - sqrt(1/2) */
-    const double s = GAMMA * STEP_S, gauge = felt_pressure(pressure_Pa), slope = (gauge - model->at_gauge) / STEP_S;
+    double gauge = 0;
+    felt_pressure(pressure_Pa, &gauge);
+    const double s = GAMMA * STEP_S, slope = (gauge - model->at_gauge) / STEP_S;
     double first_rate[N + 1], first_al[N + 1], g[N][STATES];
     work_t w;
     memset(&w, 0, sizeof w);

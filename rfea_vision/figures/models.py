@@ -88,7 +88,7 @@ def _by_kind(step: LadderStep, evidence: Evidence) -> list[Plate]:
 
 
 def _number(row: Mapping[str, Any], unit: str) -> float:
-    value = row.get(f"rmse_{unit}", row.get("rmse_mm"))
+    value = row.get(f"rmse_{unit}")
     return np.nan if value is None else float(value)
 
 

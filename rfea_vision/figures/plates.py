@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import count
 from typing import Literal
 
 import numpy as np
@@ -116,6 +117,18 @@ class Bars(Plate):
         return pd.DataFrame(
             {name: self.categories, **{f"{label} {_column(self.y)}": values for label, values in self.sets}}
         )
+
+
+def told_apart(plates: Sequence[Plate]) -> list[Plate]:
+    """The same, those whose names differ in signs or letters' size alone, as files may not, with a number behind."""
+    taken: set[str] = set()
+    found = []
+    for plate in plates:
+        names = (plate.name if number == 1 else f"{plate.name}-{number}" for number in count(1))
+        name = next(name for name in names if name.casefold() not in taken)
+        taken.add(name.casefold())
+        found.append(replace(plate, name=name))
+    return found
 
 
 def _column(axis: Axis) -> str:

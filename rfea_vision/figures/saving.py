@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.errors import InputError
-from rfea_vision.figures.plates import Bars, Lines, Map, Plate, Series
+from rfea_vision.figures.plates import Bars, Lines, Map, Plate, Series, told_apart
 from rfea_vision.files import whole_file, write_text
 
 FORMATS = ("pdf", "svg", "png")
@@ -66,7 +66,7 @@ def save_plates(
     refuse_unknown_formats(formats)
     written: list[Path] = []
     with _drawing(style) as figure_of:
-        for plate in plates:
+        for plate in told_apart(plates):
             figure = figure_of(plate)
             for ending in formats:
                 target = folder / f"{plate.name}.{ending}"

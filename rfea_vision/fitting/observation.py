@@ -134,16 +134,18 @@ def observe_recording(
             log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
         )
     step_s = longest_step_s or _longest_step_s(log_time, time[valid])
-    excitation = Excitation.from_log(log_time, pressure, from_s, float(time[valid][-1]) + 0.25, step_s, chambers)
+    until_s, let_loose = float(time[valid][-1]) + 0.25, held is not None
+    excitation = Excitation.from_log(log_time, pressure, from_s, until_s, step_s, chambers, at_once=let_loose)
     # A hand lets go when it does: where nothing but that is timed by the log's clock, the moment is found with the fit.
-    let_go = held is not None and bool(np.ptp(pressure) < 1e3)
+    let_go = let_loose and bool(np.ptp(pressure) < 1e3)
     gravity, mounting = rig_of(data)
+    seen_s = time[valid][keep]
     tip_mm = points[keep, -1] / MM if fractions.size else np.zeros((0, 2))
     return Observed(
         name=name,
         role=recording.role,
         mirror=mirror,
-        time=time[valid][keep],
+        time=seen_s,
         frame=np.flatnonzero(valid)[keep],
         fractions=fractions,
         points=points[keep],
@@ -154,6 +156,7 @@ def observe_recording(
         excitation=excitation,
         observe=wanted,
         clock_sigma=_clock_sigma(recording, method, float(np.median(np.diff(time[valid]))) if let_go else None),
+        middle_s=float(0.5 * (seen_s[0] + seen_s[-1])),
         repeat_of=data.attrs.get("repeat_of") or None,
         tip_noise_mm=white_noise_mm(tip_mm),
         origin_sigma=_origin_sigma(data) if fractions.size > 1 else 0.0,
@@ -227,12 +230,12 @@ def _log(data: xr.Dataset) -> tuple[FloatArray, FloatArray, Chambers]:
 def _with_earlier(
     data: xr.Dataset, log_time: FloatArray, pressure: FloatArray, chambers: Chambers
 ) -> tuple[FloatArray, FloatArray, Chambers]:
-    """The log with that of the runs before; of these the sum alone is known, so a chamber's own effects begin with the run."""
-    nothing = np.zeros(data["earlier_time"].size)
+    """The log with that of the runs before; of these the sum alone is known: to its own effects a chamber stands as at the start."""
+    earlier = np.ones(data["earlier_time"].size)
     return (
         np.concatenate([data["earlier_time"].values, log_time]),
         np.concatenate([data["earlier_pressure"].values * 1e3, pressure]),
-        {name: (sign, np.concatenate([nothing, own])) for name, (sign, own) in chambers.items()},
+        {name: (sign, np.concatenate([own[0] * earlier, own])) for name, (sign, own) in chambers.items()},
     )
 
 

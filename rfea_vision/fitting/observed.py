@@ -43,6 +43,7 @@ class Observed:
     excitation: Excitation
     observe: Observe
     clock_sigma: float  # s; 0 where the clock is taken as given
+    middle_s: float  # middle of the recording, where a clock drift is zero: the same for every part of it
     repeat_of: str | None = None
     tip_noise_mm: float = field(default=0.0)
     origin_sigma: float = field(default=0.0)  # m; 0 where the track is in the rig frame by somebody else's word
@@ -102,11 +103,6 @@ class Observed:
     def clock_free(self) -> bool:
         """Whether the clock of this run is found with the fit."""
         return self.clock_sigma > 0
-
-    @cached_property
-    def middle_s(self) -> float:
-        """Middle of the recording, where a clock drift is zero."""
-        return float(0.5 * (self.time[0] + self.time[-1]))
 
     @property
     def has_midline(self) -> bool:

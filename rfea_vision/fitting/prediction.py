@@ -10,9 +10,9 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.dynamics.simulation import Model
-from rfea_vision.fitting.observation import normals_of, observe_recording
+from rfea_vision.fitting.observation import normals_of
 from rfea_vision.fitting.observed import MM, Observed
-from rfea_vision.fitting.problem import with_zeros
+from rfea_vision.fitting.problem import observed
 from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
 from rfea_vision.fitting.scoring import options_of, rebuild
 from rfea_vision.fitting.solver import fit_clocks
@@ -53,18 +53,19 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
 
 
 def observe_as_scored(model: ModelFit, recording: Recording) -> Observed:
-    """Prepare a recording as it was when the model was scored on it: with the same steps, and the same freedom of the zero."""
+    """Prepare a recording as it was when the model was scored on it: seen alike, with the same steps and freedom of the zero."""
     score = model.experiments.get(recording.name)
-    item = observe_recording(recording, longest_step_s=None if score is None else score.step_s)
-    return with_zeros(item, options_of(model))
+    step_s = None if score is None else score.step_s
+    return observed(recording, model.observe, options_of(model), longest_step_s=step_s)  # type: ignore[arg-type]
 
 
 def _known_parameters(model: ModelFit, names: Sequence[str]) -> tuple[list[int], np.ndarray, float]:
     """Places of the parameters that have an error, their covariance, and how many errors a 95 % interval reaches."""
-    errors = {name: item.stderr for name, item in model.parameters.items() if item.stderr and not item.fixed}
-    listed = list(model.correlation.get("names", ()))
-    chosen = [name for name in listed if name in errors and name in names]
-    rows = [listed.index(name) for name in chosen]
+    # A parameter's own error also holds what a finer chain would move, by which parameters make up for one another: the curves stay.
+    errors = dict(zip(model.correlation.get("names", ()), model.correlation.get("stderr", ()), strict=False))
+    told = {name for name, item in model.parameters.items() if item.stderr and not item.fixed}
+    chosen = [name for name in errors if name in told and name in names]
+    rows = [list(errors).index(name) for name in chosen]
     sizes = np.array([errors[name] for name in chosen])
     matrix = np.asarray(model.correlation.get("matrix", np.zeros((0, 0))), dtype=float)
     shared = matrix[np.ix_(rows, rows)] * np.outer(sizes, sizes) if rows else np.zeros((0, 0))
@@ -137,8 +138,7 @@ def as_dataset(
         "theta": (("time", "joint"), theta.astype(np.float32), {"units": "deg"}),
         "scored": (("time",), scored, {"long_name": "whether the frame is compared with what was measured"}),
     }
-    radius, arc = simulator.chain.outer_radius, simulator.chain.arc[0]
-    elongation = radius * np.deg2rad(theta) / arc
+    elongation = simulator.chain.offset * np.deg2rad(theta) / simulator.chain.arc[0]
     variables["elongation"] = (("time", "segment"), elongation.astype(np.float32), {"units": "1"})
     line[scored == 0], angle[scored == 0] = np.nan, np.nan  # from here on what is compared
     if "tip" in data:

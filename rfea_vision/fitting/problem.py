@@ -58,13 +58,26 @@ def make_problem(recordings: Mapping[str, Recording], actuator: Actuator, option
     wanted = options.observe or default_observe(training)
     items = []
     for recording in used.values():
-        own = wanted if _offers(recording, wanted) else default_observe([recording])
-        item = observe_recording(recording, wanted if recording.role == "train" else own)
-        every = 1 if options.frames is None else -(-item.time.size // options.frames)
-        items.append(with_zeros(item.thinned(every), options))
+        item = observed(recording, wanted, options, as_asked=recording.role == "train")
+        items.append(item.thinned(1 if options.frames is None else -(-item.time.size // options.frames)))
     _refuse_nonsense([o for o in items if o.role == "train"], actuator)
     groups = {role: tuple(o for o in items if o.role == role) for role in ("train", "validate", "test")}
-    return Problem(actuator, groups["train"], groups["validate"], groups["test"], dict(used), largest_bend(items))
+    return Problem(
+        actuator, groups["train"], groups["validate"], groups["test"], dict(used), largest_bend(groups["train"])
+    )
+
+
+def observed(
+    recording: Recording,
+    wanted: Observe,
+    options: FitOptions,
+    *,
+    as_asked: bool = False,
+    longest_step_s: float | None = None,
+) -> Observed:
+    """A recording as it is fitted or scored: looked at as is wanted, or where it does not offer that as it can be."""
+    seen = wanted if as_asked or _offers(recording, wanted) else default_observe([recording])
+    return with_zeros(observe_recording(recording, seen, longest_step_s=longest_step_s), options)
 
 
 def with_zeros(item: Observed, options: FitOptions) -> Observed:

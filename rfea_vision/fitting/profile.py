@@ -70,13 +70,14 @@ def profile(problem: Problem, fitted: Fitted, name: str, parameters: Mapping[str
 def _scale_and_step(fitted: Fitted, name: str, parameter: Parameter) -> tuple[float, float]:
     """Misfit that counts as one, and the first step of the parameter (a standard error)."""
     solution = fitted.solution
-    rows = np.concatenate([solution.scaled_jacobian, solution.prior_jacobian])
+    weight = np.sqrt(solution.row_weight)
+    rows = np.concatenate([solution.scaled_jacobian * weight[:, None], solution.prior_jacobian])
     size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     inverse = np.linalg.pinv((rows / size).T @ (rows / size)) / np.outer(size, size)
     ny = len(fitted.coordinates.free)
     direction = fitted.coordinates.matrix[fitted.model.names.index(name)]
     information = float(direction @ inverse[:ny, :ny] @ direction)
-    residual = solution.evaluation.residual
+    residual = solution.evaluation.residual * weight
     variance = float(residual @ residual) / max(residual.size - rows.shape[1], 1)
     classical = np.sqrt(max(variance * information, 0.0))
     error = parameter.stderr or classical or 0.01 * abs(parameter.value)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.dynamics.line import sensed
 from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.fitting.nuisance import eliminate
 from rfea_vision.fitting.observed import Observed
@@ -135,11 +136,13 @@ def _predict(
             extended[:, :, column] += motion.rate * slope[:, None]
     seen = replace(motion, message="", sensitivity=extended)
     pressure = item.excitation.at(frames, model.combined(par, item.excitation)[0])
+    own = [item.excitation.at(frames, values) for _, values in item.excitation.chambers.values()]
+    pressures = (pressure, np.sum(own, axis=0) if own else pressure)
     shift, dshift = np.zeros(2), np.zeros((2, extended.shape[2]))
     if item.origin_sigma > 0:
-        shift, dshift = origin_shift(item, *seen_by_camera(model, par, seen, item.fractions, free, pressure))
+        shift, dshift = origin_shift(item, *seen_by_camera(model, par, seen, item.fractions, free, *pressures))
     points, dpoints = seen_by_camera(
-        model, par, seen, item.fractions if fractions is None else fractions, free, pressure
+        model, par, seen, item.fractions if fractions is None else fractions, free, *pressures
     )
     angle, dangle = motion.phi[:, -1], extended[:, -1, :]
     if model.law.changes("angle_drift") and not item.has_tip:
@@ -184,14 +187,31 @@ def as_rigged(
 
 
 def seen_by_camera(
-    model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: list[int], pressure: FloatArray
+    model: Model,
+    par: FloatArray,
+    seen: Motion,
+    fractions: FloatArray,
+    free: list[int],
+    pressure: FloatArray,
+    total: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Points on the centre line as the camera reports them (frames, k, 2) in m, with their derivatives (frames, k, 2, p).
 
     par : (parameters,) in SI; fractions : (k,) of the line's length; free : places in `par` to differentiate by
-    pressure : (frames,) at the sensor in Pa
+    pressure : (frames,) at the sensor in Pa; total : (frames,) of several chambers the sum of all, whatever their signs
     """
     points, dpoints = model.centre_line(seen, fractions)
+    if model.law.changes("stretch"):
+        felt, by_felt = sensed(
+            model.law.felt_pressure, par, model._constants, pressure if total is None else total, None
+        )
+        row = model.law.stretch(par, model._constants, felt)[0]
+        factor = np.broadcast_to(1.0 + np.asarray(row[0], dtype=float), felt.shape)[:, None, None]
+        dpoints = factor[..., None] * dpoints
+        for column, k in enumerate(free):
+            change = np.broadcast_to(row[2 + k] + row[1] * by_felt[:, k], felt.shape)
+            dpoints[..., column] += change[:, None, None] * points
+        points = factor * points
     if model.law.changes("line_shift"):
         shift_out, dshift_out = _shifted_line(model, par, seen, fractions, free, pressure)
         points, dpoints = points + shift_out, dpoints + dshift_out
@@ -213,7 +233,7 @@ def _shifted_line(
     model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: list[int], pressure: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Shift of the centre line (frames, m, 2) away from the inextensible side, as against its first cross-section's."""
-    felt = np.broadcast_to(model.law.felt_pressure(par, model._constants, pressure)[0][0], pressure.shape)
+    felt, by_felt = sensed(model.law.felt_pressure, par, model._constants, pressure, None)
     row = model.law.line_shift(par, model._constants, felt)[0]
     size = np.broadcast_to(np.asarray(row[0], dtype=float), pressure.shape)[:, None, None]
     # Bend and material coordinate go together closely enough for a shift of a tenth of a millimetre.
@@ -226,7 +246,7 @@ def _shifted_line(
     derivative = turned[..., None] * slope[:, :, None] - clamp_turned[..., None] * clamp_slope[:, :, None]
     derivative *= size[..., None]
     for column, k in enumerate(free):
-        change = np.broadcast_to(np.asarray(row[2 + k], dtype=float), pressure.shape)
+        change = np.broadcast_to(row[2 + k] + row[1] * by_felt[:, k], pressure.shape)
         derivative[..., column] += change[:, None, None] * outward
     return size * outward, derivative
 
@@ -265,8 +285,8 @@ def angle_zero(item: Observed, angle: FloatArray, dangle: FloatArray) -> tuple[f
 def rows(item: Observed, predicted: Predicted, *, jacobian: bool = True) -> tuple[FloatArray, FloatArray]:
     """Weighted residual (rows,), measured minus modelled, and its Jacobian (rows, p) for the free parameters and the clock.
 
-    midline: the normal distance at every node but the tip, and both coordinates of the tip; the weight of a frame's
-    nodes is shared, as their errors are alike.
+    midline: the normal distance at every node but the tip, and both coordinates of the tip, each by its own standard error;
+    that the errors of a frame are alike is left to the intervals.
     """
     p = predicted.dpoints.shape[-1]
     if item.observe == "angle":

@@ -12,6 +12,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit, Parameter
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
+from rfea_vision.errors import InputError
 from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.discretisation import drift
 from rfea_vision.fitting.intervals import intervals, without_intervals
@@ -35,7 +36,7 @@ METRICS = ("tip_rmse_mm", "tip_x_rmse_mm", "tip_y_rmse_mm", "midline_rmse_mm", "
 class Gaps:
     """Squared errors of one experiment, per frame: tip, its x and y, mean over the midline (mm^2), angle (deg^2).
 
-    None where something was not measured.
+    None where something was not measured. `spread` is the variance of the tip, or of the angle where there is no tip.
     """
 
     tip: FloatArray | None
@@ -43,7 +44,12 @@ class Gaps:
     tip_y: FloatArray | None
     midline: FloatArray | None
     angle: FloatArray | None
-    tip_variance: float
+    spread: float
+
+    @property
+    def main(self) -> FloatArray | None:
+        """Of the tip, or of the angle where there is no tip."""
+        return self.angle if self.tip is None else self.tip
 
 
 def gaps(item: Observed, predicted: Predicted) -> Gaps:
@@ -52,7 +58,8 @@ def gaps(item: Observed, predicted: Predicted) -> Gaps:
     tip = None if gap is None else np.sum(gap[:, -1] ** 2, axis=1)
     midline = None if gap is None or not item.has_midline else np.mean(np.sum(gap**2, axis=2), axis=1)
     angle = np.rad2deg(item.angle - predicted.angle) ** 2 if np.any(np.isfinite(item.angle)) else None
-    variance = 0.0 if gap is None else float(np.sum(np.var(item.points[:, -1] / MM, axis=0)))
+    shown = np.rad2deg(item.angle[:, None]) if gap is None else item.points[:, -1] / MM
+    variance = float(np.sum(np.nanvar(shown, axis=0))) if np.isfinite(shown).any() else 0.0
     x, y = (None, None) if gap is None else (gap[:, -1, 0] ** 2, gap[:, -1, 1] ** 2)
     return Gaps(tip, x, y, midline, angle, variance)
 
@@ -69,12 +76,10 @@ def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
         return float(np.sqrt(np.nanmean(np.concatenate(arrays))))
 
     tip = root("tip", "the track has no tip", "tip_rmse_mm")
-    fit_percent = None
-    with_tip = [p for p in parts if p.tip is not None]
-    if with_tip:
-        spread = sum(p.tip_variance * p.tip.size for p in with_tip if p.tip is not None)
-        error = sum(float(np.sum(p.tip)) for p in with_tip if p.tip is not None)
-        fit_percent = 100 * (1 - float(np.sqrt(error / spread))) if spread > 0 else None
+    alike = [p for p in parts if p.tip is not None] or parts  # of mm or of degrees, never of both
+    spread = sum(p.spread * np.isfinite(p.main).sum() for p in alike if p.main is not None)
+    error = sum(float(np.nansum(p.main)) for p in alike if p.main is not None)
+    fit_percent = 100 * (1 - float(np.sqrt(error / spread))) if spread > 0 else None
     return Metrics(
         tip_rmse_mm=tip,
         tip_x_rmse_mm=root("tip_x", "the track has no tip", "tip_x_rmse_mm"),
@@ -178,7 +183,11 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
         actuator=problem.actuator.as_dict(),
         parameters=parameters,
         paper_parameters=paper,
-        correlation={"names": list(fitted.coordinates.names), "matrix": found.correlation.round(6).tolist()},
+        correlation={
+            "names": list(fitted.coordinates.names),
+            "matrix": found.correlation.round(9).tolist(),
+            "stderr": np.sqrt(np.diag(found.covariance)[list(fitted.coordinates.free)]).tolist(),
+        },
         metrics=metrics_by_role(problem, scores, parts),
         noise_floor_mm=floor,
         noise_floor_deg=floor_deg,
@@ -190,6 +199,7 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
             *found.sentences,
             *alarms(fitted, problem.actuator),
             *_about_runs(problem, fitted),
+            *worse_than_nothing(scores),
         ],
         steady_state=fitted.steady,
         starts=list(fitted.starts),
@@ -239,6 +249,19 @@ def _about_runs(problem: Problem, fitted: Fitted) -> list[str]:
     return out
 
 
+def worse_than_nothing(scores: Mapping[str, ExperimentScore]) -> list[str]:
+    """Say where a tube that never moves from its mean would be nearer to what was measured."""
+    worse = [
+        name for name, s in scores.items() if s.normalised_fit_percent is not None and s.normalised_fit_percent < 0
+    ]
+    if not worse:
+        return []
+    return [
+        f"{', '.join(worse)}: the model is farther from the track than a tube that never moves from its mean place: check length, "
+        "mounting (rig.gravity), the side it bends to, where the track begins, and the clocks, before any value is believed."
+    ]
+
+
 def _given(options: FitOptions) -> dict[str, Any]:
     """What else was asked that holds for further fits, in SI, so that the fit can be taken up again from the artefact."""
     lasting = {option.name for option in asked_by("improve", FitOptions)} - set(ModelFit.model_fields)
@@ -255,7 +278,18 @@ def options_of(artefact: ModelFit) -> FitOptions:
 
 
 def rebuild(artefact: ModelFit) -> tuple[Model, FloatArray]:
-    """The model, with the integrator that its values were refined for, and its parameters (parameters,) in SI from `model.json`."""
+    """The model, with the integrator that its values were refined for, and its parameters (parameters,) in SI from `model.json`.
+
+    Raises
+    ------
+    InputError
+        The fit lacks a parameter of the model, or names an effect that nobody declares.
+    """
     actuator = Actuator(**artefact.actuator)
     model = make_model(actuator, options_of(artefact), actuator.mirror)
+    missing = [name for name in model.names if name not in artefact.parameters]
+    if missing:
+        raise InputError(
+            f"model '{artefact.name}': model.json lacks the parameter {missing[0]}; fit it again with --force"
+        )
     return replace(model, order=artefact.order), np.array([artefact.parameters[name].value for name in model.names])

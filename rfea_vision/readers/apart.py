@@ -15,7 +15,8 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -39,10 +40,15 @@ _LENGTH = struct.Struct("<Q")
 _on = _serving = False
 
 
-def isolate(on: bool = True) -> None:
-    """From now on read tables, films, pictures and results in a process of their own (or not)."""
+@contextmanager
+def isolating(on: bool = True) -> Iterator[None]:
+    """Read tables, films, pictures and results in a process of their own (or not) as long as this lasts."""
     global _on
-    _on = on
+    before, _on = _on, on
+    try:
+        yield
+    finally:
+        _on = before
 
 
 def isolated() -> bool:

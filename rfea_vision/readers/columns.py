@@ -91,9 +91,14 @@ def _moments(values: np.ndarray) -> NDArray[np.datetime64] | None:
     return values
 
 
-def clock_zero_s(table: Table, name: str) -> float | None:
-    """Return where the times that `in_unit` gives of a column of dates begin, in s after 1970; None of anything else."""
-    moments = _moments(table.columns[name]) if name in table.columns else None
+def clock_zero_s(table: Table, name: str | None) -> float | None:
+    """Return when the times that `in_unit` gives of a column of dates, or without its name the file's own, begin.
+
+    In s after 1970; None of anything else.
+    """
+    if name is None:
+        return table.zero_s
+    moments = _moments(table.columns[name])
     return None if moments is None else float((moments[0] - np.datetime64(0, "s")) / np.timedelta64(1, "s"))
 
 
@@ -114,5 +119,5 @@ def in_unit(table: Table, name: str, to: str, key: str, unit: str | None = None)
     try:
         return values * conversion_factor(unit or unit_of(table, name, to), to)
     except ValueError as error:
-        where = key if unit is None else f"{key.split('.')[0]}.{'unit' if to == 'kPa' else 'time_unit'}"
+        where = key if unit is None else f"{key.split('.')[0]}.{'time_unit' if to == 's' else 'unit'}"
         raise InputError(f"{table.source}: {where}: {error}") from error

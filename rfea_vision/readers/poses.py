@@ -47,7 +47,7 @@ def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
     else:
         assert spec is not None
         time = spec.time or ("time_s" if "time_s" in table.columns else None)
-        time_s = None if time is None else in_unit(table, time, "s", "track.time")
+        time_s = None if time is None else in_unit(table, time, "s", "track.time", spec.time_unit)
         asked = {name for group in spec.points for name in group}
         found = points_of_columns(table.source, table.columns, table.units, time_s, asked)
         if found is None:

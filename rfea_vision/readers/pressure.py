@@ -127,11 +127,14 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
     pressure_kPa, said = _in_kPa(table, pressure_name, spec.unit)
     if (spec.reference or said) == "absolute":
         pressure_kPa = pressure_kPa - _ambient_kPa(table, pressure_name, spec)
-    zero_s = None if time_name is None else clock_zero_s(table, time_name)
+    zero_s = clock_zero_s(table, time_name)
     if time_name is None:
         time_s = table.times_s[pressure_name]
     else:
         time_s = in_unit(table, time_name, "s", "pressure.time", spec.time_unit)
+    if time_name is not None and (np.diff(time_s) < 0).any() and (np.diff(pressure_kPa) > 0).all():
+        text = f"goes up and down, and '{pressure_name}' rises in every row, as a clock does; are the two columns swapped?"
+        raise InputError(f"{table.source}: pressure.time: '{time_name}' {text}")
     others = {
         other: table.numbers(other)
         for other, values in table.columns.items()

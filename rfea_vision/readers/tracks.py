@@ -65,12 +65,14 @@ def read_track(
         angle = None
     else:
         _refuse_keys_of_points(path, spec)
-        time_s = _time(table, spec.time if spec is not None else None, (spec and spec.angle) or "angle_deg")
-        nodes, tip, angle = _nodes(table), _pair(table), _angle(table, spec.angle if spec is not None else None)
+        time_s = _time(table, spec)
+        nodes, tip, angle = _nodes(table), _pair(table), _angle(table, spec)
     if nodes is None and tip is None and angle is None:
         raise InputError(
             f"{path}: no columns of a track; needed are time_s and {_KNOWN}; there are: {', '.join(table.columns)}"
         )
+    if nodes is not None:  # some tools write 0 or 9999 everywhere where they saw no tube
+        nodes[(np.diff(nodes, axis=1) == 0).all(axis=(1, 2))] = np.nan
     columns: list[FloatArray] = []
     columns += [nodes.reshape(len(time_s), -1)] if nodes is not None else []
     columns += [tip] if tip is not None else []
@@ -92,7 +94,8 @@ def read_track(
             "sigma_source": "given in the track" if given else "estimated from the track's own high frequencies",
         },
     )
-    zero_s = clock_zero_s(table, (spec and spec.time) or "time_s")
+    name = (spec and spec.time) or "time_s"
+    zero_s = clock_zero_s(table, name if name in table.columns else None)
     if zero_s is not None:
         dataset.attrs["clock_zero_s"] = zero_s
     if nodes is not None:
@@ -148,8 +151,9 @@ def noise_of(values: FloatArray) -> float:
     return float(max(spread, rounding, 1e-6))
 
 
-def _time(table: Table, given: str | None, angle: str) -> FloatArray:
+def _time(table: Table, spec: TrackSpec | None) -> FloatArray:
     """Times of the rows: as named, or those that the file itself keeps of the angle."""
+    given, angle = spec and spec.time, (spec and spec.angle) or "angle_deg"
     name = given or "time_s"
     own = given is None and name not in table.columns and angle in table.times_s
     if given is None and name not in table.columns and not own:
@@ -157,7 +161,11 @@ def _time(table: Table, given: str | None, angle: str) -> FloatArray:
             f"{table.source}: no column 'time_s'; there are: {', '.join(table.columns)}; name it with 'track.time'"
         )
     name = angle if own else name
-    time_s = np.asarray(table.times_s[name], dtype=float) if own else in_unit(table, name, "s", "track.time")
+    time_s = (
+        np.asarray(table.times_s[name], dtype=float)
+        if own
+        else in_unit(table, name, "s", "track.time", spec and spec.time_unit)
+    )
     if time_s.size < 2:
         raise InputError(f"{table.source}: {time_s.size} rows; a track of at least two is needed")
     refuse_rows(table.source, name, ~np.isfinite(time_s), "is not a finite number")
@@ -166,10 +174,11 @@ def _time(table: Table, given: str | None, angle: str) -> FloatArray:
     return time_s
 
 
-def _angle(table: Table, given: str | None) -> FloatArray | None:
+def _angle(table: Table, spec: TrackSpec | None) -> FloatArray | None:
+    given = spec and spec.angle
     if given is None and "angle_deg" not in table.columns:
         return None
-    return in_unit(table, given or "angle_deg", "deg", "track.angle")
+    return in_unit(table, given or "angle_deg", "deg", "track.angle", spec and spec.unit)
 
 
 def _sigma(table: Table, name: str, valid: NDArray[np.bool_]) -> FloatArray | None:

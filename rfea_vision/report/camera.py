@@ -18,7 +18,10 @@ _NOT_A_NUMBER = re.compile(r"\.Nan\b")
 
 
 class _Loader(yaml.SafeLoader):
-    pass
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):  # a stranger's, which could stand for more than any memory holds
+            raise yaml.YAMLError("it has aliases, which OpenCV does not write")
+        return super().compose_node(parent, index)
 
 
 def _matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> list[list[float]]:

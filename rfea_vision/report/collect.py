@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -80,9 +80,10 @@ class Evidence:
         return self.climbed[-1] if self.steps else None
 
 
-def collect(folder: Path) -> Evidence:
-    """Read all artefacts below `folder` (``<campaign>/rfea``).
+def collect(folder: Path, runs: Collection[str] | None = None) -> Evidence:
+    """Read all artefacts below `folder` (``<campaign>/rfea``); with `runs`, of these experiments alone.
 
+    Results of runs that were renamed, taken out or set aside since stay in the folder, and are none of the campaign's.
     A missing or unreadable file becomes a sentence in ``absent``, never an error.
     """
     absent: dict[str, str] = {}
@@ -94,7 +95,7 @@ def collect(folder: Path) -> Evidence:
         absent["ladder"] = "No ladder yet: run `rfea improve` to let the tool add effects one by one."
     else:
         ladder = _load(Ladder.load, ladder_path, "ladder", absent)
-    experiments = tuple(sorted(_experiments(folder), key=lambda e: (_ROLE_ORDER.get(e.role, 3), e.name)))
+    experiments = tuple(sorted(_experiments(folder, runs), key=lambda e: (_ROLE_ORDER.get(e.role, 3), e.name)))
     steps = tuple(_steps(folder, ladder, absent))
     if not steps:
         absent.setdefault("models", "No model yet: run `rfea fit` or `rfea improve`.")
@@ -117,7 +118,7 @@ def _load(reader: Any, path: Path, key: str, absent: dict[str, str]) -> Any:
         return reader(path)
     except RfeaError as error:
         absent[key] = f"{error}"
-    except (OSError, ValueError, LookupError) as error:
+    except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
         absent[key] = f"{path.name} could not be read ({error}); run the stage that writes it with --force."
     return None
 
@@ -129,10 +130,10 @@ def _read_mapping(path: Path) -> dict[str, Any]:
     return content
 
 
-def _experiments(folder: Path) -> list[Experiment]:
+def _experiments(folder: Path, runs: Collection[str] | None) -> list[Experiment]:
     found = []
     rooms = {path.parent for pattern in ("*/recording.nc", "*/track.nc") for path in folder.glob(pattern)}
-    for room in sorted(rooms):
+    for room in sorted(room for room in rooms if runs is None or room.name in runs):
         absent: dict[str, str] = {}
         recording = track = None
         if (room / "recording.nc").exists():
@@ -149,15 +150,24 @@ def _experiments(folder: Path) -> list[Experiment]:
     return found
 
 
+def _read_clip(path: Path) -> dict[str, Any]:
+    """What `make_clip` says of a film, as numbers: the page draws by them."""
+    content = _read_mapping(path)
+    told = {key: float(content[key]) for key in ("x_min_mm", "y_max_mm", "px_per_mm", "width", "height")}
+    if not (times := [float(time) for time in content["times_s"]]):
+        raise ValueError("it has no frames")
+    return {**content, **told, "times_s": times}
+
+
 def _clip(room: Path, absent: dict[str, str]) -> tuple[bytes | None, dict[str, Any]]:
     record = room / "clip.json"
     if not record.exists():
         absent["clip"] = "There is no film of this run (its track came from another tool), so the tube is drawn alone."
         return None, {}
-    info = _load(_read_mapping, record, "clip", absent)
+    info = _load(_read_clip, record, "clip", absent)
     if info is None:
         return None, {}
-    film = room / str(info.get("file", "clip.mp4"))
+    film = room / Path(str(info.get("file", "clip.mp4"))).name  # one that leads elsewhere is none, as in `_find`
     if not film.exists():
         absent["clip"] = f"{film.name} is missing beside clip.json: run `rfea track` with --force."
         return None, {}

@@ -269,6 +269,11 @@ def figures_in(unit: str) -> dict[str, Figure]:
     )
     return FIGURES | {
         "error": replace(error, title="Angle error", how=how, label=error.label.replace("Tip", "Angle")),
+        "study": replace(
+            FIGURES["study"],
+            how="Ring: training; dot: held out. Where the curve is flat, more segments buy nothing.",
+            label="Angle error against the number of segments, training and held out",
+        ),
         "phases": replace(FIGURES["phases"], label="Angle error by phase of the pressure"),
         "pressures": replace(FIGURES["pressures"], label="Angle error by pressure band"),
     }

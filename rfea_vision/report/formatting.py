@@ -29,7 +29,7 @@ def _raised(power: int) -> str:
 def with_unit(value: float | None, unit: str, digits: int = 3) -> str:
     """``0.31 mm``; no unit after a missing number or a pure ratio."""
     text = number(value, digits)
-    return text if value is None or unit in ("", "1", "dimensionless") else f"{text}\N{NO-BREAK SPACE}{unit_text(unit)}"
+    return text if value is None or not unit_text(unit) else f"{text}\N{NO-BREAK SPACE}{unit_text(unit)}"
 
 
 def with_error(value: float | None, error: float | None, unit: str, digits: int = 3) -> str:
@@ -51,14 +51,16 @@ def lens_words(model: str | None) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """A unit as printed: ``N·m/rad^2`` becomes ``N m/rad²``."""
+    """A unit as printed: ``N·m/rad^2`` becomes ``N m/rad²``; that of a pure ratio is none."""
+    if unit in ("1", "dimensionless"):
+        return ""
     out, rest = "", unit.replace("**", "^").replace("*", " ").replace("·", " ")
     while "^" in rest:
         head, rest = rest.split("^", 1)
         power = ""
         while rest and (rest[0].isdigit() or (rest[0] == "-" and not power)):
             power, rest = power + rest[0], rest[1:]
-        out += head + _raised(int(power or "1"))
+        out += head + (_raised(int(power)) if power.strip("-") else power)
     return out + rest
 
 

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from rfea_vision.artefacts import Parameter
 from rfea_vision.figures import Lines, Plate, Series
-from rfea_vision.figures.plates import Axis
+from rfea_vision.figures.plates import Axis, told_apart
 from rfea_vision.figures.saving import as_svg
 from rfea_vision.report import prose
 from rfea_vision.report.collect import Evidence, LadderStep
@@ -43,7 +43,7 @@ def parameters_of(tube: GroupMember) -> dict[str, Parameter]:
 
 def group_plates(tubes: Sequence[GroupMember]) -> list[Plate]:
     """Each parameter that two tubes share, over each design variable of which they have different values."""
-    return [plate for plate, _ in _drawn(tubes)]
+    return told_apart([plate for plate, _ in _drawn(tubes)])
 
 
 def _drawn(tubes: Sequence[GroupMember]) -> list[tuple[Plate, str]]:
@@ -117,15 +117,19 @@ def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes beside one
     titles: dict[str, str] = {}
     for tube in tubes:
         titles |= prose.effect_titles(tube.evidence)
+    meanings: dict[str, str] = {}
+    for tube in tubes:
+        meanings |= prose.parameter_words(tube.evidence, titles)
     cells = {tube.name: _effects(tube) for tube in tubes}
     effects = list(dict.fromkeys(effect for row in cells.values() for effect in row))
     rows = [_row(tube) for tube in tubes]
     plates = [
-        {"title": plate.title, "svg": Markup(as_svg(plate)), "left_out": left_out} for plate, left_out in _drawn(tubes)
+        {"title": plate.title, "svg": Markup(as_svg(plate)), "left_out": left_out}
+        for plate, (_, left_out) in zip(group_plates(tubes), _drawn(tubes), strict=True)
     ]
     parameters = {tube.name: parameters_of(tube) for tube in tubes}
     return environment().get_template("group.html.j2").render(
-        title=title, rows=rows, cells=cells, effects=effects, titles=titles, plates=plates, parameters=parameters,
+        title=title, rows=rows, cells=cells, effects=effects, titles=titles, meanings=meanings, plates=plates, parameters=parameters,
         not_drawn=_not_drawn(tubes), unasked=[row["name"] for row in rows if row["shown"] and not row["verdict"]],
         variables=list(dict.fromkeys(key for tube in tubes for key in tube.design)),
         shared=list(dict.fromkeys(name for item in parameters.values() for name in item)), style=static("style.css"),

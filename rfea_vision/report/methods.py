@@ -98,7 +98,7 @@ def _measurement(evidence: Evidence) -> str:
         )
         if methods_used:
             text += f"Camera and pressure log were brought onto one clock by {listing(SYNC_METHODS.get(m, m) for m in methods_used)}. "
-    if any(run.recording is not None and "midline" in run.recording for run in runs):
+    if any(run.recording is not None and "edges" in run.recording for run in runs):  # else it came with a track
         text += "The centre line was taken from the two sides of the silhouette, with a standard error at every node. "
     return text.strip()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,7 @@ POLICY = (
 SCRIPTS = ("data", "pen", "plot", "time", "where", "shape", "trust", "fit", "camera", "stage", "controls", "main")
 
 
-def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
+def render(folder: Path, *, title: str, commands: Sequence[str] = (), runs: Collection[str] | None = None) -> str:
     """Make the report of one campaign.
 
     Parameters
@@ -43,13 +43,14 @@ def render(folder: Path, *, title: str, commands: Sequence[str] = ()) -> str:
     folder : the campaign's ``rfea/`` folder; whatever is missing in it is said on the page
     title : name of the campaign
     commands : command lines that made the artefacts, printed at the end
+    runs : the campaign's experiments; default all of which there are results
 
     Returns
     -------
     str
         One HTML document without any link to another file.
     """
-    evidence = collect(folder)
+    evidence = collect(folder, runs)
     titles = prose.effect_titles(evidence)
     experiments, rungs, packed = _packed(evidence, titles)
     calibration = _calibration(evidence)
@@ -171,7 +172,7 @@ def _calibration(evidence: Evidence) -> dict[str, Any]:
 
 def _picture(evidence: Evidence, file: str) -> str | None:
     """The small copy of a photo, as an address that holds its own data."""
-    data = evidence.photos.get(Path(file).stem)
+    data = evidence.photos.get(file)
     return None if data is None else f"data:image/jpeg;base64,{base64.b64encode(data).decode('ascii')}"
 
 

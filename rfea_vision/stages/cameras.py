@@ -31,7 +31,8 @@ def calibration_of(work: Runner, experiment: ExperimentSpec) -> Stored[Calibrati
     """
     if experiment.camera is None:
         raise InputError(f"{experiment.file}: camera: is missing; pictures need it")
-    subject = work.campaign.name if experiment.camera == work.campaign.camera else experiment.name
+    own = experiment.camera != work.campaign.camera
+    subject = f"{experiment.name}/camera" if own else work.campaign.name  # a run may be called as its campaign is
     return calibrate(work, experiment.camera, calibration_path(work, experiment), subject)
 
 

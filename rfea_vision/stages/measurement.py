@@ -19,7 +19,7 @@ from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
-from rfea_vision.stages.warnings import few_frames, log_warnings, reasons_of, say_warnings, warn_of_copies
+from rfea_vision.stages.warnings import few_frames, log_doubts, log_warnings, reasons_of, say_warnings, warn_of_copies
 
 if TYPE_CHECKING:
     from rfea_vision.readers.pressure import PressureLog
@@ -241,6 +241,8 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
         except DataError as error:
             if few := few_frames(tracked.value):  # the clocks are not what is wrong
                 raise DataError(f"{experiment.name}: track: {few}") from error
+            if doubt := next((text for text in log_doubts(used, tracked.value.time_s) if "?" in text), ""):
+                raise DataError(f"{experiment.name}: pressure: {doubt}") from error
             raise
         recording = with_earlier_pressure(recording, work.campaign, experiment)
         recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else log_warnings(recording, used))

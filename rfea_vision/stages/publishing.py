@@ -35,7 +35,7 @@ def report(work: Runner) -> Stored[Path]:
     def make(progress: Progress) -> tuple[Path, list[Path], str]:
         from rfea_vision.report import render
 
-        page = render(work.out, title=work.campaign.name, commands=asked)
+        page = render(work.out, title=work.campaign.name, commands=asked, runs=work.runs())
         write_text(path, page)
         return path, [path], f"{path} ({path.stat().st_size / 1e6:.1f} MB)"
 
@@ -44,7 +44,7 @@ def report(work: Runner) -> Stored[Path]:
             "report",
             "page",
             earlier=[f"{file.relative_to(work.out)}:{work.cache.sha256(file)}" for file in files],
-            options={"title": work.campaign.name, "commands": asked},
+            options={"title": work.campaign.name, "commands": asked, "runs": work.runs()},
         ),
         make=make,
         load=lambda: path,
@@ -66,7 +66,7 @@ def figures(work: Runner, *, formats: Sequence[str], style: str, model: str | No
     if model is not None and model not in mechanics.model_names(work):
         there = ", ".join(mechanics.model_names(work)) or "none"
         raise InputError(f"{work.campaign.root}: no model '{model}'; there are: {there}")
-    return save_plates(plates(collect(work.out), model), work.out / "figures", formats=formats, style=style)
+    return save_plates(plates(collect(work.out, work.runs()), model), work.out / "figures", formats=formats, style=style)
 
 
 def notebook(work: Runner) -> Path:
@@ -82,11 +82,9 @@ def side_by_side(first: Runner, second: Runner) -> Path:
     """Write the page that puts two campaigns side by side; it goes to the first one's report."""
     from rfea_vision.report import render_comparison
 
-    names = (first.campaign.name, second.campaign.name)
-    if names[0] == names[1]:
-        names = (first.campaign.root.name, second.campaign.root.name)
+    names = _labels((first, second))
     path = _page_beside(first, names[1])
-    write_text(path, render_comparison(first.out, second.out, names=names))
+    write_text(path, render_comparison(first.out, second.out, names=(names[0], names[1])))
     return path
 
 
@@ -96,15 +94,20 @@ def group(works: Sequence[Runner], path: Path) -> list[Path]:
     from rfea_vision.report.collect import collect
     from rfea_vision.report.group import GroupMember, group_plates, render_group
 
-    names = [work.campaign.name for work in works]
-    labels = [
-        name if names.count(name) == 1 else work.campaign.root.name for name, work in zip(names, works, strict=True)
-    ]
     tubes = [
-        GroupMember(label, work.campaign.design, collect(work.out)) for label, work in zip(labels, works, strict=True)
+        GroupMember(label, work.campaign.design, collect(work.out, work.runs()))
+        for label, work in zip(_labels(works), works, strict=True)
     ]
     write_text(path, render_group(tubes))
     return [path, *save_plates(group_plates(tubes), path.with_name(f"{path.stem}-figures"))]
+
+
+def _labels(works: Sequence[Runner]) -> list[str]:
+    """What to call campaigns beside one another: by their names, else by their folders, else by their whole paths."""
+    by_name = [work.campaign.name for work in works]
+    by_folder = [work.campaign.root.name for work in works]
+    by_path = [str(work.campaign.root) for work in works]
+    return next((names for names in (by_name, by_folder) if len(set(names)) == len(names)), by_path)
 
 
 def is_results(folder: Path) -> bool:
@@ -125,7 +128,7 @@ def beside_results(work: Runner, earlier: Path) -> Path:
 
 def _page_beside(work: Runner, name: str) -> Path:
     """The page that puts a campaign beside `name`, which is whatever somebody called theirs."""
-    safe = re.sub(r"[^\w.-]+", "-", name)
+    safe = re.sub(r"[^\w.-]+", "-", name)[-60:]  # of a long path what tells it apart
     return work.out / "report" / f"beside-{safe}.html"
 
 

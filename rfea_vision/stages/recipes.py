@@ -123,6 +123,7 @@ def load_recipe(name_or_path: str) -> Recipe:
             )
         path = recipes[name_or_path]
     file = read_yaml(path)
+    _look_beside(path.parent.resolve(), file.content.get("steps"))
     try:
         recipe = Recipe.model_validate(file.content)
     except ValidationError as error:
@@ -134,6 +135,15 @@ def load_recipe(name_or_path: str) -> Recipe:
             name = step if isinstance(step, str) else next(iter(step))
             raise InputError(f"{path}:{file.line_of(('steps', index))}: {name}: {error}") from error
     return recipe
+
+
+def _look_beside(folder: Path, steps: Any) -> None:
+    """Make effect files that steps name relative to the recipe's own `folder`: it may run elsewhere, on other machines, too."""
+    for step in steps if isinstance(steps, list) else ():
+        for options in step.values() if isinstance(step, dict) else ():
+            if isinstance(options, dict) and isinstance(options.get("effect_files"), list):
+                files = [folder / Path(str(item)).expanduser() for item in options["effect_files"]]
+                options["effect_files"] = [str(file) for file in files]
 
 
 def run_recipe(work: Workspace, recipe: Recipe) -> dict[str, Any]:

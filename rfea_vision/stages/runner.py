@@ -147,7 +147,7 @@ class Runner:
 
     def raw_inputs(self, experiments: Iterable[str]) -> dict[str, str]:
         """Return the hashes of the raw files that these recordings were made from, by path below the campaign."""
-        keys = [f"{stage}/{name}" for stage in ("calibrate", "track", "sync") for name in experiments]
+        keys = [key for name in experiments for key in (f"calibrate/{name}/camera", f"track/{name}", f"sync/{name}")]
         found: dict[str, str] = {}
         for key in (f"calibrate/{self.campaign.name}", *keys):
             record = self.cache.record(key)
@@ -167,6 +167,10 @@ class Runner:
 
     def _shown(self, path: Path) -> str:
         return path.relative_to(self.campaign.root).as_posix() if path.is_relative_to(self.campaign.root) else str(path)
+
+    def runs(self) -> list[str]:
+        """Names of the experiments that are not set aside."""
+        return [item.name for item in self.campaign.experiments if item.role != "ignore"]
 
     def active(self) -> list[ExperimentSpec]:
         return [item for item in self.campaign.experiments if item.role != "ignore" and item.name not in self.failures]

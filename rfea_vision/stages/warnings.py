@@ -13,6 +13,7 @@ from rfea_vision.campaign import ExperimentSpec, plausibility
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rfea_vision.arrays import FloatArray
     from rfea_vision.readers.pressure import PressureLog
     from rfea_vision.stages.runner import Runner
     from rfea_vision.stages.stored import Stored
@@ -44,12 +45,16 @@ def warnings_of(measured: Track | Recording) -> list[str]:
     return [*filter(None, found), *_written(measured.dataset, after_sync=isinstance(measured, Recording))]
 
 
+def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
+    """What makes one doubt that a log is what it is said to be, beside the times (frames,) of a track."""
+    return plausibility.of_pressure(log.pressure_kPa, log.chambers) + plausibility.of_times(log.time_s, seen_s)
+
+
 def log_warnings(recording: Recording, log: PressureLog) -> dict[str, str]:
-    """What makes one doubt that a log is what it is said to be, as an attribute of the recording."""
+    """The same, and that it belongs to the run, as an attribute of the recording."""
     seen_s = recording.time_s
-    said = plausibility.of_pressure(log.pressure_kPa, log.chambers) + plausibility.of_times(log.time_s, seen_s)
-    said = said or plausibility.of_pair(recording.dataset, seen_s, log.time_s, log.pressure_kPa)
-    return {"pressure_doubts": "; ".join(f"pressure {text}" for text in said)} if said else {}
+    said = log_doubts(log, seen_s) or plausibility.of_pair(recording.dataset, seen_s, log.time_s, log.pressure_kPa)
+    return {"pressure_doubts": "; ".join(f"pressure: {text}" for text in said)} if said else {}
 
 
 def say_warnings(work: Runner, experiment: ExperimentSpec, measured: Track | Recording) -> None:

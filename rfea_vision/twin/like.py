@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.artefacts import Recording
-from rfea_vision.errors import DataError
+from rfea_vision.artefacts import Actuator, Recording
+from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import write_text
 from rfea_vision.twin.draw import Run, build_plant, move, posture_at
 from rfea_vision.twin.excitation import GRID_S, Programme
@@ -30,6 +30,23 @@ def base_like(parameters: Mapping[str, float], segments: int) -> BaseParameters:
     """Base parameters per joint of a chain of eight, from fitted ones (SI) of a chain of `segments`."""
     scale = {name: 1.0 if name == "r_hyd" else 8 / segments for name in BaseParameters.__dataclass_fields__}
     return BaseParameters(**{name: scale[name] * parameters[name] for name in scale})
+
+
+def tube_like(actuator: Actuator) -> Actuator:
+    """The tube of the plant that stands for an actuator: one that was weighed has densities that give its mass.
+
+    Raises
+    ------
+    InputError
+        If it is no tube: the plant bends about its side alone.
+    """
+    if actuator.kind != "tube":
+        raise InputError(
+            f"simulate --like: the plant is a tube, and this campaign's section a {actuator.kind}; no twin of it can be made"
+        )
+    by_size = replace(actuator, mass_per_length=None)
+    heavier = actuator.linear_density / by_size.linear_density
+    return replace(by_size, density=heavier * actuator.density, fluid_density=heavier * actuator.fluid_density)
 
 
 def simulate_like(

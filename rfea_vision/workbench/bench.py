@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -29,10 +30,13 @@ class Bench:
 
     def evidence(self) -> tuple[Evidence, bytes]:
         """The artefacts, and the packet that the page draws."""
+        runs = None
+        with suppress(InputError):  # of a campaign that is being mended, all that there is
+            runs = [item.name for item in self.campaign().experiments if item.role != "ignore"]
         with self._lock:
-            age = stamps(self.out, *DRAWN)
+            age = (runs, stamps(self.out, *DRAWN))
             if self._read is None or self._read[0] != age:
-                evidence = collect(self.out)
+                evidence = collect(self.out, runs)
                 self._read = (age, evidence, evidence_packet(evidence, self.folder.name))
             return self._read[1], self._read[2]
 
@@ -61,7 +65,7 @@ class Bench:
         """The player of the recordings as they now are."""
         evidence, _ = self.evidence()
         with self._lock:
-            age = stamps(self.out, "*/recording.nc")
+            age = (sorted(item.name for item in evidence.experiments), stamps(self.out, "*/recording.nc"))
             if self._player is None or self._player[0] != age:
                 self._player = (age, Player({item.name: item for item in evidence.experiments}))
             return self._player[1]

@@ -43,6 +43,10 @@ class Desk:
         if not self.campaigns:
             what = "holds no campaign" if self.folder.is_dir() else "no such folder"
             raise InputError(f"{folder}: {what}; 'rfea init DIR' makes one")
+        if out is not None and not self.single:
+            raise InputError(
+                f"--out {out}: is for one campaign, and {folder} holds several, which would share it; leave it out, or open one"
+            )
         self.log: list[dict[str, Any]] = []
         self.ending: Callable[[], bool] = lambda: False
         self.own_files: set[Path] = set()  # effect files that this user has typed or opened, and that are right

@@ -115,16 +115,16 @@ def main() -> None:
         made_up = dict(bombs())
         for job in _jobs():
             target = every[job["target"]]
-            apart.isolate(job["apart"])
-            for what in job["inputs"]:
-                content = content_of(target, what, folder, made_up)
-                answers.write(json.dumps(["begins", what]) + "\n")
-                begun = used_s()
-                became, fault = given(target, content, folder)
-                took = used_s() - begun
-                if printed := _said(2):
-                    became, fault = "fault", f"a traceback on the standard error: {printed}"
-                answers.write(json.dumps(["ended", what, became, fault, round(took, 3), peak_bytes()]) + "\n")
+            with apart.isolating(job["apart"]):
+                for what in job["inputs"]:
+                    content = content_of(target, what, folder, made_up)
+                    answers.write(json.dumps(["begins", what]) + "\n")
+                    begun = used_s()
+                    became, fault = given(target, content, folder)
+                    took = used_s() - begun
+                    if printed := _said(2):
+                        became, fault = "fault", f"a traceback on the standard error: {printed}"
+                    answers.write(json.dumps(["ended", what, became, fault, round(took, 3), peak_bytes()]) + "\n")
 
 
 if __name__ == "__main__":

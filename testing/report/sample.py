@@ -157,7 +157,7 @@ def write_photos(folder: Path) -> None:
     (folder / "photos").mkdir(parents=True)
     for photo in found.quality["residual_fields"][:-1]:
         picture = np.full((180, 101), 60, np.uint8)
-        cv2.imwrite(str(folder / "photos" / f"{Path(photo['file']).stem}.jpg"), picture)
+        cv2.imwrite(str(folder / "photos" / f"{photo['file']}.jpg"), picture)
 
 
 def write_sample(

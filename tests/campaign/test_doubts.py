@@ -70,6 +70,12 @@ def _still(folder):
     table.to_csv(folder / "steps" / "track.csv", index=False)
 
 
+def _nowhere(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    table.loc[5:6, ["tip_x_mm", "tip_y_mm"]] = 9999.0
+    table.to_csv(folder / "steps" / "track.csv", index=False)
+
+
 SLIPS = pytest.mark.parametrize(
     ("spoil", "says"),
     [
@@ -79,6 +85,8 @@ SLIPS = pytest.mark.parametrize(
         (_scaled("time_s", 1000.0), "is the time of the log in ms?"),
         (_scaled("time_s", 1000.0, "track.csv"), "is the time of the pictures in ms?"),
         (_scaled(["tip_x_mm", "tip_y_mm"], 0.001, "track.csv"), "are these mm?"),
+        (_scaled(["tip_x_mm", "tip_y_mm"], 1.3, "track.csv"), "is actuator.length that of the part that bends"),
+        (_nowhere, "2 rows lie beyond any tube: leave empty those"),
         (_swapped, "are x and y swapped?"),
         (_radians, "are these radians?"),
         (_time_as_pressure, "is it the column of time?"),

@@ -25,6 +25,8 @@ HEADERS = [
     ({"время": TIME_S, "давление [hPa]": PRESSURE_kPa * 10}, 3),
     ({"时间 [s]": TIME_S, "压力 [kPa]": PRESSURE_kPa}, 2),
     ({"A": TIME_S, "B": PRESSURE_kPa}, 4),
+    ({"time_s": TIME_S, "p": PRESSURE_kPa / 100}, 2),
+    ({"time_s": TIME_S, "p": 10 * PRESSURE_kPa + 1013.25}, 3),
     ({"sample_t": TIME_S, "p_abs [kPa]": PRESSURE_kPa + 101.3, "p_atm [kPa]": np.full(400, 101.3)}, 5),
     ({"t": TIME_S, "p_psig": PRESSURE_kPa / 6.894757293168361}, 3),
 ]
@@ -88,6 +90,56 @@ def test_an_encoder_beside_the_pressure_is_one_run_on_one_clock(tmp_path):
     np.testing.assert_allclose(read_pressure(run.pressure).pressure_kPa, PRESSURE_kPa, atol=1e-9)
 
 
+def test_a_track_has_the_unit_and_the_clock_of_its_columns(tmp_path):
+    """Neither header says a unit; a set point and a simulated angle are not what was measured."""
+    columns = {"time": 1e3 * TIME_S, "pressure": PRESSURE_kPa, "reference_angle": 0.5, "simulated_angle": 2.0}
+    pd.DataFrame({**columns, "sensor": np.deg2rad(ANGLE_deg)}).to_csv(tmp_path / "run.csv", index=False)
+    write_campaign_from(tmp_path / "tube", [tmp_path / "run.csv"])
+    run = load_campaign(tmp_path / "tube").experiments[0]
+    track = read_track(run.track.file, spec=run.track)
+    np.testing.assert_allclose(track.time_s, TIME_S, atol=1e-9)
+    np.testing.assert_allclose(track.dataset["bend_angle"], ANGLE_deg, atol=1e-6)
+    np.testing.assert_allclose(read_pressure(run.pressure).time_s, TIME_S, atol=1e-9)
+
+
+def test_columns_beside_a_clock_of_another_name_are_points(tmp_path):
+    frame = pd.DataFrame({"t [ms]": 1e3 * TIME_S, "p [bar]": PRESSURE_kPa / 100, "base_x_mm": 0.0, "base_y_mm": 0.0})
+    frame["tip_x_mm"], frame["tip_y_mm"] = tip_track("left")["tip_x_mm"], tip_track("left")["tip_y_mm"]
+    frame.rename(columns={"tip_x_mm": "end_x_mm", "tip_y_mm": "end_y_mm"}).to_csv(tmp_path / "run.csv", index=False)
+    write_campaign_from(tmp_path / "tube", [tmp_path / "run.csv"])
+    run = load_campaign(tmp_path / "tube").experiments[0]
+    np.testing.assert_allclose(read_track(run.track.file, spec=run.track).time_s, TIME_S, atol=1e-9)
+    np.testing.assert_allclose(read_pressure(run.pressure).pressure_kPa, PRESSURE_kPa, atol=1e-9)
+
+
+def test_points_in_space_tell_how_the_tube_hangs(tmp_path):
+    """The file's y points down, and its z away from where the tube bends; the clamp stands at another place than 0."""
+    hanging = tip_track("left")
+    frame = pd.DataFrame({"time_s": TIME_S, "base_x_m": 0.3, "base_y_m": 1.0, "base_z_m": 0.1, "tip_x_m": 0.3001})
+    frame["tip_y_m"], frame["tip_z_m"] = 1.0 - hanging["tip_y_mm"] / 1e3, 0.1 - hanging["tip_x_mm"] / 1e3
+    frame.to_csv(tmp_path / "run.csv", index=False)
+    write_campaign_from(tmp_path / "tube", [tmp_path / "run.csv"])
+    campaign = load_campaign(tmp_path / "tube")
+    run, bends = campaign.experiments[0], campaign.actuator.bends
+    assert bends == "right" and campaign.actuator.length == pytest.approx(0.120, rel=1e-3)
+    tip = read_track(run.track.file, spec=run.track).dataset["tip"]
+    np.testing.assert_allclose(tip, hanging[["tip_x_mm", "tip_y_mm"]] * [-1.0, 1.0], atol=1e-6)
+
+
+def test_two_nameless_columns_are_an_angle_where_nothing_else_moves(tmp_path):
+    for name in ("small", "large"):
+        np.savetxt(tmp_path / f"{name}.txt", np.stack([TIME_S, ANGLE_deg], axis=1))
+    write_campaign_from(tmp_path / "tube", [tmp_path / "small.txt", tmp_path / "large.txt"])
+    run = load_campaign(tmp_path / "tube").experiments[0]
+    np.testing.assert_allclose(read_track(run.track.file, spec=run.track).dataset["bend_angle"], ANGLE_deg, atol=1e-6)
+
+
+def test_numbers_without_a_header_are_asked_for_one(tmp_path):
+    np.savetxt(tmp_path / "rig.txt", np.stack([TIME_S, PRESSURE_kPa, ANGLE_deg, PRESSURE_kPa], axis=1), delimiter="|")
+    with pytest.raises(InputError, match="write a line of names above its numbers, for example 'time_s,p_kPa,angle_deg'"):
+        write_campaign_from(tmp_path / "tube", [tmp_path / "rig.txt"])
+
+
 def test_what_nobody_can_guess_is_asked_for(tmp_path):
     header = "scorer,n,n,n,n,n,n\nbodyparts,tip,tip,tip,clamp,clamp,clamp\ncoords,x,y,likelihood,x,y,likelihood\n"
     rows = "".join(f"{i},{i},5,0.9,1,2,0.9\n" for i in range(5))
@@ -104,7 +156,8 @@ def test_groups_of_markers_are_the_clamp_and_the_tip(tmp_path, shared_data):
     write_campaign_from(tmp_path / "beam", [shared_data / "clamped-beam"])
     text = (tmp_path / "beam" / "gravity-a" / "experiment.yaml").read_text()
     assert "points: [[base1, base2, base3], [tip1, tip2, tip3]]  # guessed: by their names" in text
-    assert "# axes: [x, -z]  # needed:" in text and text.count("scale") == 0
+    axes = yaml.safe_load(text)["track"]["axes"]
+    assert "# guessed: from the clamp the tip lies along" in text and len(axes) == 2 and text.count("scale") == 0
 
 
 def test_names_cannot_write_yaml(tmp_path):

@@ -297,6 +297,8 @@ def test_batch_goes_on_past_what_is_broken(campaign, tmp_path, monkeypatch):
     index = (tmp_path / answer.json["index"]).read_text(encoding="utf-8")
     assert all(name in index for name in results)
     assert (partly / "rfea" / "good" / "recording.nc").is_file()
+    answer = rfea("batch", broken, "--recipe", recipe, "--index", partly)
+    assert answer.code == 1 and "Is a directory" in answer.err and "dashboard" not in answer.err
     assert (campaign / "rfea" / "steps-1" / "recording.nc").is_file()
 
 

@@ -1,11 +1,14 @@
 """What a beginner meets: sentences that end in the right place, whatever was typed or filled in wrongly."""
 
+import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
 from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 from campaign.campaigns import write_campaign
 from rich.progress import Progress
@@ -20,6 +23,14 @@ from .console import rfea
 def test_the_package_runs_as_a_module():
     done = subprocess.run([sys.executable, "-m", "rfea_vision", "--version"], capture_output=True, text=True)
     assert done.returncode == 0 and "rfea" in done.stdout
+
+
+def test_a_terminal_that_cannot_show_a_name_is_no_fault(tmp_path):
+    campaign = write_campaign(tmp_path / "Prüfstand 日本", {"größer": "train"})
+    ascii_only = {**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"}
+    command = [sys.executable, "-m", "rfea_vision", "sync", str(campaign)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=ascii_only, check=False)
+    assert done.returncode == 0 and "gr\\xf6\\xdfer" in done.stdout, done.stderr
 
 
 def test_diameters_given_as_radii_are_doubted(tmp_path):
@@ -159,6 +170,23 @@ def test_every_command_that_ends_well_says_what_comes_next(tmp_path):
         answer = rfea(*arguments)
         assert answer.out.rstrip().splitlines()[-1].startswith("next: rfea "), arguments
     shutil.rmtree(campaign)
+
+
+def test_the_next_command_can_be_typed_as_it_stands(tmp_path):
+    campaign = write_campaign(tmp_path / "my tube's runs")
+    next_one = rfea("check", campaign).out.splitlines()[-1].removeprefix("next: ").partition("   (")[0]
+    assert shlex.split(next_one)[2] == str(campaign)
+
+
+def test_a_clock_in_ms_is_named_where_the_clocks_do_not_meet(tmp_path):
+    campaign = write_campaign(tmp_path / "c", {"steps": "train"})
+    run = campaign / "steps" / "experiment.yaml"
+    run.write_text(run.read_text().replace("common_clock", "motion"))
+    track = pd.read_csv(campaign / "steps" / "track.csv")
+    track.assign(time_s=1000 * track["time_s"]).to_csv(campaign / "steps" / "track.csv", index=False)
+    answer = rfea("sync", campaign)
+    assert answer.code == 1 and "steps: pressure: the log lasts 0.499 s" in answer.err
+    assert "is the time of the pictures in ms?" in answer.err and "video and log belong" not in answer.err
 
 
 def test_an_interrupt_that_the_compiler_swallows_is_no_fault(monkeypatch, capsys):

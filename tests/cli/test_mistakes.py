@@ -145,7 +145,7 @@ IN_COMMANDS = [
     (("report", "CAMPAIGN", "--group", "--compare", "CAMPAIGN"), "--compare has no effect with --group"),
     (("export", "CAMPAIGN", "CAMPAIGN-tube", "--step", "0s"), "--step must be longer than zero"),
     (("export", "CAMPAIGN", "CAMPAIGN-tube", "--step", "-1ms"), "--step must be longer than zero"),
-    (("export", "CAMPAIGN", "CAMPAIGN-tube", "--force"), "--force has no effect with export"),
+    (("export", "CAMPAIGN", "CAMPAIGN-tube", "--force"), "No such option '--force'."),
     (("export", "CAMPAIGN", "CAMPAIGN-tube", "--crate", "--step", "1ms"), "--step has no effect with --crate"),
     (
         ("export", "CAMPAIGN", "CAMPAIGN-tube", "--poses", "--iterations", "4"),

@@ -11,7 +11,7 @@ import pytest
 from rfea_vision.artefacts import Candidate, Diagnosis, Ladder, ModelFit, Recording
 from rfea_vision.critique import diagnose, improve
 from rfea_vision.critique.diagnosis import judge
-from rfea_vision.critique.ladder import Step, next_step
+from rfea_vision.critique.ladder import Step, next_step, rest_of_set
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
 from rfea_vision.effects.catalogue import find_effects
@@ -78,6 +78,10 @@ def test_a_stand_in_is_taken_only_where_one_is_asked_for_and_called_so():
     named = nothing.model_copy(update={"named": ["drag"], "verdict": "missing"})
     assert next_step(named, (), stand_ins=True) == Step("drag", "named", 0.2, 0.4)
     assert next_step(named, ("drag",), stand_ins=False).added is None
+    first = next_step(nothing, (), stand_ins=True)
+    assert rest_of_set((), nothing, first) == ["drag"]
+    assert rest_of_set(["drag"], named, next_step(named, (), stand_ins=True)) == []  # named meanwhile: not added again
+    assert rest_of_set((), named, next_step(named, (), stand_ins=True)) == []
 
 
 def test_an_inclinometer_is_judged_in_degrees(campaign):

@@ -1,4 +1,4 @@
-"""The parts of the critique on their own: phases, dependence, what matters, the noise floor, the next experiment."""
+"""The parts of the critique on their own: what matters, the noise floor, the search, the rule, the next experiment."""
 
 from __future__ import annotations
 
@@ -18,56 +18,19 @@ from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
 from rfea_vision.critique.next_experiment import STEP_S, limits, profiles, shaped
-from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.rule import RULE
-from rfea_vision.critique.screening import Sensitivity
+from rfea_vision.critique.screening import Sensitivity, offered
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.subsets import Combinations
-from rfea_vision.critique.torque import _smoothed
 from rfea_vision.critique.trials import Trials
 from rfea_vision.critique.verdict import _likely
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.noise import noise_floor_mm
-from rfea_vision.fitting.residual_tests import correlation_ratio
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions
 from rfea_vision.stages.products import rung_of
 from testing.claims import brier, calibration_error, claims
-
-
-def test_phases_of_a_trapezium():
-    time = np.arange(0, 6, 1 / 240)
-    pressure = np.interp(time, [0, 1, 2, 4, 5, 6], [0, 0, 200, 200, 0, 0])
-    labels = label_phases(time, pressure, pressure / 100)
-    middle = {second: labels[np.argmin(np.abs(time - second))] for second in (0.5, 1.5, 3.0, 4.5, 5.5)}
-    assert middle == {0.5: "rest", 1.5: "rise", 3.0: "hold", 4.5: "fall", 5.5: "rest"}
-
-
-def test_phases_of_a_triangle_and_of_ringing():
-    time = np.arange(0, 4, 1 / 240)
-    triangle = np.interp(time, [0, 1, 2, 3, 4], [0, 100, 0, 100, 0])
-    assert label_phases(time, triangle, triangle)[np.argmin(np.abs(time - 1.0))] == "reversal"
-    step = np.where(time > 1, 100.0, 0.0)
-    bend = np.where(time > 1, 1 + 0.3 * np.exp(-(time - 1) / 0.5) * np.cos(2 * np.pi * 6 * (time - 1)), 0.0)
-    assert np.mean(label_phases(time, step, bend)[(time > 1.1) & (time < 1.5)] == "ringing") > 0.6
-
-
-def test_dependence_sees_curves_and_no_chance():
-    rng = np.random.default_rng(0)
-    x = rng.uniform(-1, 1, 4000)
-    noise = rng.standard_normal(4000)
-    assert correlation_ratio(x**2, x) > 0.95  # no linear correlation at all
-    assert correlation_ratio(x**2 + np.std(x**2) * noise, x) == pytest.approx(0.5, abs=0.06)
-    assert correlation_ratio(noise, x) < 0.02
-
-
-def test_a_rate_is_no_larger_where_frames_were_lost():
-    """Across a fifth of a second it is that of the chord; taken frame by frame it would be twenty times too large."""
-    time = np.delete(np.arange(0, 2, 0.01), np.r_[50:70, 120:124])
-    gap = np.sin(3 * time)[:, None]
-    (_, rate, _), _ = _smoothed(time, gap)
-    assert np.abs(rate[5:-5, 0] - 3 * np.cos(3 * time[5:-5])).max() < 0.6
 
 
 def _errors(held: float, line: float | None = None) -> Errors:
@@ -84,6 +47,13 @@ def test_an_effect_matters_by_ten_per_cent_and_a_fifth_of_the_floor():
     assert structure(at(0.1), 0.1) == 0.0
     assert structure(at(np.hypot(0.1, 0.3)), 0.1) == pytest.approx(3.0)
     assert share(at(np.hypot(0.1, 1.0)), at(np.hypot(0.1, 0.5)), 0.1) == pytest.approx(0.75)
+
+
+def test_no_error_on_training_runs_is_told_as_one_on_validation_runs():
+    trained = Errors({"run": RunErrors("train", 100, 0.04, None)})
+    assert (
+        trained.held == pytest.approx(0.2) and trained.validate is None and _errors(0.3).validate == pytest.approx(0.3)
+    )
 
 
 def _fake(noise: np.ndarray, sigma_mm: float) -> tuple[SimpleNamespace, SimpleNamespace]:
@@ -263,6 +233,19 @@ def test_a_pair_is_found_whose_members_are_too_weak_alone():
     assert pairs[0].start["payload.m"] == pytest.approx(1e-3, rel=1e-3)
 
 
+def test_a_linear_step_sets_out_from_where_an_effect_is_absent():
+    """A gain is absent at one: a step of two hundredths starts at 1.02, not at the lowest that physics allows."""
+    (gain,) = find_effects(("pressure_gain",))
+    slope = np.random.default_rng(0).standard_normal((400, 1))
+    time = np.arange(400) / 100
+    item: Any = SimpleNamespace(observe="angle", time=time)
+    row = Sensitivity(gain, {}, ["g"], -slope, 0.02 * slope[:, 0], (item,), (slice(0, 400),))
+    ((best,),) = Combinations([row]).best(frozenset(), 1, 1)
+    assert best.start["pressure_gain.g"] == pytest.approx(1.02)
+    (screened,) = screening.screened_rows([row], (gain,))
+    assert screened.amplitudes["g"] == pytest.approx(1.02)
+
+
 def test_a_larger_set_is_never_worse_than_one_that_it_holds(campaign):
     problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
     trials = Trials(problem)
@@ -362,3 +345,18 @@ def test_what_the_odds_do_not_decide_is_claimed_together(monkeypatch):
     ties, probability, likely = _likely(search, rows, search.as_likely(rows))
     assert likely == ["hysteresis"] and [row.added for row in ties["hysteresis"]] == [("maxwell",), ("mullins",)]
     assert probability["hysteresis"] == probability["mullins"] == pytest.approx(RULE.told(0.77))
+
+
+@pytest.mark.parametrize(
+    ("kind", "moving", "looked_for"), [("tube", True, False), ("rod", True, True), ("rod", False, False)]
+)
+def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, moving, looked_for, monkeypatch):
+    monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: moving)
+    run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers={}))
+    problem = SimpleNamespace(actuator=SimpleNamespace(kind=kind), train=[run])
+    fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
+    found = {effect.id for effect in offered(problem, fitted, None, ())}
+    assert ("stretch" in found) == looked_for and "payload" in found
+    bore = {"variable_mass", "virtual_work", "compressibility", "radial_expansion"}
+    assert bore & found == (bore if kind == "tube" else set())
+    assert ("pressure_lag" in found) == moving

@@ -46,6 +46,7 @@ def test_the_catalogue_keeps_its_own_rules(name):
     [
         ("stiffness * (1 + self.c * joint.theta)", "1/m", "units"),
         ("stiffness + self.c", "1", "units"),
+        ("sp.Piecewise((stiffness, joint.theta > joint.pressure), (2 * stiffness, True))", "1", "units"),
         ("stiffness * sp.exp(joint.pressure)", "1", "units"),
         ("stiffness * joint.theta * joint.rate", "1", "unit"),
         ("stiffness * (1 + self.c * sp.Symbol('whatever'))", "1", "whatever"),

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -74,14 +75,17 @@ def test_a_crate_describes_every_file_and_value(tmp_path):
     path = write_crate(
         tmp_path / "crate",
         fit,
-        {"models/base/model.json": tmp_path / "model.json"},
+        {"models/my model/model.json": tmp_path / "model.json"},
         name="tube",
+        made_on="2026-03-01",
         versions=[("numpy", "2")],
     )
+    assert not any(" " in item["@id"] for item in json.loads(path.read_text())["@graph"])
     graph = {item["@id"]: item for item in json.loads(path.read_text())["@graph"]}
     for item in graph.values():
         if item["@type"] == "File":
-            assert hashlib.sha256((tmp_path / "crate" / item["@id"]).read_bytes()).hexdigest() == item["sha256"]
+            assert hashlib.sha256((tmp_path / "crate" / unquote(item["@id"])).read_bytes()).hexdigest() == item["sha256"]
+    assert graph["./"]["datePublished"] == "2026-03-01"
     assert graph["#parameter/r_hyd"]["minValue"] == 0.0035 and graph["#raw/steps/video.mp4"]["sha256"] == "ab" * 32
 
     def references(value):
@@ -95,8 +99,9 @@ def test_a_crate_describes_every_file_and_value(tmp_path):
     write_crate(
         tmp_path / "crate",
         fit,
-        {"models/base/model.json": tmp_path / "model.json"},
+        {"models/my model/model.json": tmp_path / "model.json"},
         name="tube",
+        made_on="2026-03-01",
         versions=[("numpy", "2")],
     )
     assert path.read_bytes() == again
@@ -104,4 +109,5 @@ def test_a_crate_describes_every_file_and_value(tmp_path):
         "rocrate.rocrate", reason="the package rocrate is not installed: only the graph was checked"
     )
     read = crate.ROCrate(tmp_path / "crate")
-    assert [entity.id for entity in read.data_entities] == ["models/base/model.json"]
+    assert [entity.id for entity in read.data_entities] == ["models/my%20model/model.json"]
+    assert read.datePublished.date().isoformat() == "2026-03-01"

@@ -9,6 +9,7 @@ import xarray as xr
 
 from rfea_vision.artefacts import Actuator, ModelFit, Recording
 from rfea_vision.artefacts.judgement import ExperimentScore
+from rfea_vision.critique.next_experiment import _shared
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
 from rfea_vision.effects.base import BASE_PARAMETERS
 from rfea_vision.effects.catalogue import catalogue, find_effects
@@ -16,7 +17,7 @@ from rfea_vision.errors import InputError
 from rfea_vision.fitting import FitOptions, fit_model
 from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observation import observe_recording
-from rfea_vision.fitting.prediction import observe_as_scored
+from rfea_vision.fitting.prediction import as_dataset, observe_as_scored
 from rfea_vision.fitting.problem import make_problem
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.refit import refit
@@ -124,6 +125,10 @@ def test_a_beam_with_two_chambers_bends_alike_to_both_sides():
     assert np.ptp(there.phi[:, -1]) > 0.2
     np.testing.assert_allclose(there.phi, -back.phi, atol=1e-6)
     np.testing.assert_allclose(model.steady(par, -4e4).phi, -model.steady(par, 4e4).phi, atol=1e-9)
+    softens = Model(Chain.tube(rod, 4), (catalogue()["mullins"](),))
+    softened = np.append(par, [0.3, 0.3])
+    there, back = (softens.simulate(softened, Excitation(0.0, 2e-3, way * pressure), times) for way in (1.0, -1.0))
+    np.testing.assert_allclose(there.phi, -back.phi, atol=1e-6)
     to_left, to_right = bending_angle(par[:7], 4, [4e5, -4e5], rod)
     assert to_left == pytest.approx(-to_right)
     assert to_left > 1.0  # beyond where the bore of a tube of these radii would close
@@ -182,6 +187,51 @@ def test_what_is_predicted_takes_the_steps_that_were_scored(chambers):
     model = ModelFit(name="base", segments=4, parameters={}, metrics={}, experiments={"a": score})
     assert observe_as_scored(model, recording).excitation.step_s == usual / 2
     assert observe_as_scored(model.model_copy(update={"experiments": {}}), recording).excitation.step_s == usual
+
+
+def test_what_test_runs_show_does_not_enter_the_fit(chambers):
+    """How far springs must hold is asked of the training runs alone."""
+    test = chambers["b"].dataset.copy(deep=True)
+    test["bend_angle"] = 9 * test["bend_angle"]
+    test.attrs["role"] = "test"
+    alone = {"a": chambers["a"]}
+    assert make_problem({**alone, "b": Recording(test)}, ROD).bend == make_problem(alone, ROD).bend
+
+
+def test_a_pressure_to_play_next_is_shared_among_the_chambers(chambers):
+    """One side at a time: of each side the first chamber is driven, and their sum with signs is what was asked for."""
+    item = observe_recording(chambers["a"])
+    pressure = 4e4 * np.sin(np.linspace(0, 6, 50))
+    shared = _shared(pressure, item)
+    assert set(shared) == {"left", "right"} and all(np.all(own >= 0) for _, own in shared.values())
+    np.testing.assert_allclose(sum(sign * own for sign, own in shared.values()), pressure)
+
+
+def test_a_tube_is_let_go_when_it_is_and_not_at_the_sample_before():
+    run = _let_go("let-go", "train", 0.0)
+    run.dataset.attrs["held_until_s"] = LET_GO_S
+    assert observe_recording(run).excitation.start_s == LET_GO_S
+
+
+def test_what_is_predicted_has_the_zero_that_was_scored(chambers):
+    """The zero of a sensor is found in what the fit looks at: seen otherwise, it is another."""
+    recording = Recording(chambers["a"].dataset.assign(tip=(("time", "xy"), np.full((143, 2), 5.0))))
+    model = ModelFit(name="base", segments=4, observe="angle", parameters={}, metrics={}, experiments={})
+    assert observe_as_scored(model, recording).observe == "angle"
+
+
+def test_a_clock_drift_is_nought_in_the_middle_of_a_run_however_much_of_it_is_looked_at(chambers):
+    item = observe_recording(chambers["a"])
+    every = np.arange(item.time[0], item.time[-1] + 0.2, 0.04)
+    for part in (item.opening(40), item.thinned(7), item.everywhere(every)):
+        assert part.middle_s == item.middle_s
+
+
+def test_a_rod_does_not_stretch_along_its_middle(chambers):
+    item = observe_recording(chambers["a"])
+    model, par = Model(Chain.tube(ROD, SEGMENTS)), base_reference(ROD, SEGMENTS)
+    seen = predict_observed(model, par, item, (), fractions=np.ones(1))
+    assert not as_dataset(model, item, chambers["a"], seen, np.ones(1))["elongation"].values[item.frame].any()
 
 
 def test_derivatives_by_the_effects_of_a_chamber(chambers):

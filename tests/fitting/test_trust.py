@@ -1,18 +1,22 @@
 """Intervals that cover, refusals in place of inventions, and what was known beforehand."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from rfea_vision.artefacts import ExperimentScore
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.alarms import alarms, runaway
 from rfea_vision.fitting.fit import fit, make_problem, refit
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.prediction import predict
+from rfea_vision.fitting.profile import _scale_and_step
 from rfea_vision.fitting.refine import refine
-from rfea_vision.fitting.scoring import as_artefact, options_of
+from rfea_vision.fitting.scoring import as_artefact, gaps, options_of, pooled, worse_than_nothing
 from rfea_vision.fitting.studies import enough_segments, leave_one_out, segments_study
 from rfea_vision.options import FitOptions
 from tests.fitting.runs import OPTIONS, SEGMENTS, noisy
@@ -207,4 +211,37 @@ def test_a_prediction_carries_what_the_error_of_a_parameter_does_to_it(fitted, e
     assert seen.any()
     np.testing.assert_allclose(before["tip_stderr"].values[seen], moved[seen], rtol=0.1)
     assert before["tip_stderr"].attrs["quantile_95"] == pytest.approx(np.ptp(known.interval_95) / 2 / known.stderr)
+    coarse = known.model_copy(update={"stderr": 7 * known.stderr})  # what a finer chain would move leaves the curves
+    again = predict(one.model_copy(update={"parameters": {**alone, "r_hyd": coarse}}), {name: runs[name]})[name]
+    np.testing.assert_array_equal(again["tip_stderr"], before["tip_stderr"])
     assert "tip_stderr" not in predict(one.model_copy(update={"parameters": alone}), {name: runs[name]})[name]
+
+
+def test_a_model_that_does_worse_than_no_motion_is_said_in_mm_and_in_deg():
+    time_s = np.arange(0.0, 5.0, 0.02)
+    bent = np.deg2rad(20.0 + 10.0 * np.sin(time_s))
+    tip = 100.0 * np.stack([-np.sin(bent), -np.cos(bent)], axis=1) / 1e3
+    for has_tip in (True, False):
+        item = SimpleNamespace(has_tip=has_tip, has_midline=False, angle=bent, points=tip[:, None])
+        for off, worse in ((0.1, False), (1.5, True)):
+            predicted = SimpleNamespace(angle=bent + off * np.std(bent), points=tip[:, None] + off * 0.0123)
+            metrics = pooled([gaps(item, predicted)], 100.0)
+            assert (metrics.normalised_fit_percent < 0) == worse
+            said = worse_than_nothing({"steps": ExperimentScore(role="train", **metrics.model_dump())})
+            assert len(said) == worse and all("steps: the model is farther from the track" in text for text in said)
+
+
+def test_a_profile_under_the_robust_loss_counts_wrong_frames_no_more_than_the_fit_does():
+    residual = np.append(np.ones(99), 1000.0)
+
+    def scale(row_weight):
+        evaluation = SimpleNamespace(residual=residual)
+        solution = SimpleNamespace(
+            scaled_jacobian=np.ones((100, 1)), prior_jacobian=np.zeros((0, 1)), row_weight=row_weight, evaluation=evaluation
+        )  # fmt: skip
+        coordinates, model = SimpleNamespace(free=(0,), matrix=np.eye(1)), SimpleNamespace(names=("k_ref",))
+        fitted: Any = SimpleNamespace(solution=solution, coordinates=coordinates, model=model)
+        untold: Any = SimpleNamespace(stderr=None, value=1.0)
+        return _scale_and_step(fitted, "k_ref", untold)[0]
+
+    assert scale(np.minimum(1.0, 5.0 / residual)) == pytest.approx(scale(np.ones(100)) / 200, rel=0.05)

@@ -13,7 +13,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.begin import first_body
-from rfea_vision.vision.body.fit import Fit, looks_beside
+from rfea_vision.vision.body.fit import Fit, looks_around
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS
 from rfea_vision.vision.body.rules import First, elsewhere, refused
@@ -119,9 +119,9 @@ def test_the_line_does_not_slide_along_smooth_rubber(tmp_path):
     off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
     assert track.valid[-10:].all() and not track.valid[15:17].any()
     assert set(track.dataset["reason"].values[12:20][~track.valid[12:20]]) == {"touches_border"}
-    assert track.valid.sum() >= 25
+    assert track.valid.sum() >= 24
     assert "film a wider view" in track.dataset.attrs["advice"]
-    assert np.nanmax(off) < 8.0  # mm, of 80: eight encodings of the film gave 2.4 to 5.4
+    assert np.nanmax(off) < 8.0  # mm, of 80: encodings of the film gave 1.3 to 5.4
 
 
 @pytest.mark.parametrize(
@@ -230,16 +230,17 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     """An arm that has swelled to three widths: a line along one of its edges has that edge, and is not its middle."""
     narrow = np.full((200, 160, 3), (60, 128, 128), np.uint8)
     narrow[:, 68:92] = (200, 120, 140)
+    narrow[193:] = (60, 128, 128)
     wide = narrow.copy()
     wide[80:150, 68:130] = (200, 120, 140)
     line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
     body, wall = first_body(narrow, line, 12.0), Wall(narrow.shape)
     first = First(180.0, body.half, 1.0, 1.0, narrow.shape[:2], 100.0, 1.8, None)
 
-    def said(picture, seen):
-        beside = looks_beside(picture, wall, body)
-        whole = np.ones(STATIONS)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, whole, whole, np.zeros(7), beside, (), 1.0))
+    def said(picture, seen, end=0.0):
+        rays = np.array([np.nan, np.nan, end, end, end, end, np.nan])
+        around = looks_around(picture, wall, body)
+        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), rays, *around, (), 1.0))
 
     everywhere = np.ones((STATIONS, 2), bool)
     assert said(narrow, everywhere) == said(wide, everywhere) == "", "where an edge is seen, the tube ends"
@@ -247,6 +248,10 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     lost[np.abs(line[:, 1] - 115) < 35] = False
     assert said(narrow, lost) == "", "nothing is beside it"
     assert re.match(r"no_fit: the tube goes on beside the line, 39 to 77 mm", said(wide, lost))
+    assert said(narrow, everywhere, 6.0) == "", "what the rays find there is another thing: nothing of the tube is between"
+    body.points[:, 1] *= 0.9
+    assert said(narrow, everywhere) == said(narrow, everywhere, np.nan) == "", "the end is as good as there, or not seen"
+    assert said(narrow, everywhere, 6.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
 
 
 def test_what_covers_the_arm_is_called_so(tmp_path):

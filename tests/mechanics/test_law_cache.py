@@ -68,3 +68,34 @@ def test_a_law_that_inherits_changes_with_what_it_inherits_from(monkeypatch):
     before = compilation._key([second])
     monkeypatch.setattr(type(second).__mro__[1], "source_text", "another law", raising=False)
     assert compilation._key([second]) != before
+
+
+SHARED = """
+from rfea_vision.effects.base import Effect, EffectParameter
+
+
+class Common(Effect):
+    title = "Mine"
+    reference = "none"
+    parameters = {"c": EffectParameter("1", 1.0, 0.5, 2.0, 1.1, "strength")}
+
+
+class Mine(Common):
+    id = "mine"
+
+    def felt_pressure(self, pressure):
+        return self.c * pressure
+"""
+
+
+def test_effects_of_one_file_may_share_what_is_none_and_stand_at_a_chamber(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(SHARED)
+    name_files([path])
+    chain, base = Chain.tube(Actuator(), 2), PUBLISHED["8-DoF"].vector()
+    mine = Model(chain, find_effects(["mine"], [path])).steady(np.append(base, 1.2), 1e5)
+    assert np.isclose(mine.phi[-1], Model(chain).steady(base, 1.2e5).phi[-1], rtol=1e-12)
+    (placed,) = find_effects(["mine@left"], [path])
+    before = compilation._key([placed])
+    path.write_text(SHARED.replace("self.c *", "self.c**2 *"))
+    assert compilation._key(find_effects(["mine@left"], [path])) != before

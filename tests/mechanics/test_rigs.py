@@ -1,12 +1,16 @@
 """Other rigs than the paper's: how gravity stands, sections that are no tube, and runs that begin held by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.inverse import joint_torques
+from rfea_vision.dynamics.laws import PRESSURE, compose
+from rfea_vision.dynamics.parameters import PUBLISHED
 from rfea_vision.dynamics.simulation import Chain, Excitation, Model
-from rfea_vision.effects.catalogue import catalogue
+from rfea_vision.effects.catalogue import catalogue, find_effects
 from rfea_vision.errors import InputError
 
 BEAM = Actuator(outer_radius=0.015, inner_radius=0.0075, length=0.1, density=1070.0, kind="rectangle", width=0.03)
@@ -66,6 +70,39 @@ def test_hidden_states_of_a_held_tube_are_relaxed():
         np.append(par, [0.5, 1.0]), Excitation(0.0, 1e-3, np.zeros(11)), np.array([1e-3]), held=held
     )
     assert motion.ok and motion.states[0, :, 0] == pytest.approx(held, rel=1e-2, abs=1e-4)
+
+
+def test_the_derivative_of_a_held_start_whose_hidden_states_hang_on_the_pressure():
+    """Behind a line of second order a joint feels a pressure of its own: at first that of the log and the sensor's zero."""
+    model, par = _beam(3, effects=tuple(find_effects(["pressure_lag:second_order", "pressure_offset"])))
+    model = replace(model, tolerance=1e-13)
+    par = np.append(par, [0.05, 3e3])
+    excitation, frames = Excitation(0.0, 1e-3, np.full(101, 1e4)), np.linspace(0.01, 0.1, 5)
+    held = {"held": np.full(3, 0.05)}
+    exact = model.simulate(par, excitation, frames, [8], **held).sensitivity[..., 0]
+    step = 0.3 * np.eye(par.size)[8]
+    above, below = (model.simulate(par + way * step, excitation, frames, **held).phi for way in (1, -1))
+    assert np.abs(exact - (above - below) / 0.6).max() < 1e-4 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("ids", [("payload", "com_offset"), ("pressure_gain", "pressure_offset")])
+def test_effects_are_one_model_in_whatever_order_they_are_asked_for(ids):
+    """The load hangs at the tip, wherever the tube's own mass sits: moving that moves no load."""
+    known = {"payload.m": 0.02, "com_offset.a": 1.0, "pressure_gain.g": 1.5, "pressure_offset.p0": 2e4}
+    bends = []
+    for order in (ids, ids[::-1]):
+        model = Model(Chain.tube(Actuator(), 3), tuple(find_effects(order)))
+        par = np.append(PUBLISHED["8-DoF"].vector(), [known[name] for name in model.names[7:]])
+        bends.append(model.steady(par, 5e4).phi)
+    np.testing.assert_allclose(*bends, rtol=1e-12)
+
+
+def test_behind_a_line_of_second_order_everything_in_a_joint_feels_its_pressure():
+    """The spring that stiffens and the bore that widens, too, and not the torque alone."""
+    law = compose(
+        find_effects(["pressure_lag:second_order", "pressure_stiffening", "radial_expansion", "virtual_work"])
+    )
+    assert law.torque.has(law.states[0]) and not law.torque.has(PRESSURE)
 
 
 def test_a_beam_keeps_its_section():

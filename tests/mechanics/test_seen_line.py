@@ -18,6 +18,7 @@ NODES = np.array([0.0, 0.5, 1.0])
 VALUES = {
     "radial_expansion.c": 1e-8,
     "radial_expansion.axis": 0.8,
+    "stretch.c": 4e-7,
     "base_rotation.c": 3.0,
     "base_rotation.pivot": 0.7,
     "variable_mass.a": 1.3,
@@ -28,7 +29,10 @@ VALUES = {
 
 @pytest.mark.parametrize(
     "effects",
-    [("radial_expansion", "base_rotation", "camera_scale"), ("variable_mass", "com_offset", "base_rotation")],
+    [
+        ("radial_expansion", "base_rotation", "stretch", "camera_scale"),
+        ("variable_mass", "com_offset", "base_rotation"),
+    ],
 )
 @pytest.mark.parametrize("joints", ["middle", "start"])
 def test_derivatives_are_those_of_the_line_that_is_seen(effects, joints):
@@ -57,3 +61,22 @@ def test_derivatives_are_those_of_the_line_that_is_seen(effects, joints):
         difference = (seen(par + step)[0] - seen(par - step)[0]) / (2 * step[k])
         assert np.abs(difference).max() > 0, model.names[k]
         assert slopes[..., k] == pytest.approx(difference, rel=1e-4, abs=1e-5 * np.abs(difference).max())
+
+
+def test_chambers_on_both_sides_stretch_the_body_together():
+    """At one pressure in both the sum with signs is nothing: the body hangs straight, and longer."""
+    rod = Actuator(outer_radius=0.02, kind="rod")
+    model = make_model(rod, FitOptions(effects=("stretch",), segments=SEGMENTS))
+    par = start_vector(model, rod, SEGMENTS)
+    par[model.names.index("stretch.c")] = 8e-7
+    time = np.arange(0, 0.1, 0.001)
+    both = 100e3 * np.clip(time / 0.05, 0, 1)
+    excitation = Excitation.from_log(
+        time, 0.0 * time, 0, 0.099, chambers_Pa={"left": (1.0, both), "right": (-1.0, both)}
+    )
+    frames = np.array([0.0, 0.025, 0.08])
+    motion = model.simulate(par, excitation, frames, ())
+    total = sum(excitation.at(frames, own) for _, own in excitation.chambers.values())
+    tip = seen_by_camera(model, par, motion, np.ones(1), [], excitation.at(frames), total)[0][:, 0]
+    assert tip[:, 0] == pytest.approx(0.0, abs=1e-9)
+    assert tip[:, 1] == pytest.approx(-rod.length * (1 + 8e-7 * np.array([0.0, 100e3, 200e3])), rel=1e-6)

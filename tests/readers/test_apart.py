@@ -22,17 +22,14 @@ from tests.measurement.test_video import write
 
 @pytest.fixture
 def strangers():
-    apart.isolate()
-    yield
-    apart.isolate(False)
+    with apart.isolating():
+        yield
 
 
 def _both(read):
     mine = read()
-    apart.isolate()
-    theirs = read()
-    apart.isolate(False)
-    return mine, theirs
+    with apart.isolating():
+        return mine, read()
 
 
 def test_tables_and_results_are_the_same(tmp_path):

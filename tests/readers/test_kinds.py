@@ -1,6 +1,7 @@
 """One motion, written as every kind of file there is: each reader gives it back, and says in a sentence what it lacks."""
 
 import builtins
+from datetime import UTC, datetime
 from pathlib import Path
 
 import h5py
@@ -238,6 +239,19 @@ def test_an_empty_cell_of_labview_leaves_its_row_out(tmp_path, x_columns):
     np.testing.assert_allclose(table.times_s["p"], [0.0, 0.2])
     np.testing.assert_allclose(table.columns["p"], [10, 12])
     np.testing.assert_allclose(table.columns["p.1"], [1, 2, 3])  # a second channel of the same name is a second one
+
+
+def test_files_of_one_run_that_begin_apart_are_brought_to_one_clock(tmp_path):
+    from asammdf import MDF, Signal
+
+    for name, begun in (("log", 7), ("track", 10)):
+        with MDF(version="4.10") as file:
+            file.header.start_time = datetime(2026, 3, 1, 12, 0, begun, tzinfo=UTC)
+            file.append([Signal(PRESSURE_kPa, TIME_S, name="p", unit="kPa"), Signal(TIME_S, TIME_S, name="bend", unit="deg")])
+            file.save(tmp_path / f"{name}.mf4", overwrite=True)
+    log = read_pressure(PressureSpec(file=tmp_path / "log.mf4", pressure="p"))
+    track = read_track(tmp_path / "track.mf4", spec=TrackSpec(tmp_path / "track.mf4", angle="bend"))
+    assert log.zero_apart_s(track.dataset.attrs["clock_zero_s"]) == pytest.approx(3.0)
 
 
 def test_channels_of_one_name_are_all_there(tmp_path):

@@ -109,6 +109,7 @@ def test_columns_and_units_are_chosen(tmp_path, columns, keys):
             "time_s,pressure_kPa\n0,1\n0.2,2\n0.1,3\n0.05,3\n",
             "time, row 3: is earlier than the row before (and 1 more rows)",
         ),
+        ("pressure_kPa,time_s\n0,1\n0.1,2\n0.2,1\n", "'time_s' goes up and down, and 'pressure_kPa' rises in every row"),
         ("time_s,pressure_kPa\n0,1\n0.1,2\n0.1,3\n", "time, row 3: repeats the row before; remove the duplicate"),
         ("time_s,pressure_kPa\n12:30:00,1\n12:30:01,2\n", "column 'time_s' holds no numbers, but such as '12:30:00'"),
         ("time_s,pressure_kPa\n0,1\n0.1,full\n", "column 'pressure_kPa', row 2: 'full' is not a number"),
@@ -117,7 +118,8 @@ def test_columns_and_units_are_chosen(tmp_path, columns, keys):
             "no column 'pressure_kPa' (pressure.pressure); there are: time_s, pressure_kpa",
         ),
         ("t,pressure_kPa\n0,1\n0.1,2\n", "no column 'time_s' (pressure.time)"),
-        ("0,1\n0.1,2\n", ":1: no header line"),
+        ("0,one\n0.1,two\n", ":1: no header line"),
+        ("0,1\n0.1,2\n", "no column 'pressure_kPa' (pressure.pressure); there are: c1, c2"),
     ],
 )
 def test_a_bad_log_is_named_with_row_and_remedy(tmp_path, text, says):
@@ -167,7 +169,7 @@ def test_a_real_file_of_another_rig(shared_data):
     spec = PressureSpec(
         file=Path(shared_data) / "static-pressure-tip" / "OverLapMat.mat", time="config(1).x", pressure="config(1).p"
     )
-    with pytest.raises(InputError, match="time, row"):  # tip positions are no clock, and that is noticed
+    with pytest.raises(InputError, match="goes up and down"):  # tip positions are no clock, and that is noticed
         read_pressure(spec)
 
 

@@ -96,6 +96,13 @@ def test_gaps_are_rows_with_a_reason(tmp_path):
     assert list(again.dataset["reason"].values[4:7]) == ["", "not_tracked", ""]
 
 
+def test_rows_in_which_a_tool_wrote_one_number_everywhere_are_no_tube(tmp_path):
+    frame = node_frame(arc()[1])
+    frame.loc[3:4, frame.columns != "time_s"] = 9999.0
+    track = read(tmp_path, frame)
+    assert list(np.flatnonzero(~track.valid)) == [3, 4]
+
+
 @pytest.mark.parametrize("sigma", [0.01, 0.1, 1.0])
 def test_noise_is_seen_beside_motion(sigma):
     motion = 40.0 * np.sin(2 * np.pi * 2.0 * TIME_S)

@@ -11,6 +11,7 @@ import pytest
 from rfea_vision.report import render
 from testing.report.browser import Browser, find_chromium
 from testing.report.sample import write_sample
+from testing.report.small import write_small
 
 COMMANDS = ("rfea improve tube-A", "rfea report tube-A")
 
@@ -19,6 +20,12 @@ COMMANDS = ("rfea improve tube-A", "rfea report tube-A")
 def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole `rfea/` folder: four runs of 6 s with film, three rungs."""
     return write_sample(tmp_path_factory.mktemp("tube-A") / "rfea")
+
+
+@pytest.fixture(scope="session")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short campaign of two runs without film; copy it before it is changed."""
+    return write_small(tmp_path_factory.mktemp("small") / "rfea")
 
 
 @pytest.fixture(scope="session")

@@ -9,32 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from rfea_vision.artefacts import Recording
-from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import render
 from testing.report.browser import VISIT_ALL, Browser
-from testing.report.sample import RUNGS, write_sample
+from testing.report.sample import RUNGS
+from testing.report.small import only_angles
 
 pytestmark = pytest.mark.chromium
-
-TWO = ("steps-270kPa", "steps-180kPa")
-
-
-@pytest.fixture(scope="module")
-def bare(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short campaign of two runs without film."""
-    return write_sample(tmp_path_factory.mktemp("bare") / "rfea", seconds=1.5, video=False, names=TWO)
 
 
 def angle_only(folder: Path) -> None:
     """What an inclinometer gives: no camera, no film, no shape."""
-    for path in folder.glob("*/recording.nc"):
-        data = read_dataset(path)
-        Recording(data[["valid", "reason", "bend_angle", "pressure"]]).save(path)
-        (path.parent / "track.nc").unlink()
-    for path in folder.glob("models/*/prediction.nc"):
-        kept = ["bend_angle", "angle_residual", "phase"]
-        write_datasets(path, {name: read_dataset(path, group=name)[kept] for name in TWO})
+    only_angles(folder)
     shutil.rmtree(folder / "calibration")
 
 
@@ -64,9 +49,9 @@ def one_fit(folder: Path) -> None:
 
 @pytest.mark.parametrize("take_away", [angle_only, measured_only, tracked_only, empty, one_fit])
 def test_absent_panels_say_why(
-    chromium: Browser, tmp_path: Path, bare: Path, take_away: Callable[[Path], None]
+    chromium: Browser, tmp_path: Path, small: Path, take_away: Callable[[Path], None]
 ) -> None:
-    folder = Path(shutil.copytree(bare, tmp_path / "rfea"))
+    folder = Path(shutil.copytree(small, tmp_path / "rfea"))
     take_away(folder)
     page = tmp_path / "index.html"
     page.write_text(render(folder, title="bare", commands=()), encoding="utf-8")

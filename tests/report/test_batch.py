@@ -14,7 +14,7 @@ import pytest
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.report import render_comparison, render_index, render_notebook
 from rfea_vision.report.collect import collect
-from rfea_vision.stages.publishing import _page_beside
+from rfea_vision.stages.publishing import _labels, _page_beside
 from testing.report.browser import Browser
 from testing.report.sample import RUNGS, write_sample
 
@@ -92,6 +92,16 @@ def test_a_campaigns_name_leads_no_page_elsewhere(tmp_path: Path) -> None:
     page = _page_beside(SimpleNamespace(out=tmp_path), "../../evil")  # type: ignore[arg-type]
     assert page.parent == tmp_path / "report"
     assert page.name == "beside-..-..-evil.html"
+
+
+def test_campaigns_of_one_name_are_told_apart() -> None:
+    def called(*folders: str) -> list[str]:
+        works = [SimpleNamespace(campaign=SimpleNamespace(name="tube", root=Path(folder))) for folder in folders]
+        return _labels(works)  # type: ignore[arg-type]
+
+    assert called("/a/first") == ["tube"]
+    assert called("/a/first", "/a/second") == ["first", "second"]
+    assert called("/a/run", "/b/run") == ["/a/run", "/b/run"]
 
 
 def test_pair_without_models(tube_a: Path, tmp_path: Path) -> None:

@@ -98,6 +98,13 @@ def test_a_name_of_a_stranger_leads_nowhere(tmp_path):
         }
 
 
+def test_runs_whose_names_differ_in_signs_alone_have_their_own_files(tmp_path):
+    x = np.linspace(0.0, 1.0, 5)
+    series = (Series("s", "dots", x, x),)
+    pair = [Lines(f"{run}-path", "t", Axis("x"), Axis("y"), series) for run in ("run (1)", "run [1]", "Run-1-")]
+    assert len(set(save_plates(pair, tmp_path, formats=["svg"]))) == 6
+
+
 def test_what_is_wrong_is_said(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="'gif' is unknown; choose of pdf, svg, png"):
         save_plates([], tmp_path, formats=["gif"])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import shutil
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -36,6 +38,31 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         content = json.loads(file.read_text())
         file.write_text(json.dumps(spoilt(content, hostile)))
     return out
+
+
+@pytest.mark.parametrize("spoilt", ["{}", '{"file": "clip.mp4", "times_s": 3}', '{"file": "../../secret.txt"}'])
+def test_a_clips_record_leads_nowhere_and_breaks_no_page(sample: Path, tmp_path: Path, spoilt: str) -> None:
+    """Nobody writes the record of a run that the campaign does not have but whoever made the folder."""
+    run = Path(shutil.copytree(sample / "steps-270kPa", tmp_path / "tube" / "rfea" / "ghost"))
+    (tmp_path / "tube" / "secret.txt").write_text("a key of mine")
+    told = json.loads((run / "clip.json").read_text()) if "secret" in spoilt else {}
+    (run / "clip.json").write_text(json.dumps(told | json.loads(spoilt)))
+    (run / "clip.mp4").unlink()
+    page = render(run.parent, title="tube", commands=())
+    assert base64.b64encode(b"a key of mine").decode() not in page
+    assert ("could not be read" in page) == ("secret" not in spoilt)
+
+
+def test_a_record_that_would_never_end_is_said(small: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(small, tmp_path / "rfea"))
+    bomb = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    bomb += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
+    (folder / "calibration" / "camera.yaml").write_text(
+        "camera_matrix: 1\n" + "\n".join(bomb) + "\nquality: {coverage: *a8}\n"
+    )
+    (folder / "models" / "base" / "timings.json").write_text("[" * 100_000)
+    page = render(folder, title="tube", commands=())
+    assert "it has aliases, which OpenCV does not write" in page
 
 
 def test_they_stand_on_the_page_as_text(folder: Path) -> None:

@@ -17,14 +17,8 @@ from rfea_vision.calibration.storage import save_calibration
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import render
 from rfea_vision.report.collect import collect
-from testing.report.sample import RUNGS, write_sample
-
-TWO = ("steps-270kPa", "steps-180kPa")
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_sample(tmp_path_factory.mktemp("small") / "rfea", seconds=1.5, video=False, names=TWO)
+from testing.report.sample import RUNGS
+from testing.report.small import TWO
 
 
 @pytest.fixture
@@ -55,6 +49,19 @@ def test_a_rung_whose_model_is_gone_is_said(copy: Path) -> None:
     for name in RUNGS[:-1]:
         (copy / "models" / name / "diagnosis.json").unlink()
     assert f"models/{RUNGS[-1]} is named in ladder.json but is not there" in words(page_of(copy))
+
+
+def test_the_methods_do_not_tell_how_another_tools_track_was_made(copy: Path) -> None:
+    assert "sides of the silhouette" in page_of(copy)
+    for path in copy.glob("*/recording.nc"):
+        Recording(read_dataset(path).drop_vars("edges")).save(path)
+    assert "sides of the silhouette" not in page_of(copy)
+
+
+def test_a_run_that_was_set_aside_since_is_not_shown(small: Path) -> None:
+    html = render(small, title="tube-A", runs=TWO[:1])
+    manifest = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", html, re.S)[1])  # type: ignore[index]
+    assert [run["name"] for run in manifest["experiments"]] == list(TWO[:1])
 
 
 def test_says_what_was_found(small: Path) -> None:

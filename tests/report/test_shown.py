@@ -14,55 +14,18 @@ import av
 import pytest
 import xarray as xr
 
-from rfea_vision.artefacts import Diagnosis, Ladder, ModelFit, Recording, Track
+from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, ModelFit
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import page, render, render_index
 from rfea_vision.report.collect import collect
 from rfea_vision.report.films import fit_films
+from rfea_vision.report.formatting import number as shown_number
 from rfea_vision.report.pack import Pack
 from rfea_vision.report.prose import effect_titles, how_it_ended, in_words
 from rfea_vision.report.series import pack_prediction
-from testing.report.sample import RUNGS, write_sample
+from testing.report.sample import RUNGS
+from testing.report.small import TWO, only_angles
 from tests.report.test_render import page_of, words
-
-TWO = ("steps-270kPa", "steps-180kPa")
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_sample(tmp_path_factory.mktemp("shown") / "rfea", seconds=1.5, video=False, names=TWO)
-
-
-def only_angles(folder: Path) -> None:
-    """Take from a campaign what an inclinometer does not give; its errors become those of the angle."""
-    for path in folder.glob("*/recording.nc"):
-        kept = ["valid", "reason", "bend_angle", "bend_angle_sigma"]
-        Recording(read_dataset(path)[[*kept, "pressure"]]).save(path)
-        Track(read_dataset(path.parent / "track.nc")[kept]).save(path.parent / "track.nc")
-    for rung in RUNGS:
-        room = folder / "models" / rung
-        groups: dict[str | None, xr.Dataset] = {
-            name: read_dataset(room / "prediction.nc", group=name)[["bend_angle", "angle_residual", "phase"]]
-            for name in TWO
-        }
-        write_datasets(room / "prediction.nc", groups)
-        fit = ModelFit.load(room / "model.json").model_dump(mode="json")
-        for row in (*fit["metrics"].values(), *fit["experiments"].values()):
-            row |= {key: None for key in row if key.startswith(("tip", "midline"))}
-        ModelFit.model_validate(fit | {"noise_floor_mm": None}).save(room / "model.json")
-        found = Diagnosis.load(room / "diagnosis.json").model_dump(mode="json", by_alias=True)
-        for row in found["candidates"]:
-            row |= {key.replace("_mm", "_deg"): row[key] for key in list(row) if key.endswith("_rmse_mm")}
-            row |= {key: None for key in row if key.endswith("_rmse_mm")}
-        floor = {"noise_floor_mm": None, "noise_floor_deg": 0.0417}
-        Diagnosis.model_validate(found | floor).save(room / "diagnosis.json")
-    ladder = Ladder.load(folder / "ladder.json").model_dump(mode="json")
-    for rung in ladder["rungs"]:
-        for role in ("train", "validate"):
-            rung[f"{role}_angle_rmse_deg"] = rung.pop(f"{role}_tip_rmse_mm")
-            rung[f"{role}_tip_rmse_mm"] = None
-    ladder["test"] = {"angle_rmse_deg": 0.123, "first_model_angle_rmse_deg": 4.56, "experiments": {}}
-    Ladder.model_validate(ladder | {"noise_floor_mm": None, "noise_floor_deg": 0.0417}).save(folder / "ladder.json")
 
 
 def test_an_angle_campaign_is_shown_in_degrees(small: Path, tmp_path: Path) -> None:
@@ -76,6 +39,8 @@ def test_an_angle_campaign_is_shown_in_degrees(small: Path, tmp_path: Path) -> N
     assert "Predicted, deg" in text
     assert "Held out, mm" not in text
     assert "Tip error" not in text
+    worst = Comparison.load(folder / "models" / "base" / "comparison.json").where[0]
+    assert worst.rmse_mm is None and re.search(rf"<b>{shown_number(worst.rmse_deg)}.deg</b>", html)
     assert "0.0417 deg" in text.replace("\N{NO-BREAK SPACE}", " ")
     assert "off by 0.123 deg , the model of the paper by 4.56 deg" in text.replace("\N{NO-BREAK SPACE}", " ")
     rungs = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", html, re.S)[1])["rungs"]  # type: ignore[index]

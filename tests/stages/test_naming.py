@@ -1,17 +1,19 @@
 """A model keeps its name: another fit of other options is told apart, or refused."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from campaign.campaigns import write_campaign
 
 from rfea_vision.artefacts import Ladder, Rung
 from rfea_vision.campaign import load_campaign
+from rfea_vision.campaign.specs import CameraSpec
 from rfea_vision.errors import InputError
 from rfea_vision.options import FitOptions
 from rfea_vision.options.asking import as_record
 from rfea_vision.progress import Listener
-from rfea_vision.stages import Workspace
+from rfea_vision.stages import Workspace, cameras
 from rfea_vision.stages.naming import climb_apart, fit_apart
 
 
@@ -77,3 +79,13 @@ def test_a_climb_goes_on_though_a_rung_took_more_segments(work):
     ladder(work, "base", "base+maxwell")
     assert climb_apart(work, FitOptions()).name == "base"
     assert climb_apart(work, FitOptions(segments=8)).name == "base-2"
+
+
+def test_a_run_that_is_called_as_its_campaign_has_a_calibration_of_its_own(tmp_path, monkeypatch):
+    campaign = write_campaign(tmp_path / "c", {"tube-A": "train"})
+    work = Workspace(load_campaign(campaign))
+    monkeypatch.setattr(cameras, "calibrate", lambda work, camera, path, subject: subject)
+    run = replace(work.campaign.experiments[0], name=work.campaign.name)
+    own, shared = (replace(run, camera=CameraSpec(vertical=vertical)) for vertical in ("rest", "board"))
+    work.campaign = replace(work.campaign, camera=shared.camera)
+    assert cameras.calibration_of(work, shared) == work.campaign.name != cameras.calibration_of(work, own)

@@ -8,10 +8,10 @@ import pytest
 import xarray as xr
 import yaml
 
-from rfea_vision.artefacts import Recording
+from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.errors import InputError
 from rfea_vision.twin import BaseParameters, TwinOptions
-from rfea_vision.twin.like import base_like, noise_of, simulate_like
+from rfea_vision.twin.like import base_like, noise_of, simulate_like, tube_like
 
 
 def recorded(observe="tip", *, offset_s=0.03, bends="left", noise=0.2):
@@ -85,6 +85,15 @@ def test_an_inclinometer_is_taken_after_too(tmp_path):
     simulate_like(tmp_path / "twin", {"a": recorded("angle")}, OPTIONS)
     track = pd.read_csv(tmp_path / "twin" / "a" / "track.csv")
     assert track["sigma_deg"].iloc[0] == pytest.approx(0.1, rel=0.3)
+
+
+def test_a_tube_that_was_weighed_weighs_the_same_and_a_beam_is_refused():
+    weighed = Actuator(mass_per_length=0.08)
+    twin = tube_like(weighed)
+    assert twin.linear_density == pytest.approx(weighed.linear_density) and twin.mass_per_length is None
+    assert tube_like(Actuator()) == Actuator()
+    with pytest.raises(InputError, match="the plant is a tube, and this campaign's section a rod"):
+        tube_like(Actuator(kind="rod"))
 
 
 def test_base_parameters_go_with_the_number_of_segments():

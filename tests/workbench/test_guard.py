@@ -121,6 +121,15 @@ def test_where_a_proposed_law_is_written_is_not_the_pages_to_say(fitted):
     assert "effects/proposed_" in file and handed[0]["command"].endswith(f"base -o {file}")
 
 
+def test_several_campaigns_do_not_share_a_folder_of_results(tmp_path):
+    for name in "ab":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "campaign.yaml").write_text("format: rfea-campaign/1\n")
+    with pytest.raises(InputError, match=r"--out .*: is for one campaign"):
+        Desk(tmp_path, tmp_path / "out")
+    assert Desk(tmp_path / "a", tmp_path / "out").single
+
+
 def test_typing_goes_over_no_law_that_was_not_opened(fitted, tmp_path):
     desk, file = Desk(fitted), tmp_path / "mine.py"
     file.write_text("# a year's work")

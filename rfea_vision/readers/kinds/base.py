@@ -62,6 +62,7 @@ class Table:
     units : name to unit, where the file itself says it
     times_s : name to the time of each sample, where the file keeps one per channel (.mf4)
     points : by individual (one entry with an empty name where there is only one), where the file holds poses
+    zero_s : when `times_s` are 0, in s after 1970, where the file says it
     """
 
     source: str
@@ -69,6 +70,7 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
     times_s: Mapping[str, np.ndarray] = field(default_factory=dict)
     points: Mapping[str, Points] = field(default_factory=dict)
+    zero_s: float | None = None
 
     def numbers(self, name: str) -> np.ndarray:
         """Return a column (rows,) as float64.
@@ -167,7 +169,8 @@ def has_members(path: Path, *names: str) -> bool:
         return False
 
 
-_AXIS = re.compile(r"^(?P<name>.*?)[._ ]?(?P<axis>[xyzXYZ])(?:[_ ]*[\[(]?(?P<unit>px|um|µm|mm|cm|m)[\])]?)?$")
+AXIS = re.compile(r"^(?P<name>.*?)[._ ]?(?P<axis>[xyzXYZ])(?:[_ ]*[\[(]?(?P<unit>px|um|µm|mm|cm|m)[\])]?)?$")
+"""A column that holds a coordinate: ``tip1_x_mm``, ``/tip.point.x``."""
 
 
 def points_of_columns(
@@ -185,7 +188,7 @@ def points_of_columns(
     found: dict[str, dict[str, str]] = {}
     said: dict[str, str] = {}
     for column, values in columns.items():
-        match = _AXIS.match(column)
+        match = AXIS.match(column)
         if match and match["name"] and values.size == rows and values.dtype.kind in "fiu":
             found.setdefault(match["name"], {})[match["axis"].lower()] = column
             said[column] = match["unit"] or units.get(column, "")

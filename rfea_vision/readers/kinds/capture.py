@@ -1,12 +1,17 @@
-"""Motion capture: c3d."""
+"""Motion capture: c3d, and the tables that Motive (OptiTrack) exports."""
 
 from __future__ import annotations
 
+import csv
+import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Kind, Points, Table, distinct, points_table
+from rfea_vision.readers.kinds.text import decoded
 
 
 def read_c3d(path: Path) -> Table:
@@ -36,4 +41,39 @@ def read_c3d(path: Path) -> Table:
     return Table(str(path), columns, units, times, table.points)
 
 
-KINDS = (Kind("c3d", (".c3d",), read_c3d, apart=True, extra="capture"),)
+_MOTIVE_UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "inch", "feet": "foot"}
+
+
+def _is_motive(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return b"Format Version," in stream.read(20)
+
+
+def read_motive(path: Path) -> Table:
+    """Read the positions of markers and rigid bodies; above the data stand, line by line, kinds, names, ids and quantities."""
+    rows = [row for row in csv.reader(decoded(path).splitlines()) if any(map(str.strip, row))]
+    head = next((at for at, row in enumerate(rows[:12]) if row[0] == "Frame" and row[1:2] and "Time" in row[1]), 0)
+    if head < 3:
+        raise InputError(f"{path}: no line 'Frame,Time,X,Y,Z'; export it again from Motive, with its header")
+    names, quantities, axes = rows[2], rows[head - 1], rows[head]
+    found: dict[str, dict[str, int]] = {}
+    for place, (name, quantity, axis) in enumerate(zip(names, quantities, axes, strict=False)):
+        if quantity == "Position" and axis in ("X", "Y", "Z"):
+            found.setdefault(name, {}).setdefault(axis, place)
+    parts = {name: place for name, place in found.items() if len(place) == 3}
+    if not parts:
+        raise InputError(f"{path}: holds no positions; export markers or rigid bodies from Motive")
+    places = [1, *(place[axis] for place in parts.values() for axis in "XYZ")]
+    data = rows[head + 1 :]
+    cells = [[row[place] if place < len(row) and row[place].strip() else "nan" for place in places] for row in data]
+    values = np.array(cells, dtype=float).reshape(len(cells), -1)
+    said = dict(pairwise(rows[0])).get("Length Units", "")
+    unit = _MOTIVE_UNITS.get(said.lower(), re.sub(r"\W", "", said))
+    points = Points(str(path), tuple(parts), values[:, 1:].reshape(len(values), -1, 3), unit, values[:, 0])
+    return points_table(str(path), {"": points})
+
+
+KINDS = (
+    Kind("Motive", (".csv",), read_motive, _is_motive),
+    Kind("c3d", (".c3d",), read_c3d, apart=True, extra="capture"),
+)

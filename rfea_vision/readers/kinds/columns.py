@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC
 from pathlib import Path
 
 import numpy as np
@@ -39,13 +40,15 @@ def read_mdf(path: Path) -> Table:
                 if getattr(getattr(channel, "conversion", None), "conversion_type", None) == _FORMULA:
                     what = f"channel '{channel.name}' is computed by a formula in the file, which is not run"
                     raise InputError(f"{path}: {what}; export it with its values")
+        started = file.header.start_time
+        started = started if started.tzinfo else started.replace(tzinfo=UTC)
         for signal in file.iter_channels(skip_master=True):
             if signal.samples.ndim == 1 and signal.samples.dtype.kind in "fiu":
                 name = distinct(signal.name, columns)
                 columns[name] = np.asarray(signal.samples)
                 units[name] = signal.unit
                 times[name] = np.asarray(signal.timestamps, dtype=np.float64)
-    return Table(str(path), columns, units, times)
+    return Table(str(path), columns, units, times, zero_s=started.timestamp())
 
 
 KINDS = (

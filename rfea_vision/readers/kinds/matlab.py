@@ -1,17 +1,19 @@
 """MATLAB files: to version 7 through SciPy, 7.3 (which is HDF5) through h5py, with the same names of columns.
 
-Struct fields become ``name.field``, of struct arrays ``name(3).field``; the columns of a matrix ``name(2)``.
+Struct fields become ``name.field``, of struct arrays ``name(3).field``; the columns of a matrix ``name(2)``. What Simulink
+writes as a structure with time has its signals under their labels: ``log.pressure`` for ``log.signals(2).values``.
 """
 
 from __future__ import annotations
 
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rfea_vision.readers.kinds.base import Kind, Table, hdf5, refuse_too_much
+from rfea_vision.readers.kinds.base import Kind, Table, distinct, hdf5, refuse_too_much
 
 
 def _is_hdf5(path: Path) -> bool:
@@ -45,7 +47,11 @@ def _unpacked_bytes(path: Path) -> int:
 
 
 def _collect(name: str, value: Any, columns: dict[str, np.ndarray]) -> None:
-    if hasattr(value, "_fieldnames"):
+    if hasattr(value, "_fieldnames") and {"time", "signals"} <= set(value._fieldnames):
+        _collect(f"{name}.time", value.time, columns)
+        signals = [item for item in np.atleast_1d(value.signals) if hasattr(item, "values")]
+        _collect_signals(name, ((getattr(item, "label", ""), item.values) for item in signals), columns)
+    elif hasattr(value, "_fieldnames"):
         for key in value._fieldnames:
             _collect(f"{name}.{key}", getattr(value, key), columns)
     elif isinstance(value, np.ndarray) and value.dtype == object:
@@ -55,6 +61,14 @@ def _collect(name: str, value: Any, columns: dict[str, np.ndarray]) -> None:
         columns[name] = value
     elif isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiu":
         columns |= {f"{name}({index})": column for index, column in enumerate(value.T, start=1)}
+
+
+def _collect_signals(name: str, signals: Iterable[tuple[Any, Any]], columns: dict[str, np.ndarray]) -> None:
+    """Collect the labels and values of a structure with time, as Simulink's 'To Workspace' writes it."""
+    for index, (label, values) in enumerate(signals, start=1):
+        said = " ".join(label.split()) if isinstance(label, str) else ""
+        called = distinct(f"{name}.{said}", columns) if said else f"{name}.signals({index}).values"
+        _collect(called, np.squeeze(values), columns)
 
 
 def read_mat73(path: Path) -> Table:
@@ -71,6 +85,14 @@ def _collect73(name: str, node: Any, file: Any, columns: dict[str, np.ndarray]) 
     import h5py
 
     if isinstance(node, h5py.Group):
+        signals = node.get("signals") if "time" in node else None
+        if isinstance(signals, h5py.Group) and "values" in signals:
+            _collect73(f"{name}.time", node["time"], file, columns)
+            labels, values = (_several(signals[key], file) if key in signals else [] for key in ("label", "values"))
+            texts = ("".join(map(chr, item[()].ravel())) if item.dtype == np.uint16 else "" for item in labels)
+            arrays = [item[()].T if item.ndim > 1 else item[()] for item in values]
+            _collect_signals(name, zip([*texts, *[""] * len(arrays)], arrays, strict=False), columns)
+            return
         for key in node:
             _collect73(f"{name}.{key}", node[key], file, columns)
         return
@@ -86,6 +108,13 @@ def _collect73(name: str, node: Any, file: Any, columns: dict[str, np.ndarray]) 
     values = node[()].T if node.ndim == 2 else node[()]  # MATLAB lies column by column
     if values.dtype.kind in "fiu":
         _collect(name, np.squeeze(values), columns)
+
+
+def _several(node: Any, file: Any) -> list[Any]:
+    """Return what a field holds in each struct of an array of them; of a single struct that one."""
+    import h5py
+
+    return [file[item] for item in node[()].T.ravel()] if node.dtype == h5py.ref_dtype else [node]
 
 
 KINDS = (

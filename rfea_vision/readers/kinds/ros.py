@@ -45,7 +45,7 @@ def read_bag(path: Path) -> Table:
     seconds_of = {name: (np.array(values) - first) * 1e-9 for name, values in times.items()}
     units = {name: unit for name in arrays for part, unit in _UNITS.items() if part in name.split(".")[1:]}
     units |= {name: "rad" for name in arrays if name.startswith(tuple(joints))}
-    return Table(str(path), arrays, units, seconds_of, _points(str(path), arrays, units, seconds_of))
+    return Table(str(path), arrays, units, seconds_of, _points(str(path), arrays, units, seconds_of), first * 1e-9)
 
 
 def _numbers(name: str, value: Any) -> list[tuple[str, float]]:

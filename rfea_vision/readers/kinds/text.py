@@ -1,4 +1,7 @@
-"""Text: commas, semicolons, tabs or blanks, decimal points or commas, with whatever an instrument writes above it."""
+"""Text: commas, semicolons, tabs or blanks, decimal points or commas, with whatever an instrument writes above it.
+
+Columns of a file without a header are ``c1``, ``c2``, and so on.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ import pandas as pd
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Kind, Table, frame_table, refuse_too_much
 
-_SEPARATORS = (";", "\t", ",", r"\s+")
+_SEPARATORS = (";", "\t", "|", ",", r"\s+")
 _LOOKED_AT = 200
 """Lines in which the header and the way numbers are written are looked for: more than any instrument writes above."""
 _BYTES_PER_VALUE = 10
@@ -122,8 +125,11 @@ def read_text(path: Path) -> Table:
         header, first = found[separator]
     else:
         top = every[0] if every else ""
-        separator = max("\t;,", key=top.count)
-        if any(_is_number(cell) for cell in _cells(top, separator)[:1]):
+        separator = max("\t;|,", key=top.count) if any(sign in top for sign in "\t;|,") else r"\s+"
+        cells = _cells(top, separator)
+        if all(map(_is_number, cells)) and len(cells) > 1:  # nothing but numbers: the columns are counted
+            every = [separator.replace(r"\s+", " ").join(f"c{place + 1}" for place in range(len(cells))), *every]
+        elif any(_is_number(cell) for cell in cells[:1]):
             raise InputError(f"{path}:1: no header line; name the columns, for example 'time_s,pressure_kPa'")
         header, first = 0, 1
     sample = [cell for line in every[first : first + _LOOKED_AT] for cell in _cells(line, separator)]

@@ -33,17 +33,17 @@ plots.study = {
   },
 };
 plots["study-path"] = {
-  need: modelOnly(r => r.study?.some(row => row.tip_path_mm?.x), "No study over the number of segments, or no tip in these tracks."),
+  need: modelOnly(r => r.study?.some(row => manifest.experiments.find(e => e.name === row.tip_path_mm?.experiment)?.tip), "No study over the number of segments, or no tip in these tracks."),
   draw(pen) {
-    const rows = studyRows().filter(r => r.tip_path_mm?.x), box = area(pen, {top: 10, bottom: 38}), c = pen.colours, run = manifest.experiments.find(e => e.name === rows[0].tip_path_mm.experiment), tip = series(run?.tip);
-    const real = tip ? [column(tip, 0), column(tip, 1)] : [[], []], paths = rows.map(r => r.tip_path_mm), far = 1.5 * Math.max(...extent(real[0], real[1]).map(Math.abs), 1);
+    const rows = studyRows().filter(r => r.tip_path_mm?.x), box = area(pen, {top: 10, bottom: 38}), c = pen.colours, run = manifest.experiments.find(e => e.name === rows[0].tip_path_mm.experiment), tip = series(run.tip);
+    const real = [column(tip, 0), column(tip, 1)], paths = rows.map(r => r.tip_path_mm), far = 1.5 * Math.max(...extent(real[0], real[1]).map(Math.abs), 1);
     const inside = values => values.filter(v => Math.abs(v) < far); // a chain of two flies far off: it must not flatten the others
     let [rx, ry] = [["x", 0], ["y", 1]].map(([key, k]) => padded(extent(real[k], ...paths.map(p => inside(p[key])))));
     const perPixel = Math.max((rx[1] - rx[0]) / (box.right - box.left), (ry[1] - ry[0]) / (box.bottom - box.top)), grow = (r, pixels) => { const extra = (perPixel * pixels - (r[1] - r[0])) / 2; return [r[0] - extra, r[1] + extra]; };
     const x = scale(...grow(rx, box.right - box.left), box.left, box.right), y = scale(...grow(ry, box.bottom - box.top), box.bottom, box.top);
     axisY(pen, box, y, "y in mm"); axisX(pen, box, x, `x in mm, ${paths[0].experiment}`, {about: 4, grid: true});
     pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => {
-      if (tip) pen.line(x.all(real[0]), y.all(real[1]), c.measured, 4);
+      pen.line(x.all(real[0]), y.all(real[1]), c.measured, 4);
       paths.forEach((p, i) => pen.line(x.all(p.x), y.all(p.y), c.modelled, 0.7 + 1.2 * (i + 1) / paths.length, i === paths.length - 1 ? [] : [2 + 2 * i, 3]));
     });
     let free = -Infinity; // where the paths end apart, their number of segments stands beside them

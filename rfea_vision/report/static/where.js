@@ -84,11 +84,12 @@ function bars({rows, name, value, none = "No frame of this run was compared."}) 
     },
   };
 }
+const rowError = row => row.rmse_mm ?? row.rmse_deg ?? 0;
 const here = row => row.experiment === undefined || row.experiment === experiment().name;
 const phaseOrder = ["rest", "rise", "hold", "fall", "reversal", "ringing"]; // the same on every rung
-plots.phases = bars({rows: r => r?.phases.filter(here).sort((a, b) => phaseOrder.indexOf(a.phase) - phaseOrder.indexOf(b.phase)), name: row => row.phase, value: row => row.rmse_mm ?? 0});
-plots.pressures = bars({rows: r => r?.pressures.filter(here), name: row => `${Math.round(row.from_kPa)}–${Math.round(row.to_kPa)} kPa`, value: row => row.rmse_mm ?? 0});
-plots.segments = bars({rows: r => r?.segments.filter(here), name: row => `${show(row.from_sigma, 2)}–${show(row.to_sigma, 2)}`, value: row => row.rmse_mm ?? 0, none: "These runs were measured without a centre line, so their error along the tube is unknown."});
+plots.phases = bars({rows: r => r?.phases.filter(here).sort((a, b) => phaseOrder.indexOf(a.phase) - phaseOrder.indexOf(b.phase)), name: row => row.phase, value: rowError});
+plots.pressures = bars({rows: r => r?.pressures.filter(here), name: row => `${Math.round(row.from_kPa)}–${Math.round(row.to_kPa)} kPa`, value: rowError});
+plots.segments = bars({rows: r => r?.segments.filter(here), name: row => `${show(row.from_sigma, 2)}–${show(row.to_sigma, 2)}`, value: rowError, none: "These runs were measured without a centre line, so their error along the tube is unknown."});
 
 // One quantity against another.
 function crossPlot({x, y, xLabel, yLabel, equal = false, dots = false, need}) {

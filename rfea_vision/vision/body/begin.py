@@ -21,7 +21,6 @@ from rfea_vision.vision.body.model import (
     SeenBody,
     frame_of,
     learn_colours,
-    new_body,
 )
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix, fit_curve
@@ -174,6 +173,6 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> float:
 
 def first_body(picture: Picture, line: FloatArray, half_px: float) -> SeenBody:
     """A body on a line of stations, with the colours that it has there."""
-    body = new_body(line, np.full(STATIONS, half_px))
+    body = SeenBody(line, np.full(STATIONS, half_px), np.zeros((STATIONS, 2, 3)), np.zeros((STATIONS, 2, 2, 3)))
     learn_colours(picture, body)
     return body

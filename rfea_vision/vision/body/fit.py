@@ -61,7 +61,8 @@ LEANS = 0.1
 LEAN_BASIS = basis_matrix(SHARES, 5)
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
-BESIDE = 1.6  # half widths off the line: the middle of what is beside the body
+BESIDE, BEYOND = 1.6, 0.5  # half widths off the line: the middle of what is beside the body; and off its end
+SURELY = 2.0  # evidence, odds of 7: what is around a pale body before a pale wall looks like it by a little
 
 
 @dataclass
@@ -74,10 +75,10 @@ class Fit:
     covariance : (25, 25) px^2 of the displacement's coefficients
     own : (6, 6) information along the body from this frame alone, as far as it is trusted
     seen : (S, 2) whether each side's edge was found
-    alike : (S,) share of the skin that is that of the first frame
     backing : (S,) share of the inside that looks like the body
     end : (RAYS,) px how far the end lies beyond where the rays had it, NaN where it was not found
-    beside : (S, 2) share of what is beside it, to either side, that looks like the body
+    beside : (S, 2) share of what is beside it, to either side, that surely looks like the body
+    beyond : share of what is beyond its end that does
     material : the coloured marks that it was held by
     standing_out : share of the body that differs from what is around it, and
     marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none; both when it is judged
@@ -87,10 +88,10 @@ class Fit:
     covariance: FloatArray
     own: FloatArray
     seen: NDArray[np.bool_]
-    alike: FloatArray
     backing: FloatArray
     end: FloatArray
     beside: FloatArray
+    beyond: float
     material: Sequence[Seen]
     standing_out: float = 0.0
     marks: FloatArray | None = None
@@ -100,7 +101,7 @@ def fit_body(
     picture: Picture,
     wall: Wall,
     predicted: SeenBody,
-    skin: tuple[FloatArray, FloatArray] | None,
+    skin: tuple[FloatArray, FloatArray, float] | None,
     end_offsets: FloatArray | None,
     prior: FloatArray,
     clamp: FloatArray,
@@ -115,7 +116,7 @@ def fit_body(
     Parameters
     ----------
     predicted : where the flow has put it
-    skin : colours (S, V, 3) of an earlier frame, and their variances; None while they are being learnt
+    skin : colours (S, V, 3) of an earlier frame, their variances, and how much counts of what they say along the body; None at first
     end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
     prior : (25, 25) information of the prediction
     clamp : (2, 2) px where the body begins, and the unit vector in which it leaves
@@ -125,7 +126,6 @@ def fit_body(
     outline : whether edges are looked for, or the skin alone is followed
     """
     body, cleared = predicted.copy(), wall.cleared(picture)
-    rays = np.empty((RAYS, 2))
     information, pull, alike = np.zeros((STATIONS, 6)), np.zeros((STATIONS, 3)), np.zeros(STATIONS)
     edges = np.full((STATIONS, 2, 2), np.inf)
     total = np.zeros(UNKNOWNS)
@@ -137,7 +137,7 @@ def fit_body(
         span = reach if turn == 0 else max(0.5 * reach, 4.0)
         if outline:
             around = wall.colour, wall.times, wall.relief, body.points, normals, body.half, body.inside, body.outside
-            support(picture, *around, backing)
+            support(picture, *around, 0.0, backing)
             measure_edges(picture, *around, span, edges)
         matrix = prior.copy()
         vector = -prior @ total
@@ -148,16 +148,13 @@ def fit_body(
             leans = LEANS * float(np.median(body.half)) if marks else 0.0
             _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0), leans)
         if skin is not None:
-            match_skin(cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin, information, pull, alike)
+            match_skin(cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin[:2], information, pull, alike)
+            information[:, [1, 2, 4]] *= skin[2]
+            pull[:, 1] *= skin[2]
             _add_skin(matrix, vector, information, pull, alike)
         end = np.full(RAYS, np.nan)
         if end_offsets is not None:
-            last = slice(STATIONS - 3, STATIONS)
-            measure_end(
-                picture, wall.colour, wall.times, wall.relief, body.points[-1], tangents[-1], body.half[-4:].mean(),
-                body.inside[last].mean(axis=0), body.outside[last].mean(axis=(0, 1)), 2.0 * span, rays,
-            )  # fmt: skip
-            end = np.where(np.isfinite(rays[:, 1]), rays[:, 0] - end_offsets, np.nan)
+            end = end_rays(picture, wall, body, 2.0 * span) - end_offsets
             _add_end(matrix, vector, end)
         _add_clamp(matrix, vector, body, clamp, tangents[0], rest_half)
         _add_marks(matrix, vector, body, marks, tangents, normals)
@@ -177,26 +174,39 @@ def fit_body(
         np.asarray(np.linalg.inv(normal_matrix), dtype=float),
         TRUSTED * (normal_matrix[ALONG, ALONG] - prior[ALONG, ALONG]),
         np.isfinite(edges[:, :, 1]),
-        alike.copy(),
         backing,
         end,
-        looks_beside(picture, wall, body),
+        *looks_around(picture, wall, body),
         marks,
     )
 
 
-def looks_beside(picture: Picture, wall: Wall, body: SeenBody) -> FloatArray:
-    """Share (S, 2) of what is beside a body, from 1.2 to 2 half widths off its line, that looks like it."""
-    normals = frame_of(body.points)[1]
-    out = np.empty((2, STATIONS))
+def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> FloatArray:
+    """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where that is not seen."""
+    last, rays = slice(STATIONS - 3, STATIONS), np.empty((RAYS, 2))
+    measure_end(
+        picture, wall.colour, wall.times, wall.relief, body.points[-1], frame_of(body.points)[0][-1], body.half[-4:].mean(),
+        body.inside[last].mean(axis=0), body.outside[last].mean(axis=(0, 1)), reach, rays,
+    )  # fmt: skip
+    return np.where(np.isfinite(rays[:, 1]), rays[:, 0], np.nan)
+
+
+def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, float]:
+    """Share of what is around a body that surely looks like it.
+
+    (S, 2) to either side, from 1.2 to 2 half widths off its line; and half a half width beyond its end.
+    """
+    tangents, normals = frame_of(body.points)
+    around = wall.colour, wall.times, wall.relief
+    beside, beyond = np.empty((2, STATIONS)), np.empty(1)
     for side, sign in enumerate((1.0, -1.0)):
         points = body.points + (sign * BESIDE * body.half)[:, None] * normals
         outside = np.repeat(body.outside[:, side : side + 1], 2, axis=1)
-        support(
-            picture, wall.colour, wall.times, wall.relief, points, normals, (BESIDE - 1) * body.half, body.inside, outside,
-            out[side],
-        )  # fmt: skip
-    return out.T
+        support(picture, *around, points, normals, (BESIDE - 1) * body.half, body.inside, outside, SURELY, beside[side])
+    last, half = slice(-1, None), body.half[-4:].mean(keepdims=True)
+    points = body.points[last] + BEYOND * half * tangents[last]
+    support(picture, *around, points, normals[last], half, body.inside[last], body.outside[last], SURELY, beyond)
+    return beside.T, float(beyond[0])
 
 
 def _add_shape(

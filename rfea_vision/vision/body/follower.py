@@ -20,7 +20,7 @@ from rfea_vision.vision.body.begin import (
     spaced,
     standing_out,
 )
-from rfea_vision.vision.body.fit import ALONG, NORMAL, UNKNOWNS, WIDTH, Fit, fit_body
+from rfea_vision.vision.body.fit import ALONG, NORMAL, TRUSTED, UNKNOWNS, WIDTH, Fit, end_rays, fit_body
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
@@ -40,7 +40,7 @@ from rfea_vision.vision.body.model import (
     skin_of,
 )
 from rfea_vision.vision.body.rules import First, elsewhere, refused
-from rfea_vision.vision.body.sampling import RAYS, measure_end
+from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.curve import (
     COEFFICIENTS,
@@ -151,15 +151,13 @@ class BodyFollower:
         if self.good and reason and self.missed and self.missed % 5 == 0:
             fit = self._fit(lab, self._swung(lab), self._spread(), 1.2)
             reason = self._refused(lab, fit)
-        if reason:
-            self.missed += 1
-            if self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
-                reason = "touches_border: the tip has left the picture, and is not found again"
-            self.refusal = reason
-            return reason
-        self.refusal = ""
-        self._accept(lab, fit)
-        return ""
+        if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
+            reason = "touches_border: the tip has left the picture, and is not found again"
+        self.refusal = reason
+        self.missed += bool(reason)
+        if not reason:
+            self._accept(lab, fit)
+        return reason
 
     def _refused(self, lab: Picture, fit: Fit) -> str:
         """Why a fit is no measurement: it leaves the hints, or breaks a rule."""
@@ -212,7 +210,8 @@ class BodyFollower:
         believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
         self.end_offsets = offsets if believed else None
         skin = skin_of(lab, self.body)
-        self.skin = skin, np.full_like(skin, SKIN_SCATTER**2)
+        # Where the end is seen, it says how far the body reaches: the skin claims too much of that.
+        self.skin = skin, np.full_like(skin, SKIN_SCATTER**2), TRUSTED if believed else 1.0
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
         hinted = self.scene.hints.marks
@@ -243,14 +242,8 @@ class BodyFollower:
 
     def _end_seen(self, lab: Picture, half: float) -> FloatArray:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
-        rays = np.empty((RAYS, 2))
-        tangents, _ = frame_of(self.body.points)
-        last = slice(STATIONS - 3, STATIONS)
-        measure_end(
-            lab, self.wall.colour, self.wall.times, self.wall.relief, self.body.points[-1], tangents[-1], self.body.half[-4:].mean(),
-            self.body.inside[last].mean(axis=0), self.body.outside[last].mean(axis=(0, 1)), 2.0 * half, rays,
-        )  # fmt: skip
-        return np.where(np.isfinite(rays[:, 1]) & (np.abs(rays[:, 0]) < 2.0 * half), rays[:, 0], np.nan)
+        offsets = end_rays(lab, self.wall, self.body, 2.0 * half)
+        return np.where(np.abs(offsets) < 2.0 * half, offsets, np.nan)
 
     def _spread(self) -> FloatArray:
         """Covariance (25, 25) px^2 of what the body may have moved since it was last seen."""
@@ -278,19 +271,19 @@ class BodyFollower:
 
     def _foretold(self, lab: Picture) -> tuple[SeenBody, FloatArray]:
         """The body of the last good frame, moved as its skin has moved since, and the covariance of this movement."""
-        skin = self.last_skin, np.full_like(self.last_skin, FLOW_SCATTER**2)
-        near = self._flown(self.wall.cleared(lab)[:, :, 0].copy())
+        skin = self.last_skin, np.full_like(self.last_skin, FLOW_SCATTER**2), self.skin[2]
+        near = self._flown(lab)
         prior = np.asarray(np.linalg.inv(self._spread()), dtype=float)
         moved = fit_body(lab, self.wall, near, skin, None, prior, self.foot, self.first.half, 5.0, outline=False)
         return moved.body, moved.covariance
 
-    def _flown(self, grey: NDArray[np.uint8]) -> SeenBody:
+    def _flown(self, lab: Picture) -> SeenBody:
         """The body of the last good frame, moved by sparse flow: near enough for its skin to be recognised."""
         tangents, normals = frame_of(self.body.points)
         places = [self.body.points + v * self.body.half[:, None] * normals for v in FLOW_ACROSS]
         before = np.vstack(places).astype(np.float32)[:, None]
         options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
-        seen = self.wall.cleared(self._lab)[:, :, 0].copy()
+        seen, grey = (self.wall.cleared(picture)[:, :, 0].copy() for picture in (self._lab, lab))
         after, there, _ = cv2.calcOpticalFlowPyrLK(seen, grey, before, before.copy(), **options)
         back, again, _ = cv2.calcOpticalFlowPyrLK(grey, seen, after, after.copy(), **options)
         kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
@@ -310,22 +303,14 @@ class BodyFollower:
 
     def _swung(self, lab: Picture) -> SeenBody:
         """The last shape bent farther to either side: that in which the inside looks most like the body."""
-        best, found = -np.inf, self.body
+        steps = np.diff(self.body.points, axis=0) @ (1.0, 1.0j)
+        fits = []
         for swing in SWINGS:
             body = self.body.copy()
-            steps = np.diff(self.body.points, axis=0)
-            turn = swing * (SHARES[1:] - 0.5 / STATIONS)
-            turned = np.column_stack(
-                [
-                    steps[:, 0] * np.cos(turn) - steps[:, 1] * np.sin(turn),
-                    steps[:, 0] * np.sin(turn) + steps[:, 1] * np.cos(turn),
-                ]
-            )
-            body.points = self.body.points[0] + np.vstack([[0.0, 0.0], np.cumsum(turned, axis=0)])
-            fit = self._fit(lab, body, self._spread(), 1.2)
-            if _likeness(fit) > best:
-                best, found = _likeness(fit), fit.body
-        return found
+            line = np.cumsum([0.0, *steps * np.exp(1j * swing * (SHARES[1:] - 0.5 / STATIONS))])
+            body.points = self.body.points[0] + np.column_stack([np.real(line), np.imag(line)])
+            fits.append(self._fit(lab, body, self._spread(), 1.2))
+        return max(fits, key=_likeness).body
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
@@ -334,12 +319,11 @@ class BodyFollower:
         self.body, self.covariance, self._lab = fit.body, fit.covariance, lab
         if self.good == 0:
             self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
-        self.good += 1
-        self.missed = 0
+        self.good, self.missed = self.good + 1, 0
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)
         self.last_skin = skin_of(cleared, self.body)
-        skin, variance = self.skin
+        skin, variance, _ = self.skin
         off = self.last_skin - skin
         off -= off.mean(axis=1, keepdims=True)
         variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - variance)

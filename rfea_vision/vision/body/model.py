@@ -62,11 +62,6 @@ def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return tangent, np.column_stack([-tangent[:, 1], tangent[:, 0]])
 
 
-def new_body(points: FloatArray, half: FloatArray) -> SeenBody:
-    """A body whose colours are still unknown."""
-    return SeenBody(points, half, np.zeros((STATIONS, 2, 3)), np.zeros((STATIONS, 2, 2, 3)))
-
-
 def learn_colours(picture: Picture, body: SeenBody) -> None:
     """Read the colours inside and around the body."""
     body.inside[:] = _colours(picture, body, ACROSS_INSIDE, LEAST_VARIANCE)

@@ -130,8 +130,8 @@ def measure_end(picture, wall, times, relief, tip, tangent, half, inside, outsid
 
 
 @compiled
-def support(picture, wall, times, relief, points, normals, half, inside, outside, out):
-    """Share (S,) of the body's inside that looks like it rather than like the wall."""
+def support(picture, wall, times, relief, points, normals, half, inside, outside, least, out):
+    """Share (S,) of the body's inside that looks like it rather than like the wall: by `least` of evidence."""
     colour = np.empty(3)
     for s in range(points.shape[0]):
         good = 0.0
@@ -139,7 +139,7 @@ def support(picture, wall, times, relief, points, normals, half, inside, outside
             d = half[s] * (k - 3) * 0.22
             x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
             side = 0 if k >= 3 else 1
-            good += _evidence(picture, wall, times, relief, x, y, inside[s], outside[s, side], colour) > 0.0
+            good += _evidence(picture, wall, times, relief, x, y, inside[s], outside[s, side], colour) > least
         out[s] = good / 7.0
 
 

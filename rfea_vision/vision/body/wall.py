@@ -26,10 +26,15 @@ class Wall:
         self.relief = np.zeros(shape, dtype=np.float32)
         self._lines = np.zeros(shape, dtype=np.float32)
         self._together, self._alone, self._frames = 0.0, NOTHING, 0
+        self._seen: Picture | None = None  # the picture that was cleared last, and what it is then
+        self._clear: Picture = np.empty((0, 0, 3), dtype=np.uint8)
 
     def cleared(self, picture: Picture) -> Picture:
         """The picture without what shows through the body."""
-        return cv2.subtract(picture, self.relief, dtype=cv2.CV_8U) if self._together > 0.0 else picture  # pyright: ignore
+        if self._seen is not picture:
+            self._seen = picture
+            self._clear = np.asarray(cv2.subtract(picture, self.relief, dtype=cv2.CV_8U), dtype=np.uint8)
+        return self._clear
 
     def learn(self, picture: Picture, body: SeenBody) -> None:
         """Take from a picture what is beside the body, and what shows through it."""
@@ -53,4 +58,5 @@ class Wall:
             share = cv2.GaussianBlur(known[..., 0], (0, 0), sigma)[..., None]
             self._lines = (self.colour - near / np.maximum(share, 1e-3)) * known
             self.relief = (min(self._together / self._alone, 1.0) * self._lines).astype(np.float32)
+            self._seen = None
         self._frames += 1

@@ -1,0 +1,64 @@
+"""Where a model fails: phases of a run, what its residual goes with, and rates across lost frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rfea_vision.critique.phases import label_phases
+from rfea_vision.critique.torque import _smoothed
+from rfea_vision.fitting.residual_tests import correlation_ratio
+
+
+def test_phases_of_a_trapezium():
+    time = np.arange(0, 6, 1 / 240)
+    pressure = np.interp(time, [0, 1, 2, 4, 5, 6], [0, 0, 200, 200, 0, 0])
+    labels = label_phases(time, pressure, pressure / 100)
+    middle = {second: labels[np.argmin(np.abs(time - second))] for second in (0.5, 1.5, 3.0, 4.5, 5.5)}
+    assert middle == {0.5: "rest", 1.5: "rise", 3.0: "hold", 4.5: "fall", 5.5: "rest"}
+
+
+def test_phases_of_a_triangle_and_of_ringing():
+    time = np.arange(0, 4, 1 / 240)
+    triangle = np.interp(time, [0, 1, 2, 3, 4], [0, 100, 0, 100, 0])
+    assert label_phases(time, triangle, triangle)[np.argmin(np.abs(time - 1.0))] == "reversal"
+    step = np.where(time > 1, 100.0, 0.0)
+    bend = np.where(time > 1, 1 + 0.3 * np.exp(-(time - 1) / 0.5) * np.cos(2 * np.pi * 6 * (time - 1)), 0.0)
+    assert np.mean(label_phases(time, step, bend)[(time > 1.1) & (time < 1.5)] == "ringing") > 0.6
+
+
+def test_phases_of_two_chambers_with_a_rippling_regulator():
+    """The tube creeps for seconds after each step, and rings nowhere; the second chamber bends to the other side."""
+    time = np.arange(0, 40, 1 / 36)
+    rng = np.random.default_rng(3)
+    pressure = np.interp(time, [0, 1, 2, 10, 12, 20, 21, 29, 31], [0, 0, 60, 60, 0, 0, -60, -60, 0])
+    bend = np.zeros_like(time)
+    for k in range(1, time.size):
+        bend[k] = bend[k - 1] + (pressure[k] / 3 - bend[k - 1]) / 36 / 1.5
+    ripple = np.convolve(rng.standard_normal(time.size), np.ones(3) / 3, mode="same")
+    labels = label_phases(time, pressure + 2.5 * ripple, bend + 0.02 * rng.standard_normal(time.size))
+
+    def share(label, begin, end):
+        return float(np.mean(labels[(time > begin) & (time < end)] == label))
+
+    assert share("rise", 1.2, 1.8) > 0.8 and share("fall", 10.3, 11.7) > 0.8
+    assert share("hold", 3, 9.8) > 0.9 and share("hold", 22, 28.8) > 0.9
+    assert share("rest", 13, 19.8) > 0.9 and share("rest", 32, 40) > 0.9
+    assert np.mean(np.isin(labels, ["reversal", "ringing"])) < 0.02
+
+
+def test_dependence_sees_curves_and_no_chance():
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1, 1, 4000)
+    noise = rng.standard_normal(4000)
+    assert correlation_ratio(x**2, x) > 0.95  # no linear correlation at all
+    assert correlation_ratio(x**2 + np.std(x**2) * noise, x) == pytest.approx(0.5, abs=0.06)
+    assert correlation_ratio(noise, x) < 0.02
+
+
+def test_a_rate_is_no_larger_where_frames_were_lost():
+    """Across a fifth of a second it is that of the chord; taken frame by frame it would be twenty times too large."""
+    time = np.delete(np.arange(0, 2, 0.01), np.r_[50:70, 120:124])
+    gap = np.sin(3 * time)[:, None]
+    (_, rate, _), _ = _smoothed(time, gap)
+    assert np.abs(rate[5:-5, 0] - 3 * np.cos(3 * time[5:-5])).max() < 0.6
