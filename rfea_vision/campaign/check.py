@@ -21,10 +21,11 @@ _PAPER_DIAMETERS_MM = (8.0, 6.0)
 
 @dataclass(frozen=True)
 class CheckedCampaign:
-    """The experiments found, with their roles, and what is wrong."""
+    """The experiments found, with their roles, what is wrong, and those without a pressure: they cannot be fitted."""
 
     experiments: dict[str, str]
     problems: tuple[FileProblem, ...]
+    unpressed: tuple[str, ...] = ()
 
 
 def check_campaign(
@@ -62,7 +63,8 @@ def check_campaign(
     for experiment, key, text in plausibility.alike(active):
         problems.append(_warning(experiment, key, text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
-    return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)))
+    unpressed = tuple(item.name for item in active if item.pressure.missing)
+    return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)), unpressed)
 
 
 def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FileProblem]:

@@ -84,6 +84,11 @@ class _Columns:
         other = self.called(names, [*words["supply"], *words["computed"]])
         return [name for name in names if name not in other] or list(names)
 
+    def moving(self, names: Sequence[str]) -> list[str]:
+        """Return `names` without those that hold one value throughout (a zero, an air's pressure), unless all do."""
+        values = self.table.columns
+        return [name for name in names if np.nanmin(values[name]) < np.nanmax(values[name])] or list(names)
+
     def called(self, names: Sequence[str], words: Sequence[str]) -> list[str]:
         return [name for name in names if set(self.words(name)) & set(words)]
 
@@ -173,7 +178,7 @@ def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...]
     ambient = columns.called(by_unit + by_word, column_words()["ambient"]) or columns.called(
         names, column_words()["ambient"]
     )
-    found = columns.measured([name for name in dict.fromkeys(by_word + by_unit) if name not in ambient])
+    found = columns.moving(columns.measured([name for name in dict.fromkeys(by_word + by_unit) if name not in ambient]))
     if chambers := _chambers(columns, found):
         return tuple((*time, *said, *_column(table, name, ambient)) for name, said in chambers.items())
     why = "its header and its unit say so" if found and found[0] in by_unit else "its header says so"

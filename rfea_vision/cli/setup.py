@@ -90,6 +90,8 @@ def check_command(campaign: Path, as_json: bool) -> int:
             say_next("rfea init DIR", why="writes a campaign to fill in, or guesses one with --from FILES")
         elif errors:
             say_next("rfea check", campaign, why="again, once these are mended")
+        elif checked.unpressed:
+            say_next("rfea check", campaign, why="again, once every run has its pressure; 'rfea track' needs none")
         else:
             say_next("rfea improve", campaign, why="or step by step: rfea track, sync, fit, compare, diagnose")
     return InputError.exit_code if errors else 0

@@ -238,6 +238,16 @@ def test_pressures_that_nothing_calls_chambers_are_asked_for(tmp_path, headers):
     )
 
 
+def test_a_column_that_never_changes_is_no_pressure_of_a_chamber(tmp_path):
+    """Loggers write the zero of each sensor beside its pressure; of chambers those that move are asked about."""
+    table = {"t": TIME_S, "p01": 1011.7, "p1": 10 * PRESSURE_kPa + 1011.7, "p02": 1006.5, "p2": PRESSURE_kPa + 1006.5}
+    pd.DataFrame(table).to_csv(tmp_path / "a.csv", index=False)
+    (key,) = (key for key in look(tmp_path / "a.csv").pressure if key.name == "pressure")
+    assert key.value == "p1" and "also p2:" in key.why
+    pd.DataFrame({"t": TIME_S, "p1 [kPa]": 0.0}).to_csv(tmp_path / "b.csv", index=False)  # a run without a push
+    assert any(key.value == "p1 [kPa]" for key in look(tmp_path / "b.csv").pressure)
+
+
 def test_every_run_has_a_name_of_its_own_and_yaml_reads_no_other_thing_into_it(tmp_path):
     names = ("r-3.csv", "r.csv", "sub/r.csv", "no.csv", "null.csv")
     for name in names:

@@ -172,6 +172,18 @@ def test_every_command_that_ends_well_says_what_comes_next(tmp_path):
     shutil.rmtree(campaign)
 
 
+def test_the_next_command_is_none_that_would_refuse(tmp_path):
+    """A run without a pressure cannot be fitted: what comes next is to say it, and then to improve."""
+    campaign = write_campaign(tmp_path / "c")
+    file = next(campaign.glob("*/experiment.yaml"))
+    whole = file.read_text()
+    file.write_text("".join(line for line in whole.splitlines(keepends=True) if not line.startswith("pressure")))
+    answer = rfea("check", campaign)
+    assert answer.code == 0 and answer.out.splitlines()[-1].startswith("next: rfea check")
+    file.write_text(whole)
+    assert rfea("check", campaign).out.splitlines()[-1].startswith("next: rfea improve")
+
+
 def test_the_next_command_can_be_typed_as_it_stands(tmp_path):
     campaign = write_campaign(tmp_path / "my tube's runs")
     next_one = rfea("check", campaign).out.splitlines()[-1].removeprefix("next: ").partition("   (")[0]
