@@ -167,7 +167,8 @@ def quiet(folder: Path, **_: Any) -> tuple[list[str], str]:
 
 
 def killed(folder: Path, wanted: dict[str, bytes]) -> tuple[list[str], str]:
-    """A worker is killed whenever some more stages are finished; in the middle the batch itself is, and is then started again.
+    """A worker is ended (SIGKILL, SIGTERM or SIGINT) whenever some more stages are finished; in the middle the batch itself is killed
+    and started again.
 
     By stages, not by the clock: on a busy machine each worker would be killed before it does anything.
     """
@@ -186,14 +187,14 @@ def killed(folder: Path, wanted: dict[str, bytes]) -> tuple[list[str], str]:
             workers = descendants(process.pid)
             if workers:
                 with suppress(ProcessLookupError):
-                    kill(chance.choice(workers), signal.SIGKILL)
+                    kill(chance.choice(workers), chance.choice((signal.SIGKILL, signal.SIGTERM, signal.SIGINT)))
                     kills += 1
         if part == "first":
             process.kill()
             process.communicate()
             process = begin(folder)
     campaigns = end(process)
-    return _wrong(campaigns, folder, wanted), f"{kills} workers and the batch itself were killed"
+    return _wrong(campaigns, folder, wanted), f"{kills} workers (by SIGKILL, SIGTERM and SIGINT) and the batch itself were killed"
 
 
 def other_count(folder: Path, wanted: dict[str, bytes], workers: int) -> tuple[list[str], str]:

@@ -106,14 +106,14 @@ def _counts(title: str, lines: Sequence[Line], each: Mapping[str, Sequence[Claim
         )
     out += [
         "| hidden | campaigns | hidden effects | named | where the base model leaves a floor or more | named | without which the "
-        "true model leaves a floor or more | named |",
-        "|---|---|---|---|---|---|---|---|",
+        "true model leaves a floor or more | named | whose absence adds a floor or more to what the true model leaves | named |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for kind in ("single", "pair", "triple"):
         own = [line for line in lines if line["kind"] == kind]
         seen = [line for line in own if line["floors"] >= LEAST_FLOORS]
         parts = [[one for line in group for one in each[line["key"]]] for group in (own, seen)]
-        parts.append([one for line in own for one in seen_alone(line, each[line["key"]])])
+        parts += [[one for line in own for one in seen(line, each[line["key"]])] for seen in (seen_alone, seen_to_add)]
         figures = [
             f"{sum(right for *_, right in part)} | {sum(right and p >= 0.5 for _, p, right in part)}" for part in parts
         ]
@@ -131,6 +131,16 @@ def _counts(title: str, lines: Sequence[Line], each: Mapping[str, Sequence[Claim
 def seen_alone(line: Line, found: Sequence[Claim]) -> list[Claim]:
     """Of the claims, of which the first are about what was hidden, those about effects without which a floor or more is left."""
     return [one for one, floors in zip(found, line.get("without", ()), strict=False) if (floors or 0.0) >= LEAST_FLOORS]
+
+
+def seen_to_add(line: Line, found: Sequence[Claim]) -> list[Claim]:
+    """Of the same claims, those about effects without which the true model leaves a floor more than with them.
+
+    Where the catalogue's law is not the hidden one, the true model leaves floors itself, and whatever is left out of it seems to.
+    """
+    left = max(1.0, line["told_error"] / line["floor"]) if "told_error" in line else 1.0
+    floors = zip(found, line.get("without", ()), strict=False)
+    return [one for one, without in floors if (without or 0.0) ** 2 - left**2 >= LEAST_FLOORS**2 - 1]
 
 
 def untried(line: Line) -> list[Claim]:

@@ -98,10 +98,10 @@ def _database(table: pd.DataFrame, path: Path) -> None:
 
 
 def _of_other_tools(folder: Path) -> Iterator[Target]:
-    """MATLAB 7.3, bags, motion capture and poses, as the tests of the readers write them."""
+    """MATLAB 7.3, Simulink's structures, bags, motion capture and poses, as the tests of the readers write them."""
     from testing import written
 
-    for write in (written.write_mat73, written.write_bag):
+    for write in (written.write_mat73, written.write_simulink, written.write_simulink73, written.write_bag):
         spec = write(_new(folder / write.__name__))
         yield Target(f"log {write.__name__[6:]}", spec.file.suffix, spec.file.read_bytes(), reading.log(spec))
     for write in written.POSES:
