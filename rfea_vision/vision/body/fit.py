@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
+from rfea_vision.vision.body.equations import add_edges, add_skin, arc_length, at_stations
 from rfea_vision.vision.body.marks import Seen, place_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
@@ -52,13 +53,21 @@ STRETCHES_GRADUALLY = 0.02  # second differences of the places along it, likewis
 TURN_ROW = basis_matrix(np.zeros(1), NORMAL_BASIS.shape[1], 1)[0]  # slope of the displacement where the body begins
 THIRD, SECOND = np.diff(np.eye(11), n=3, axis=0), np.diff(np.eye(6), n=2, axis=0)
 TO_NORMAL, TO_ALONG, TO_WIDTH = (np.linalg.pinv(basis) for basis in (NORMAL_BASIS, ALONG_BASIS, WIDTH_BASIS))
+THIRD_OF, THIRD_TWICE = THIRD @ TO_NORMAL, THIRD.T @ THIRD
+SECOND_OF, SECOND_TWICE = SECOND.T @ SECOND @ TO_ALONG, SECOND.T @ SECOND
+BENDING = np.diff(np.eye(11), n=2, axis=0).T @ np.diff(np.eye(11), n=2, axis=0)
+MIDDLES = np.round(np.linspace(0, STATIONS - 1, NORMAL_BASIS.shape[1] - 3)).astype(int)
+WIDTHS = np.arange(WIDTH.start, WIDTH.stop)
 # Share of what skin and end rays say along the body that is to be believed: over eleven clear scenes of testing/phone.py the
 # end was off by 1.6 to 13 times (5.4 in the middle) their standard error.
 TRUSTED = 1.0 / 5.4**2
 # Of the half width, 1 s.d.: rubber that swells to one side moves the middle of its edges off its material. As SYSTEMATIC
 # of the follower; in films of silicone with a mark near its end the middle went 0.4 off it.
 LEANS = 0.1
-LEAN_BASIS = basis_matrix(SHARES, 5)
+LEANING = 5  # splines along the body
+LEANS_AT = np.arange(UNKNOWNS, UNKNOWNS + LEANING)
+SKIN_FIRST, SKIN_VALUE = at_stations(SHARES, ((0, 11), (11, 6), (17, 8)))
+EDGE_FIRST, EDGE_VALUE = at_stations(SHARES, ((0, 11), (17, 8), (UNKNOWNS, LEANING)))
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
 BESIDE, BEYOND = 1.6, 0.5  # half widths off the line: the middle of what is beside the body; and off its end
@@ -130,7 +139,8 @@ def fit_body(
     edges = np.full((STATIONS, 2, 2), np.inf)
     total = np.zeros(UNKNOWNS)
     normal_matrix = np.eye(UNKNOWNS)
-    shape = np.diff(np.eye(11), n=2, axis=0) / (POINTED_SHAPE_PX if skin is None else SHAPE_PX)
+    shape = BENDING / (POINTED_SHAPE_PX if skin is None else SHAPE_PX) ** 2
+    swells = SWELLS * float(np.median(rest_half))
     moved, backing = 0.0, np.ones(STATIONS)
     for turn in range(TURNS):
         tangents, normals = frame_of(body.points)
@@ -141,9 +151,9 @@ def fit_body(
             measure_edges(picture, *around, span, edges)
         matrix = prior.copy()
         vector = -prior @ total
-        matrix[NORMAL, NORMAL] += shape.T @ shape
-        vector[NORMAL] -= shape.T @ shape @ total[NORMAL]
-        _add_shape(matrix, vector, body, normals, rest_half)
+        matrix[NORMAL, NORMAL] += shape
+        vector[NORMAL] -= shape @ total[NORMAL]
+        _add_shape(matrix, vector, body, normals, rest_half, swells)
         if outline:
             leans = LEANS * float(np.median(body.half)) if marks else 0.0
             _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0), leans)
@@ -151,7 +161,8 @@ def fit_body(
             match_skin(cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin[:2], information, pull, alike)
             information[:, [1, 2, 4]] *= skin[2]
             pull[:, 1] *= skin[2]
-            _add_skin(matrix, vector, information, pull, alike)
+            # The skin of an earlier frame counts where enough of it is recognised.
+            add_skin(matrix, vector, information, pull, np.clip((alike - 0.4) / 0.4, 0.0, 1.0), SKIN_FIRST, SKIN_VALUE)
         end = np.full(RAYS, np.nan)
         if end_offsets is not None:
             end = end_rays(picture, wall, body, 2.0 * span) - end_offsets
@@ -176,7 +187,7 @@ def fit_body(
         np.isfinite(edges[:, :, 1]),
         backing,
         end,
-        *looks_around(picture, wall, body),
+        *(looks_around(picture, wall, body) if outline else (np.zeros((STATIONS, 2)), 0.0)),
         marks,
     )
 
@@ -210,26 +221,23 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
 
 
 def _add_shape(
-    matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, rest_half: FloatArray
+    matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, rest_half: FloatArray, swells: float
 ) -> None:
-    """Rubber bends and stretches gradually, and swells within limits.
+    """Rubber bends and stretches gradually, and swells within limits (`swells` px).
 
     Third differences across and second differences along are small, and so is what the half width has gained.
     """
-    sigma = SWELLS * float(np.median(rest_half))
-    matrix[WIDTH, WIDTH] += np.eye(8) / sigma**2
-    vector[WIDTH] -= TO_WIDTH @ (body.half - rest_half) / sigma**2
-    spacing = body.length / (NORMAL_BASIS.shape[1] - 3)
-    middles = np.round(np.linspace(0, STATIONS - 1, NORMAL_BASIS.shape[1] - 3)).astype(int)
-    rows = THIRD / (BENDS_GRADUALLY * spacing)
-    wiggle = np.sum((THIRD @ (TO_NORMAL @ body.points)) * normals[middles], axis=1) / (BENDS_GRADUALLY * spacing)
-    matrix[NORMAL, NORMAL] += rows.T @ rows
-    vector[NORMAL] -= rows.T @ wiggle
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(body.points, axis=0), axis=1))])
-    sigma = STRETCHES_GRADUALLY * body.length / (ALONG_BASIS.shape[1] - 3)
-    rows = SECOND / sigma
-    matrix[ALONG, ALONG] += rows.T @ rows
-    vector[ALONG] -= rows.T @ (SECOND @ (TO_ALONG @ steps)) / sigma
+    matrix[WIDTHS, WIDTHS] += 1.0 / swells**2
+    vector[WIDTH] -= TO_WIDTH @ (body.half - rest_half) / swells**2
+    steps = np.empty(STATIONS)
+    length = arc_length(body.points, steps)
+    sigma = BENDS_GRADUALLY * length / (NORMAL_BASIS.shape[1] - 3)
+    wiggle = np.sum((THIRD_OF @ body.points) * normals[MIDDLES], axis=1)
+    matrix[NORMAL, NORMAL] += THIRD_TWICE / sigma**2
+    vector[NORMAL] -= THIRD.T @ wiggle / sigma**2
+    sigma = STRETCHES_GRADUALLY * length / (ALONG_BASIS.shape[1] - 3)
+    matrix[ALONG, ALONG] += SECOND_TWICE / sigma**2
+    vector[ALONG] -= SECOND_OF @ steps / sigma**2
 
 
 def _add_clamp(
@@ -247,11 +255,11 @@ def _add_clamp(
     for part, row, value, sigma in (
         (NORMAL, NORMAL_BASIS[0], off @ normal, CLAMP_SHARE * rest_half[0]),
         (ALONG, ALONG_BASIS[0], off @ tangent, CLAMP_PX),
-        (NORMAL, TURN_ROW / body.length, turn, CLAMP_TURNS),
+        (NORMAL, TURN_ROW, turn * body.length, CLAMP_TURNS * body.length),
         (WIDTH, WIDTH_BASIS[0], rest_half[0] - body.half[0], CLAMP_SWELLS * rest_half[0]),
     ):
-        matrix[part, part] += np.outer(row, row) / sigma**2
-        vector[part] += row * float(value) / sigma**2
+        matrix[part, part] += row[:, None] * (row / sigma**2)
+        vector[part] += row * (float(value) / sigma**2)
 
 
 def _add_marks(
@@ -279,38 +287,16 @@ def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_
 
     Where something else holds the material, the middle between the edges may lie `leans` px (1 s.d.) off it.
     """
-    part = np.r_[NORMAL, WIDTH]
-    count = len(part)
-    rows = np.hstack([NORMAL_BASIS, WIDTH_BASIS, LEAN_BASIS])
-    full, pull = np.zeros((rows.shape[1], rows.shape[1])), np.zeros(rows.shape[1])
-    full[count:, count:] = np.eye(LEAN_BASIS.shape[1]) / max(leans, 1e-3) ** 2
-    for side, sign in ((0, 1.0), (1, -1.0)):
-        value, variance = edges[:, side, 0], edges[:, side, 1] * CORRELATED
-        weight = np.where(np.isfinite(variance), share_seen / variance, 0.0)
-        middle = np.median(value[weight > 0]) if np.any(weight > 0) else 0.0
-        share = np.abs(value - middle) * np.sqrt(weight)
-        weight = weight * np.minimum(1.0, 3.0 * HUBER / np.maximum(share, 1e-9))
-        rows[:, :11], rows[:, count:] = sign * NORMAL_BASIS, sign * LEAN_BASIS
-        full += rows.T @ (weight[:, None] * rows)
-        pull += rows.T @ (weight * value)
-    carried = np.linalg.solve(full[count:, count:], full[count:, :count]).T
-    matrix[np.ix_(part, part)] += full[:count, :count] - carried @ full[count:, :count]
-    vector[part] += pull[:count] - carried @ pull[count:]
-
-
-def _add_skin(
-    matrix: FloatArray, vector: FloatArray, information: FloatArray, pull: FloatArray, alike: FloatArray
-) -> None:
-    """The skin of an earlier frame, where enough of it is recognised."""
-    share = np.clip((alike - 0.4) / 0.4, 0.0, 1.0)
-    parts = ((NORMAL, NORMAL_BASIS), (ALONG, ALONG_BASIS), (WIDTH, WIDTH_BASIS))
-    for k, (i, j) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))):
-        block = parts[i][1].T @ ((information[:, k] * share)[:, None] * parts[j][1])
-        matrix[parts[i][0], parts[j][0]] += block
-        if i != j:
-            matrix[parts[j][0], parts[i][0]] += block.T
-    for k, (part, basis) in enumerate(parts):
-        vector[part] += basis.T @ (pull[:, k] * share)
+    if leans == 0.0:
+        add_edges(matrix, vector, edges, share_seen, CORRELATED, 3.0 * HUBER, EDGE_FIRST[:2], EDGE_VALUE[:2])
+        return
+    size = UNKNOWNS + LEANING
+    full, pull = np.zeros((size, size)), np.zeros(size)
+    full[LEANS_AT, LEANS_AT] = 1.0 / leans**2
+    add_edges(full, pull, edges, share_seen, CORRELATED, 3.0 * HUBER, EDGE_FIRST, EDGE_VALUE)
+    carried = np.linalg.solve(full[UNKNOWNS:, UNKNOWNS:], full[UNKNOWNS:, :UNKNOWNS]).T
+    matrix += full[:UNKNOWNS, :UNKNOWNS] - carried @ full[UNKNOWNS:, :UNKNOWNS]
+    vector += pull[:UNKNOWNS] - carried @ pull[UNKNOWNS:]
 
 
 def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray) -> None:

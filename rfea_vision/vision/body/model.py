@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import NORMAL
+from rfea_vision.vision.body.equations import arc_length, directions
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix
 
@@ -26,6 +27,7 @@ MARKED = 16.0  # of a or b in 8 bits: so far from the body's own colour is a mar
 BACKED = 0.7  # share of a station that looks like the body
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
 
+NEAR = np.clip(np.arange(STATIONS)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1), 0, STATIONS - 1)
 SHARES = np.linspace(0.0, 1.0, STATIONS)
 NORMAL_BASIS = basis_matrix(SHARES, 11)  # displacements across the body,
 ALONG_BASIS = basis_matrix(SHARES, 6)  # along it,
@@ -50,16 +52,14 @@ class SeenBody:
     @property
     def length(self) -> float:
         """Of the centre line in px."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return float(arc_length(self.points, np.empty(len(self.points))))
 
 
 def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit tangents and normals (S, 2) of a line of points, smoothed over its neighbours."""
-    tangent = np.empty_like(points)
-    tangent[2:-2] = points[4:] - points[:-4]
-    tangent[:2], tangent[-2:] = points[2] - points[0], points[-1] - points[-3]
-    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-9)
-    return tangent, np.column_stack([-tangent[:, 1], tangent[:, 0]])
+    tangents, normals = np.empty((len(points), 2)), np.empty((len(points), 2))
+    directions(points, tangents, normals)
+    return tangents, normals
 
 
 def learn_colours(picture: Picture, body: SeenBody) -> None:
@@ -93,14 +93,19 @@ def skin_of(picture: Picture, body: SeenBody) -> FloatArray:
     return strip
 
 
-def marks_found(first_skin: FloatArray, skin: FloatArray, left: FloatArray) -> FloatArray:
+def coloured(first_skin: FloatArray) -> NDArray[np.bool_]:
+    """Where (S, V) the skin of the first frame is of another colour than most of it."""
+    off = np.max(np.abs(first_skin - np.median(first_skin, axis=(0, 1)))[..., 1:], axis=-1)
+    return (off > MARKED) & (np.abs(ACROSS_TEXTURE) < 0.7)
+
+
+def marks_found(first_skin: FloatArray, marked: NDArray[np.bool_], skin: FloatArray, left: FloatArray) -> FloatArray:
     """Share (S,) of the coloured marks of the first frame that are found on the skin; NaN at stations that have none.
 
-    `left` (S, V, 3) is what the picture shows where the body was in the first frame: a mark that is still there is a pin
-    or a line on the wall.
+    `marked` (S, V) is where the first frame has them, and `left` (S, V, 3) what the picture shows where the body was then: a
+    mark that is still there is a pin or a line on the wall.
     """
-    off = np.max(np.abs(first_skin - np.median(first_skin, axis=(0, 1)))[..., 1:], axis=-1)
-    marked = (off > MARKED) & (np.abs(ACROSS_TEXTURE) < 0.7) & (_apart(left, first_skin) > MARKED)
+    marked = marked & (_apart(left, first_skin) > MARKED)
     count = marked.sum(axis=1)
     return np.where(
         count > 0, (marked & (_apart(skin, first_skin) < MARKED)).sum(axis=1) / np.maximum(count, 1), np.nan
@@ -116,11 +121,16 @@ def _colours(picture: Picture, body: SeenBody, across: FloatArray, least: FloatA
     """Mean and variance (S, 2, 3) of the colours at `across` half widths, neighbouring stations taken together."""
     strip = np.empty((STATIONS, len(across), 3))
     read_strip(picture, body.points, frame_of(body.points)[1], body.half, across, strip)
-    padded = np.pad(strip, ((NEIGHBOURS, NEIGHBOURS), (0, 0), (0, 0)), mode="edge")
-    near = np.stack([padded[k : k + STATIONS] for k in range(2 * NEIGHBOURS + 1)], axis=1).reshape(STATIONS, -1, 3)
-    middle = np.median(near, axis=1)  # glare and marks are few
-    spread = np.median(np.abs(near - middle[:, None]), axis=1) / NORMAL  # `scatter` takes twice as long, in every frame
+    near = strip[NEAR].transpose(0, 3, 1, 2).reshape(STATIONS, 3, -1)
+    middle = _middle(near)  # glare and marks are few
+    spread = _middle(np.abs(near - middle[..., None])) / NORMAL  # `scatter` takes twice as long, in every frame
     return np.stack([middle, spread**2 + least], axis=1)
+
+
+def _middle(values: FloatArray) -> FloatArray:
+    """Median over the last axis, of an odd number of values."""
+    half = values.shape[-1] // 2
+    return np.partition(values, half, axis=-1)[..., half]
 
 
 def lab_of(colour: tuple[int, int, int]) -> FloatArray:

@@ -23,6 +23,8 @@ RAYS = 7  # along the body through its end
 RAY_REACH = 0.6  # of the half width: the outermost rays
 ALIKE = 15.0  # grey levels: what differs by more is another skin
 NOISE_SLOPE = 1.5  # grey levels per pixel
+IN_LIGHT, IN_SHADOW = 1.0 / WALL_SCATTER**2, 1.0 / SHADOW**2
+LOG_IN_LIGHT, LOG_IN_SHADOW = 3.0 * math.log(WALL_SCATTER), 2.0 * math.log(WALL_SCATTER) + math.log(SHADOW)
 INDEPENDENT = 0.2  # share of the skin's pixels that are independent in a compressed picture
 
 
@@ -41,25 +43,33 @@ def _read(picture, x, y, out):
 
 
 @lean
-def _evidence(picture, wall, times, relief, x, y, inside, outside, colour):
+def _spread_of(colours):
+    """What the variances of a colour, (2, 3) with its mean, add to the evidence against it."""
+    return 0.5 * (math.log(colours[1, 0]) + math.log(colours[1, 1]) + math.log(colours[1, 2]))
+
+
+@lean
+def _evidence(picture, wall, times, relief, x, y, inside, outside, body, behind, colour):
     """Evidence at a place that it is the body; `inside` and `outside` are means and variances (2, 3).
 
-    `relief` is how much of the wall's lines shows through the body.
+    `body` and `behind` are what their variances add; `relief` is how much of the wall's lines shows through the body.
     """
     if not _read(picture, x, y, colour):
         return -CLIP
     i, j = int(y + 0.5), int(x + 0.5)
-    body = behind = 0.0
-    known = times[i, j] >= SEEN
     for c in range(3):
         off = colour[c] - relief[i, j, c] - inside[0, c]
-        body += 0.5 * off * off / inside[1, c] + 0.5 * math.log(inside[1, c])
-        if known:
+        body += 0.5 * off * off / inside[1, c]
+    if times[i, j] >= SEEN:
+        off = colour[0] - wall[i, j, 0]
+        behind = 0.5 * off * off * IN_SHADOW + LOG_IN_SHADOW if off < 0.0 else 0.5 * off * off * IN_LIGHT + LOG_IN_LIGHT
+        for c in range(1, 3):
             off = colour[c] - wall[i, j, c]
-            variance = SHADOW**2 if c == 0 and off < 0.0 else WALL_SCATTER**2
-        else:
-            off, variance = colour[c] - outside[0, c], outside[1, c]
-        behind += 0.5 * off * off / variance + 0.5 * math.log(variance)
+            behind += 0.5 * off * off * IN_LIGHT
+    else:
+        for c in range(3):
+            off = colour[c] - outside[0, c]
+            behind += 0.5 * off * off / outside[1, c]
     # Something of neither colour (glare, tape, a hand) says little.
     return min(max(min(behind, 25.0) - min(body, 25.0), -CLIP), CLIP)
 
@@ -96,14 +106,17 @@ def measure_edges(picture, wall, times, relief, points, normals, half, inside, o
     """Edges to both sides of every station: `out` (S, 2, 2) how far beyond `half`, and its variance (infinite: none)."""
     colour, evidence = np.empty(3), np.empty(256)
     for s in range(points.shape[0]):
+        body = _spread_of(inside[s])
         for side in range(2):
-            sign = 1.0 if side == 0 else -1.0
+            sign, behind = 1.0 if side == 0 else -1.0, _spread_of(outside[s, side])
             first = max(half[s] - reach, 0.25 * half[s])
             count = min(int(half[s] + reach - first) + 1, 256)
             for k in range(count):
                 d = sign * (first + k)
                 x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
-                evidence[k] = _evidence(picture, wall, times, relief, x, y, inside[s], outside[s, side], colour)
+                evidence[k] = _evidence(
+                    picture, wall, times, relief, x, y, inside[s], outside[s, side], body, behind, colour
+                )
             at, quality = _best_step(evidence, count, half[s] - first, 0.5 * reach)
             out[s, side, 0] = first + at - half[s]
             out[s, side, 1] = np.inf
@@ -117,13 +130,14 @@ def measure_end(picture, wall, times, relief, tip, tangent, half, inside, outsid
     colour, evidence = np.empty(3), np.empty(256)
     first = -min(reach, 3.0 * half) - half
     count = min(int(2.0 * min(reach, 3.0 * half) + half) + 1, 256)
+    body, behind = _spread_of(inside), _spread_of(outside)
     for r in range(RAYS):
         v = RAY_REACH * half * (2.0 * r / (RAYS - 1) - 1.0)
         for k in range(count):
             d = first + k
             x = tip[0] + d * tangent[0] - v * tangent[1]
             y = tip[1] + d * tangent[1] + v * tangent[0]
-            evidence[k] = _evidence(picture, wall, times, relief, x, y, inside, outside, colour)
+            evidence[k] = _evidence(picture, wall, times, relief, x, y, inside, outside, body, behind, colour)
         at, quality = _best_step(evidence, count, -first, 0.5 * min(reach, 3.0 * half))
         out[r, 0] = first + at
         out[r, 1] = (EDGE_PX * (1.0 + 2.0 * math.exp(-quality))) ** 2 if quality > LEAST_EVIDENCE else np.inf
@@ -134,12 +148,16 @@ def support(picture, wall, times, relief, points, normals, half, inside, outside
     """Share (S,) of the body's inside that looks like it rather than like the wall: by `least` of evidence."""
     colour = np.empty(3)
     for s in range(points.shape[0]):
-        good = 0.0
+        good, body = 0.0, _spread_of(inside[s])
+        behind = _spread_of(outside[s, 0]), _spread_of(outside[s, 1])
         for k in range(7):
             d = half[s] * (k - 3) * 0.22
             x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
             side = 0 if k >= 3 else 1
-            good += _evidence(picture, wall, times, relief, x, y, inside[s], outside[s, side], colour) > least
+            seen = _evidence(
+                picture, wall, times, relief, x, y, inside[s], outside[s, side], body, behind[side], colour
+            )
+            good += seen > least
         out[s] = good / 7.0
 
 

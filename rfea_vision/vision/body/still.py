@@ -37,11 +37,11 @@ class StillView:
 
     def __call__(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The picture (h, w, 3) as it would be, had the camera stayed."""
+        if self._seen is not None and len(self._first) < LEAST_CORNERS:
+            return picture
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
         if self._seen is None:
             self._renew(grey)
-            return picture
-        if len(self._first) < LEAST_CORNERS:
             return picture
         self._look(grey)
         frame = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * grey.shape[::-1]

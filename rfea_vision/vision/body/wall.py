@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.vision.body.model import ACROSS_INSIDE, STATIONS, Picture, SeenBody, frame_of
 from rfea_vision.vision.body.sampling import SEEN, learn_wall, read_strip
 
 AROUND = 1.15, 2.5  # half widths, and px beyond: what may still be the body
 RENEWED = 4  # frames after which what shows through is worked out anew
+SLOW_PX = 3.0  # of the smaller picture in which it is blurred: by so much it is as good as blurred in the large one
 NOTHING = 3000.0  # grey levels squared: a wall without lines, whose noise tells nothing of what shines through
 
 
@@ -53,10 +55,23 @@ class Wall:
         learn_wall(picture, mask, self.colour, self.times)
         if self._frames % RENEWED == 0:
             known = (self.times >= SEEN).astype(np.float32)[..., None]
-            sigma = float(np.median(body.half))
-            near = cv2.GaussianBlur(self.colour * known, (0, 0), sigma)
-            share = cv2.GaussianBlur(known[..., 0], (0, 0), sigma)[..., None]
-            self._lines = (self.colour - near / np.maximum(share, 1e-3)) * known
+            near, share = slow_part(self.colour * known, known[..., 0], float(np.median(body.half)))
+            self._lines = (self.colour - near / np.maximum(share, 1e-3)[..., None]) * known
             self.relief = (min(self._together / self._alone, 1.0) * self._lines).astype(np.float32)
             self._seen = None
         self._frames += 1
+
+
+def slow_part(
+    colour: NDArray[np.float32], known: NDArray[np.float32], sigma: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What of a wall (h, w, 3) and of where it is known (h, w) is left of a blur of `sigma` px, worked out in a smaller picture."""
+    less = max(int(sigma / SLOW_PX), 1)
+    size = colour.shape[1::-1]
+    small = max(size[0] // less, 1), max(size[1] // less, 1)
+
+    def blurred(part: NDArray[np.float32]) -> NDArray[np.float32]:
+        slow = cv2.GaussianBlur(cv2.resize(part, small, interpolation=cv2.INTER_AREA), (0, 0), sigma / less)
+        return np.asarray(cv2.resize(slow, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
+
+    return blurred(colour), blurred(known)

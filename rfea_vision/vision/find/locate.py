@@ -124,8 +124,8 @@ def find_paths(
             strength = float(best[y, x])
             direction = np.pi * int(stack[:, y, x].argmax()) / ORIENTATIONS
             floor = 0.3 * strength
-            ahead = _follow(stack, x, y, direction, step, floor, 1.5 * length_px * field.scale)
-            behind = _follow(stack, x, y, direction + np.pi, step, floor, 1.5 * length_px * field.scale)
+            ahead = _follow(stack, float(x), float(y), direction, step, floor, 1.5 * length_px * field.scale)
+            behind = _follow(stack, float(x), float(y), direction + np.pi, step, floor, 1.5 * length_px * field.scale)
             points = np.vstack([behind[::-1, :2], [[x, y]], ahead[:, :2]])
             for px, py in points.round().astype(int):
                 r = 2
@@ -186,40 +186,41 @@ def _seeds(best: NDArray[np.float32], spacing: int) -> list[tuple[int, int]]:
     return [(int(y), int(x)) for y, x in places[order][:SEEDS]]
 
 
-def _follow(
-    stack: NDArray[np.float32], x: float, y: float, direction: float, step: float, floor: float, longest: float
-) -> FloatArray:
+@njit(cache=True, nogil=True)
+def _follow(stack, x, y, direction, step, floor, longest):
     """Walk along the ridge; rows (x, y, response). A gap of up to three widths is crossed straight on."""
     count, height, width = stack.shape
-    rows: list[tuple[float, float, float]] = []
-    gap: list[tuple[float, float, float]] = []
-    turns = np.radians([-20, -10, 0, 10, 20])
-    lateral = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    rows = np.empty((int(longest / step) + 2, 3))
+    kept = walked = 0  # rows up to the last one on the ridge, and with those across a gap
     travelled = 0.0
     while travelled < longest:
         travelled += step
-        best = (-1.0, x, y, direction)
-        for turn in turns if not gap else turns[1:-1]:
+        best, best_x, best_y, best_heading = -1.0, x, y, direction
+        widest = 2 if walked == kept else 1
+        for turns in range(-widest, widest + 1):
+            turn = math.radians(10.0 * turns)
             heading = direction + turn
-            cx, cy = x + step * np.cos(heading), y + step * np.sin(heading)
-            k = round(heading / np.pi * count) % count
-            for shift in lateral:
-                px, py = cx - shift * np.sin(heading), cy + shift * np.cos(heading)
+            cx, cy = x + step * math.cos(heading), y + step * math.sin(heading)
+            k = round(heading / math.pi * count) % count
+            for sideways in range(-2, 3):
+                shift = 0.5 * sideways
+                px, py = cx - shift * math.sin(heading), cy + shift * math.cos(heading)
                 i, j = round(py), round(px)
                 if 0 <= i < height and 0 <= j < width:
                     value = float(stack[k, i, j]) * (1 - 0.05 * abs(shift) - 0.1 * abs(turn))
-                    if value > best[0]:
-                        best = (value, px, py, heading)
-        if best[0] < 0:
+                    if value > best:
+                        best, best_x, best_y, best_heading = value, px, py, heading
+        if best < 0:
             break
-        if best[0] >= floor:
-            value, x, y, direction = best
-            rows.extend(gap)
-            gap = []
-            rows.append((x, y, value))
+        if best >= floor:
+            x, y, direction = best_x, best_y, best_heading
+            rows[walked, 0], rows[walked, 1], rows[walked, 2] = x, y, best
+            walked += 1
+            kept = walked
         else:
-            x, y = x + step * np.cos(direction), y + step * np.sin(direction)
-            gap.append((x, y, 0.0))
-            if len(gap) * step > 1.6 * WIDTH_SCALED_PX:
+            x, y = x + step * math.cos(direction), y + step * math.sin(direction)
+            rows[walked, 0], rows[walked, 1], rows[walked, 2] = x, y, 0.0
+            walked += 1
+            if (walked - kept) * step > 1.6 * WIDTH_SCALED_PX:
                 break
-    return np.array(rows).reshape(-1, 3)
+    return rows[:kept]
