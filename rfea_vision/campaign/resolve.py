@@ -85,6 +85,7 @@ def resolve_camera(
         hints=_hints(part, finder),
         board_offset_mm=part.board_offset * 1000.0,
         lens=part.lens or _lens_of(part.profile),
+        line_delay_s=part.line_delay,
     )
     return (None if finder.problems else camera), finder.problems
 

@@ -260,6 +260,7 @@ class CameraPart(_Part):
     marks: Rgb | None = None
     masks: str | None = None
     keypoints: str | None = None
+    line_delay: Annotated[float, _quantity("s", "20 us"), _shown("20 us")] | None = None
 
 
 class VideoPart(_Part):

@@ -51,6 +51,7 @@ class CameraSpec:
     hints: Hints = field(default_factory=Hints)
     board_offset_mm: float = 0.0
     lens: str = "auto"
+    line_delay_s: float | None = None
 
 
 @dataclass(frozen=True)

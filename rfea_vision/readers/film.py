@@ -27,7 +27,8 @@ class Film(FrameSource):
     def open(cls, path: Path, **given: Any) -> Film:
         """Open a video, or with `times` and `within` a folder of pictures."""
         about = ask("film", path, **given)
-        return cls(path, tuple(about["size"]), about["frame_count"], about["rate_Hz"], given)
+        turns = about["quarter_turns"]
+        return cls(path, tuple(about["size"]), about["frame_count"], about["rate_Hz"], given, quarter_turns=turns)
 
     def times_s(self) -> NDArray[np.float64]:
         """Time of every frame in s, in display order."""

@@ -111,7 +111,8 @@ class _Films:
         asked = given.pop("asked", {})
         source = self._source(path, given)
         if what == "film":
-            return {"size": list(source.size), "frame_count": source.frame_count, "rate_Hz": source.rate_Hz}
+            names = "frame_count", "rate_Hz", "quarter_turns"
+            return {"size": list(source.size)} | {name: getattr(source, name) for name in names}
         if what == "film times":
             return source.times_s()
         number = next(self.numbers)

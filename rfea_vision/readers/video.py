@@ -41,12 +41,14 @@ class FrameSource(ABC):
     size : width and height in px, as displayed
     frame_count : number of frames if the container says so
     rate_Hz : nominal rate, or the override
+    quarter_turns : counter-clockwise, from the file's pictures to those that are displayed
     """
 
     path: Path
     size: tuple[int, int]
     frame_count: int | None
     rate_Hz: float | None
+    quarter_turns: int = field(default=0, kw_only=True)
 
     @abstractmethod
     def times_s(self) -> NDArray[np.float64]:
@@ -77,7 +79,6 @@ class VideoSource(FrameSource):
 
     override_Hz: float | None = None
     threads: int = 4  # pictures decoded ahead, so that the decoder does not wait for the tracker
-    quarter_turns: int = 0  # counter-clockwise, from the container's display matrix
     first_pts_s: float = 0.0
     _cache: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False, compare=False)
 

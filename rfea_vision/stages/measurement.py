@@ -81,6 +81,7 @@ def follow(experiment: ExperimentSpec, calibration: Calibration, source: Any, **
         gravity_deg=experiment.rig.gravity_deg or 0.0,
         hints=camera.hints,
         lamp_box=sync.box if sync.method == "led" else None,
+        line_delay_s=camera.line_delay_s,
         **more,
     )
 

@@ -22,6 +22,7 @@ from rfea_vision.vision.body.follower import BodyFollower, scale_for
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
+from rfea_vision.vision.derive.shutter import Shutter
 from rfea_vision.vision.find.begin import Scene, scale_at
 from rfea_vision.vision.follow.follower import Follower
 
@@ -33,7 +34,7 @@ EDGES_ENOUGH = 0.95  # of the frames read by the edges: below it the body is fol
 # Below this share the edges that are found may be another thing's: of the films of testing/phone.py one that was read
 # to 81 % held, and those read to 72 and 64 % were off by a tenth of the range.
 EDGES_ALONE = 0.8
-EDGES_TRIED = 30  # frames after which this is asked for the first time
+EDGES_TRIED = 31  # frames after which this is first asked, unless so many were missed that the answer is known
 GIVE_UP_AFTER = 2400  # frames without any tube before the search is called off
 PIXELS_AHEAD = 16_000_000
 
@@ -47,6 +48,7 @@ def track_frames(
     gravity_deg: float = 0.0,
     hints: Hints | None = None,
     lamp_box: Sequence[float] | None = None,
+    line_delay_s: float | None = None,
     nodes: int = 33,
     segments: int = 16,
     progress: Progress = None,
@@ -62,6 +64,8 @@ def track_frames(
     gravity_deg : direction of the vertical from that in which the unloaded tube points, positive in the direction of the bend
     hints : what a person pointed at in the first frame
     lamp_box : x, y, width and height in px of a lamp whose brightness is to be read in every frame
+    line_delay_s : of a rolling shutter, from one row of the file's pictures to the next; a frame's time is then that of the
+        lamp's row, or of the middle one
     nodes, segments : nodes of the centre line, and segments of the elongation
     progress : called with (frames done, frames in all)
 
@@ -73,13 +77,15 @@ def track_frames(
     Raises
     ------
     InputError
-        If the calibration has no plane or belongs to pictures of another shape.
+        If the calibration has no plane or belongs to pictures of another shape, or a frame takes longer to read than the next
+        one is away.
     DataError
         If no tube is found, or fewer than half of the frames could be measured.
     """
     calibration = matched_to(calibration, source)
     scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg)
     lamp = lamp_window(lamp_box, source.size)
+    shutter = shutter_of(source, line_delay_s, lamp)
     follower: Follower | BodyFollower = Follower(scene)
     rows = Rows(nodes, segments)
     pointed = scene.clamp_px is not None and scene.tip_px is not None
@@ -92,7 +98,8 @@ def track_frames(
             rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
             if follower.start is None and done >= GIVE_UP_AFTER:
                 break
-            if pointed and done >= EDGES_TRIED and rows.share < EDGES_ALONE:
+            known = len(rows) - rows.good - rows.copies > (1.0 - EDGES_ALONE) * EDGES_TRIED
+            if pointed and (known or (len(rows) >= EDGES_TRIED and rows.share < EDGES_ALONE)):
                 break
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))
@@ -120,7 +127,7 @@ def track_frames(
     if rows.share < EDGES_ENOUGH:
         attributes["advice"] = next_hint(source, scene, rows.reasons)
     rows.marked = follower.marked and follower.good >= 3
-    return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes))
+    return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter))
 
 
 def wrong_side(bend_deg: FloatArray, bends: str) -> str:
@@ -171,6 +178,31 @@ def lamp_window(box: Sequence[float] | None, size: tuple[int, int]) -> tuple[sli
             f"sync.box: the box {list(box)} lies outside the picture of {size[0]} x {size[1]} px; correct it"
         )
     return lines, columns
+
+
+def shutter_of(
+    source: FrameSource, line_delay_s: float | None, lamp: tuple[slice, slice] | None
+) -> Shutter | None:
+    """How the rows of a film were read; None where all are taken to be of one instant.
+
+    Raises
+    ------
+    InputError
+        If the rows take longer than from one frame to the next.
+    """
+    if not line_delay_s:
+        return None
+    width, height = source.size
+    steps = np.diff(source.times_s())
+    rows = width if source.quarter_turns % 2 else height
+    if len(steps) and abs(line_delay_s) * rows > (period := float(np.median(steps))):
+        raise InputError(
+            f"camera.line_delay: {rows} rows take {1e3 * abs(line_delay_s) * rows:.3g} ms at {1e6 * abs(line_delay_s):.3g} us each, "
+            f"and the frames of {source.path.name} are {1e3 * period:.3g} ms apart; give the delay from one row of the film to the next"
+        )
+    middle = (width - 1) / 2, (height - 1) / 2
+    at = middle if lamp is None else ((lamp[1].start + lamp[1].stop - 1) / 2, (lamp[0].start + lamp[0].stop - 1) / 2)
+    return Shutter(line_delay_s, at, source.quarter_turns, source.size)
 
 
 def matched_to(calibration: Calibration, source: FrameSource) -> Calibration:

@@ -66,7 +66,8 @@ def try_hints(
     count, good, failure = FIRST_FRAMES, 0, ""
     while True:
         count = min(count, total)
-        piece = Beginning(source.path, source.size, count, source.rate_Hz, whole=source, count=count)
+        facts = source.path, source.size, count, source.rate_Hz
+        piece = Beginning(*facts, quarter_turns=source.quarter_turns, whole=source, count=count)
         try:
             track = follow(experiment, calibration, piece)
         except DataError as error:

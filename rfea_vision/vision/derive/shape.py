@@ -18,6 +18,7 @@ from rfea_vision.vision.derive.doubts import ORIGIN_PX, Doubts, doubts
 from rfea_vision.vision.derive.elongation import angles, elongation_of
 from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
 from rfea_vision.vision.derive.rows import Block, Rows
+from rfea_vision.vision.derive.shutter import Shutter, at_one_instant
 from rfea_vision.vision.derive.smooth import Smoothed, smooth
 from rfea_vision.vision.derive.systematic import CalibrationError
 from rfea_vision.vision.edges import fitted
@@ -37,8 +38,9 @@ def build_dataset(
     clamp_stderr_mm: tuple[float, float | None],
     vertical: str | dict[str, Any],
     attributes: dict[str, Any],
+    shutter: Shutter | None = None,
 ) -> xr.Dataset:
-    """Assemble the track's dataset."""
+    """Assemble the track's dataset; what a rolling shutter read early or late is moved to the frame's time."""
     valid = rows.valid
     numbers = rows.good_ones("numbers")
     inflation = float(np.clip(np.nanmedian(numbers[:, fitted.INFLATION]), 1.0, 50.0))
@@ -49,6 +51,9 @@ def build_dataset(
     unlike_noise = 1.0 + WITH_BEND * (beyond**2 - 1.0)
     smoothed = replace(smoothed, variance_factor=smoothed.variance_factor * unlike_noise)
     inflation *= unlike_noise
+    if shutter is not None:
+        still = at_one_instant(smoothed.coefficients, rows.good_ones("time"), scene.camera, shutter)
+        smoothed = replace(smoothed, coefficients=still)
     coefficients = smoothed.coefficients
     origin = _origin(coefficients)
     down = _rest_direction(coefficients) if vertical == "rest" else scene.down
