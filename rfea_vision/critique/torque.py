@@ -83,10 +83,12 @@ def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: floa
     motion = predicted.motion
     acceleration = np.gradient(motion.rate, item.time, axis=0)
     model, par, _ = as_rigged(model, par, item)
-    pressure = item.excitation.at(item.time + clock_s, model.combined(par, item.excitation)[0])
+    excitation, instants = item.excitation, item.time + clock_s
+    pressure = excitation.at(instants, model.combined(par, excitation)[0])
+    opposed = excitation.at(instants, excitation.opposed)
     seen = (motion.phi + smooth[0], motion.rate + smooth[1], acceleration + smooth[2])
-    measured = joint_torques(model, par, *seen, motion.states, pressure)
-    modelled = joint_torques(model, par, motion.phi, motion.rate, acceleration, motion.states, pressure)
+    measured = joint_torques(model, par, *seen, motion.states, pressure, opposed)
+    modelled = joint_torques(model, par, motion.phi, motion.rate, acceleration, motion.states, pressure, opposed)
     # Error band: stiffness times the smoothed error of the joint angle.
     stiffness = float(par[0])
     sigma = stiffness * np.sqrt(spread[:, 1:] ** 2 + spread[:, :-1] ** 2) / np.sqrt(window / 3)

@@ -210,6 +210,8 @@ def constants(
     mirror: float,
     offset: float,
     linear_density: float,
+    opposed: float = 0.0,
 ) -> np.ndarray:
-    """The vector (8,) of constants, SI, in the order of `laws.CONSTANTS`."""
-    return np.array([count, outer_radius, inner_radius, fluid_density, tube_length, mirror, offset, linear_density])
+    """The vector (9,) of constants, SI, in the order of `laws.CONSTANTS`; the last varies within a run of several chambers."""
+    tube = (count, outer_radius, inner_radius, fluid_density, tube_length, mirror, offset, linear_density)
+    return np.array([*tube, opposed])

@@ -52,6 +52,11 @@ class Excitation:
         chambers = {name: (sign, np.interp(grid, time_s, own)) for name, (sign, own) in (chambers_Pa or {}).items()}
         return cls(first, step, np.interp(grid, time_s, pressure_Pa), chambers=chambers)
 
+    @property
+    def opposed(self) -> FloatArray:
+        """What the sum of the pressures in all chambers (grid,), in Pa, is beyond the pressure that bends; nought of one chamber."""
+        return sum(((1.0 - sign) * own for sign, own in self.chambers.values()), start=np.zeros(self.pressure.size))
+
     def first(self, count: int) -> Excitation:
         """The first so many points of the grid."""
         return self._picked(slice(count), self.step_s)

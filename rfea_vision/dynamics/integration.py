@@ -45,6 +45,7 @@ from rfea_vision.dynamics.system import (
     NOT_CONVERGED,
     OK,
     OM,
+    OPPOSED,
     OPTIONS,
     PHI,
     SYSTEM,
@@ -58,14 +59,15 @@ from rfea_vision.dynamics.system import (
 class Course(NamedTuple):
     """What drives a run, and where it is read off.
 
-    pressure (steps, 1 + stages) at the start of each step and at its stage times; dpressure (steps, 1 + stages, parameters)
-    or with no rows; drive (steps, 1 + stages, n) torques or with no rows; free: parameters to differentiate by; frames
-    (sorted) by the step that they fall in and the fraction of it
+    pressure (steps, 1 + stages) at the start of each step and at its stage times, and opposed, what all chambers hold beyond
+    it; dpressure (steps, 1 + stages, parameters) and drive (steps, 1 + stages, n) torques, or with no rows; free: parameters to
+    differentiate by; frames (sorted) by the step that they fall in and the fraction of it
     """
 
     tableau: Any
     step_s: Any
     pressure: Any
+    opposed: Any
     dpressure: Any
     drive: Any
     free: Any
@@ -96,7 +98,7 @@ HALVINGS = 14
 #: Beside two for every step of the course; a run that asks for more is not getting anywhere.
 MOST_EXTRA_STEPS = 50_000
 
-COURSE = types.NamedTuple((MATRIX, float64, MATRIX, CUBE, CUBE, INDEX, INDEX, VECTOR, float64), Course)
+COURSE = types.NamedTuple((MATRIX, float64, MATRIX, MATRIX, CUBE, CUBE, INDEX, INDEX, VECTOR, float64), Course)
 TRACE = types.NamedTuple((VECTOR, VECTOR, MATRIX, MATRIX, CUBE, MATRIX, MATRIX, CUBE, CUBE), Trace)
 
 
@@ -234,9 +236,10 @@ def _read_frame(t, h, old, body, lanes, out_phi, out_om, out_S):
 
 
 class Part(NamedTuple):
-    """What drives a part of a step: pressure (stages,), its derivatives (stages, parameters), torques (stages, n)."""
+    """What drives a part of a step: pressure and opposed pressure (stages,), derivatives (stages, parameters), torques (stages, n)."""
 
     pressure: Any
+    opposed: Any
     dpressure: Any
     drive: Any
 
@@ -255,6 +258,8 @@ def _drive_part(course, part, step, begin, size):
         x = begin + size * node
         row = course.pressure[step]
         part.pressure[stage] = row[whole] if size == 1.0 else row[0] + x * (row[count] - row[0])
+        row = course.opposed[step]
+        part.opposed[stage] = row[whole] if size == 1.0 else row[0] + x * (row[count] - row[0])
         for k in range(part.dpressure.shape[1]):
             rows = course.dpressure[step]
             part.dpressure[stage, k] = rows[whole, k] if size == 1.0 else rows[0, k] + x * (rows[count, k] - rows[0, k])
@@ -270,6 +275,7 @@ def _step(laws, system, course, work, stages, derivatives, part, h):
     count, iterations, w = tableau.shape[0], 0, derivatives.w
     for stage in range(count):
         s = start_stage(work, stages, tableau, stage, h)
+        system.con[OPPOSED] = part.opposed[stage]
         status, used, felt = solve_stage(
             laws, system, work, part.pressure[stage], part.drive[stage], s, course.tolerance
         )
@@ -325,6 +331,7 @@ def integrate(joint_law, joint_parameters, force_law, system, course, trace):
     )
     derivatives = _start_lanes(system, course, trace)
     part = Part(
+        np.zeros(count),
         np.zeros(count),
         np.zeros((count, course.dpressure.shape[2] if course.dpressure.shape[0] > 0 else 0)),
         np.zeros((count, course.drive.shape[2] if course.drive.shape[0] > 0 else 0)),

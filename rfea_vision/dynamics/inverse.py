@@ -28,6 +28,7 @@ from rfea_vision.dynamics.system import (
     MASS,
     MATRIX,
     OM,
+    OPPOSED,
     OPTIONS,
     PHI,
     SYSTEM,
@@ -41,8 +42,8 @@ from rfea_vision.dynamics.system import (
 )
 
 
-@njit(void(JOINT_LAW, FORCE_LAW, SYSTEM, MATRIX, MATRIX, MATRIX, CUBE, VECTOR, MATRIX), **OPTIONS)
-def _joint_torques(joint_law, force_law, system, phi, rate, acceleration, states, felt, needed):
+@njit(void(JOINT_LAW, FORCE_LAW, SYSTEM, MATRIX, MATRIX, MATRIX, CUBE, VECTOR, VECTOR, MATRIX), **OPTIONS)
+def _joint_torques(joint_law, force_law, system, phi, rate, acceleration, states, felt, opposed, needed):
     """Write what every frame's motion needs beside the law's torque into `needed` (frames, n)."""
     n, work, chain = system.chain.shape[0], allocate(system), system.chain
     body, force = work.body, work.force
@@ -52,6 +53,7 @@ def _joint_torques(joint_law, force_law, system, phi, rate, acceleration, states
         if system.states > 0:
             work.z[:, :] = states[frame]
         joint_angles(body, work.theta, work.rate)
+        system.con[OPPOSED] = opposed[frame]
         call_joint_law(joint_law, system, work, felt[frame], work.out)
         kinematics(system, body, work.motion)
         if system.with_force:
@@ -90,10 +92,12 @@ def joint_torques(
     acceleration: FloatArray,
     states: FloatArray,
     pressure: FloatArray,
+    opposed: FloatArray | None = None,
 ) -> FloatArray:
     """Torque at each joint (frames, n) in N m that the motion needs beside the law's own.
 
     phi, rate, acceleration : (frames, n + 1) absolute angles with the clamp first; states (frames, n, m); pressure (frames,) in Pa
+    opposed : (frames,) in Pa, of several chambers what the sum of all pressures is beyond it; see `Excitation.opposed`
     """
     par = np.asarray(par, dtype=float)
     felt = np.empty(pressure.shape)
@@ -104,5 +108,6 @@ def joint_torques(
     )
     system = model.system(par)
     laws = model.law.loops
-    _joint_torques(laws.joint_law, laws.body_force, system, angles, rates, accelerations, hidden, felt, needed)
+    beyond = np.zeros(felt.size) if opposed is None else np.ascontiguousarray(opposed, dtype=float)
+    _joint_torques(laws.joint_law, laws.body_force, system, angles, rates, accelerations, hidden, felt, beyond, needed)
     return needed

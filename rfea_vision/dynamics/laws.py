@@ -42,8 +42,13 @@ BODY_LENGTH = sp.Symbol("body_length", positive=True)
 IS_LAST = sp.Symbol("is_last", nonnegative=True)
 MASS, INERTIA, ALONG = sp.symbols("mass inertia along", positive=True)
 ACROSS, GRAVITY, TIME = sp.symbols("across g time", real=True)
+#: What the sum of all chambers' pressures is beyond the pressure that bends (Pa): nought of one chamber. It varies within a run.
+OPPOSED = sp.Symbol("opposed", real=True)
 
-CONSTANTS: tuple[sp.Symbol, ...] = (COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR, OFFSET, LINEAR_DENSITY)
+CONSTANTS: tuple[sp.Symbol, ...] = (
+    *(COUNT, OUTER, INNER, FLUID_DENSITY, TUBE_LENGTH, MIRROR, OFFSET, LINEAR_DENSITY),
+    OPPOSED,
+)
 BASE = {name: sp.Symbol(name, real=True) for name in BASE_PARAMETERS}
 
 #: What hooks are given by the name of the argument, beside the joint and what is composed at it.
@@ -112,7 +117,7 @@ class ComposedLaw:
 
 
 def _base_joint(effects: Sequence[Effect]) -> Joint:
-    joint = Joint(THETA, RATE, PRESSURE, POSITION, COUNT, ARC, OUTER, INNER, FLUID_DENSITY, BASE)
+    joint = Joint(THETA, RATE, PRESSURE, POSITION, COUNT, ARC, OUTER, INNER, FLUID_DENSITY, BASE, opposed=OPPOSED)
     outer: sp.Expr = OUTER
     rubber: sp.Expr = sp.Integer(1)
     for effect in effects:
@@ -129,27 +134,31 @@ def _base_joint(effects: Sequence[Effect]) -> Joint:
     for effect in effects:
         stiffness = effect.stiffness(joint, stiffness)
     joint.expressions["stiffness"] = _kept_positive(stiffness, BASE["k_ref"])
+    rest: sp.Expr = sp.Integer(0)
+    for effect in effects:
+        rest = effect.rest_angle(joint, rest)
+    joint.expressions["rest_angle"] = rest
     ways = []
     for way in ("b_pos", "b_neg"):
         damping: sp.Expr = BASE[f"{way}_ref"] + BASE[f"{way}_slope"] * (inner - INNER)
         for effect in effects:
             damping = effect.damping(joint, damping)
         ways.append(_kept_positive(damping, BASE[f"{way}_ref"]))
-    joint.expressions["damping"] = sp.Piecewise((ways[0], RATE >= 0), (ways[1], True))
+    # A tube bends to the side of its bore: one damper bends it further, the other straightens it. A body that bends about its
+    # middle knows no side; it has one.
+    joint.expressions["damping"] = sp.Piecewise((ways[0], RATE >= 0), (ways[1], OFFSET > 0), (ways[0], True))
     return joint
 
 
 def _joint_torque(joint: Joint, effects: Sequence[Effect]) -> sp.Expr:
     hydraulic: sp.Expr = PRESSURE * sp.pi * joint.inner_radius**2 * BASE["r_hyd"]
-    rest: sp.Expr = sp.Integer(0)
     added: sp.Expr = sp.Integer(0)
     felt: sp.Expr = PRESSURE
     for effect in effects:
         hydraulic = effect.hydraulic_torque(joint, hydraulic)
-        rest = effect.rest_angle(joint, rest)
         added = added + effect.joint_torque(joint)
         felt = effect.joint_pressure(joint, felt)
-    torque = hydraulic - joint.stiffness * (THETA - rest) - joint.damping * RATE + added
+    torque = hydraulic - joint.stiffness * (THETA - joint.rest_angle) - joint.damping * RATE + added
     return torque.subs(PRESSURE, felt) if felt != PRESSURE else torque
 
 

@@ -15,12 +15,12 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.chain import Chain
 from rfea_vision.dynamics.compilation import CompiledLaw, compile_law, constants
 from rfea_vision.dynamics.equilibrium import equilibrium
-from rfea_vision.dynamics.excitation import Excitation
+from rfea_vision.dynamics.excitation import Excitation, lagged
 from rfea_vision.dynamics.integration import Course, Trace, integrate
 from rfea_vision.dynamics.line import at_rest, felt_pressure, pressure_of_chambers, scalar
 from rfea_vision.dynamics.motion import Motion, Steady
 from rfea_vision.dynamics.shape import centre_line
-from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, System
+from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, OPPOSED, System
 from rfea_vision.effects.base import OF_THE_TUBE
 from rfea_vision.errors import InputError
 
@@ -142,19 +142,14 @@ class Model:
     def _bodies(self, par: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Columns of the engine's `chain`, and the derivative of (mass, along, across, inertia) per parameter."""
         chain, n = self.chain, self.chain.bodies
-        last = np.zeros(n)
-        last[-1] = 1.0
-        rows = self.law.inertia(
-            par, self._constants, chain.mass, chain.along, chain.across, chain.inertia, chain.length, last
-        )
-        own = 6
+        own = (chain.mass, chain.along, chain.across, chain.inertia, chain.length, np.eye(n)[-1])
+        rows = self.law.inertia(par, self._constants, *own)
         values = [np.broadcast_to(row[0], n) for row in rows]
         columns = np.column_stack([chain.length, *values, chain.force_along, chain.force_across, chain.added_along])
         derivative = np.zeros((n, 4, par.size))
         for index, row in enumerate(rows):
-            for k in range(par.size):
-                # engine order: mass, along, across, inertia
-                derivative[:, index, k] = row[1 + own + k]
+            for k in range(par.size):  # engine order: mass, along, across, inertia
+                derivative[:, index, k] = row[1 + len(own) + k]
         return np.ascontiguousarray(columns), derivative
 
     def _environment(self, par: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -188,7 +183,7 @@ class Model:
             length=chain[:, 0].copy(),
             weights=self._weights,
             par=par,
-            con=self._constants,
+            con=self._constants.copy(),
             columns=law.columns,
             states=law.state_count,
             with_force=law.has_body_force,
@@ -213,6 +208,7 @@ class Model:
         pulled: FloatArray | None = None,
         fall: bool = False,
         change: FloatArray | None = None,
+        opposed: float = 0.0,
     ) -> Steady:
         """Steady state at one pressure (Pa), by continuation from the unloaded tube unless a start is given.
 
@@ -228,10 +224,12 @@ class Model:
         pulled : (2,) force in N at the tip, put on once the pressure is reached
         fall : take the steady state into which the tube falls from where its branch ends
         change : (parameters,) derivative of a pressure that depends on parameters
+        opposed : in Pa, of several chambers what the sum of all pressures is beyond the one that bends
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
         system = self.system(par)
+        system.con[OPPOSED] = opposed
         index = np.asarray(free, dtype=np.int64)
         target, dpressure = at_rest(self.law, par, self._constants, pressure, change)
         torque = np.zeros(n) if drive is None else np.asarray(drive, dtype=float)
@@ -272,6 +270,7 @@ class Model:
         tableau = TABLEAUX[self.order]
         nodes = np.concatenate([[0.0], tableau.sum(axis=1)])
         felt, dfelt = felt_pressure(self.law, par, self._constants, excitation, nodes)
+        opposed = lagged(excitation.opposed, excitation.step_s, nodes, 0.0)[0]
         drive = np.zeros((0, 0, self.chain.bodies))
         if excitation.drive is not None:
             a, b = excitation.drive[:-1, None, :], excitation.drive[1:, None, :]
@@ -279,7 +278,7 @@ class Model:
         place = (frames_s - excitation.start_s) / excitation.step_s
         step = np.clip(np.floor(place), 0, felt.shape[0] - 1).astype(np.int64)
         within = np.clip(place - step, 0.0, 1.0)  # the end of the excitation is a multiple of its step to rounding only
-        return Course(tableau, excitation.step_s, felt, dfelt, drive, free, step, within, self.tolerance)
+        return Course(tableau, excitation.step_s, felt, opposed, dfelt, drive, free, step, within, self.tolerance)
 
     def simulate(
         self,
@@ -321,7 +320,8 @@ class Model:
             begin = self._held(par, np.asarray(held, dtype=float), *first, index)
         elif start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
-            rest = self.steady(par, first[0], list(free), fall=True, drive=first_drive, pulled=pulled, change=first[1])
+            also = {"drive": first_drive, "pulled": pulled, "change": first[1], "opposed": excitation.opposed[0]}
+            rest = self.steady(par, first[0], list(free), fall=True, **also)
             if not rest.found:
                 message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
                 return Motion(1, message, out_phi, out_om, out_z, out_S, index, pivot=pivot)
@@ -390,8 +390,7 @@ class Model:
 
         par : (parameters,) in SI, in the order of `names`; fractions : (m,) from clamp (0) to tip (1)
         """
-        still, pivot = np.zeros((1, rest.phi.size)), self.pivot(par, free)
-        index = np.asarray(free, dtype=np.int64)
+        still, pivot, index = np.zeros((1, rest.phi.size)), self.pivot(par, free), np.asarray(free, dtype=np.int64)
         motion = Motion(OK, "", rest.phi[None], still, rest.states[None], rest.sensitivity[None], index, pivot=pivot)
         points, slopes = self.centre_line(motion, fractions)
         return points[0], slopes[0]

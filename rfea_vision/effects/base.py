@@ -11,7 +11,8 @@ Symbols (SI units; for one joint j, clamp to tip):
 theta, rate    joint angle (rad) and its rate (rad/s)
 tube_angle     n theta: the angle that the whole tube would have at this curvature (independent of n)
 tube_rate      n rate
-pressure       pressure that the joint feels (Pa, gauge)
+pressure       pressure that the joint feels (Pa, gauge); of several chambers what bends, their sum with their signs
+total_pressure sum of the pressures in all chambers (Pa, gauge); of one chamber the same
 position       material coordinate of the joint, 0 at the clamp, 1 at the tip
 =============  ==================================================================================================
 """
@@ -83,6 +84,12 @@ class Joint:
     fluid_density: sp.Symbol
     base: dict[str, sp.Symbol]
     expressions: dict[str, sp.Expr] = field(default_factory=dict)
+    opposed: sp.Expr = sp.S.Zero
+
+    @property
+    def total_pressure(self) -> sp.Expr:
+        """Sum of the pressures in all chambers, whatever their signs; of one chamber its pressure."""
+        return self.pressure + self.opposed
 
     @property
     def tube_angle(self) -> sp.Expr:
@@ -99,6 +106,11 @@ class Joint:
     @property
     def inner_radius(self) -> sp.Expr:
         return self.expressions["inner_radius"]
+
+    @property
+    def rest_angle(self) -> sp.Expr:
+        """Angle at which the spring is at rest (rad); known where damping and torques are asked for."""
+        return self.expressions["rest_angle"]
 
     @property
     def stiffness(self) -> sp.Expr:

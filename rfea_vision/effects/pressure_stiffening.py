@@ -8,7 +8,7 @@ from rfea_vision.effects.base import Effect, EffectParameter, Joint
 
 
 class PressureStiffening(Effect):
-    """k_j (1 + c p)."""
+    """k_j (1 + c p), p the sum of the pressures in all chambers: those on both sides stretch the wall, whichever way they bend."""
 
     id = "pressure_stiffening"
     title = "Stiffness that grows with pressure"
@@ -19,4 +19,4 @@ class PressureStiffening(Effect):
     parameters = {"c": EffectParameter("1/Pa", 0.0, -2e-6, 2e-5, 3e-7, "relative growth per pressure", display="1/MPa")}
 
     def stiffness(self, joint: Joint, stiffness: sp.Expr) -> sp.Expr:
-        return stiffness * (1 + self.c * joint.pressure)
+        return stiffness * (1 + self.c * joint.total_pressure)

@@ -171,7 +171,8 @@ def _arguments() -> tuple[dict[str, Any], dict[str, dict[Any, Dimension]]]:
         theta="rad", rate="rad/s", pressure="Pa", position="1", count="1", rest_length="m", r_o="m", r_i0="m",
         rho_f="kg/m^3",
     )  # fmt: skip
-    composed = named(outer_radius="m", inner_radius="m", stiffness="N*m", damping="N*m*s")
+    composed = named(outer_radius="m", inner_radius="m", rest_angle="rad", stiffness="N*m", damping="N*m*s")
+    opposed = named(opposed="Pa")
     body = named(x="m", y="m", vx="m/s", vy="m/s", length="m", r_o="m", tube_length="m", mirror="1")
     place = named(length="m", is_last="1", r_o="m")
     inertia = named(mass="kg", along="m", across="m", inertia="kg*m^2")
@@ -179,13 +180,15 @@ def _arguments() -> tuple[dict[str, Any], dict[str, dict[Any, Dimension]]]:
     g = named(g="m/s^2")
     given: dict[str, Any] = {name: next(iter(symbols)) for name, symbols in plain.items()}
     given |= {
-        "joint": Joint(*joint, base={str(s): s for s in base}, expressions={str(s): s for s in composed}),
+        "joint": Joint(
+            *joint, base={str(s): s for s in base}, expressions={str(s): s for s in composed}, opposed=next(iter(opposed))
+        ),
         "body": Body(*body),
         "place": BodyPlace(*place),
         "inertia": BodyInertia(*inertia),
         "gravity": (sp.Integer(0), -next(iter(g))),
     }
-    offered = {**plain, "joint": {**base, **joint, **composed}, "body": body, "place": place}
+    offered = {**plain, "joint": {**base, **joint, **composed, **opposed}, "body": body, "place": place}
     return given, {**offered, "inertia": inertia, "gravity": g}
 
 

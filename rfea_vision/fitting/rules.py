@@ -14,7 +14,8 @@ from rfea_vision.options.fit import FitOptions
 
 #: Runs whose pressure stays within this are no push.
 CONSTANT_PA = 5e3
-SLOPES = ("k_slope", "b_pos_slope", "b_neg_slope")
+#: What a body that bends about its middle has no use for: slopes over the bore of a tube, and a second damper.
+UNUSED_BY_BEAMS = ("k_slope", "b_pos_slope", "b_neg_ref", "b_neg_slope")
 
 
 def pushed(items: Sequence[Observed]) -> bool:
@@ -26,10 +27,11 @@ def held_by_rule(items: Sequence[Observed], actuator: Actuator, segments: int) -
     """Parameters that the section has no use for, or that no run can tell, with a sentence for each fact."""
     fixed, said = {}, []
     if actuator.kind != "tube":
-        fixed |= dict.fromkeys(SLOPES, 0.0)
+        fixed |= dict.fromkeys(UNUSED_BY_BEAMS, 0.0)
         said.append(
             f"A {actuator.kind} bends about its middle and keeps its section: the incompressible bore of the paper does not "
-            f"apply, so {', '.join(SLOPES)} have no meaning and are 0."
+            f"apply, so k_slope, b_pos_slope and b_neg_slope have no meaning and are 0. It has one damper, b_pos, to whichever "
+            "side it moves; b_neg is not used."
         )
     if not pushed(items):
         lever = float(base_reference(actuator, segments)[6])

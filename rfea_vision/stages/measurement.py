@@ -238,6 +238,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
                 value_s=sync.value_s,
                 channel=sync.channel,
                 repeat_of=experiment.repeat_of,
+                gravity_deg=tracked.value.dataset.attrs.get("gravity_deg", experiment.rig.gravity_deg),
             )
         except DataError as error:
             if few := few_frames(tracked.value):  # the clocks are not what is wrong

@@ -75,18 +75,25 @@ class Alignment:
 
 
 def align_by_motion(
-    track: Track, log_time_s: FloatArray, pressure_kPa: FloatArray, *, experiment: str, bends: str
+    track: Track,
+    log_time_s: FloatArray,
+    pressure_kPa: FloatArray,
+    *,
+    experiment: str,
+    bends: str,
+    gravity_deg: float | None = 0.0,
 ) -> Alignment:
     """Estimate offset and drift.
 
     log_time_s, pressure_kPa : (samples,) the log on its own clock; bends : the side to which pressure bends the tube
+    gravity_deg : where gravity points, from down and positive towards that side; None where the plane of motion is level
 
     Raises
     ------
     DataError
         If the motion or the pressure is too small, or the two do not belong together.
     """
-    motion = motion_of(track, bends)
+    motion = motion_of(track, bends, gravity_deg)
     time = motion.time_s
     if len(time) < 60 or time[-1] - time[0] < LEAST_OVERLAP_S:
         raise DataError(

@@ -34,7 +34,6 @@ from rfea_vision.artefacts import Track, bend_sign
 MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry little but noise
 SECTIONS = 4  # cross-sections at which the balance is written, one more than MODES
 PIECES = 4  # pieces per section, for the integrals
-GRAVITY = constants.g
 SUPPLEMENTS = ("profile", "friction", "quadratic damping", "creep", "hysteresis", "drag")
 FRICTION_WIDTH = 0.15  # of the speed's root mean square
 HYSTERESIS_WIDTH = 0.1  # of the swing
@@ -50,8 +49,9 @@ MOST_RADIUS = 0.15  # of the length: what the centre line may grow per radian
 class ObservedMotion:
     """Amplitudes (n, m) of the motion at times (n,) s: of modes of the tangent angle, or one angle alone.
 
-    `length_m` is the length of the line that keeps it; `modal` tells whether the whole shape is known,
-    `repeats` how many frames were left out since they show the one before once more.
+    `gravity_m_s2` is its vector where the resting tube points down and bends to the left; `length_m` is the length of the line
+    that keeps it; `modal` tells whether the whole shape is known, `repeats` how many frames were left out since they show the
+    one before once more.
     """
 
     time_s: FloatArray
@@ -59,6 +59,7 @@ class ObservedMotion:
     length_m: float
     modal: bool
     repeats: int = 0
+    gravity_m_s2: tuple[float, float] = (0.0, -constants.g)
 
     @property
     def bend_rad(self) -> FloatArray:
@@ -71,8 +72,19 @@ class ObservedMotion:
         return float(np.ptp(self.bend_rad))
 
 
-def motion_of(track: Track, bends: str) -> ObservedMotion:
-    """Valid frames of a track as an `ObservedMotion`; midline, bend angle or tip, whichever is the first there."""
+def gravity_of(gravity_deg: float | None) -> tuple[float, float]:
+    """Gravity (m/s^2) that points so far from down, positive towards the side of the bend; None where the plane of motion is level."""
+    if gravity_deg is None:
+        return 0.0, 0.0
+    angle = np.radians(gravity_deg)
+    return -constants.g * float(np.sin(angle)), -constants.g * float(np.cos(angle))
+
+
+def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> ObservedMotion:
+    """Valid frames of a track as an `ObservedMotion`; midline, bend angle or tip, whichever is the first there.
+
+    gravity_deg : where gravity points, as in `gravity_of`
+    """
     dataset, valid = track.dataset, track.valid
     time = track.time_s[valid]
     sign = bend_sign(bends)
@@ -92,7 +104,7 @@ def motion_of(track: Track, bends: str) -> ObservedMotion:
     time = time[first]
     found = np.asarray(found[first] if modal else np.unwrap(found[first], axis=0), dtype=float)
     new = ~repeated(time, found)
-    return ObservedMotion(time[new], found[new], length, modal, int(np.sum(~new)))
+    return ObservedMotion(time[new], found[new], length, modal, int(np.sum(~new)), gravity_of(gravity_deg))
 
 
 def repeated(time_s: FloatArray, amplitudes: FloatArray) -> NDArray[np.bool_]:
@@ -234,7 +246,7 @@ def _drag(motion: ObservedMotion, amplitudes: FloatArray, rate: float) -> FloatA
 def _section_terms(motion: ObservedMotion, amplitudes: FloatArray, rate: float) -> FloatArray:
     angle, place, piece = _places(motion, amplitudes)
     pull = derivative(derivative(place, rate), rate)
-    pull[..., 1] += GRAVITY
+    pull -= motion.gravity_m_s2
     centres, pulls = 0.5 * (place[:, 1:] + place[:, :-1]), 0.5 * (pull[:, 1:] + pull[:, :-1])
     out = []
     for section in range(SECTIONS):

@@ -29,6 +29,7 @@ def synchronise(
     value_s: float | None = None,
     channel: str | None = None,
     repeat_of: str | None = None,
+    gravity_deg: float | None = 0.0,
 ) -> Recording:
     """Put a track and a pressure log on the log's clock.
 
@@ -40,6 +41,8 @@ def synchronise(
         pulse per frame or one at the start), ``offset`` (`value_s`) or ``common_clock``
     value_s : log clock minus camera clock, for ``offset``
     repeat_of : experiment whose excitation is repeated
+    gravity_deg : where gravity points, from down and positive towards the side of the bend; None where the plane of motion is
+        level. Of ``motion`` alone
 
     Raises
     ------
@@ -53,7 +56,7 @@ def synchronise(
     log_time = np.asarray(log.time_s, dtype=float)
     pressure = np.asarray(log.pressure_kPa, dtype=float)
     notes = check_log(log_time, pressure, experiment, moving=method == "motion")
-    alignment = _align(track, log, experiment, bends, method, value_s, channel)
+    alignment = _align(track, log, experiment, bends, method, value_s, channel, gravity_deg)
     shifted = track.time_s * (1 + 1e-6 * alignment.drift_ppm) + alignment.offset_s
     covered = (shifted >= log_time[0]) & (shifted <= log_time[-1])
     if not np.any(covered & track.valid):
@@ -104,12 +107,23 @@ def _on_log_clock(track: Track, log: PressureLog, time_s: FloatArray) -> xr.Data
 
 
 def _align(
-    track: Track, log: PressureLog, experiment: str, bends: str, method: str, value_s: float | None, channel: str | None
+    track: Track,
+    log: PressureLog,
+    experiment: str,
+    bends: str,
+    method: str,
+    value_s: float | None,
+    channel: str | None,
+    gravity_deg: float | None,
 ) -> Alignment:
     """Offset and drift by the method asked for."""
     log_time, pressure = (np.asarray(values, dtype=float) for values in (log.time_s, log.pressure_kPa))
     nothing = (np.empty(0), np.empty(0))
     apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
+
+    def by_motion() -> Alignment:
+        return align_by_motion(track, log_time, pressure, experiment=experiment, bends=bends, gravity_deg=gravity_deg)
+
     if method == "common_clock":
         return Alignment(apart_s, 0.0, 0.0, 0.0, 1.0, nothing, "")
     if method == "offset":
@@ -117,7 +131,7 @@ def _align(
             raise InputError(f"{experiment}: sync.value is missing; give log clock minus camera clock, such as 12 ms")
         return Alignment(apart_s + float(value_s), 0.0, 0.0, 0.0, 1.0, nothing, "")
     if method == "motion":
-        return align_by_motion(track, log_time, pressure, experiment=experiment, bends=bends)
+        return by_motion()
     named = channel or ("led" if method == "led" else "trigger")
     if named not in log.channels:
         there = ", ".join(sorted(log.channels)) or "none"
@@ -128,11 +142,11 @@ def _align(
     if method == "led":
         return align_by_lamp(track, log_time, signal, experiment=experiment)
 
-    def by_motion() -> Alignment:
+    def checked_by_motion() -> Alignment:
         check_log(log_time, pressure, experiment, moving=True)
-        return align_by_motion(track, log_time, pressure, experiment=experiment, bends=bends)
+        return by_motion()
 
-    return align_by_trigger(track, log_time, signal, experiment=experiment, by_motion=by_motion)
+    return align_by_trigger(track, log_time, signal, experiment=experiment, by_motion=checked_by_motion)
 
 
 def check_log(time_s: FloatArray, pressure_kPa: FloatArray, experiment: str, *, moving: bool) -> list[str]:

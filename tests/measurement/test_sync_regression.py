@@ -6,12 +6,14 @@ import xarray as xr
 
 from rfea_vision.artefacts import Track
 from rfea_vision.campaign.specs import PressureSpec
+from rfea_vision.errors import DataError
 from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tracks import read_track
+from rfea_vision.stages import open_campaign
 from rfea_vision.sync import synchronise
 from rfea_vision.sync.motion import without_slow
 from rfea_vision.sync.regression import OFFSET, choose, moments, no_more_noise_than_rest, standard_error
-from rfea_vision.sync.sections import motion_of
+from rfea_vision.sync.sections import ObservedMotion, gravity_of, motion_of, terms
 from rfea_vision.twin import TwinOptions, simulate
 
 RATE = 240.0
@@ -89,6 +91,32 @@ def test_the_line_that_keeps_its_length_is_found_beside_the_centre_line():
     motion = motion_of(Track(dataset), "left")
     assert motion.length_m == pytest.approx(length, rel=1e-3)
     np.testing.assert_allclose(motion.bend_rad, bend, atol=2e-3)
+
+
+@pytest.mark.parametrize(("gravity_deg", "share"), [(90.0, -1.0), (0.0, 0.0), (180.0, 0.0), (None, 0.0)])
+def test_weight_pulls_where_the_rig_says(gravity_deg, share):
+    """A straight beam of length L under gravity across it, towards its bend, feels -g (L - s)^2 / 2 a mass per length at s."""
+    straight = np.zeros((40, 4))
+    motion = ObservedMotion(np.arange(40) / RATE, straight, 0.12, True, gravity_m_s2=gravity_of(gravity_deg))
+    moment = terms(motion, straight, RATE)[:, 20, 10]
+    beyond = 0.12 * (1 - (np.arange(4) + 0.5) / 4)
+    np.testing.assert_allclose(moment, share * 9.80665 * beyond**2 / 2, atol=1e-12)
+
+
+def test_clocks_are_brought_together_under_the_gravity_of_the_rig(tmp_path, monkeypatch):
+    """Of every run the direction in its files, and nothing where the plane of motion is level."""
+    asked = []
+
+    def noted(*_, gravity_deg, **__):
+        asked.append(gravity_deg)
+        raise DataError("noted")
+
+    monkeypatch.setattr("rfea_vision.sync.synchronise", noted)
+    for name, gravity in (("a", "left"), ("b", "none")):
+        simulate(tmp_path / name, TwinOptions(seed=1, roles=("train",), duration_s=1.0, gravity=gravity))
+        with pytest.raises(DataError, match="noted"):
+            open_campaign(tmp_path / name).sync()
+    assert asked == [90.0, None]
 
 
 def _aligned(folder, options):

@@ -135,3 +135,63 @@ def test_what_flows_out_leaves_a_mass_that_can_be_moved():
     mass = torques[1:] - torques[0]
     assert mass == pytest.approx(mass.T, rel=1e-9, abs=1e-18)
     assert np.linalg.eigvalsh(mass)[0] > 0
+
+
+ROD = Actuator(kind="rod", outer_radius=0.0125, inner_radius=0.0044, length=0.07, mass_per_length=0.47)
+ROD_AT_REST = np.array([0.2, 0.0, 6e-3, 0.0, 0.0, 0.0, 0.0125])
+
+
+def _swung(angle, *, rod=ROD, damper=6e-3, other=0.0, direction=None, pressure=0.0):
+    """A rod without weight that is let go bent by `angle`, to whichever side, at a pressure."""
+    model = Model(Chain.tube(rod, 4), find_effects([] if direction is None else ["damping_direction"]), gravity=0.0)
+    par = np.append(ROD_AT_REST, [] if direction is None else [direction])
+    par[2], par[4] = damper, other
+    excitation = Excitation(0.0, 1e-3, np.full(801, pressure))
+    motion = model.simulate(par, excitation, np.arange(0.0, 0.8, 1e-3), held=np.full(4, angle / 4))
+    assert motion.ok
+    return motion
+
+
+@pytest.mark.parametrize("direction", [None, 0.8])
+def test_the_dampers_of_a_body_without_a_bore_know_no_side(direction):
+    """Let go on the left it is the mirror of one let go on the right, and what stands for a second damper moves nothing."""
+    left, right = (_swung(way * 0.6, other=0.03, direction=direction) for way in (1.0, -1.0))
+    np.testing.assert_allclose(left.phi, -right.phi, atol=1e-9)
+    np.testing.assert_array_equal(left.phi, _swung(0.6, direction=direction).phi)
+
+
+def test_a_body_may_be_damped_more_on_its_way_out_than_back():
+    """With 1.8 times the damper out and 0.2 times back it takes so many times as long; it weighs next to nothing."""
+
+    def half_way_s(motion):
+        share = (motion.phi[:, -1] - motion.phi[0, -1]) / (motion.phi[-1, -1] - motion.phi[0, -1])
+        return np.interp(0.5, share, np.arange(share.size) * 1e-3)
+
+    light = replace(ROD, mass_per_length=1e-3)
+    back, out = ({"rod": light, "angle": 0.6}, {"rod": light, "angle": 0.0, "pressure": -1.5e5})
+    for way, times in ((back, 0.2), (out, 1.8)):
+        assert half_way_s(_swung(**way, direction=0.8)) == pytest.approx(times * half_way_s(_swung(**way)), rel=0.1)
+
+
+def test_swinging_through_rest_with_uneven_dampers_costs_the_integrator_next_to_nothing():
+    even, uneven = (_swung(0.6, damper=3e-4, direction=direction) for direction in (0.0, 0.8))
+    assert even.phi[:, -1].min() < -0.1 and uneven.phi[:, -1].min() < -0.1
+    assert uneven.steps == even.steps and uneven.newton_iterations < 1.2 * even.newton_iterations
+
+
+def test_a_spring_stiffens_with_the_pressures_on_both_sides():
+    """Two chambers at one pressure do not bend a rod and do stiffen it: what a third bends is less."""
+    model = Model(Chain.tube(ROD, 4), find_effects(["pressure_stiffening"]), gravity=0.0)
+    par, step = np.append(ROD_AT_REST, 5e-6), np.linspace(0.0, 4e4, 1500)
+    frames = np.array([2.9])
+
+    def bend(both):
+        left, right = step + both, np.full(step.size, both)
+        chambers = {"left": (1.0, left), "right": (-1.0, right)}
+        motion = model.simulate(par, Excitation(0.0, 2e-3, left - right, chambers=chambers), frames)
+        assert motion.ok
+        return motion.phi[0, -1]
+
+    assert bend(1e5) == pytest.approx(bend(0.0) * (1 + 5e-6 * 4e4) / (1 + 5e-6 * (4e4 + 2e5)), rel=2e-3)
+    alone = model.simulate(par, Excitation(0.0, 2e-3, step), frames).phi[0, -1]
+    assert bend(0.0) == alone
