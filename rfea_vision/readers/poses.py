@@ -52,7 +52,10 @@ def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
         found = points_of_columns(table.source, table.columns, table.units, time_s, asked)
         if found is None:
             names = listed(list(table.columns))
-            raise InputError(f"{table.source}: track.points: no columns such as tip_x_mm, tip_y_mm; there are: {names}")
+            raise InputError(
+                f"{table.source}: track.points: no columns such as tip_x_mm, tip_y_mm; there are: {names}; a point of any columns is "
+                "written as their names, 'c2,c3'"
+            )
         points = found
     if spec is None or not spec.points:
         example = f"points: [{', '.join(points.names[:1] + points.names[-1:])}]"

@@ -321,3 +321,17 @@ def test_what_is_said_of_points_that_there_are_not_is_refused(tmp_path, key, giv
     pd.DataFrame({"time_s": TIME_S, "angle_deg": TIME_S}).to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(InputError, match=f"track.{key}: means nothing without 'points'"):
         read_track(tmp_path / "a.csv", spec=TrackSpec(tmp_path / "a.csv", **given))
+
+
+def test_columns_of_any_name_are_a_point(tmp_path):
+    """Of a table without a header, with a clock of its own; the clamp and the tip, in mm."""
+    time = np.arange(60) / 100
+    tip = np.stack([-20 * np.sin(time), -100 * np.cos(time)], axis=1)
+    np.savetxt(tmp_path / "raw.txt", np.column_stack([1e3 * time, np.full((60, 2), 3.0), np.ones(60), tip + 3.0]))
+    points = (("c2,c3",), ("c5, c6",))
+    spec = TrackSpec(tmp_path / "raw.txt", points=points, scale_mm=1.0, time="c1", time_unit="ms")
+    track = read_track(tmp_path / "raw.txt", spec=spec)
+    np.testing.assert_allclose(track.dataset["tip"], tip, atol=1e-9)
+    np.testing.assert_allclose(track.time_s, time, atol=1e-9)
+    with pytest.raises(InputError, match=r"c1, c2, .*written as their names, 'c2,c3'"):
+        read_track(spec.file, spec=TrackSpec(**{**vars(spec), "points": (("c2,c9",), ("c7,c8",))}))
