@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import boolean, float64, int64, njit, types, void
+
+from rfea_vision.loops import forget_stale_loops
+
+forget_stale_loops(Path(__file__).parent)
 
 # Arrays of compiled code, row by row
 VECTOR = float64[::1]
@@ -32,7 +37,7 @@ BODY_COLUMNS = 60
 OK, NOT_CONVERGED, BLOWN_UP = 0, 1, 2  # statuses of the engine
 OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
 # The parts of a step are compiled into the entry points (`integrate`, `equilibrium`, `advance`, `joint_torques`), and only
-# these are kept in Numba's cache. The cache looks at the age of their own files alone: after a change to a part, touch them.
+# these are kept in Numba's cache.
 #
 # Parts that allocate nothing are compiled without reference counts: counting the arrays that they hand to one another took
 # a third of a run.

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from numba import njit
+
+from rfea_vision.loops import forget_stale_loops
+
+forget_stale_loops(Path(__file__).parent)
 
 _OPTIONS: dict[str, Any] = {
     "cache": True,
