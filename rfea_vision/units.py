@@ -18,6 +18,7 @@ _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)
 # pint works powers out as it reads them: 'mm**9**9**9' would never end. A unit has powers of names, of one digit.
 _LONGEST_UNIT = 64
 _POWER, _POWER_OF_A_UNIT = re.compile(r"\*\*|\^"), re.compile(r"[^\W\d]\s*(?:\*\*|\^)\s*[+-]?\d(?!\d)")
+_NEAR = math.log(8.0)  # below this factor from the example a number has its unit; the next unit people write is 10 away
 _COMMON_UNITS = (
     "mm",
     "cm",
@@ -61,7 +62,7 @@ def _unit(text: str) -> pint.Unit:
     if len(text) > _LONGEST_UNIT or len(_POWER.findall(text)) != len(_POWER_OF_A_UNIT.findall(text)):
         raise ValueError(f"unknown unit '{text[:_LONGEST_UNIT]}'; write one such as 'kg/m^3'")
     try:
-        return _registry().Unit(text)
+        return _registry().Unit(f"1{text}" if text.startswith("/") else text)  # 5e-7/Pa is 5e-7 1/Pa
     except Exception as error:
         # pint raises a family of unrelated exceptions for malformed text (tokenizer, attribute, type errors).
         if isinstance(error, pint.UndefinedUnitError) or text:
@@ -104,6 +105,21 @@ def split_quantity(value: object) -> tuple[float, str]:
     return float(match[1]), match[2]
 
 
+def _with_unit(number: str, example: str) -> str:
+    """Return a bare number with the unit that brings it nearest to the size of the example."""
+    shown = _QUANTITY.match(example)
+    if shown is None or not math.isfinite(float(number)):
+        return example
+    usual, own, kind = float(shown[1]), abs(float(number)), _unit(shown[2]).dimensionality
+
+    def off(unit: str) -> float:
+        return abs(math.log(own * conversion_factor(unit, shown[2]) / usual))
+
+    alike = [unit for unit in (shown[2], *_COMMON_UNITS) if _unit(unit).dimensionality == kind]
+    unit = shown[2] if not (own and usual) or off(shown[2]) < _NEAR else min(alike, key=off)
+    return f"{number}{' ' if ' ' in example else ''}{unit}"
+
+
 _REFERENCED = re.compile(r"^(bar|psi|kPa|MPa|Pa|mbar|hPa)\s*[\[(]?(g|a|gauge|abs|absolute|rel)[\])]?$", re.IGNORECASE)
 
 
@@ -132,7 +148,7 @@ def parse_quantity(value: object, to: str, *, example: str) -> float:
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise ValueError(f"expected a quantity such as '{example}', found {value!r}")
     if not isinstance(value, str):
-        raise ValueError(f"{value} has no unit; write for example '{example}'")
+        raise ValueError(f"{value} has no unit; write for example '{_with_unit(str(value), example)}'")
     match = _QUANTITY.match(value)
     if match is None:
         raise ValueError(f"'{value}' is not a number with a unit; write for example '{example}'")
@@ -140,7 +156,7 @@ def parse_quantity(value: object, to: str, *, example: str) -> float:
     if unit.startswith(","):
         raise ValueError(f"'{value}' has a decimal comma; write '{value.replace(',', '.', 1)}'")
     if not unit:
-        raise ValueError(f"'{value}' has no unit; write for example '{example}'")
+        raise ValueError(f"'{value}' has no unit; write for example '{_with_unit(match[1], example)}'")
     if not math.isfinite(number):
         raise ValueError(f"'{value}' is not a finite number; write for example '{example}'")
     return number * conversion_factor(unit, to)

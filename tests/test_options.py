@@ -63,7 +63,7 @@ def test_what_was_asked_for_is_written_as_it_is_read():
 def test_options_are_closed():
     with pytest.raises(ValidationError):
         FitOptions(segmets=4)  # type: ignore[call-arg]
-    with pytest.raises(InputError, match=r"--pressure-zero 5: 5 has no unit; write for example '1kPa'"):
+    with pytest.raises(InputError, match=r"--pressure-zero 5: 5 has no unit; write for example '5kPa'"):
         read_flags(FitOptions, {"pressure_zero": 5}, "fit")
     assert from_record(FitOptions, {"name": "base", "more": {}}) is None
 

@@ -118,6 +118,8 @@ def _colour(value: object) -> object:
 
 
 Length = Annotated[float, _quantity("m", "4 mm", positive=True), _shown("4 mm")]
+LongLength = Annotated[float, _quantity("m", "155 mm", positive=True), _shown("155 mm")]
+SquareSide = Annotated[float, _quantity("m", "12 mm", positive=True), _shown("12 mm")]
 Offset = Annotated[float, _quantity("m", "3 mm"), _shown("3 mm")]
 Force = Annotated[float, _quantity("N", "0.2 N", positive=True), _shown("0.2 N")]
 Area = Annotated[float, _quantity("m^2", "12 mm^2", positive=True), _shown("12 mm^2")]
@@ -207,7 +209,7 @@ class ActuatorPart(_Part):
     material: Text | None = None
     outer_radius: Length = 0.004
     inner_radius: Length = 0.003
-    length: Length = 0.155
+    length: LongLength = 0.155
     density: Density = 965.0
     fluid_density: Density = 1000.0
     bends: Literal["left", "right"] = "left"
@@ -218,8 +220,8 @@ class BoardPart(_Part):
 
     kind: Literal["checkerboard", "charuco"] = "checkerboard"
     inner_corners: tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]]
-    square: Length
-    marker: Length | None = None
+    square: SquareSide
+    marker: SquareSide | None = None
     dictionary: str | None = None
 
 
@@ -230,7 +232,7 @@ class ScalePart(_Part):
     """
 
     points: Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
-    distance: Length | None = None
+    distance: LongLength | None = None
     places: Annotated[tuple[tuple[Offset, Offset], ...], Field(min_length=4)] | None = None
     error: Length | None = None
 

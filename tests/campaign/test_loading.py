@@ -144,7 +144,7 @@ WRONG = [
     ("steps", {"name": "../up"}, "name", "cannot name a folder"),
     ("steps", {"name": "軟" * 51}, "name", "150 bytes at most"),
     ("steps", {"repeat_of": "nobody"}, "repeat_of", "no other experiment"),
-    ("steps", {"actuator": {"length": 155}}, "actuator.length", "155 has no unit; write for example '4 mm'"),
+    ("steps", {"actuator": {"length": 155}}, "actuator.length", "155 has no unit; write for example '155 mm'"),
     (None, {"format": "rfea-campaign/2"}, "format", "must be 'rfea-campaign/1'"),
     (None, {"actuator": {"outer_radius": 4}}, "actuator.outer_radius", "4 has no unit"),
     (None, {"actuator": {"outer_radius": "4 kg"}}, "actuator.outer_radius", "not a unit of the right kind"),

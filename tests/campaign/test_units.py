@@ -1,3 +1,5 @@
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -18,6 +20,7 @@ from rfea_vision.units import conversion_factor, parse_quantity
         ("1e-3 m", "mm", 1.0),
         ("240 Hz", "Hz", 240.0),
         ("1 bar", "kPa", 100.0),
+        ("5e-7/Pa", "1/Pa", 5e-7),
         (".5 psi", "Pa", 0.5 * 6894.757293168),
     ],
 )
@@ -45,6 +48,26 @@ def test_what_is_wrong_is_said(value, says):
     with pytest.raises(ValueError) as caught:
         parse_quantity(value, "m", example="4 mm")
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "example", "says"),
+    [
+        (155, "m", "155 mm", "155 mm"),
+        (0.155, "m", "155 mm", "0.155 m"),
+        ("15.5", "m", "155 mm", "15.5 cm"),
+        (0.965, "kg/m^3", "965 kg/m^3", "0.965 g/cm^3"),
+        (-0.5, "deg", "30 deg", "-0.5 rad"),
+        (1.013, "kPa", "101.3 kPa", "1.013 bar"),
+        (0, "m", "3 mm", "0 mm"),
+        (12, "kPa", "0 kPa", "12 kPa"),
+        (300, "s", "5min", "300s"),
+        (1e999, "m", "3 mm", "3 mm"),
+    ],
+)
+def test_a_bare_number_is_shown_with_the_unit_that_it_probably_has(value, unit, example, says):
+    with pytest.raises(ValueError, match=re.escape(f"has no unit; write for example '{says}'")):
+        parse_quantity(value, unit, example=example)
 
 
 @given(st.floats(min_value=-1e6, max_value=1e6, allow_nan=False))

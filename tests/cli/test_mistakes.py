@@ -137,7 +137,7 @@ IN_COMMANDS = [
     (("simulate", "CAMPAIGN-new", "--hidden", "maxwell.k1=0,1"), "decimal comma"),
     (("simulate", "CAMPAIGN-new", "--rate", "60"), "write for example"),
     (("simulate", "CAMPAIGN-new", "--pressure", "CAMPAIGN-new.csv"), "not found"),
-    (("simulate", "CAMPAIGN-new", "--pressure", "1.5"), "'1.5' has no unit; write for example '270kPa'"),
+    (("simulate", "CAMPAIGN-new", "--pressure", "1.5"), "'1.5' has no unit; write for example '1.5bar'"),
     (("simulate", "CAMPAIGN-new", "--pressure", "1.5baar"), "unknown unit 'baar'; did you mean 'bar'?"),
     (("simulate", "CAMPAIGN-new", "--like", "CAMPAIGN", "--rate", "60Hz"), "--rate has no effect with --like"),
     (("simulate", "CAMPAIGN-new", "--like", "CAMPAIGN", "--scene", "dark"), "--scene has no effect with --like"),
