@@ -72,6 +72,8 @@ class ModelFit(_Json):
     joints: Literal["middle", "start"] = "middle"
     effects: list[str] = Field(default_factory=list)
     observe: str = "midline"
+    # what a residual counts: its square, or beyond a few robust standard deviations its size; null in fits of before 0.6
+    loss: Literal["linear", "huber"] | None = None
     order: int = 3  # of the integrator with which the values were refined and scored
     status: Literal["converged", "not_converged", "refused"] = "converged"
     message: str = ""

@@ -177,6 +177,7 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
         joints=options.joints,
         effects=list(options.effects),
         observe=problem.train[0].observe,
+        loss="huber" if options.loss == "huber" else "linear",
         order=best.model.order,
         status="refused" if refused else "converged" if fitted.solution.converged else "not_converged",
         message=refused or _message(fitted),
@@ -264,7 +265,9 @@ def worse_than_nothing(scores: Mapping[str, ExperimentScore]) -> list[str]:
 
 def _given(options: FitOptions) -> dict[str, Any]:
     """What else was asked that holds for further fits, in SI, so that the fit can be taken up again from the artefact."""
-    lasting = {option.name for option in asked_by("improve", FitOptions)} - set(ModelFit.model_fields)
+    # The loss that a fit took and the one that was asked for are two: `auto` may take another one in a further fit.
+    stated = set(ModelFit.model_fields) - {"loss"}
+    lasting = {option.name for option in asked_by("improve", FitOptions)} - stated
     return {name: value for name, value in as_record(options).items() if name in lasting}
 
 
