@@ -144,7 +144,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
     names: list[str] = []
     for path in paths:
         name = re.sub(r"[^\w-]+", "-", _stem(path)).strip("-_") or "run"
-        name = f"{name}-run" if name in RESERVED_NAMES or name == OUTPUT_FOLDER else name
+        name = f"{name}-run" if name.casefold() in RESERVED_NAMES or name == OUTPUT_FOLDER else name
         names.append(next(free for free in chain([name], (f"{name}-{n}" for n in count(2))) if free not in names))
     return names
 

@@ -21,7 +21,8 @@ from rfea_vision.errors import InputError
 from rfea_vision.files import is_file, is_folder
 
 OUTPUT_FOLDER = "rfea"
-RESERVED_NAMES = frozenset({"calibration", "models", "report", ".stages"})
+#: What else stands in the folder of results, in lower case: some file systems do not tell Report from report.
+RESERVED_NAMES = frozenset({"calibration", "models", "report", "figures", "reproduce", "ladder.json", ".stages"})
 _SAFE_NAME = re.compile(r"^[^\s./\\:\x00-\x1f\x7f-\x9f][^/\\:\x00-\x1f\x7f-\x9f]*$")
 _LONGEST_NAME = 150  # bytes: those that file systems allow, 255, less what stands around it in the names of files
 _ALMOST = re.compile(r"^(campaign|experiment)\.(ya?ml|json)(\.txt)?$", re.IGNORECASE)
@@ -201,8 +202,8 @@ def _read_experiment(
         {} if shared is None else {k: v for k, v in shared.content.items() if k not in ("format", "name", "design")}
     )
     parsed, problems = _validate(ExperimentFile, _merge(inherited, own.content), files, name)
-    if name in RESERVED_NAMES:
-        message = f"'{name}' is what rfea calls a folder of results of its own; choose another name"
+    if name.casefold() in RESERVED_NAMES:
+        message = f"'{name}' is what rfea calls results of its own; choose another name"
         problems.append(problem_at(files, "name", message, experiment=name))
     elif not _SAFE_NAME.match(name) or _is_long(name):
         message = (

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import Any, TextIO
 
 import click
+from click.core import ParameterSource
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -31,6 +32,7 @@ from rfea_vision.progress import Progress as ProgressCall
 from rfea_vision.units import rounded
 
 _WIDE = 160  # columns of a table that goes to a file or another program
+_CARRIED = ("out", "trust", "untrusted")  # parameters that say where to look, and at what
 _MOST_NAMED = 6  # unchanged stages that are listed by name
 
 
@@ -76,8 +78,32 @@ def _between_words(text: str, stream: TextIO, indent: str = "") -> str:
 
 
 def say_next(command: str, *words: object, why: str = "") -> None:
-    """Print the last line of a command: what to type next, `words` quoted as a shell wants them, and what for."""
-    say(" ".join(["next:", command, *(shlex.quote(str(word)) for word in words)]) + (f"   ({why})" if why else ""))
+    """Print the last line of a command: what to type next, `words` quoted as a shell wants them, and what for.
+
+    What says where the results are, and what may be read, goes along where the next command takes it.
+    """
+    line = [command, *(shlex.quote(str(word)) for word in words), *_carried(command)]
+    say(" ".join(["next:", *line]) + (f"   ({why})" if why else ""))
+
+
+def _carried(command: str) -> list[str]:
+    """Options of the command that runs, as they were typed, without which `command` would look elsewhere or be refused."""
+    context = click.get_current_context(silent=True)
+    if context is None or not command.startswith("rfea "):
+        return []
+    typed = [
+        option for option in context.command.params
+        if isinstance(option, click.Option) and option.name in _CARRIED
+        and context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
+    ]  # fmt: skip
+    root = context.find_root()
+    following = root.command.get_command(root, command.split()[1]) if typed and isinstance(root.command, click.Group) else None
+    alike = {(option.name, option.help) for option in getattr(following, "params", ()) if isinstance(option, click.Option)}
+    words: list[str] = []
+    for option in typed:
+        if (option.name, option.help) in alike:
+            words += [option.opts[0], *([] if option.is_flag else [shlex.quote(str(context.params[option.name]))])]
+    return words
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], *, left: int = 1) -> None:

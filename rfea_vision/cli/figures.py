@@ -49,7 +49,7 @@ def figures_command(
 
 @click.command("reproduce")
 @click.argument("campaign", required=False, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Folder of results; default CAMPAIGN/rfea.")
+@click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")
 @click.option(
     "--twin", type=click.Path(path_type=Path), default="rfea-paper", show_default=True,
     help="Without CAMPAIGN: where the twin of the paper's tube goes, or is already.",

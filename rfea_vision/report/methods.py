@@ -50,10 +50,10 @@ _PACKAGES = (
     "xarray",
     "opencv-python-headless",
     "av",
-    "scikit-image",
 )
 
 _ROLES = {"train": "training", "validate": "held out", "test": "test"}
+_LOSSES = {"huber": "the robust loss of Huber (least squares, in which what lies far off counts linearly)"}
 _OBSERVED = {"midline": "centre line", "tip": "tip", "tip_y": "height of the tip", "angle": "bend angle"}
 
 
@@ -116,7 +116,7 @@ def _model(evidence: Evidence, step: LadderStep, titles: Mapping[str, str]) -> s
     text = (
         f"The motion was modelled by the rigid-segment chain with spring-damper joints of Momeni Kelageri et al. "
         f"(2018){effects}, with {fit.segments} segments (joints at the {fit.joints} of their arc), fitted to the "
-        f"{_OBSERVED.get(fit.observe, fit.observe)} of the training runs by least squares. "
+        f"{_OBSERVED.get(fit.observe, fit.observe)} of the training runs by {_LOSSES.get(fit.loss or '', 'least squares')}. "
         f"The fitted values were {values} (standard errors)."
     )
     if scores:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
 from rfea_vision.artefacts import Ladder
+from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 from rfea_vision.options import CritiqueOptions, FitOptions
@@ -160,16 +162,23 @@ def _critique_of(ladder: StageRecord) -> CritiqueOptions:
 
 def commands(work: Runner) -> list[str]:
     """Return the commands that make these results again."""
-    campaign = shlex.quote(work.campaign.root.name)
+    campaign, beside = shlex.quote(work.campaign.root.name), _beside(work)
     made = []
     climbed = rung_models(work)
     ladder = work.cache.record("improve/ladder")
     options = mechanics.fitted_with(ladder)
     if climbed:
         asked = written("improve", options, _critique_of(ladder)) if ladder is not None and options is not None else ""
-        made.append(f"rfea improve {campaign} {asked}".rstrip())
+        made.append(f"rfea improve {campaign} {asked}".rstrip() + beside)
     for record in work.cache.records("fit"):
         options = mechanics.fitted_with(record)
         if options is not None and options.name not in climbed:
-            made.append(f"rfea fit {campaign} {written('fit', options)}")
-    return [*made, f"rfea report {campaign}"]
+            made.append(f"rfea fit {campaign} {written('fit', options)}{beside}")
+    return [*made, f"rfea report {campaign}{beside}"]
+
+
+def _beside(work: Runner) -> str:
+    """The option that leads to results elsewhere than in the campaign, from the folder in which the campaign lies."""
+    if work.out == work.campaign.root / OUTPUT_FOLDER:
+        return ""
+    return f" --out {shlex.quote(os.path.relpath(work.out, work.campaign.root.parent))}"

@@ -16,6 +16,8 @@ from rich.progress import Progress
 from rfea_vision.artefacts import Diagnosis, Ladder, Rung
 from rfea_vision.cli import console, model, root
 from rfea_vision.cli.twin import _played
+from rfea_vision.stages import open_campaign
+from rfea_vision.stages.publishing import commands
 
 from .console import rfea
 
@@ -219,3 +221,19 @@ def test_a_bar_tells_a_count_once_it_is_known():
     assert console._Count().render(task).plain == ""
     bars.update(task.id, completed=3, total=8)
     assert console._Count().render(task).plain == "3/8"
+
+
+def test_the_next_command_and_those_of_the_report_look_where_the_results_are(tmp_path):
+    campaign, results = write_campaign(tmp_path / "c"), tmp_path / "the results"
+    said = rfea("sync", campaign, "--out", results, "--trust").out.splitlines()[-1]
+    assert said.startswith("next: rfea improve") and f"--out '{results}' --trust" in said, said
+    assert "--out" not in rfea("sync", campaign).out.splitlines()[-1]
+    assert commands(open_campaign(campaign, results)) == ["rfea report c --out 'the results'"]
+    assert commands(open_campaign(campaign)) == ["rfea report c"]
+
+
+@pytest.mark.parametrize("name", ["figures", "reproduce", "Report", "ladder.json"])
+def test_a_run_cannot_be_called_as_results_are(tmp_path, name):
+    campaign = write_campaign(tmp_path / "c", {name: "train"})
+    answer = rfea("check", campaign)
+    assert answer.code == 2 and f"'{name}' is what rfea calls results of its own; choose another name" in answer.out

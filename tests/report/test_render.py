@@ -58,6 +58,15 @@ def test_the_methods_do_not_tell_how_another_tools_track_was_made(copy: Path) ->
     assert "sides of the silhouette" not in page_of(copy)
 
 
+def test_the_methods_say_which_loss_was_minimised(copy: Path) -> None:
+    assert "training runs by least squares. " in words(page_of(copy))
+    for path in copy.glob("models/*/model.json"):
+        path.write_text(json.dumps(json.loads(path.read_text()) | {"loss": "huber"}))
+    text = words(page_of(copy))
+    assert "training runs by the robust loss of Huber" in text
+    assert "training runs by least squares" not in text
+
+
 def test_a_run_that_was_set_aside_since_is_not_shown(small: Path) -> None:
     html = render(small, title="tube-A", runs=TWO[:1])
     manifest = json.loads(re.search(r"id=\"manifest\">(.*?)</script>", html, re.S)[1])  # type: ignore[index]
