@@ -25,7 +25,8 @@ class Reason:
 REASONS: dict[str, Reason] = {
     "no_tube": Reason(
         "no tube was found",
-        "check actuator.outer_radius and the board's square, or give camera.clamp and camera.tip in pixels",
+        "check actuator.outer_radius (half of what a caliper shows) and the board's square, or give camera.clamp and "
+        "camera.tip in pixels",
         "clamp",
         "Point at the clamp",
     ),
@@ -40,7 +41,7 @@ REASONS: dict[str, Reason] = {
     "blurred": Reason("the picture is blurred", "use a shorter exposure, more light, or a sharper focus"),
     "width_off": Reason(
         "the width is not that of the tube",
-        "check actuator.outer_radius and the board's square",
+        "check actuator.outer_radius (half of what a caliper shows) and the board's square",
         "clamp",
         "Point at both edges",
     ),

@@ -10,13 +10,8 @@ from rfea_vision.campaign import plausibility
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
+from rfea_vision.campaign.tubes import of_stretch, of_tube
 from rfea_vision.errors import RfeaError
-
-#: Short actuators are about three times as long as thick; one given by its diameters, or in cm, falls below this.
-_LEAST_SLENDER = 2.0
-#: kg/m^3: osmium, the densest solid, and the lightest foams (CRC Handbook of Chemistry and Physics).
-_DENSEST, _LIGHTEST = 22_600.0, 10.0
-_PAPER_DIAMETERS_MM = (8.0, 6.0)
 
 
 @dataclass(frozen=True)
@@ -69,21 +64,8 @@ def check_campaign(
 
 def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FileProblem]:
     """Doubt dimensions that are right in form and unlikely in size: above all, diameters given as radii."""
-    problems = []
-    for tube in dict.fromkeys((campaign.actuator, *(item.actuator for item in active))):
-        outer, inner, length = 1e3 * tube.outer_radius, 1e3 * tube.inner_radius, 1e3 * tube.length
-        if length < _LEAST_SLENDER * 2 * outer:
-            text = f"a length of {length:g} mm is {length / (2 * outer):.1f} times the diameter of {2 * outer:g} mm; "
-            problems.append(_odd(campaign, "outer_radius", f"{text}is the length in cm, or the radius a diameter?"))
-        elif (outer, inner) == _PAPER_DIAMETERS_MM:
-            text = f"{outer:g} and {inner:g} mm are the diameters that the paper prints; its radii are 4 and 3 mm"
-            problems.append(_odd(campaign, "outer_radius", text))
-        for key in ("density", "fluid_density"):
-            value = getattr(tube, key)
-            if value > _DENSEST or (key == "density" and value < _LIGHTEST):
-                than = "more than any solid's" if value > _DENSEST else "less than any rubber's"
-                problems.append(_odd(campaign, key, f"{value:g} kg/m^3 is {than}; is the unit right?"))
-    return problems
+    tubes = dict.fromkeys((campaign.actuator, *(item.actuator for item in active)))
+    return [_odd(campaign, key, text) for tube in tubes for key, text in of_tube(tube)]
 
 
 def _odd(campaign: Campaign, key: str, text: str) -> FileProblem:
@@ -180,6 +162,7 @@ def _experiment_problems(
             )
             track_s = track.time_s
             said = [] if by_camera else plausibility.of_track(track.dataset, 1e3 * experiment.actuator.length)
+            said = said or ([] if by_camera else of_stretch(track.dataset, experiment.actuator))
             problems += [_warning(experiment, "track", text) for text in said]
     except RfeaError as error:
         key = "track" if experiment.track is not None else "video"

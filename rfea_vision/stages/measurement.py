@@ -11,6 +11,7 @@ import numpy as np
 
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
 from rfea_vision.campaign import ExperimentSpec, plausibility
+from rfea_vision.campaign.tubes import of_stretch
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
@@ -173,9 +174,9 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
             to_rig_mm = rig_axes_mm(calibration, camera.vertical, gravity_deg, bends)
         found = read_track(source.file, bends=experiment.actuator.bends, spec=source, to_rig_mm=to_rig_mm)
         if camera is None:
-            found.dataset.attrs["doubts"] = "; ".join(
-                plausibility.of_track(found.dataset, 1e3 * experiment.actuator.length)
-            )
+            tube = experiment.actuator
+            doubts = plausibility.of_track(found.dataset, 1e3 * tube.length) or of_stretch(found.dataset, tube)
+            found.dataset.attrs["doubts"] = "; ".join(doubts)
         found.save(path)
         say_warnings(work, experiment, found)
         return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
@@ -189,6 +190,7 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
             options={
                 "bends": experiment.actuator.bends,
                 "length": experiment.actuator.length,
+                "radius": experiment.actuator.outer_radius,
                 "track": source,
                 "vertical": None if camera is None else camera.vertical,
                 "gravity": experiment.rig.gravity_deg,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.campaign import ExperimentSpec, plausibility
+from rfea_vision.campaign.tubes import of_tube
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,6 +74,9 @@ def warn_of_copies(work: Runner, about: Sequence[ExperimentSpec]) -> None:
 def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) -> None:
     """Say what makes one doubt the runs that a model is fitted to."""
     experiments = [work.campaign.experiment(name) for name in recordings]
+    for tube in dict.fromkeys(item.actuator for item in experiments):
+        for key, text in of_tube(tube):
+            work.tell(f"warning: actuator.{key}: {text}")
     for experiment in experiments:
         say_warnings(work, experiment, recordings[experiment.name].value)
     warn_of_copies(work, experiments)

@@ -1,0 +1,67 @@
+"""Radii that are diameters: doubted where the mass or the track's own line says so, and only there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.campaign.tubes import of_stretch, of_tube
+from rfea_vision.errors import DataError
+from tests.cli.console import rfea
+
+from .campaigns import write_campaign
+
+TUBE = Actuator(outer_radius=0.005, inner_radius=0.0035, length=0.155)
+AS_DIAMETERS = replace(TUBE, outer_radius=0.010, inner_radius=0.007)
+
+
+def filmed(offset_mm: float, bends: str = "left", widest: float = 1.2) -> xr.Dataset:
+    """A line that lies `offset_mm` outside of a side of constant length, over postures up to `widest` rad of bend."""
+    bend = np.linspace(0.0, widest, 60)[:, None]
+    share, sign = np.linspace(0, 1, 21), 1 if bends == "left" else -1
+    heading = bend * (share[1:] + share[:-1]) / 2
+    step = (155 + offset_mm * bend) / 20
+    x, y = (np.pad(np.cumsum(step * part(heading), axis=1), ((0, 0), (1, 0))) for part in (np.sin, np.cos))
+    line = np.stack([sign * x, y], axis=-1) + np.random.default_rng(1).normal(0, 0.03, (60, 21, 2))
+    return xr.Dataset({"midline": (("time", "node", "xy"), line), "valid": ("time", np.ones(60, dtype=bool))})
+
+
+@pytest.mark.parametrize("bends", ["left", "right"])
+def test_the_line_of_a_track_tells_radii_from_diameters(bends):
+    (text,) = of_stretch(filmed(5.0, bends), replace(AS_DIAMETERS, bends=bends))
+    assert "given as 10 mm; are actuator.outer_radius and inner_radius diameters?" in text
+    assert of_stretch(filmed(5.0, bends), replace(TUBE, bends=bends)) == []
+
+
+def test_a_line_that_tells_nothing_is_not_doubted():
+    assert of_stretch(filmed(0.0), AS_DIAMETERS) == []  # the inextensible side itself
+    assert of_stretch(filmed(10.0), AS_DIAMETERS) == []  # diameters indeed
+    assert of_stretch(filmed(5.0, widest=0.1), AS_DIAMETERS) == []  # hardly bent
+    assert of_stretch(filmed(5.0), replace(AS_DIAMETERS, kind="rod")) == []
+    assert of_stretch(xr.Dataset(), AS_DIAMETERS) == []
+
+
+def test_the_mass_tells_radii_from_diameters():
+    weighed = TUBE.linear_density
+    assert of_tube(replace(TUBE, mass_per_length=weighed)) == of_tube(TUBE) == of_tube(AS_DIAMETERS) == []
+    ((key, text),) = of_tube(replace(AS_DIAMETERS, mass_per_length=weighed))
+    assert key == "outer_radius" and "are the radii diameters" in text
+    empty = TUBE.density * TUBE.solid_area
+    assert "or was it weighed empty" in of_tube(replace(TUBE, mass_per_length=empty))[0][1]
+
+
+def test_check_and_fit_say_it(tmp_path, monkeypatch):
+    folder = write_campaign(tmp_path / "c")
+    file = folder / "campaign.yaml"
+    file.write_text(file.read_text().replace("inner_radius: 3 mm", "inner_radius: 3.1 mm, mass: 3.1 g"))
+    assert "actuator.outer_radius: the tube weighs 3.1 g" in rfea("check", folder).out
+
+    def far_enough(*_: object) -> None:
+        raise DataError("far enough")
+
+    monkeypatch.setattr("rfea_vision.stages.mechanics._fitted", far_enough)
+    assert rfea("fit", folder).err.count("warning: actuator.outer_radius: the tube weighs 3.1 g") == 1
