@@ -139,7 +139,7 @@ WRONG = [
     ("steps", {"sync": {"method": "motion", "value": "12 ms"}}, "sync.value", "has no meaning"),
     ("steps", {"sync": "motoin"}, "sync", "must be 'motion'"),
     ("steps", {"format": "rfea-experiment/2"}, "format", "must be 'rfea-experiment/1'"),
-    ("steps", {"name": "models"}, "name", "what rfea calls a folder of results of its own"),
+    ("steps", {"name": "models"}, "name", "what rfea calls results of its own"),
     (None, {"name": "x" * 200}, "name", "is longer than 150 bytes"),
     ("steps", {"name": "../up"}, "name", "cannot name a folder"),
     ("steps", {"name": "軟" * 51}, "name", "150 bytes at most"),
