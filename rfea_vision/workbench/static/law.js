@@ -65,7 +65,7 @@ async function check(keep) {
     law.effects = effects;
     said.textContent = "Units fit, derivatives exist, and each amplitude can be absent."; said.className = "better";
     one("#law-effects").replaceChildren(...effects.map(effect => h("div", {}, h("h4", {}, effect.title), effect.law.text ? h("p", {}, effect.law.text) : null, ...setOf(effect.law.mathml),
-      h("ul", {class: "plainlist"}, ...effect.parameters.map(p => h("li", {}, h("code", {}, `${effect.id}.${p.name}`), ` ${p.text}, ${p.lower} to ${p.upper}${p.unit === "1" ? "" : ` ${p.unit}`}${p.absent === null ? "" : `, absent at ${p.absent}`}`))))));
+      h("ul", {class: "plainlist"}, ...effect.parameters.map(p => h("li", {}, h("code", {}, `${effect.id}.${p.name}`), ` ${p.text}, ${p.lower} to ${p.upper}${p.unit === "1" ? "" : ` (${p.unit})`}${p.absent === null ? "" : `, absent at ${p.absent}`}`))))));
     allow(true);
     return true;
   } catch (error) {
