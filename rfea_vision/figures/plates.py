@@ -104,7 +104,7 @@ class Map(Plate):
 
 @dataclass(frozen=True)
 class Bars(Plate):
-    """Values by category, one set of bars per series."""
+    """Values by category, one set of bars per series; with `log_y` dots, as no bar has a foot there."""
 
     categories: tuple[str, ...]
     y: Axis

@@ -190,13 +190,24 @@ def _bars(axes: Any, plate: Bars) -> None:
     place = np.arange(len(plate.categories))
     for index, (label, values) in enumerate(plate.sets):
         colour = (_ORANGE, _BLUE, *_CYCLE)[index % 8]
-        axes.bar(place + (index - (count - 1) / 2) * 0.8 / count, values, 0.72 / count, label=label, color=colour)
+        where = place + (index - (count - 1) / 2) * 0.8 / count
+        if plate.log_y:  # a bar has a foot, and a logarithmic axis has no nought for it to stand on
+            axes.plot(where, values, "o", markersize=5, label=label, color=colour)
+        else:
+            axes.bar(where, values, 0.72 / count, label=label, color=colour)
     many = len(plate.categories) > 7
     turned = {"rotation": 35, "ha": "right"} if many else {}
     names = plate.categories if many else [fill(name, 22) for name in plate.categories]
     axes.set_xticks(place, names, **turned)
     if plate.log_y:
+        from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+        axes.set_xlim(-0.5, len(place) - 0.5)
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.grid(axis="y", linewidth=0.4, alpha=0.4)
     axes.set_xlabel(str(plate.x) if plate.x.label else "")
     axes.set_ylabel(str(plate.y))
     if count > 1:

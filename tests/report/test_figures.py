@@ -12,7 +12,7 @@ import xarray as xr
 from rfea_vision.errors import InputError
 from rfea_vision.figures import Lines, Map, Series, save_plates
 from rfea_vision.figures.models import _study, plates
-from rfea_vision.figures.plates import Axis
+from rfea_vision.figures.plates import Axis, Bars
 from rfea_vision.figures.runs import _trust
 from rfea_vision.figures.saving import as_svg
 from rfea_vision.report.collect import collect
@@ -60,6 +60,15 @@ def test_the_numbers_drawn_stand_beside_with_units(drawn, tmp_path):
         assert any(re.search(r"\[.+\]", column) for column in frame.columns)
     tip = next(plate for plate in chosen if plate.name.endswith("tip-y"))
     assert isinstance(tip, Lines) and [item.name for item in tip.series] == ["measured", "modelled"]
+
+
+def test_an_axis_of_decades_has_no_bars_and_plain_numbers(tmp_path):
+    sets = (("training", np.array([1.46, 0.085])), ("held out", np.array([1.46, 0.086])))
+    plate = Bars("ladder", "Ladder", ("base", "drag"), Axis("error", "mm"), sets, log_y=True)
+    (file, _) = save_plates([plate], tmp_path, formats=["svg"])
+    drawing = file.read_text()
+    assert len(re.findall(r'clip-path="[^"]*">\s*<use ', drawing)) == 2  # a set of dots each: no bar has a foot there
+    assert "10^{" not in drawing and re.search(r"\b0\.5\b", drawing)
 
 
 def test_twice_the_same_bytes(drawn, tmp_path):
