@@ -235,6 +235,9 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
     """What can only be seen over all experiments together."""
     if not experiments and complete:
         message = "no experiment here; each needs its own folder with an experiment.yaml ('rfea init DIR' writes one)"
+        if deeper := sorted(file.parent.glob("*/*/experiment.yaml")):
+            place = deeper[0].parent.relative_to(file.parent)
+            message = f"no experiment here, and one in {place}: move such folders up beside campaign.yaml"
         return [FileProblem(file, message)]
     problems = []
     names = [item.name for item in experiments]

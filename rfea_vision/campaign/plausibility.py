@@ -30,6 +30,8 @@ _VACUUM_KPA = -101.325  # no gauge pressure lies below
 _UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
 # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
 _TOO_LONG = 50.0
+# s of the units in which a log may count, and so seem short; the empty one stands for pictures in ms
+_LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
 # lengths of the tube that its tip may be from the clamp: a soft arm may stretch a little, and markers stand a little off
 _REACH = 1.15
 # lengths of the tube, and the share of rows, beyond which places are those of a slip or of rows without a tube: no tube stretches so
@@ -80,6 +82,9 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray) -> list[str]:
     if logged > _TOO_LONG * camera:
         return [f"{both}; is the time of the log in ms? pressure.time_unit says which unit it is in"]
     if camera > _TOO_LONG * logged:
+        unit = min(_LONG_UNITS, key=lambda name: abs(np.log(camera / max(logged, 1e-12) / _LONG_UNITS[name])))
+        if unit:
+            return [f"{both}; does the log count in units of one {unit}? Then write pressure.time_unit: {unit}"]
         return [f"{both}; is the time of the pictures in ms?"]
     return [f"{both}; only what both cover can be used"] if logged < 0.9 * camera else []
 

@@ -9,6 +9,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from types import FrameType
 
 import click
@@ -118,6 +119,9 @@ def run(arguments: list[str]) -> int:
     except click.ClickException as error:
         if "unexpected extra argument" in error.message and any(item.startswith("--") for item in arguments):
             advice = "An option takes one value: repeat it for more, as in --add maxwell --add coulomb."
+            error = click.UsageError(f"{error.message}. {advice}", getattr(error, "ctx", None))
+        elif "unexpected extra argument" in error.message and sum(Path(item).is_dir() for item in arguments) > 1:
+            advice = "One campaign at a time; 'rfea batch' runs many, 'rfea report --group' and '--compare' show them together."
             error = click.UsageError(f"{error.message}. {advice}", getattr(error, "ctx", None))
         if isinstance(error, click.NoSuchOption) and error.ctx is not None:
             error = _with_its_place(error, error.ctx)

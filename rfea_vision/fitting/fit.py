@@ -337,6 +337,16 @@ def _refuse_unknown_names(model: Model, options: FitOptions) -> None:
         raise InputError(f"{unknown[0]}: is no parameter of model {options.name}; it has {', '.join(model.names)}")
 
 
+def _refuse_impossible_lever(actuator: Actuator, options: FitOptions) -> None:
+    """Refuse a lever of the pressure that is held beyond the tube: no part of the bore is farther from its side than a diameter."""
+    lever_m, most_m = options.fixed.get("r_hyd", 0.0), 2 * actuator.outer_radius
+    if actuator.kind == "tube" and lever_m > most_m:
+        raise InputError(
+            f"--fix r_hyd={1e3 * lever_m:g}mm: is longer than the tube is wide (actuator.outer_radius: {1e3 * most_m / 2:g} mm); "
+            "check the unit"
+        )
+
+
 def fit_model(
     recordings: Mapping[str, Recording],
     actuator: Actuator,
@@ -363,6 +373,7 @@ def fit_model(
     """
     chosen = options or FitOptions()
     problem = make_problem(recordings, actuator, chosen)
+    _refuse_impossible_lever(actuator, chosen)
     _refuse_unknown_names(make_model(actuator, chosen, problem.mirror), chosen)
     fitted = fit(problem, chosen, progress)
     model = as_artefact(problem, fitted)

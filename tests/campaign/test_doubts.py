@@ -83,6 +83,7 @@ SLIPS = pytest.mark.parametrize(
         (_scaled("pressure_kPa", 0.001), "is it in bar or MPa?"),
         (_scaled("pressure_kPa", -3.0), "below vacuum; is its sign turned in the log?"),
         (_scaled("time_s", 1000.0), "is the time of the log in ms?"),
+        (_scaled("time_s", 1 / 86400), "does the log count in units of one day? Then write pressure.time_unit: day"),
         (_scaled("time_s", 1000.0, "track.csv"), "is the time of the pictures in ms?"),
         (_scaled(["tip_x_mm", "tip_y_mm"], 0.001, "track.csv"), "are these mm?"),
         (_scaled(["tip_x_mm", "tip_y_mm"], 1.3, "track.csv"), "is actuator.length that of the part that bends"),

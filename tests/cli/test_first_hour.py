@@ -237,3 +237,14 @@ def test_a_run_cannot_be_called_as_results_are(tmp_path, name):
     campaign = write_campaign(tmp_path / "c", {name: "train"})
     answer = rfea("check", campaign)
     assert answer.code == 2 and f"'{name}' is what rfea calls results of its own; choose another name" in answer.out
+
+
+def test_slips_of_a_first_hour_end_where_they_should(tmp_path):
+    first, second = write_campaign(tmp_path / "a"), write_campaign(tmp_path / "b")
+    assert "One campaign at a time; 'rfea batch' runs many" in rfea("fit", first, second).err
+    answer = rfea("fit", first, "--fix", "r_hyd=36mm")
+    assert answer.code == 2 and "r_hyd=36mm: is longer than the tube is wide (actuator.outer_radius: 4 mm)" in answer.err
+    (second / "runs").mkdir()
+    for name in ("steps", "sine"):
+        shutil.move(second / name, second / "runs" / name)
+    assert "and one in runs/sine: move such folders up beside campaign.yaml" in rfea("check", second).out
