@@ -196,9 +196,10 @@ def _unexplained(search: Search, found: Verdict) -> str:
     text = f"Structure of {rounded(left)} {unit} is left above the floor, and no effect of the catalogue is likely to be its cause."
     nearest = next((item for item in found.weighed if item.added), None)
     if nearest is not None:
+        told = " with ".join(f"{one} (probability {percent(found.probability[one])})" for one in nearest.added)
         text += (
-            f" The nearest, {' with '.join(nearest.added)}, removes {100 * nearest.share:.0f} % of the squared error, with a "
-            f"probability of {percent(nearest.probability)}. See the residual torque and what it depends on."
+            f" The nearest, {told}, removes {100 * nearest.share:.0f} % of the squared error. "
+            "See the residual torque and what it depends on."
         )
     return text
 
