@@ -14,6 +14,7 @@ from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residuals import as_rigged
+from rfea_vision.fitting.rules import pushed
 from rfea_vision.units import rounded
 
 DURATION_S = 8.0  # of the proposed run: room for two swings up and down, and pauses
@@ -144,8 +145,9 @@ def design_next(
     """Pressure that separates two fitted rivals best, by the RMS difference of their predictions (mm, deg where only an angle is seen).
 
     The best shape first; then its pace and its amplitude in turn, as long as either tells more, within what the rig has shown.
+    A rig on which no pressure ever changed has shown none: nothing is proposed.
     """
-    if len(rivals) < 2:
+    if len(rivals) < 2 or not pushed(problem.train):
         return None, None
     low, high, rate = limits(problem)
     shapes = profiles(low, high, rate, seed)

@@ -61,8 +61,9 @@ def offered(
     chosen = []
     for effect in find_effects([i for i in ids if i not in own], effect_files):
         tied_to_base = any(name in fitted.coordinates.names for name in effect.exactly_tied_to)
-        # Of a pressure that never changes neither its line nor what it lengthens can be told.
-        unpushed = not moving and (effect.id in line_effects() or effect.overrides("stretch"))
+        # Of a pressure that never changes neither its line, nor what it lengthens, nor the clock of its log can be told.
+        by_log = effect.id in line_effects() or effect.overrides("stretch") or effect.overrides("time_shift")
+        unpushed = not moving and by_log
         no_such_body = problem.actuator.kind in effect.not_of
         if tied_to_base or no_such_body or unpushed or (effect.id == "time_offset" and clocks_free):
             continue

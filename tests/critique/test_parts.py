@@ -17,7 +17,7 @@ from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
-from rfea_vision.critique.next_experiment import STEP_S, limits, profiles, shaped
+from rfea_vision.critique.next_experiment import STEP_S, design_next, limits, profiles, shaped
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import Sensitivity, offered
 from rfea_vision.critique.search import Search, Weighed
@@ -360,3 +360,11 @@ def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, 
     bore = {"variable_mass", "virtual_work", "compressibility", "radial_expansion"}
     assert bore & found == (bore if kind == "tube" else set())
     assert ("pressure_lag" in found) == moving
+    assert bool({"time_offset", "clock_drift"} & found) == moving  # without a push there is no log whose clock could differ
+
+
+def test_no_pressure_is_proposed_for_a_rig_that_has_none():
+    """Of rivals that ring-downs cannot tell apart: a run 'up to 0 kPa' would tell nothing."""
+    still = SimpleNamespace(excitation=SimpleNamespace(pressure=np.zeros(500), step_s=1e-3))
+    rival: Any = SimpleNamespace()
+    assert design_next(SimpleNamespace(train=[still]), (rival, rival), ("maxwell", "base_rotation"), 0) == (None, None)  # type: ignore[arg-type]
