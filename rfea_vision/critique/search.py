@@ -125,8 +125,10 @@ class Search:
         return min(tried, key=lambda t: t.cost, default=None)
 
     def _offered(self, trial: Trial) -> bool:
-        ids = {effect.id for effect in self.effects} | {SEGMENTS}
-        return {plain(one) for one in trial.effects - self.present.effects} <= ids
+        """Whether a set is a claim: of effects on offer, none without what it goes with (a second branch alone is the first one)."""
+        goes_with = {effect.id: set(effect.goes_with) for effect in self.effects} | {SEGMENTS: set()}
+        added, have = {plain(one) for one in trial.effects - self.present.effects}, set(map(plain, trial.effects))
+        return added <= goes_with.keys() and all(goes_with[one] <= have for one in added)
 
     def _weight(self, trial: Trial, names: set[str]) -> float:
         errors = trial.errors.on(names)

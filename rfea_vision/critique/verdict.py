@@ -194,7 +194,7 @@ def _unexplained(search: Search, found: Verdict) -> str:
     unit = search.floors.unit
     left = max(search.held**2 - search.floor**2, 0.0) ** 0.5
     text = f"Structure of {rounded(left)} {unit} is left above the floor, and no effect of the catalogue is likely to be its cause."
-    nearest = next((item for item in found.weighed if item.added), None)
+    nearest = next((item for item in found.weighed if item.added and item.share > 0), None)
     if nearest is not None:
         told = " with ".join(f"{one} (probability {percent(found.probability[one])})" for one in nearest.added)
         text += (

@@ -23,7 +23,7 @@ from rfea_vision.critique.screening import Sensitivity, offered
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.trials import Trials
-from rfea_vision.critique.verdict import _likely
+from rfea_vision.critique.verdict import _likely, _unexplained
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.noise import noise_floor_mm
@@ -347,6 +347,30 @@ def test_what_the_odds_do_not_decide_is_claimed_together(monkeypatch):
     assert probability["hysteresis"] == probability["mullins"] == pytest.approx(RULE.told(0.77))
 
 
+def test_a_second_branch_without_the_first_is_no_claim_of_its_own():
+    """It is the law of the first one, fitted where members of a set are left out in turn; it had taken two thirds of its claim."""
+    search: Any = object.__new__(Search)
+    search.effects = find_effects(["maxwell", "maxwell_2", "drag"])
+    search.present = SimpleNamespace(effects=frozenset({"drag"}))
+    for added, claim in (({"maxwell"}, True), ({"maxwell_2"}, False), ({"maxwell:logarithmic", "maxwell_2"}, True)):
+        assert search._offered(SimpleNamespace(effects=frozenset(added | {"drag"}))) == claim
+    search.present = SimpleNamespace(effects=frozenset({"maxwell"}))
+    assert search._offered(SimpleNamespace(effects=frozenset({"maxwell", "maxwell_2"})))
+
+
+def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
+    rows: list[Any] = [
+        Weighed(SimpleNamespace(), (name,), 0.0, 0.1, share)  # type: ignore[arg-type]
+        for name, share in (("drag", -0.3), ("payload", 0.2))
+    ]
+    search: Any = SimpleNamespace(floors=SimpleNamespace(unit="deg"), floor=0.1, held=1.0)
+    found: Any = SimpleNamespace(weighed=rows, probability={"drag": 0.03, "payload": 0.1})
+    said = _unexplained(search, found)
+    assert "payload (probability 10 %), removes 20 %" in said and "drag" not in said
+    found.weighed = rows[:1]
+    assert "nearest" not in _unexplained(search, found)
+
+
 @pytest.mark.parametrize(
     ("kind", "moving", "looked_for"), [("tube", True, False), ("rod", True, True), ("rod", False, False)]
 )
@@ -360,7 +384,9 @@ def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, 
     bore = {"variable_mass", "virtual_work", "compressibility", "radial_expansion"}
     assert bore & found == (bore if kind == "tube" else set())
     assert ("pressure_lag" in found) == moving
-    assert bool({"time_offset", "clock_drift"} & found) == moving  # without a push there is no log whose clock could differ
+    assert (
+        bool({"time_offset", "clock_drift"} & found) == moving
+    )  # without a push there is no log whose clock could differ
 
 
 def test_no_pressure_is_proposed_for_a_rig_that_has_none():
