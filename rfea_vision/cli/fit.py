@@ -10,6 +10,7 @@ import click
 from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.options import ask, campaign_options, opened
 from rfea_vision.options import FitOptions
+from rfea_vision.units import rounded
 
 if TYPE_CHECKING:
     from rfea_vision.artefacts import ModelFit
@@ -46,7 +47,7 @@ def print_model(model: ModelFit) -> None:
         [
             name,
             f"{item.value:.6g}",
-            "-" if item.stderr is None else f"{item.stderr:.2g}",
+            "-" if item.stderr is None else rounded(item.stderr, 2),
             item.unit,
             "fixed" if item.fixed else item.note,
         ]

@@ -22,7 +22,7 @@ from rfea_vision.critique.verdict import Verdict, decide, remainder_of, sets_of
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
 from rfea_vision.fitting.ratio import lever_free
-from rfea_vision.fitting.scoring import options_of
+from rfea_vision.fitting.scoring import options_of, worse_than_nothing
 from rfea_vision.options import CritiqueOptions
 
 #: What a bar of progress is told to expect: about so many refits.
@@ -175,7 +175,8 @@ def diagnose(
         problem, fitted, asked, candidates=candidates, where=where, goes_with=goes_with, progress=progress,
         scored=held_of(model),
     )  # fmt: skip
-    return judgement.diagnosis, judgement.next_pressure
+    said = [*worse_than_nothing(model.experiments), *judgement.diagnosis.warnings]
+    return judgement.diagnosis.model_copy(update={"warnings": said}), judgement.next_pressure
 
 
 __all__ = ["Judgement", "diagnose", "held_of", "judge", "refit_artefact"]

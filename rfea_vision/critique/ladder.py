@@ -27,7 +27,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
-from rfea_vision.fitting.scoring import as_artefact, score
+from rfea_vision.fitting.scoring import as_artefact, score, worse_than_nothing
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
 
@@ -155,10 +155,12 @@ class _Climb:
     last: Step = field(default_factory=Step)
     before: Fitted | None = None
     floor: float = 0.0
+    doubts: list[str] = field(default_factory=list)
 
     def note(self, artefact: ModelFit, diagnosis: Diagnosis) -> None:
         """Write a rung down."""
         self.floor = diagnosis.noise_floor_mm or diagnosis.noise_floor_deg or 0.0
+        self.doubts = worse_than_nothing(artefact.experiments)
         bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
         self.rungs.append(
             Rung.of(
@@ -202,7 +204,7 @@ class _Climb:
             noise_floor_mm=self.floor if in_mm else None,
             noise_floor_deg=None if in_mm else self.floor,
             stopped_because=stopped,
-            findings=_findings(self.rungs, titles, test, self.floor, unit, stopped),
+            findings=_findings(self.rungs, titles, test, self.floor, unit, stopped, self.doubts),
         )
 
 
@@ -332,6 +334,7 @@ def _findings(
     floor: float | None,
     unit: str,
     stopped: str,
+    doubts: Sequence[str] = (),
 ) -> list[str]:
     out = []
     what = "tip error" if unit == "mm" else "error of the bend angle"
@@ -348,6 +351,7 @@ def _findings(
         fall = f"fell from {rounded(test[f'first_model_{key}'])} to {rounded(test[key])} {unit}"
         out.append(f"On test runs, on which nothing was chosen, it {fall}.")
     if floor:
-        out.append(f"The noise floor is {rounded(floor)} {unit}.")
+        out.append(f"The floor below which no model gets is {rounded(floor)} {unit}.")
+    out += doubts
     out.append(f"Stopped because {stopped}")
     return out

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.fitting.coordinates import base_reference, stiffness_per_modulus
 from rfea_vision.fitting.refit import Fitted, carried
+from rfea_vision.units import rounded
 
 #: Young's modulus of PDMS, Pa, over the usual curing temperatures: Johnston et al. 2014, doi:10.1088/0960-1317/24/3/035017.
 PDMS_MODULUS = (1.3e6, 3.0e6)
@@ -32,14 +33,14 @@ def alarms(fitted: Fitted, actuator: Actuator) -> list[str]:
     extra = values.get("payload.m", 0.0)
     if extra > own:
         out.append(
-            f"A payload of {extra * 1e3:.2g} g is more than the {'filled tube' if actuator.kind == 'tube' else 'beam'} weighs "
-            f"({own * 1e3:.2g} g): weigh it, and give it as a prior."
+            f"A payload of {rounded(extra * 1e3, 2)} g is more than the {'filled tube' if actuator.kind == 'tube' else 'beam'} weighs "
+            f"({rounded(own * 1e3, 2)} g): weigh it, and give it as a prior."
         )
     modulus = values["k_ref"] / stiffness_per_modulus(actuator, fitted.options.segments)
     low, high = PDMS_MODULUS[0] / MODULUS_FACTOR, PDMS_MODULUS[1] * MODULUS_FACTOR
     if actuator.material.upper() == "PDMS" and not low <= modulus <= high:
         out.append(
-            f"The stiffness at rest is that of a wall with a Young's modulus of {modulus / 1e6:.2g} MPa, far from PDMS "
+            f"The stiffness at rest is that of a wall with a Young's modulus of {rounded(modulus / 1e6, 2)} MPa, far from PDMS "
             f"({PDMS_MODULUS[0] / 1e6:.1f} to {PDMS_MODULUS[1] / 1e6:.1f} MPa): check the radii and the unit of the pressure."
         )
     return out

@@ -13,6 +13,7 @@ from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted, refit, refit_from, with_solution
 from rfea_vision.fitting.uncertainty import uncertainty_of
 from rfea_vision.options import FitOptions
+from rfea_vision.units import rounded
 
 #: A lever that the data tell no better than to this share is not told by them: its bounds are 25 % apart.
 LOOSE_SHARE = 0.1
@@ -65,7 +66,7 @@ def lever_free(fitted: Fitted) -> FitOptions:
 def about_ratio(parameters: Mapping[str, tuple[float, float | None]], lever: float) -> str:
     """The sentence on a lever that was held because only the ratio is told; values with their 95 % half widths, SI."""
     value, half = parameters["k_ref"]
-    within = "" if half is None else f" ± {half / lever:.2g}"
+    within = "" if half is None else f" ± {rounded(half / lever, 2)}"
     return (
         f"k / r_hyd: these runs tell only the ratio, k_ref / r_hyd = {value / lever:.4g}{within} N/rad (95 %); r_hyd was held at "
         f"{lever * 1e3:.3g} mm, and k and b go with it."

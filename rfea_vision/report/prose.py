@@ -12,7 +12,12 @@ from rfea_vision.report.series import with_rivals
 from rfea_vision.report.shown import errors_of
 
 # The headline names the effects, the tiles the noise floor, and the diagnosis tells why the search ended: once is enough.
-_SAID_ELSEWHERE = ("The noise floor is", "Stopped because", "Missing from the paper's model, and added")
+_SAID_ELSEWHERE = (
+    "The noise floor is",
+    "The floor below which",
+    "Stopped because",
+    "Missing from the paper's model, and added",
+)
 
 # What was not asked for is said in its own section.
 _NO_FINDING = ("No camera was calibrated", "No ladder yet")

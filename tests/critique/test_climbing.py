@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Candidate, Diagnosis, Ladder, ModelFit, Recording
+from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, Ladder, ModelFit, Recording
 from rfea_vision.critique import diagnose, improve
 from rfea_vision.critique.diagnosis import judge
-from rfea_vision.critique.ladder import Step, next_step, rest_of_set
+from rfea_vision.critique.ladder import Step, _Climb, _findings, next_step, rest_of_set
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
 from rfea_vision.effects.catalogue import find_effects
@@ -62,6 +63,19 @@ def test_a_part_is_named_with_its_share_and_what_is_left_is_said(campaign):
     assert row.probability > 0.5 and 0.6 < row.share < 0.999
     assert diagnosis.remainder.share == pytest.approx(1 - row.share) and "left" in diagnosis.remainder.sentence
     assert sum(s.probability for s in diagnosis.sets) == pytest.approx(1 - RULE.outside, abs=0.01)
+
+
+def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves():
+    """Its verdict is about a model that tells nothing of the runs; only the fit had said so."""
+    model = ModelFit(
+        name="base", segments=2, parameters={}, metrics={},
+        experiments={name: ExperimentScore(role="train", normalised_fit_percent=fit) for name, fit in (("a", -5.0), ("b", 60.0))},
+    )  # fmt: skip
+    climb = _Climb(SimpleNamespace(), (), SimpleNamespace())  # type: ignore[arg-type]
+    climb.note(model, Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9))
+    said = _findings(climb.rungs, [], None, climb.floor, "deg", "so", climb.doubts)
+    assert said[0] == "The floor below which no model gets is 22.9 deg."
+    assert said[1].startswith("a: the model is farther from the track than a tube that never moves") and len(said) == 3
 
 
 def test_a_stand_in_is_taken_only_where_one_is_asked_for_and_called_so():

@@ -15,6 +15,7 @@ from rfea_vision.fitting.fit import fit, make_problem, refit
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.profile import _scale_and_step
+from rfea_vision.fitting.ratio import about_ratio
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.scoring import as_artefact, gaps, options_of, pooled, worse_than_nothing
 from rfea_vision.fitting.studies import enough_segments, leave_one_out, segments_study
@@ -245,3 +246,8 @@ def test_a_profile_under_the_robust_loss_counts_wrong_frames_no_more_than_the_fi
         return _scale_and_step(fitted, "k_ref", untold)[0]
 
     assert scale(np.minimum(1.0, 5.0 / residual)) == pytest.approx(scale(np.ones(100)) / 200, rel=0.05)
+
+
+def test_an_interval_of_hundreds_is_written_out():
+    assert "= 554.2 ± 102 N/rad" in about_ratio({"k_ref": (22.168, 4.1)}, 0.04)
+    assert "= 34.4 ± 2.0 N/rad" in about_ratio({"k_ref": (0.43, 0.025)}, 0.0125)
