@@ -187,7 +187,7 @@ def _experiment_problems(
         if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
             apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
             shifted = track.time_s + apart_s + (experiment.sync.value_s or 0.0)
-            said += plausibility.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa)
+            said += plausibility.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
     problems += [_warning(experiment, "pressure", text) for text in said]
     return problems
 

@@ -41,6 +41,7 @@ _STILL = 0.05
 # Of the pressure's variance, that a linear function of the tip's place, up to half a second later, gives again: 0.85 to 1.00 over the
 # runs of a twin and of a real finger, 0.26 for a staircase beside the log of a sum of sines.
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
+_HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
 
 
 def of_pressure(pressure_kPa: FloatArray, chambers: Mapping[str, FloatArray]) -> list[str]:
@@ -114,11 +115,17 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
     return []
 
 
-def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray) -> list[str]:
+def of_pair(
+    track: xr.Dataset,
+    time_s: FloatArray,
+    log_s: FloatArray,
+    pressure_kPa: FloatArray,
+    pushes_kPa: Mapping[str, FloatArray] | None = None,
+) -> list[str]:
     """Doubt that a log belongs to a run: a tube follows its pressure, and its motion tells most of it again.
 
-    `time_s` (frames,) are those of the frames on the log's clock, `log_s` and `pressure_kPa` (samples,) the log's. Runs that are
-    alike cannot be told apart by this.
+    `time_s` (frames,) are those of the frames on the log's clock, `log_s` and `pressure_kPa` (samples,) the log's; `pushes_kPa`
+    of several chambers what each adds to that sum, with its sign. Runs that are alike cannot be told apart by this.
     """
     motion = (
         track["tip"].values
@@ -144,9 +151,36 @@ def of_pair(track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_k
             shares.append(1.0 - float(np.var(left) / np.var(pressure)))
     if not shares or max(shares) >= _FOLLOWS:
         return []
+    if pushes_kPa and len(pushes_kPa) > 1:
+        share, against = _each_for_itself(motion[seen], time_s[seen], log_s, pushes_kPa)
+        if share >= _FOLLOWS:  # it is the log of this run: levers that differ are for the fit to find, a sign is not
+            return [
+                f"the motion follows the chambers to {100 * share:.0f} %, but {', '.join(against)} against the others by the signs "
+                "that they have; is a sign the wrong way round?"
+            ] * bool(against)
     return [
         f"the motion follows this pressure to {100 * max(max(shares), 0.0):.0f} % only; is it the log of another run?"
     ]
+
+
+def _each_for_itself(
+    motion: FloatArray, time_s: FloatArray, log_s: FloatArray, pushes_kPa: Mapping[str, FloatArray]
+) -> tuple[float, list[str]]:
+    """How much of a motion (n, 1 or 2) several chambers tell, each with a lever of its own, and which bend against the strongest."""
+    centred = motion - motion.mean(axis=0)
+    bend = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    best, against = 0.0, list[str]()
+    for lag_s in _LAGS_S:
+        pushes = np.column_stack([np.interp(time_s - lag_s, log_s, push) for push in pushes_kPa.values()])
+        pushes -= pushes.mean(axis=0)
+        levers = np.linalg.lstsq(pushes, bend, rcond=None)[0]
+        share = 1.0 - float(np.var(bend - pushes @ levers) / np.var(bend))
+        if share > best:
+            moves = levers * pushes.std(axis=0)
+            leads = moves[np.abs(moves).argmax()]
+            odd = moves / leads < -_HARDLY
+            best, against = share, [f"'{name}'" for name, is_odd in zip(pushes_kPa, odd, strict=True) if is_odd]
+    return best, against
 
 
 def _stillness(motion: FloatArray, unit: str) -> str:

@@ -57,6 +57,11 @@ class PressureLog:
         refuse_rows(where, "time", steps < 0, "is earlier than the row before", "sort the log by time, or split it")
         refuse_rows(where, "time", steps == 0, "repeats the row before", "remove the duplicate")
 
+    @property
+    def pushes_kPa(self) -> dict[str, FloatArray]:
+        """What each of several chambers adds to the pressure (n,), with its sign; empty of one."""
+        return {name: self.signs.get(name, 1) * values for name, values in self.chambers.items()}
+
     def zero_apart_s(self, other_s: float | None) -> float:
         """Return at what time of this log another clock's zero lies; 0 unless both name dates: the zeros are then one."""
         return 0.0 if other_s is None or self.clock_zero_s is None else other_s - self.clock_zero_s
@@ -133,7 +138,9 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
     else:
         time_s = in_unit(table, time_name, "s", "pressure.time", spec.time_unit)
     if time_name is not None and (np.diff(time_s) < 0).any() and (np.diff(pressure_kPa) > 0).all():
-        text = f"goes up and down, and '{pressure_name}' rises in every row, as a clock does; are the two columns swapped?"
+        text = (
+            f"goes up and down, and '{pressure_name}' rises in every row, as a clock does; are the two columns swapped?"
+        )
         raise InputError(f"{table.source}: pressure.time: '{time_name}' {text}")
     others = {
         other: table.numbers(other)

@@ -54,7 +54,9 @@ def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
 def log_warnings(recording: Recording, log: PressureLog) -> dict[str, str]:
     """The same, and that it belongs to the run, as an attribute of the recording."""
     seen_s = recording.time_s
-    said = log_doubts(log, seen_s) or plausibility.of_pair(recording.dataset, seen_s, log.time_s, log.pressure_kPa)
+    said = log_doubts(log, seen_s) or plausibility.of_pair(
+        recording.dataset, seen_s, log.time_s, log.pressure_kPa, log.pushes_kPa
+    )
     return {"pressure_doubts": "; ".join(f"pressure: {text}" for text in said)} if said else {}
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from rfea_vision.campaign.check import check_campaign
+from rfea_vision.campaign.plausibility import of_pair
 from rfea_vision.errors import DataError
 from tests.cli.console import rfea
 
@@ -138,3 +140,27 @@ def test_a_run_that_is_right_is_not_doubted(tmp_path, monkeypatch):
     folder = write_campaign(tmp_path / "campaign")
     monkeypatch.setattr("rfea_vision.stages.mechanics._fitted", _far_enough)
     assert "warning" not in rfea("fit", folder).err
+
+
+@pytest.mark.parametrize(
+    ("levers", "signs", "says"),
+    [
+        ((1.0, -0.2), (1, -1), None),  # as it is
+        ((1.0, -0.2), (1, 1), "but 'two' against the others"),
+        ((-0.5, 0.4), (1, 1), "but 'one' against the others"),
+        ((1.0, 0.05), (1, 1), None),  # one that hardly moves the body, but swings the sum
+        ((0.0, 0.0), (1, 1), "is it the log of another run?"),
+    ],
+)
+def test_a_chamber_with_the_wrong_sign_is_not_the_log_of_another_run(levers, signs, says):
+    """Two chambers played apart: their sum is nothing that the body follows, each for itself is."""
+    time_s = np.arange(0, 40, 0.05)
+    pressures = [20 * (1 + np.sin(0.9 * time_s)), 40 * (1 + np.sin(0.37 * time_s + 1))]
+    other = 15 * np.sign(np.sin(1.7 * time_s + 0.5))  # what no chamber does
+    angle = sum(lever * p for lever, p in zip(levers, pressures, strict=True)) + (
+        other if not any(levers) else 0.1 * other
+    )
+    track = xr.Dataset({"bend_angle": ("time", angle)})
+    pushes = {name: sign * p for name, sign, p in zip(("one", "two"), signs, pressures, strict=True)}
+    said = of_pair(track, time_s, time_s, sum(pushes.values()), pushes)
+    assert said == [] if says is None else len(said) == 1 and says in said[0]
