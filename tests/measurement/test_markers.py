@@ -56,12 +56,35 @@ def test_single_marks_tell_each_stretch_between_them():
     first = {0.25: (25.0, 0.2), 0.75: (75.0, 0.2)}
     drawn = {0.25: (32.5, 0.2), 0.75: (87.5, 0.2)}
     material, lengths = [first, drawn, {0.75: (87.5, 0.2)}], np.array([100.0, 112.5, 112.5])
-    marked = elongation_between(material, lengths, np.full(3, 0.5), 4)
+    straight, exact = np.zeros((3, 5)), np.zeros(3)
+    marked = elongation_between(material, lengths, np.full(3, 0.5), straight, exact, 4)
     assert marked.elongation[0] == pytest.approx(np.zeros(4), abs=1e-12)
     assert marked.elongation[1] == pytest.approx([0.3, 0.1, 0.1, 0.0])
     assert marked.elongation[2] == pytest.approx([1 / 6, 1 / 6, 1 / 6, 0.0])
     assert marked.sigma[1] == pytest.approx(
         np.sqrt(2) * np.array([0.2 / 25, np.hypot(0.2, 0.2) / 50, np.hypot(0.2, 0.2) / 50, np.hypot(0.2, 0.5) / 25])
     )
-    late = elongation_between([{0.5: (50.0, 8.0)}], lengths[:1], np.full(1, 0.5), 4)
+    late = elongation_between([{0.5: (50.0, 8.0)}], lengths[:1], np.full(1, 0.5), straight[:1], exact[:1], 4)
     assert np.isnan(late.elongation).all()  # known to a fifth only
+
+
+@pytest.mark.parametrize("lasting", [1, 3])
+def test_marks_are_as_certain_as_their_scatter_and_the_bend_let_them(lasting):
+    """Places that scatter by 0.1 mm, also where that lasts for three frames, on a line that may lie 0.5 mm beside the middle."""
+    rng = np.random.default_rng(2)
+    count, t = 240, np.arange(240) / 240
+    lengths = 100.0 * (1.0 + 0.1 * np.sin(2 * np.pi * t))
+    bend = 2.0 * np.sin(2 * np.pi * t)
+    noise = np.repeat(rng.normal(0.0, 0.1, (count // lasting, 2)), lasting, axis=0)
+    off = 0.3 * bend * np.array([[0.25], [0.75]])  # the line lies 0.3 mm to one side: it is longer by so much up to each mark
+    places = lengths * np.array([[0.25], [0.75]]) + off + noise.T
+    material = [{0.25: (a, 0.8), 0.75: (b, 0.8)} for a, b in places.T]
+    headings = bend[:, None] * np.linspace(0, 1, 9)
+    marked = elongation_between(material, lengths, np.full(count, 0.1), headings, np.full(count, 0.5), 4)
+    wrong = marked.elongation - (lengths / lengths[0] - 1.0)[:, None]
+    middle = slice(1, 3)  # between the two marks
+    z = (wrong / marked.sigma)[:, middle]
+    assert np.abs(z).max() < 4.0 and 0.5 < np.sqrt(np.mean(z**2)) < 1.3
+    at_rest = np.abs(bend) < 0.1
+    assert marked.sigma[at_rest, 1] == pytest.approx(2.0 * 0.1 / 50.0, rel=0.25)
+    assert marked.sigma[count // 4, 1] == pytest.approx(np.hypot(0.2, 0.5) / 50.0, rel=0.15)

@@ -29,6 +29,9 @@ PRIOR_STRAIN = 0.1  # how much neighbouring segments may differ, a priori: far m
 PLACE_FLOOR = 0.06  # of a sample: what interpolation and the curve's own parameter leave in the place of a mark
 FIT_LEAST = 0.6  # correlation of warped and seen profile
 
+STRIDES = (1, 2, 4, 8)  # frames between the places of a mark whose scatter is looked at
+FEWEST_DIFFERENCES = 8  # of which a scatter is told
+
 ASSUMPTION = (
     "marks on the tube move with it, clamp and tip are its ends; nothing is assumed about an inextensible side: "
     "stretch of the centre line against the straightest frames"
@@ -209,7 +212,12 @@ def marker_elongation(profiles: FloatArray, length_mm: FloatArray, bend_rad: Flo
 
 
 def elongation_between(
-    material: list[dict[float, tuple[float, float]]], length_mm: FloatArray, tip_mm: FloatArray, segments: int
+    material: list[dict[float, tuple[float, float]]],
+    length_mm: FloatArray,
+    tip_mm: FloatArray,
+    heading_rad: FloatArray,
+    across_mm: FloatArray,
+    segments: int,
 ) -> Marked:
     """What lies between the clamp, single marks and the tip, over what it was in the first frame, less one.
 
@@ -218,19 +226,27 @@ def elongation_between(
     material : of every valid frame the marks that were seen, by their share of the length in the first frame: mm along the
         centre line, and its standard error
     length_mm, tip_mm : (t,) length of the centre line, and standard error of its end along it
+    heading_rad : (t, n) direction of the centre line at even shares of its length
+    across_mm : (t,) how far the whole line may lie beside the body's middle: where it has turned, it is as much longer or shorter
     segments : parts of equal length in the first frame; those between the same two marks share one value
     """
     joints = np.linspace(0, length_mm[0], segments + 1)
+    noise_mm = {
+        share: _scatter_mm(material, length_mm, share) for share in sorted({s for seen in material for s in seen})
+    }
+    evenly = np.linspace(0, 1, heading_rad.shape[1])
     elongation, sigma = np.full((len(material), segments), np.nan), np.full((len(material), segments), np.nan)
     for t, seen in enumerate(material):
         shares = np.array([0.0, *sorted(seen), 1.0])
         at_rest = shares * length_mm[0]
-        places, errors = np.array([(0.0, 0.0), *(seen[share] for share in sorted(seen)), (length_mm[t], tip_mm[t])]).T
+        marks = [(seen[share][0], noise_mm[share] or seen[share][1]) for share in sorted(seen)]
+        places, errors = np.array([(0.0, 0.0), *marks, (length_mm[t], tip_mm[t])]).T
         parts = np.diff(at_rest)
         if np.any(parts <= 0) or np.any(np.diff(places) <= 0):
             continue
+        turned = np.interp(places / length_mm[t], evenly, heading_rad[t]) - np.interp(shares, evenly, heading_rad[0])
         # Both frames err; the clamp is the same place in both.
-        spread = np.sqrt(2.0) * np.hypot(errors[1:], errors[:-1]) / parts
+        spread = np.hypot(np.sqrt(2.0) * np.hypot(errors[1:], errors[:-1]), across_mm[t] * np.diff(turned)) / parts
         first = np.clip(np.searchsorted(at_rest, joints[:-1], side="right") - 1, 0, len(parts) - 1)
         last = np.clip(np.searchsorted(at_rest, joints[1:], side="left") - 1, 0, len(parts) - 1)
         error = np.array([spread[a : b + 1].max() for a, b in zip(first, last, strict=True)])
@@ -239,6 +255,22 @@ def elongation_between(
         elongation[t, known], sigma[t, known] = drawn[known], error[known]
     said = ASSUMPTION.replace("the straightest frames", "the first frame")
     return Marked(elongation, sigma, {"marker_elongation_assumption": said})
+
+
+def _scatter_mm(material: list[dict[float, tuple[float, float]]], length_mm: FloatArray, share: float) -> float:
+    """Standard error of a mark's place from its scatter about a smooth motion; zero where it was seen too rarely to tell.
+
+    By third differences of its share of the line, over ever longer steps, since in compressed pictures errors last over frames;
+    all of them count alike: a body that rests for most of a film scatters less then.
+    """
+    places = np.array([seen[share][0] if share in seen else np.nan for seen in material]) / length_mm
+    largest = 0.0
+    for stride in STRIDES:
+        third = np.diff(places[: len(places) // stride * stride].reshape(-1, stride), n=3, axis=0)
+        third = third[np.isfinite(third)]
+        if len(third) >= FEWEST_DIFFERENCES:
+            largest = max(largest, float(np.sqrt(np.mean(third**2) / 20.0)))  # 1 + 9 + 9 + 1 times the variance
+    return largest * float(np.mean(length_mm))
 
 
 def uniformity(elongation: FloatArray, covariance: FloatArray) -> dict[str, float | str]:

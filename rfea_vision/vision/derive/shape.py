@@ -26,6 +26,7 @@ from rfea_vision.vision.find.begin import Scene
 
 STRAIGHTEST_SHARE = 0.1
 WITH_BEND = 2.0  # variance that is not noise, over what of it the length shows: not what changes slowly with the bend
+HEADINGS = 65  # places along the line at which its direction is read for what lies between marks
 STILL = 1.5  # variance of the start across the tube, over what its scatter misses
 CLAMP_SHARE = 0.7  # the clamp is read on the tube and on both sides of it, the end by its own light only
 PRECISE = ("midline", "tip", "bend_angle", "elongation", "length", "hinge_length")  # kept in double precision
@@ -85,7 +86,8 @@ def build_dataset(
         marked = marker_elongation(profile / 256.0, data["length"][1], numbers[:, fitted.BEND], rows.segments)
     elif any(rows.material):
         errors = np.sqrt(numbers[:, fitted.TIP_VARIANCE])
-        marked = elongation_between(rows.material, data["length"][1], errors, rows.segments)
+        headings = angles(coefficients, sign, np.linspace(0, 1, HEADINGS))
+        marked = elongation_between(rows.material, data["length"][1], errors, headings, doubted.across, rows.segments)
     if marked is not None:
         marks = marked.attributes
         data["marker_elongation"] = (("time", "segment"), marked.elongation)
