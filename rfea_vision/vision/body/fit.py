@@ -140,6 +140,8 @@ def fit_body(
     total = np.zeros(UNKNOWNS)
     normal_matrix = np.eye(UNKNOWNS)
     shape = BENDING / (POINTED_SHAPE_PX if skin is None else SHAPE_PX) ** 2
+    foretold = np.linalg.inv(prior)[ALONG, ALONG] if skin is not None else np.zeros((6, 6))
+    slips = np.sqrt(np.einsum("si,ij,sj->s", ALONG_BASIS, foretold, ALONG_BASIS))  # px that it may have slipped along itself
     swells = SWELLS * float(np.median(rest_half))
     moved, backing = 0.0, np.ones(STATIONS)
     for turn in range(TURNS):
@@ -158,7 +160,8 @@ def fit_body(
             leans = LEANS * float(np.median(body.half)) if marks else 0.0
             _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0), leans)
         if skin is not None:
-            match_skin(cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin[:2], information, pull, alike)
+            strip = cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin[:2]
+            match_skin(*strip, slips, information, pull, alike)
             information[:, [1, 2, 4]] *= skin[2]
             pull[:, 1] *= skin[2]
             # The skin of an earlier frame counts where enough of it is recognised.

@@ -177,12 +177,13 @@ def read_strip(picture, points, normals, half, across, out):
 
 
 @compiled
-def match_skin(picture, points, normals, half, across, skin, variance, information, pull, alike):
+def match_skin(picture, points, normals, half, across, skin, variance, slips, information, pull, alike):
     """How the skin lies beside its place: `information` (S, 6) nn, nt, tt, nw, tw, ww and `pull` (S, 3), per station.
 
     One Gauss-Newton step on the robust difference between picture and `skin` (S, V, 3) of known `variance`, without what
     a change of the light does to all of a station: across (n) and along (t) the body, and in its half width (w).
-    `alike` (S,) is the share of pixels that agree.
+    What differs by more than noise and a slip of `slips` (S,) px along the body can make is another skin. `alike` (S,) is the
+    share of pixels that agree.
     """
     count, width = skin.shape[:2]
     here, ahead, behind = np.empty((width, 3)), np.empty(3), np.empty(3)
@@ -210,7 +211,7 @@ def match_skin(picture, points, normals, half, across, skin, variance, informati
             for v in range(width):
                 off = here[v, c] - skin[s, v, c] - light
                 alike[s] += (abs(off) < ALIKE) / (3.0 * width)
-                share = off * off / (9.0 * variance[s, v, c])
+                share = off * off / (9.0 * (variance[s, v, c] + (slips[s] * slope[v, c, 1]) ** 2))
                 if share >= 1.0:
                     continue
                 weight = INDEPENDENT * (1.0 - share) ** 2 / variance[s, v, c]
