@@ -98,8 +98,7 @@ def track_frames(
             rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
             if follower.start is None and done >= GIVE_UP_AFTER:
                 break
-            known = len(rows) - rows.good - rows.copies > (1.0 - EDGES_ALONE) * EDGES_TRIED
-            if pointed and (known or (len(rows) >= EDGES_TRIED and rows.share < EDGES_ALONE)):
+            if pointed and too_few(len(rows), rows.good, rows.copies):
                 break
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))
@@ -128,6 +127,13 @@ def track_frames(
         attributes["advice"] = next_hint(source, scene, rows.reasons)
     rows.marked = follower.marked and follower.good >= 3
     return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter))
+
+
+def too_few(frames: int, good: int, copies: int) -> bool:
+    """Whether the edges read less than `EDGES_ALONE` of the frames that are no copies; from `EDGES_TRIED` frames on, or where that is sure."""
+    if frames < EDGES_TRIED:
+        return frames - copies - good > (1.0 - EDGES_ALONE) * EDGES_TRIED
+    return good < EDGES_ALONE * max(frames - copies, 1)
 
 
 def wrong_side(bend_deg: FloatArray, bends: str) -> str:

@@ -19,7 +19,7 @@ from rfea_vision.vision.body.model import SHARES, STATIONS
 from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.derive.rows import Rows
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.track import make_scene, too_few
 from testing.phone import Arm, Room, clear_scene, film, scene
 
 SMALL = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clutter=3, seed=4)
@@ -168,6 +168,14 @@ def test_copies_of_a_moving_arm_are_said_and_do_not_count_against_a_film():
         rows.append(float(frame), follower.next(picture, float(frame)), follower)
     assert [reason == "duplicate" for reason in rows.reasons] == [False, *[False, True] * 3, *[False] * 3]
     assert rows.good == 7 and rows.share == 1.0
+
+
+def test_edges_are_given_up_once_they_must_be_and_not_later_for_what_they_missed_before():
+    """Of 31 frames 6 may be missed; a film of 160 frames that misses ten of them is read by its edges to the end."""
+    assert [too_few(10, 10 - missed, 0) for missed in (0, 6, 7, 10)] == [False, False, True, True]
+    assert [too_few(31, 31 - missed, 0) for missed in (6, 7)] == [False, True]
+    assert not too_few(49, 42, 0) and not too_few(160, 150, 0) and too_few(160, 120, 0)
+    assert not too_few(40, 20, 20), "copies do not count"
 
 
 def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
