@@ -305,6 +305,11 @@ class Effect:
         """Share by which lengths from the clamp grow at a pressure in the tube (Pa); of several chambers at their sum."""
         return sp.Integer(0)
 
+    @hook("s", latex=r"{0}\, \dot{{p}}' = p - p'", of=())
+    def stretch_time_constant(self) -> sp.Expr:
+        """First-order lag (s) by which the stretch follows the pressure."""
+        return sp.Integer(0)
+
     # between the tube and the file -------------------------------------------------------------------------------
     @hook("m", "m", latex=r"x' = {0},\quad y' = {1}", of=("x", "y"), passes_on=True)
     def observed_position(self, x: sp.Expr, y: sp.Expr, mirror: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:

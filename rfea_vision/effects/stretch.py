@@ -24,3 +24,18 @@ class Stretch(Effect):
 
     def stretch(self, pressure: sp.Symbol) -> sp.Expr:
         return self.c * pressure
+
+
+class LateStretch(Stretch):
+    """The same, p behind a lag T: the rubber gives way in its own time (a spring and a damper side by side, Kelvin and Voigt)."""
+
+    form = "late"
+    parameters = {
+        **Stretch.parameters,
+        "T": EffectParameter(
+            "s", None, 0.005, 20.0, 0.5, "time constant of the lengthening", grid=(0.1, 0.5, 2.0), display="ms"
+        ),
+    }
+
+    def stretch_time_constant(self) -> sp.Expr:
+        return self.T

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.dynamics.line import sensed
+from rfea_vision.dynamics.excitation import Excitation, lagged
+from rfea_vision.dynamics.line import scalar, sensed
 from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.fitting.nuisance import eliminate
 from rfea_vision.fitting.observed import Observed
@@ -136,8 +137,7 @@ def _predict(
             extended[:, :, column] += motion.rate * slope[:, None]
     seen = replace(motion, message="", sensitivity=extended)
     pressure = item.excitation.at(frames, model.combined(par, item.excitation)[0])
-    own = [item.excitation.at(frames, values) for _, values in item.excitation.chambers.values()]
-    pressures = (pressure, np.sum(own, axis=0) if own else pressure)
+    pressures = (pressure, *stretching(model, par, item.excitation, frames))
     shift, dshift = np.zeros(2), np.zeros((2, extended.shape[2]))
     if item.origin_sigma > 0:
         shift, dshift = origin_shift(item, *seen_by_camera(model, par, seen, item.fractions, free, *pressures))
@@ -186,6 +186,23 @@ def as_rigged(
     return rigged, np.array(values, dtype=float), [rigged.names.index(model.names[k]) for k in free]
 
 
+def stretching(
+    model: Model, par: FloatArray, excitation: Excitation, frames_s: FloatArray
+) -> tuple[FloatArray, FloatArray | None]:
+    """Sum of the pressures in all chambers (frames,) in Pa as the body's length follows it, and its derivative (frames, parameters).
+
+    The derivative is None where nothing of it depends on a parameter. par : (parameters,) in SI; frames_s : (frames,) of the log
+    """
+    own = [values for _, values in excitation.chambers.values()]
+    total = np.sum(own, axis=0) if own else model.combined(par, excitation)[0]
+    if not model.law.changes("stretch_time_constant"):
+        return excitation.at(frames_s, total), None
+    lag, by_par = scalar(model.law.stretch_time_constant, par, model._constants)
+    ends = np.array([0.0, 1.0])  # of every step
+    late, by_lag = (np.append(part[:1, 0], part[:, 1]) for part in lagged(total, excitation.step_s, ends, max(lag, 0.0)))
+    return excitation.at(frames_s, late), excitation.at(frames_s, by_lag)[:, None] * by_par
+
+
 def seen_by_camera(
     model: Model,
     par: FloatArray,
@@ -194,16 +211,17 @@ def seen_by_camera(
     free: list[int],
     pressure: FloatArray,
     total: FloatArray | None = None,
+    change: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Points on the centre line as the camera reports them (frames, k, 2) in m, with their derivatives (frames, k, 2, p).
 
     par : (parameters,) in SI; fractions : (k,) of the line's length; free : places in `par` to differentiate by
-    pressure : (frames,) at the sensor in Pa; total : (frames,) of several chambers the sum of all, whatever their signs
+    pressure : (frames,) at the sensor in Pa; total, change : (frames,) and (frames, parameters) as `stretching` gives them
     """
     points, dpoints = model.centre_line(seen, fractions)
     if model.law.changes("stretch"):
         felt, by_felt = sensed(
-            model.law.felt_pressure, par, model._constants, pressure if total is None else total, None
+            model.law.felt_pressure, par, model._constants, pressure if total is None else total, change
         )
         row = model.law.stretch(par, model._constants, felt)[0]
         factor = np.broadcast_to(1.0 + np.asarray(row[0], dtype=float), felt.shape)[:, None, None]
