@@ -32,7 +32,7 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
         why = "these nodes were placed evenly by another tool" if lines else "these recordings have no centre line"
         return {
             "sentence": f"The elongation along the tube was not measured: {why}.",
-            "assumption": ASSUMPTION,
+            "assumption": "",
             "profiles": [],
         }
     name, recording = max(chosen, key=lambda pair: float(np.nanmax(np.abs(pair[1].dataset["pressure"].values))))

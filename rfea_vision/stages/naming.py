@@ -60,7 +60,7 @@ def _renamed(work: Runner, options: FitOptions, taken: Callable[[str], list[str]
     other = taken(options.name)
     name = next(name for number in count(2) if not taken(name := f"{options.name}-{number}"))
     work.tell(
-        f"{options.name} stays as it is: it was fitted with other options ({', '.join(other)}); this one is {name}"
+        f"{options.name} stays as it is: it was fitted with other options ({', '.join(dict.fromkeys(other))}); this one is {name}"
     )
     return replace(options, name=name)
 

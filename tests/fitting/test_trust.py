@@ -17,6 +17,7 @@ from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.profile import _scale_and_step
 from rfea_vision.fitting.ratio import about_ratio
 from rfea_vision.fitting.refine import refine
+from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.scoring import as_artefact, gaps, options_of, pooled, worse_than_nothing
 from rfea_vision.fitting.studies import enough_segments, leave_one_out, segments_study
 from rfea_vision.options import FitOptions
@@ -179,6 +180,24 @@ def test_each_run_is_left_out_in_turn(fitted):
     assert 0 < out["relative_spread"]["b_pos_slope"] < 0.3
     with pytest.raises(DataError, match="one training run"):
         leave_one_out(replace(problem, train=problem.train[:1]), one)
+
+
+@pytest.mark.parametrize("period_s", [1 / 240, 1 / 30])
+def test_a_tube_that_rings_is_not_called_noise(period_s):
+    """However few frames show it: at 30 a second, 3 Hz that die away after every step have lost their memory in one and a half."""
+    time = np.arange(150) * period_s
+    after = time % 1.0
+    ringing = np.exp(-2 * after) * np.sin(2 * np.pi * 3 * after)
+    noise = np.random.default_rng(0).normal(0.0, 0.01, 150)
+    points = np.zeros((150, 1, 2))
+    points[:, 0, 0] = ringing + noise
+    still = SimpleNamespace(points=np.zeros((150, 1, 2)), angle=time, motion=SimpleNamespace(rate=np.ones((150, 1))))
+    excitation = SimpleNamespace(at=lambda t: t)
+    found = []
+    for seen in (points, np.repeat(noise[:, None, None], 2, axis=2)):
+        item = SimpleNamespace(time=time, has_tip=True, points=seen, excitation=excitation)
+        found.append(examine_residuals([item], [still])["whiteness"]["sentence"])
+    assert "not noise alone" in found[0] and found[1] == "the residual is white"
 
 
 def test_residuals_are_white_where_the_noise_is(exact):
