@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from typing import Any
 
 import pint
@@ -148,6 +149,7 @@ def validate(effect: Effect) -> None:
         What is wrong, naming the effect, the hook and the remedy.
     """
     _declaration(effect)
+    _changes_something(effect)
     own = _symbols(effect)
     given, offered = _arguments()
     states = {getattr(effect, name): _dimension_of(unit) for name, unit in effect.states.items()}
@@ -158,6 +160,17 @@ def validate(effect: Effect) -> None:
         for index, (value, unit) in enumerate(zip(hook.values(effect, given), hook.units, strict=True)):
             _check(effect, name if len(hook.units) == 1 else f"{name} [{index}]", value, unit, known)
     _check_states(effect, given["joint"], {**own, **states, **offered["joint"]})
+
+
+def _changes_something(effect: Effect) -> None:
+    """Refuse an effect that overrides no hook, as one with a misspelt hook: it would be fitted for nothing."""
+    if effect.states or any(type(effect).overrides(name) for name in HOOKS):
+        return
+    methods = [name for name, value in vars(type(effect)).items() if callable(value) and not name.startswith("_")]
+    near = ((name, get_close_matches(name, HOOKS, n=1)) for name in methods)
+    slip = next((f"'{name}' is none, did you mean '{close[0]}'?" for name, close in near if close), "")
+    remedy = slip or "the hooks are " + ", ".join(HOOKS)
+    raise InputError(f"effect {effect.id}: changes nothing, as it has no hook; {remedy}")
 
 
 def _arguments() -> tuple[dict[str, Any], dict[str, dict[Any, Dimension]]]:

@@ -66,6 +66,13 @@ def test_a_faulty_law_is_named_in_one_sentence(tmp_path, law, unit, words):
     assert words in message and "mine" in message and "\n" not in message
 
 
+def test_an_effect_with_a_misspelt_hook_changes_nothing_and_is_refused(tmp_path):
+    path = _write(tmp_path, "stiffness * (1 + self.c)", "1")
+    path.write_text(path.read_text().replace("def stiffness(", "def stifness("))
+    with pytest.raises(InputError, match="changes nothing, as it has no hook; 'stifness' is none, did you mean 'stiffness'"):
+        load_effect_file(path)
+
+
 def test_a_file_without_an_effect(tmp_path):
     path = tmp_path / "empty.py"
     path.write_text("x = 1\n")
