@@ -384,9 +384,8 @@ def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, 
     bore = {"variable_mass", "virtual_work", "compressibility", "radial_expansion"}
     assert bore & found == (bore if kind == "tube" else set())
     assert ("pressure_lag" in found) == moving
-    assert (
-        bool({"time_offset", "clock_drift"} & found) == moving
-    )  # without a push there is no log whose clock could differ
+    # without a push there is no log whose clock could differ
+    assert bool({"time_offset", "clock_drift"} & found) == moving
 
 
 def test_no_pressure_is_proposed_for_a_rig_that_has_none():

@@ -91,9 +91,8 @@ def test_no_moment_of_letting_go_is_moved_beyond_what_was_seen(runs):
     runs = {"bare": runs["bare"], "heavy": _let_go("heavy", "train", 0.3)}
     options = FitOptions(segments=SEGMENTS, fixed=dict(zip(BASE_PARAMETERS, TRUTH, strict=True)))
     problem = make_problem(runs, BEAM, options)
-    fitted = refit(
-        problem, options, {}, SEGMENTS, np.array([0.0, 1.0])
-    )  # one clock, and one that is off from the start
+    clocks = np.array([0.0, 1.0])  # one clock, and one that is off from the start
+    fitted = refit(problem, options, {}, SEGMENTS, clocks)
     before = fitted.solution.clocks
     assert before[1] == pytest.approx(0.04, rel=0.01)  # four frames
     after = refine(fitted, problem.train).clocks
@@ -321,9 +320,8 @@ def test_a_clamp_that_turns_feels_the_force_at_the_tip():
     par[model.names.index("base_rotation.c")] = compliance = 0.4
     bent = model.steady(par, 0.0, pulled=np.array([-0.3, 0.0]))
     tip = model.line_at_rest(par, bent, np.array([1.0]))[0][0]
-    assert bent.found and bent.phi[0] == pytest.approx(
-        compliance * 0.3 * -tip[1], rel=1e-4
-    )  # the curve's, not the chain's
+    # the moment arm is the curve's, not the chain's
+    assert bent.found and bent.phi[0] == pytest.approx(compliance * 0.3 * -tip[1], rel=1e-4)
 
 
 def test_what_is_known_of_a_run_stands_beside_what_is_fitted(runs):

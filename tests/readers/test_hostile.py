@@ -39,9 +39,8 @@ def _mdf(path):
 @pytest.mark.parametrize(("name", "write"), [("a.parquet", _parquet), ("a.mat", _mat), ("a.mf4", _mdf)])
 def test_what_unpacks_to_too_much_is_refused_before(tmp_path, name, write, monkeypatch):
     monkeypatch.setattr(base, "MOST_VALUES", 250_000)
-    monkeypatch.setattr(
-        "rfea_vision.readers.tables.serving", lambda: True
-    )  # in this process, where the limit is lowered
+    # in this process, where the limit is lowered
+    monkeypatch.setattr("rfea_vision.readers.tables.serving", lambda: True)
     write(tmp_path / name)
     with pytest.raises(InputError, match="are read at most"):
         read_table(tmp_path / name)

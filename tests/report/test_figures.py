@@ -32,9 +32,8 @@ def drawn(sample):
 def test_every_figure_of_the_page_has_its_file(drawn):
     names = " ".join(plate.name for plate in drawn)
     lacking = {name for name in FIGURES if name not in names} - ON_THE_PAGE_ONLY
-    assert lacking <= {"study", "likelihood", "next"}, (
-        lacking
-    )  # only where a study, a profile or an experiment was asked for
+    only_if_asked_for = {"study", "likelihood", "next"}
+    assert lacking <= only_if_asked_for, lacking
     assert len({plate.name for plate in drawn}) == len(drawn)
 
 

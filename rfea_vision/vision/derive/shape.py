@@ -391,16 +391,10 @@ def _length_check(data: dict[str, Any], scene: Scene) -> dict[str, Any]:
 
 
 def _units(name: str) -> dict[str, str]:
-    if name.startswith("curvature"):
-        return {"units": "1/mm"}
-    if name.startswith("bend_angle"):
-        return {"units": "degree"}
-    if name in ("valid", "seen") or name.startswith(("elongation", "marker_elongation")):
-        return {"units": "1"}
-    if name == "blur":
-        return {"units": "px"}
     if name == "lamp":
         return {"long_name": "mean grey level in the lamp's box"}
     if name in ("edge_noise", "reason", "reason_detail"):
         return {}
-    return {"units": "mm"}
+    units = {"curvature": "1/mm", "bend_angle": "degree", "blur": "px"}
+    units |= dict.fromkeys(("valid", "seen", "elongation", "marker_elongation"), "1")
+    return {"units": next((unit for begins, unit in units.items() if name.startswith(begins)), "mm")}
