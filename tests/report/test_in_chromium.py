@@ -6,9 +6,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
+from skimage.io import imread
 
 from rfea_vision.report.page import static
 from testing.report.browser import VISIT_ALL, Browser
@@ -274,7 +274,7 @@ def test_saves_figures_and_tables(opened: Browser, tmp_path: Path) -> None:
         opened.run("new Promise(done => setTimeout(done, 50))")
     assert set(found) == {".svg", ".png", ".csv"}
     assert found[".svg"].read_text().startswith("<svg")
-    assert cv2.imread(found[".png"]).std() > 1
+    assert imread(found[".png"]).std() > 1
     rows = found[".csv"].read_text().splitlines()
     assert len(rows) == 4
     assert "5.73" in rows[1]
@@ -286,7 +286,7 @@ def test_fits_the_screen(opened: Browser, tmp_path: Path, width: int, mobile: bo
     opened.run(VISIT_ALL)
     assert opened.run("document.documentElement.scrollWidth") <= width
     opened.screenshot(tmp_path / "shot.png")
-    assert cv2.imread(tmp_path / "shot.png").shape[1] == width
+    assert imread(tmp_path / "shot.png").shape[1] == width
 
 
 def test_dark_and_light_differ_and_both_are_readable(opened: Browser, tmp_path: Path) -> None:
@@ -294,7 +294,7 @@ def test_dark_and_light_differ_and_both_are_readable(opened: Browser, tmp_path: 
     for _ in range(2):
         theme = opened.run("document.documentElement.dataset.theme")
         opened.screenshot(tmp_path / f"{theme}.png")
-        brightness[theme] = float(np.median(cv2.imread(tmp_path / f"{theme}.png")[..., :3]))
+        brightness[theme] = float(np.median(imread(tmp_path / f"{theme}.png")[..., :3]))
         opened.key("t")
     assert brightness["light"] > 230
     assert brightness["dark"] < 40

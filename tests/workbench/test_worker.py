@@ -34,7 +34,7 @@ def test_the_first_seconds_of_a_film_are_those_after_its_first_frame(monkeypatch
     experiment = SimpleNamespace(video="film")
     campaign = SimpleNamespace(experiment=lambda name: experiment)
     work = SimpleNamespace(campaign=campaign, calibration_of=lambda item: SimpleNamespace(value=None))
-    source = SimpleNamespace(path=Path("frames"), size=(640, 480), rate_Hz=None, times_s=lambda: times_s)
+    source = SimpleNamespace(path=Path("frames"), size=(640, 480), rate_Hz=None, quarter_turns=0, times_s=lambda: times_s)
 
     def follow(item: Any, calibration: Any, piece: trying.Beginning) -> None:
         counts.append(len(piece.times_s()))

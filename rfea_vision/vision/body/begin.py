@@ -8,11 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from skimage.graph import route_through_array
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.fit import TO_ALONG
-from rfea_vision.vision.body.lines import way_to, ways_from
 from rfea_vision.vision.body.model import (
     ALONG_BASIS,
     SHARES,
@@ -119,9 +119,8 @@ def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatAr
     size = np.array(likeness.shape[::-1]) - 1
     for start, end in pairwise(line_px):
         a, b = (np.clip(np.round(p), 0, size).astype(int) for p in (start, end))
-        there = int(b[1]), int(b[0])
-        _, before = ways_from(cost, a[None, ::-1], there)
-        route.append(way_to(there, before)[:, ::-1].astype(float))
+        steps, _ = route_through_array(cost, (a[1], a[0]), (b[1], b[0]), fully_connected=True, geometric=True)
+        route.append(np.array(steps, dtype=float)[:, ::-1])
     points = np.vstack([line_px[:1], *route, line_px[-1:]])
     return smooth_line(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
 
