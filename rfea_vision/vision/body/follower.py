@@ -61,7 +61,6 @@ FIRST_TURNS = 8
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_WINDOW = (17, 17)
-FLOW_EVERY = 2  # stations: two windows next to each other see the same
 FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
 FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
@@ -285,7 +284,7 @@ class BodyFollower:
     def _flown(self, lab: Picture) -> SeenBody:
         """The body of the last good frame, moved by sparse flow: near enough for its skin to be recognised."""
         tangents, normals = frame_of(self.body.points)
-        places = [(self.body.points + v * self.body.half[:, None] * normals)[::FLOW_EVERY] for v in FLOW_ACROSS]
+        places = [self.body.points + v * self.body.half[:, None] * normals for v in FLOW_ACROSS]
         before = np.vstack(places).astype(np.float32)[:, None]
         options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
         seen, grey = (self.wall.cleared(picture)[:, :, 0].copy() for picture in (self._lab, lab))
@@ -293,9 +292,9 @@ class BodyFollower:
         back, again, _ = cv2.calcOpticalFlowPyrLK(grey, seen, after, after.copy(), **options)
         kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
         moved = (after - before)[:, 0].astype(float)
-        station = np.tile(np.arange(0, STATIONS, FLOW_EVERY), len(FLOW_ACROSS))
+        station = np.tile(np.arange(STATIONS), len(FLOW_ACROSS))
         body = self.body.copy()
-        if kept.sum() < STATIONS // (3 * FLOW_EVERY):
+        if kept.sum() < STATIONS // 3:
             return body
         across = np.sum(moved * normals[station], axis=1)
         n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], across, kept, FLOW_PX)
