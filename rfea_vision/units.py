@@ -9,7 +9,7 @@ import difflib
 import math
 import re
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pint
@@ -19,32 +19,34 @@ _QUANTITY = re.compile(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)
 _LONGEST_UNIT = 64
 _POWER, _POWER_OF_A_UNIT = re.compile(r"\*\*|\^"), re.compile(r"[^\W\d]\s*(?:\*\*|\^)\s*[+-]?\d(?!\d)")
 _NEAR = math.log(8.0)  # below this factor from the example a number has its unit; the next unit people write is 10 away
-_COMMON_UNITS = (
-    "mm",
-    "cm",
-    "m",
-    "kPa",
-    "Pa",
-    "MPa",
-    "bar",
-    "mbar",
-    "hPa",
-    "psi",
-    "s",
-    "ms",
-    "min",
-    "Hz",
-    "kHz",
-    "deg",
-    "rad",
-    "g",
-    "kg",
-    "kg/m^3",
-    "g/cm^3",
-    "N",
-    "mN",
-    "N m",
-)
+# What nearly every file holds, in SI, so that a command need not load pint (0.8 s) to read it; tests hold it equal to pint.
+_PLAIN_UNITS = {
+    "mm": ("m", 1e-3),
+    "cm": ("m", 1e-2),
+    "m": ("m", 1.0),
+    "kPa": ("Pa", 1e3),
+    "Pa": ("Pa", 1.0),
+    "MPa": ("Pa", 1e6),
+    "bar": ("Pa", 1e5),
+    "mbar": ("Pa", 1e2),
+    "hPa": ("Pa", 1e2),
+    "psi": ("Pa", 6894.757293168361),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "min": ("s", 60.0),
+    "Hz": ("Hz", 1.0),
+    "kHz": ("Hz", 1e3),
+    "deg": ("rad", math.pi / 180),
+    "rad": ("rad", 1.0),
+    "g": ("kg", 1e-3),
+    "kg": ("kg", 1.0),
+    "kg/m^3": ("kg/m^3", 1.0),
+    "g/cm^3": ("kg/m^3", 1e3),
+    "N": ("N", 1.0),
+    "mN": ("N", 1e-3),
+    "N m": ("N m", 1.0),
+}
+_COMMON_UNITS = tuple(_PLAIN_UNITS)
 
 
 @cache
@@ -73,6 +75,11 @@ def _unit(text: str) -> pint.Unit:
         raise
 
 
+def dimension_of(unit: str) -> Any:
+    """Return the dimension of a unit, of pint's type, which compares, multiplies and takes powers."""
+    return _registry().Unit(unit).dimensionality
+
+
 def conversion_factor(unit: str, to: str) -> float:
     """Return the number by which a value in `unit` is multiplied to be in `to` (no offset units).
 
@@ -81,6 +88,10 @@ def conversion_factor(unit: str, to: str) -> float:
     ValueError
         If a unit is unknown or the two measure different things.
     """
+    if unit in _PLAIN_UNITS and to in _PLAIN_UNITS:
+        (kind, value), (other, size) = _PLAIN_UNITS[unit], _PLAIN_UNITS[to]
+        if kind == other:
+            return value / size
     have, want = _unit(unit), _unit(to)
     if have.dimensionality != want.dimensionality:
         raise ValueError(f"'{unit}' is not a unit of the right kind; write one that converts to '{to}'")
@@ -100,7 +111,7 @@ def split_quantity(value: object) -> tuple[float, str]:
     )
     if match is None or not math.isfinite(float(match[1])):
         raise ValueError(f"'{value}' is not a number, with or without a unit; write for example 12 or '30 g'")
-    if match[2]:
+    if match[2] and match[2] not in _PLAIN_UNITS:
         _unit(match[2])
     return float(match[1]), match[2]
 

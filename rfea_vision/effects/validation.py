@@ -5,14 +5,13 @@ from __future__ import annotations
 from difflib import get_close_matches
 from typing import Any
 
-import pint
 import sympy as sp
 
 from rfea_vision.effects.base import BASE_PARAMETERS, BASE_UNITS, HOOKS, Body, BodyInertia, BodyPlace, Effect, Joint
 from rfea_vision.effects.hooks import ARGUMENTS
 from rfea_vision.errors import InputError
+from rfea_vision.units import dimension_of
 
-_registry = pint.UnitRegistry()
 Dimension = Any  # pint's UnitsContainer
 
 
@@ -21,7 +20,7 @@ class DimensionError(Exception):
 
 
 def _dimension_of(unit: str) -> Dimension:
-    return _registry.Unit("" if unit == "1" else unit).dimensionality
+    return dimension_of("" if unit == "1" else unit)
 
 
 _NONE = _dimension_of("1")
@@ -194,7 +193,10 @@ def _arguments() -> tuple[dict[str, Any], dict[str, dict[Any, Dimension]]]:
     given: dict[str, Any] = {name: next(iter(symbols)) for name, symbols in plain.items()}
     given |= {
         "joint": Joint(
-            *joint, base={str(s): s for s in base}, expressions={str(s): s for s in composed}, opposed=next(iter(opposed))
+            *joint,
+            base={str(s): s for s in base},
+            expressions={str(s): s for s in composed},
+            opposed=next(iter(opposed)),
         ),
         "body": Body(*body),
         "place": BodyPlace(*place),

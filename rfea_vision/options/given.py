@@ -93,6 +93,8 @@ def write_bounds(values: Mapping[str, tuple[float, float]], options: Any) -> lis
 
 
 def _write(values: Mapping[str, Any], options: Any, between: str) -> list[str]:
+    if not values:
+        return []  # the units of all effects take a second to load
     units = {**units_of(options.effect_files), MODULUS: "Pa"}
     out = []
     for name, value in values.items():

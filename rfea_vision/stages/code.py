@@ -70,11 +70,13 @@ def _files(modules: Iterable[str]) -> set[Path]:
     return files
 
 
+@cache
 def _file(module: str) -> Path:
     path = _PACKAGE.joinpath(*module.split(".")[1:])
     return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
 
 
+@cache
 def _resolved(module: str, name: str) -> str:
     """The module that ``from module import name`` loads."""
     inner = f"{module}.{name}"

@@ -1,10 +1,12 @@
 import re
+from itertools import permutations
 
+import pint
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfea_vision.units import conversion_factor, parse_quantity
+from rfea_vision.units import _PLAIN_UNITS, conversion_factor, parse_quantity
 
 
 @pytest.mark.parametrize(
@@ -85,3 +87,12 @@ def test_any_text_is_a_quantity_or_a_sentence(text):
 
 def test_factors_convert_there_and_back():
     assert conversion_factor("bar", "kPa") * conversion_factor("kPa", "bar") == pytest.approx(1.0)
+
+
+def test_units_that_are_known_by_heart_are_those_of_pint():
+    registry = pint.UnitRegistry()
+    alike = [pair for pair in permutations(_PLAIN_UNITS, 2) if len({_PLAIN_UNITS[unit][0] for unit in pair}) == 1]
+    assert len(alike) == 64  # ordered pairs of one kind
+    for unit, to in alike:
+        truth = registry.Quantity(1.0, unit).to(to).magnitude
+        assert conversion_factor(unit, to) == pytest.approx(truth, rel=1e-15, abs=0.0), (unit, to)

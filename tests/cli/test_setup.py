@@ -71,12 +71,22 @@ def test_a_campaign_with_a_board_is_quick_to_read(tmp_path):
     (folder / "photo_1.png").write_bytes(b"not looked at yet")
     code = (
         "import sys; from rfea_vision.campaign import load_campaign; campaign = load_campaign(sys.argv[1]); "
-        "print(campaign.camera.board, {'cv2', 'numba', 'pandas', 'xarray'} & set(sys.modules))"
+        "print(campaign.camera.board, {'cv2', 'numba', 'pandas', 'xarray', 'pint', 'sympy'} & set(sys.modules))"
     )
     result = subprocess.run(
         [sys.executable, "-c", code, folder], capture_output=True, text=True, check=True, timeout=120
     )
     assert "inner_corners=(9, 6)" in result.stdout and result.stdout.strip().endswith("set()")
+
+
+def test_what_was_not_asked_for_is_written_without_loading_the_laws():
+    # a command that has nothing to do writes the commands that lead to it
+    code = (
+        "import sys; from rfea_vision.options import FitOptions; from rfea_vision.options.asking import written; "
+        "print(repr(written('fit', FitOptions())), {'pint', 'sympy'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.strip() == "'' set()"
 
 
 @pytest.mark.parametrize(
@@ -86,7 +96,10 @@ def test_a_campaign_with_a_board_is_quick_to_read(tmp_path):
         (["fit"], "Missing argument 'CAMPAIGN'"),
         (["fit", "x", "--segmnts", "3"], "'--segments'"),
         (["improve", "x", "--add", "maxwell"], "It is an option of 'rfea fit'"),
-        (["compare", "x", "--model", "base"], "Give MODEL by its place, without a name: rfea compare CAMPAIGN [MODEL]..."),
+        (
+            ["compare", "x", "--model", "base"],
+            "Give MODEL by its place, without a name: rfea compare CAMPAIGN [MODEL]...",
+        ),
         (["fit", "x", "--segments", "0"], "must be 1 or more"),
         (["fit", "x", "--observe", "toe"], "'toe' is not one of"),
         (["improve", "x", "--budget", "5"], "'5' has no unit; write for example '5min'"),

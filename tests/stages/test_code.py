@@ -42,6 +42,9 @@ def test_what_a_stage_depends_on(stage: Callable[..., Any], needs: set[str], not
     assert not {name.partition(".")[0] for name in found} & not_
 
 
+REMEMBERED = (code._hash, code._read, code._imports, code._file, code._resolved)
+
+
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     root = tmp_path / "rfea_vision"
@@ -59,12 +62,12 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         (root / name).write_text(text)
     monkeypatch.setattr(code, "_PACKAGE", root)
     yield root
-    for memory in (code._hash, code._read, code._imports):
+    for memory in REMEMBERED:
         memory.cache_clear()
 
 
 def stage_of(root: Path, name: str) -> Callable[..., Any]:
-    for memory in (code._hash, code._read, code._imports):
+    for memory in REMEMBERED:
         memory.cache_clear()
     space: dict[str, Any] = {}
     file = root / "stages" / "work.py"
