@@ -29,6 +29,8 @@ _LEAST_deg = 3.2
 _BY_NAME = "by their names, from the clamp to the tip"
 _BARE = "the only column beside the time"
 _ALONE = "the only column left, and no other file holds a motion; is it an angle?"
+_LEAST_ROWS = 20
+"""Of a table in which a motion can be said to follow one pressure and not another."""
 _LONGEST_STEP_S = 0.5
 """Between two samples of a log: slower ones show no motion of a tube."""
 
@@ -112,7 +114,7 @@ def _table(path: Path) -> FileGuess:
     columns = _Columns(read_table(path))
     time = _time(columns)
     motion, actuator = _motion(columns, time)
-    pressure = _pressure(columns, time)
+    pressure = _pressure(columns, time, _moved(columns, motion))
     if pressure is None and motion is None:
         bare = "c1" in columns.table.columns  # of a file without a header
         remedy = "; write a line of names above its numbers, for example 'time_s,p_kPa,angle_deg'" if bare else ""
@@ -167,7 +169,29 @@ def _unevenness(values: np.ndarray) -> float:
     return float(np.std(steps) / np.mean(steps))
 
 
-def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...], ...] | None:
+def _moved(columns: _Columns, motion: tuple[Key, ...] | None) -> np.ndarray | None:
+    """What moves in the same table (rows, columns), where the table holds the motion."""
+    angles, table = [key.value for key in motion or () if key.name == "angle"], columns.table.columns
+    names = angles or [name for name in ("tip_x_mm", "tip_y_mm") if name in table]
+    return np.column_stack([table[name] for name in names]).astype(float) if names else None
+
+
+def _most_followed(columns: _Columns, names: Sequence[str], moved: np.ndarray) -> str:
+    """Of several pressures the one that a motion (rows, columns) of the same table gives again best."""
+    shares = dict.fromkeys(names, -1.0)
+    for name in names:
+        values = columns.table.columns[name].astype(float)
+        good = np.isfinite(values) & np.isfinite(moved).all(axis=1)
+        if good.sum() >= _LEAST_ROWS and np.ptp(values[good]) > 0:
+            design = np.column_stack([moved[good], np.ones(good.sum())])
+            left = values[good] - design @ np.linalg.lstsq(design, values[good], rcond=None)[0]
+            shares[name] = 1.0 - float(np.var(left) / np.var(values[good]))
+    return max(names, key=lambda name: shares[name])
+
+
+def _pressure(
+    columns: _Columns, time: tuple[Key, ...], moved: np.ndarray | None = None
+) -> tuple[tuple[Key, ...], ...] | None:
     """How the pressure is read, or that of every chamber; None where no column looks like one."""
     table = columns.table
     if not time and "time_s" not in table.columns and not table.times_s:
@@ -181,14 +205,15 @@ def _pressure(columns: _Columns, time: tuple[Key, ...]) -> tuple[tuple[Key, ...]
     found = columns.moving(columns.measured([name for name in dict.fromkeys(by_word + by_unit) if name not in ambient]))
     if chambers := _chambers(columns, found):
         return tuple((*time, *said, *_column(table, name, ambient)) for name, said in chambers.items())
-    why = "its header and its unit say so" if found and found[0] in by_unit else "its header says so"
-    if not found and len(names) == 1 and len(table.columns) == 2:
-        found, why = names, _BARE
+    bare = not found and len(names) == 1 and len(table.columns) == 2
+    found = names if bare else found
     if not found:
         return None
-    name = found[0]
-    others = [other for other in found[1:] if other != name]
-    why += f"; there are also {', '.join(others[:3])}: of several chambers, make this a list" if others else ""
+    name = found[0] if moved is None else _most_followed(columns, found, moved)
+    why = _BARE if bare else "its header and its unit say so" if name in by_unit else "its header says so"
+    others = [other for other in found if other != name]
+    best = "the motion follows this one best; " * (moved is not None)
+    why += f"; {best}there are also {', '.join(others[:3])}: of several chambers, make this a list" if others else ""
     if name == "pressure_kPa" and not others:
         return ((*time, *_column(table, name, ambient)),)
     return ((*time, Key("pressure", name, "" if name == "pressure_kPa" else why), *_column(table, name, ambient)),)

@@ -41,6 +41,8 @@ _STILL = 0.05
 # Of the pressure's variance, that a linear function of the tip's place, up to half a second later, gives again: 0.85 to 1.00 over the
 # runs of a twin and of a real finger, 0.26 for a staircase beside the log of a sum of sines.
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
+# s by which slow rubber, a long line, or a log on another clock is behind; of a run no more than a fifth, or anything follows anything
+_LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
 _HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
 
 
@@ -142,25 +144,52 @@ def of_pair(
     swing_kPa = float(np.ptp(pressure_kPa))
     if swing_kPa > _LOW_KPA and (still := _stillness(motion[seen], "mm" if "tip" in track else "deg")):
         return [f"goes by {swing_kPa:.3g} kPa and {still}; is it the right tube? 'rfea open' lets you point at it"]
-    design = np.column_stack([motion[seen], np.ones(seen.sum())])
-    shares = []
-    for lag_s in _LAGS_S:
-        pressure = np.interp(time_s[seen] - lag_s, log_s, pressure_kPa)
-        if np.ptp(pressure) > _LOW_KPA:
-            left = pressure - design @ np.linalg.lstsq(design, pressure, rcond=None)[0]
-            shares.append(1.0 - float(np.var(left) / np.var(pressure)))
-    if not shares or max(shares) >= _FOLLOWS:
+    moved_s = time_s[seen]
+    share, _, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, _LAGS_S)
+    if share is None:
         return []
-    if pushes_kPa and len(pushes_kPa) > 1:
-        share, against = _each_for_itself(motion[seen], time_s[seen], log_s, pushes_kPa)
-        if share >= _FOLLOWS:  # it is the log of this run: levers that differ are for the fit to find, a sign is not
+    if share < _FOLLOWS and pushes_kPa and len(pushes_kPa) > 1:
+        each, against = _each_for_itself(motion[seen], moved_s, log_s, pushes_kPa)
+        if each >= _FOLLOWS:  # it is the log of this run: levers that differ are for the fit to find, a sign is not
             return [
-                f"the motion follows the chambers to {100 * share:.0f} %, but {', '.join(against)} against the others by the signs "
+                f"the motion follows the chambers to {100 * each:.0f} %, but {', '.join(against)} against the others by the signs "
                 "that they have; is a sign the wrong way round?"
             ] * bool(against)
-    return [
-        f"the motion follows this pressure to {100 * max(max(shares), 0.0):.0f} % only; is it the log of another run?"
-    ]
+    said, at_once = [], f"{100 * max(share, 0.0):.0f} %"
+    if share < _FOLLOWS:
+        later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(moved_s))]
+        then, late_s, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, later)
+        if then is None or then < _FOLLOWS:
+            return [f"the motion follows this pressure to {at_once} only; is it the log of another run?"]
+        said.append(
+            f"the motion follows this pressure to {at_once} at once and to {100 * then:.0f} % {late_s:.1f} s later; "
+            "is one of the clocks late, or the log that of another run? A long line and slow rubber do so, too"
+        )
+    if motion.shape[1] == 1 and slope < 0:
+        said.append(
+            "the angle falls while the pressure rises; positive is where actuator.bends points: if the sensor counts the other way, or "
+            "from the bent tube, give the pressure sign: -1"
+        )
+    return ["; ".join(said)] if said else []
+
+
+def _followed(
+    motion: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray, lags_s: FloatArray
+) -> tuple[float | None, float, float]:
+    """How much of a pressure a motion (n, 1 or 2) gives again at the lag (s) of these at which it does best, and the first slope then.
+
+    The share is None where the pressure stands still.
+    """
+    design = np.column_stack([motion, np.ones(len(motion))])
+    best: tuple[float | None, float, float] = (None, 0.0, 0.0)
+    for lag_s in lags_s:
+        pressure = np.interp(time_s - lag_s, log_s, pressure_kPa)
+        if np.ptp(pressure) > _LOW_KPA:
+            slopes = np.linalg.lstsq(design, pressure, rcond=None)[0]
+            share = 1.0 - float(np.var(pressure - design @ slopes) / np.var(pressure))
+            if best[0] is None or share > best[0]:
+                best = (share, float(lag_s), float(slopes[0]))
+    return best
 
 
 def _each_for_itself(

@@ -164,3 +164,25 @@ def test_a_chamber_with_the_wrong_sign_is_not_the_log_of_another_run(levers, sig
     pushes = {name: sign * p for name, sign, p in zip(("one", "two"), signs, pressures, strict=True)}
     said = of_pair(track, time_s, time_s, sum(pushes.values()), pushes)
     assert said == [] if says is None else len(said) == 1 and says in said[0]
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "gain", "says"),
+    [
+        (1.2, 0.8, ["at once and to", "1.2 s later"]),
+        (1.2, -0.8, ["1.2 s later", "sign: -1"]),
+        (0.2, -0.8, ["sign: -1"]),
+        (0.2, 0.8, []),
+    ],
+)
+def test_a_bend_that_lags_by_seconds_or_counts_the_other_way_is_said_to(lag_s, gain, says):
+    """A lag above half a second had been called the log of another run, and an angle that falls was fitted in silence."""
+    rng = np.random.default_rng(4)
+    time_s = np.arange(0, 40, 0.05)
+    steps = np.repeat(rng.uniform(0, 80, 40), 20)  # one a second
+    angle = 100 + gain * np.interp(time_s - lag_s, time_s, steps) + rng.standard_normal(time_s.size)
+    said = of_pair(xr.Dataset({"bend_angle": ("time", angle)}), time_s, time_s, steps)
+    assert len(said) == bool(says) and all(text in said[0] for text in says), said
+    assert all("only; is it the log" not in text for text in said)
+    if says == ["sign: -1"]:
+        assert "later" not in said[0]

@@ -136,7 +136,9 @@ def test_two_nameless_columns_are_an_angle_where_nothing_else_moves(tmp_path):
 
 def test_numbers_without_a_header_are_asked_for_one(tmp_path):
     np.savetxt(tmp_path / "rig.txt", np.stack([TIME_S, PRESSURE_kPa, ANGLE_deg, PRESSURE_kPa], axis=1), delimiter="|")
-    with pytest.raises(InputError, match="write a line of names above its numbers, for example 'time_s,p_kPa,angle_deg'"):
+    with pytest.raises(
+        InputError, match="write a line of names above its numbers, for example 'time_s,p_kPa,angle_deg'"
+    ):
         write_campaign_from(tmp_path / "tube", [tmp_path / "rig.txt"])
 
 
@@ -257,3 +259,16 @@ def test_every_run_has_a_name_of_its_own_and_yaml_reads_no_other_thing_into_it(t
     reading = read_campaign(tmp_path / "tube")
     assert not [item for item in reading.problems if item.severity == "error"]
     assert {item.name for item in reading.campaign.experiments} == {"r-3", "r", "r-2", "no", "null"}
+
+
+@pytest.mark.parametrize("followed", ["p1", "p3"])
+def test_of_several_pressures_the_one_is_taken_that_the_motion_follows(tmp_path, followed):
+    """Boards log every line there is; the first had been taken, whatever bent the body."""
+    rng = np.random.default_rng(3)
+    other = 40.0 + 30.0 * np.sin(2 * np.pi * 0.31 * TIME_S + 1.0)
+    table = {"t": TIME_S, **{name: other + rng.standard_normal(400) for name in ("p1", "p2", "p3")}}
+    table |= {followed: PRESSURE_kPa, "angle": ANGLE_deg + rng.standard_normal(400)}
+    pd.DataFrame(table).to_csv(tmp_path / "a.csv", index=False)
+    (key,) = (key for key in look(tmp_path / "a.csv").pressure if key.name == "pressure")
+    assert key.value == followed and "the motion follows this one best" in key.why
+    assert "also" in key.why and followed not in key.why.partition("also")[2]
