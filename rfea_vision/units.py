@@ -173,6 +173,11 @@ def parse_quantity(value: object, to: str, *, example: str) -> float:
     return number * conversion_factor(unit, to)
 
 
+def counted(number: int, noun: str) -> str:
+    """Return ``1 run``, ``2 runs``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def rounded(value: float, digits: int = 3) -> str:
     """Return `value` to `digits` significant digits: three in every text, table and tile alike."""
     if not math.isfinite(value):

@@ -13,7 +13,7 @@ import click
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.options import code_option, named_files, output_options, trust_option, trusted
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.units import rounded
+from rfea_vision.units import counted, rounded
 
 
 @click.command("batch")
@@ -83,7 +83,7 @@ def batch_command(
     ):
         if not index.is_file():
             page.write([])  # one that cannot be written is said now, and not when the first campaign ends
-        advance = listener.begin("batch", f"{len(folders)} campaigns")
+        advance = listener.begin("batch", counted(len(folders), "campaign"))
         listener.note(f"dashboard: {dashboard(client)}")
 
         def heard(result: BatchResult) -> None:
@@ -224,6 +224,6 @@ def table_command(folders: tuple[Path, ...], kind: str | None, output: Path | No
     else:
         for sentence in empty.values():
             click.echo(f"left out: {sentence}", err=True)
-        click.echo(f"{path}: {len(rows)} rows, {len(columns)} columns")
+        click.echo(f"{path}: {counted(len(rows), 'row')}, {counted(len(columns), 'column')}")
         say_next("rfea report --group", *folders, why="the same tubes on one page")
     return DataError.exit_code if empty else 0

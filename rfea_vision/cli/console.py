@@ -29,7 +29,7 @@ from rich.text import Text
 
 from rfea_vision.progress import Listener, Outcome
 from rfea_vision.progress import Progress as ProgressCall
-from rfea_vision.units import rounded
+from rfea_vision.units import counted, rounded
 
 _WIDE = 160  # columns of a table that goes to a file or another program
 _CARRIED = ("out", "trust", "untrusted")  # parameters that say where to look, and at what
@@ -97,8 +97,12 @@ def _carried(command: str) -> list[str]:
         and context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
     ]  # fmt: skip
     root = context.find_root()
-    following = root.command.get_command(root, command.split()[1]) if typed and isinstance(root.command, click.Group) else None
-    alike = {(option.name, option.help) for option in getattr(following, "params", ()) if isinstance(option, click.Option)}
+    following = (
+        root.command.get_command(root, command.split()[1]) if typed and isinstance(root.command, click.Group) else None
+    )
+    alike = {
+        (option.name, option.help) for option in getattr(following, "params", ()) if isinstance(option, click.Option)
+    }
     words: list[str] = []
     for option in typed:
         if (option.name, option.help) in alike:
@@ -141,6 +145,10 @@ def shown(value: Any) -> str:
     if value is None or value == "":
         return "-"
     return rounded(value) if isinstance(value, float) else str(value)
+
+
+def _before(number: int) -> str:
+    return f"{'is' if number == 1 else 'are'} {counted(number, 'result')}"
 
 
 class _Count(MofNCompleteColumn):
@@ -216,7 +224,7 @@ class ConsoleListener(Listener):
             more = len(self._unchanged) - len(named)
             self._print(f"{', '.join(named)}{f' and {more} more' if more else ''}: unchanged")
         else:
-            self._print(f"{last}: unchanged{f', as are {len(before)} results before it' if before else ''}")
+            self._print(f"{last}: unchanged{f', as {_before(len(before))} before it' if before else ''}")
         self._unchanged = []
 
     def _print(self, text: str) -> None:

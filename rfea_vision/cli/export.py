@@ -12,6 +12,7 @@ import click
 from rfea_vision.cli.console import print_json, say, say_next
 from rfea_vision.cli.options import Quantity, campaign_argument, code_option, opened, refuse_beside
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.units import counted
 
 
 @click.command("export")
@@ -89,7 +90,7 @@ def export_command(
     name = re.sub(r"\W", "_", target.name, flags=re.ASCII)
     name = name if re.match(r"[A-Za-z_]", name) else f"tube_{name}"
     model, par = fitted_model(fit, gravity, mounting)
-    about = f"Model '{fit.name}' of {campaign.name}: {fit.segments} segments"
+    about = f"Model '{fit.name}' of {campaign.name}: {counted(fit.segments, 'segment')}"
     about += f", {', '.join(fit.effects)}" if fit.effects else ""
     about += (
         f", gravity {math.degrees(mounting):.4g} deg from the hanging tube" if gravity else ", no gravity in its plane"

@@ -10,6 +10,7 @@ import click
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.options import output_options, trust_option, trusted
 from rfea_vision.errors import InputError
+from rfea_vision.units import counted
 
 
 @click.command("init")
@@ -85,7 +86,7 @@ def check_command(campaign: Path, as_json: bool) -> int:
         found = ", ".join(f"{name} ({role})" for name, role in checked.experiments.items()) or "none"
         say(f"experiments: {found}")
         warnings = len(checked.problems) - len(errors)
-        click.echo(f"{_count(len(errors), 'error')}, {_count(warnings, 'warning')}")
+        click.echo(f"{counted(len(errors), 'error')}, {counted(warnings, 'warning')}")
         if errors and not checked.experiments and not (campaign / "campaign.yaml").is_file():
             say_next("rfea init DIR", why="writes a campaign to fill in, or guesses one with --from FILES")
         elif errors:
@@ -95,10 +96,6 @@ def check_command(campaign: Path, as_json: bool) -> int:
         else:
             say_next("rfea improve", campaign, why="or step by step: rfea track, sync, fit, compare, diagnose")
     return InputError.exit_code if errors else 0
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 @click.command("schema")

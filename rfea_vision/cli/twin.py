@@ -16,7 +16,7 @@ from rfea_vision.cli.model import print_ladder
 from rfea_vision.cli.options import Quantity, ask, opened, output_options, refuse_beside
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
-from rfea_vision.units import parse_quantity
+from rfea_vision.units import counted, parse_quantity
 
 _DEMO = "hidden-effect"
 
@@ -184,7 +184,7 @@ def _report_twin(out: Path, truth: dict[str, Any], as_json: bool) -> None:
         print_json({"folder": str(out), "truth": truth})
         return
     hidden = ", ".join(f"{name}={value:g}" for name, value in truth["parameters"].items()) or "nothing"
-    say(f"{out}: {len(truth['experiments'])} experiments; hidden: {hidden}")
+    say(f"{out}: {counted(len(truth['experiments']), 'experiment')}; hidden: {hidden}")
     say_next("rfea improve", out)
 
 

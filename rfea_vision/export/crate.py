@@ -15,6 +15,7 @@ from urllib.parse import quote
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.files import sha256_of, write_text
+from rfea_vision.units import counted
 
 _CONTEXT = "https://w3id.org/ro/crate/1.1/context"
 _PROFILE = "https://w3id.org/ro/crate/1.1"
@@ -23,7 +24,13 @@ _KINDS = {".json": "application/json", ".nc": "application/x-netcdf", ".yaml": "
 
 
 def write_crate(
-    folder: Path, fit: ModelFit, files: Mapping[str, Path], *, name: str, made_on: str, versions: Iterable[tuple[str, str]]
+    folder: Path,
+    fit: ModelFit,
+    files: Mapping[str, Path],
+    *,
+    name: str,
+    made_on: str,
+    versions: Iterable[tuple[str, str]],
 ) -> Path:
     """Write the crate.
 
@@ -68,7 +75,7 @@ def write_crate(
     }  # fmt: skip
     root = {
         "@id": "./", "@type": "Dataset", "name": f"{name}: {fit.name}", "datePublished": made_on,
-        "description": f"The RSDA model fitted to {name}, {fit.segments} segments"
+        "description": f"The RSDA model fitted to {name}, {counted(fit.segments, 'segment')}"
         + (f", with {', '.join(fit.effects)}" if fit.effects else "") + ".",
         "hasPart": [{"@id": item["@id"]} for item in graph], "mentions": [{"@id": "#fit"}],
         "variableMeasured": [{"@id": item["@id"]} for item in values], "citation": {"@id": "#paper"},

@@ -28,6 +28,7 @@ from rfea_vision.fitting.rules import CONSTANT_PA, held_by_rule, pushed
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.options import FitOptions
 from rfea_vision.options.asking import as_record, asked_by
+from rfea_vision.units import counted
 
 METRICS = ("tip_rmse_mm", "tip_x_rmse_mm", "tip_y_rmse_mm", "midline_rmse_mm", "angle_rmse_deg")
 
@@ -143,7 +144,7 @@ def metrics_by_role(problem: Problem, scores: dict[str, ExperimentScore], parts:
 
 def _message(fitted: Fitted) -> str:
     solution = fitted.solution
-    runs = f"{solution.evaluations} evaluations"
+    runs = counted(solution.evaluations, "evaluation")
     if solution.converged:
         return f"Converged after {runs}."
     return f"Stopped after {runs} without converging; more data, fewer effects or other bounds may help."

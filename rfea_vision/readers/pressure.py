@@ -14,7 +14,7 @@ from rfea_vision.readers.columns import clock_zero_s, column, in_unit, refuse_ro
 from rfea_vision.readers.database import read_query
 from rfea_vision.readers.kinds.base import Table
 from rfea_vision.readers.tables import read_table
-from rfea_vision.units import pressure_unit
+from rfea_vision.units import counted, pressure_unit
 
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import PressureSpec
@@ -50,7 +50,7 @@ class PressureLog:
             counts = f"{self.time_s.size} times and {self.pressure_kPa.size} pressures"
             raise InputError(f"{where}: {counts}; the columns of time and pressure must be equally long")
         if self.time_s.size < 2:
-            raise InputError(f"{where}: {self.time_s.size} rows; a log of at least two is needed")
+            raise InputError(f"{where}: {counted(self.time_s.size, 'row')}; a log of at least two is needed")
         refuse_rows(where, "time", ~np.isfinite(self.time_s), "is not a finite number", "remove the row")
         refuse_rows(where, "pressure", ~np.isfinite(self.pressure_kPa), "is not a finite number", "remove or repair it")
         steps = np.diff(self.time_s, prepend=-np.inf)

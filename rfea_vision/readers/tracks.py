@@ -19,6 +19,7 @@ from rfea_vision.readers.kinds.base import Points, Table
 from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
 from rfea_vision.readers.tables import read_table
 from rfea_vision.scatter import third_difference_noise
+from rfea_vision.units import counted
 
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import TrackSpec
@@ -167,7 +168,7 @@ def _time(table: Table, spec: TrackSpec | None) -> FloatArray:
         else in_unit(table, name, "s", "track.time", spec and spec.time_unit)
     )
     if time_s.size < 2:
-        raise InputError(f"{table.source}: {time_s.size} rows; a track of at least two is needed")
+        raise InputError(f"{table.source}: {counted(time_s.size, 'row')}; a track of at least two is needed")
     refuse_rows(table.source, name, ~np.isfinite(time_s), "is not a finite number")
     fault = "its time does not increase" if own else "does not increase"
     refuse_rows(table.source, name, np.diff(time_s, prepend=-np.inf) <= 0, fault)

@@ -10,6 +10,7 @@ from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import inner_title, lens_words, listing, number, with_error, with_unit
 from rfea_vision.report.shown import errors_of
+from rfea_vision.units import counted
 
 BIBTEX = r"""@misc{kelageri2018kinematics,
   title         = {Kinematics and Dynamic Modeling of a Planar Hydraulic Elastomer Actuator},
@@ -115,7 +116,7 @@ def _model(evidence: Evidence, step: LadderStep, titles: Mapping[str, str]) -> s
     )
     text = (
         f"The motion was modelled by the rigid-segment chain with spring-damper joints of Momeni Kelageri et al. "
-        f"(2018){effects}, with {fit.segments} segments (joints at the {fit.joints} of their arc), fitted to the "
+        f"(2018){effects}, with {counted(fit.segments, 'segment')} (joints at the {fit.joints} of their arc), fitted to the "
         f"{_OBSERVED.get(fit.observe, fit.observe)} of the training runs by {_LOSSES.get(fit.loss or '', 'least squares')}. "
         f"The fitted values were {values} (standard errors)."
     )

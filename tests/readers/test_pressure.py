@@ -101,7 +101,7 @@ def test_columns_and_units_are_chosen(tmp_path, columns, keys):
     [
         ("", "is empty"),
         ("time_s,pressure_kPa\n", "0 rows; a log of at least two is needed"),
-        ("time_s,pressure_kPa\n0,1\n", "1 rows"),
+        ("time_s,pressure_kPa\n0,1\n", "1 row;"),
         ("time_s,pressure_kPa\n0,1\n0.1,nan\n0.2,3\n", "pressure, row 2: is not a finite number"),
         ("time_s,pressure_kPa\n0,1\n0.1,\n0.2,3\n", "pressure, row 2: is not a finite number"),
         ("time_s,pressure_kPa\n0,1\nnan,2\n0.2,3\n", "time, row 2: is not a finite number"),
@@ -109,7 +109,10 @@ def test_columns_and_units_are_chosen(tmp_path, columns, keys):
             "time_s,pressure_kPa\n0,1\n0.2,2\n0.1,3\n0.05,3\n",
             "time, row 3: is earlier than the row before (and 1 more rows)",
         ),
-        ("pressure_kPa,time_s\n0,1\n0.1,2\n0.2,1\n", "'time_s' goes up and down, and 'pressure_kPa' rises in every row"),
+        (
+            "pressure_kPa,time_s\n0,1\n0.1,2\n0.2,1\n",
+            "'time_s' goes up and down, and 'pressure_kPa' rises in every row",
+        ),
         ("time_s,pressure_kPa\n0,1\n0.1,2\n0.1,3\n", "time, row 3: repeats the row before; remove the duplicate"),
         ("time_s,pressure_kPa\n12:30:00,1\n12:30:01,2\n", "column 'time_s' holds no numbers, but such as '12:30:00'"),
         ("time_s,pressure_kPa\n0,1\n0.1,full\n", "column 'pressure_kPa', row 2: 'full' is not a number"),

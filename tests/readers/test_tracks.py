@@ -125,7 +125,7 @@ def test_rounded_numbers_are_not_free_of_noise():
         ("time_s,angle_deg\n0,1\n0,2\n", "time_s, row 2: does not increase"),
         ("time_s,angle_deg\n0,1\nnan,2\n", "time_s, row 2: is not a finite number"),
         ("time_s,angle_deg\n0,\n0.1,\n", "0 complete rows of 2"),
-        ("time_s,angle_deg\n0,1\n", "1 rows"),
+        ("time_s,angle_deg\n0,1\n", "1 row;"),
         ("time_s,x00_mm,y00_mm,x02_mm,y02_mm\n0,1,1,1,1\n0.1,1,1,1,1\n", "column 'x01_mm' is missing"),
         ("time_s,x00_mm,y00_mm,x01_mm,y01_mm\n0,1,1,1,1\n0.1,1,1,1,1\n", "at least three"),
         ("time_s,angle_deg\n0,1\n0.1,steep\n", "'steep' is not a number"),

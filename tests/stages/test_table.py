@@ -63,6 +63,11 @@ def test_rows_come_back(campaigns, tmp_path, name, capsys):
     assert pd.isna(table["noise_floor_mm"][2]) and table["noise_floor_deg"][2] == 0.05
 
 
+def test_what_there_is_one_of_is_in_the_singular(campaigns, tmp_path, capsys):
+    assert run(["table", str(campaigns[2].parent / "angles"), "-o", str(tmp_path / "one.csv")]) == 0
+    assert "one.csv: 1 row, " in capsys.readouterr().out
+
+
 def test_a_broken_result_and_a_missing_library_are_one_sentence(campaigns, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert run(["table", str(campaigns[0]), "-o", str(tmp_path / "a.parquet")]) == 2
