@@ -46,14 +46,15 @@ def check_campaign(
         problems += _camera_problems(camera, campaign, experiment)
         if progress is not None:
             progress(done + 1, total)
-    highest: dict[str, float] = {}
+    highest, responses = dict[str, float](), dict[str, plausibility.Response]()
     for done, experiment in enumerate(active, start=len(cameras)):
         said = any(p.experiment == experiment.name and p.key.startswith("pressure") for p in problems)
-        problems += _experiment_problems(experiment, highest, pressure_said=said)
+        problems += _experiment_problems(experiment, highest, responses, pressure_said=said)
         if progress is not None:
             progress(done + 1, total)
     for experiment in active:
-        if text := plausibility.beside_others(experiment.name, highest):
+        odd = plausibility.beside_others(experiment.name, highest)
+        if text := odd or plausibility.of_response(experiment.name, responses):
             problems.append(_warning(experiment, "pressure", text))
     for experiment, key, text in plausibility.alike(active):
         problems.append(_warning(experiment, key, text))
@@ -128,12 +129,13 @@ def _some(names: list[str]) -> str:
 
 
 def _experiment_problems(
-    experiment: ExperimentSpec, highest: dict[str, float], *, pressure_said: bool
+    experiment: ExperimentSpec, highest: dict[str, float], responses: dict[str, plausibility.Response], *, pressure_said: bool
 ) -> list[FileProblem]:
-    """Read what belongs to a run; its highest pressure (kPa) is kept in `highest`."""
+    """Read what belongs to a run; its highest pressure (kPa) and how far both go are kept."""
     file = experiment.file
     problems: list[FileProblem] = []
     pictures_s = track_s = track = None
+    by_camera = False
     try:
         if experiment.video is not None:
             from rfea_vision.readers.video import open_frames, open_video
@@ -181,6 +183,8 @@ def _experiment_problems(
         return problems
     highest[experiment.name] = float(abs(log.pressure_kPa).max())
     said = plausibility.of_pressure(log.pressure_kPa, log.chambers)
+    if track is not None and not by_camera and not said and (moved := plausibility.response(track.dataset, log.pressure_kPa)):
+        responses[experiment.name] = moved
     seconds = pictures_s if pictures_s is not None else track_s
     if seconds is not None and len(seconds) > 1:
         said += plausibility.of_times(log.time_s, seconds)

@@ -107,9 +107,11 @@ def _hidden(url: str) -> str:
 
 
 def _nearby(folder: Path, name: str) -> str:
-    """Name the files of the same kind that do lie in the folder."""
+    """Name the files of the same kind that do lie in the folder, or the one that another way of writing it leads to."""
+    turned = name.replace("\\", "/")
+    if turned != name and ".." not in turned and not Path(turned).is_absolute() and (folder / turned).is_file():
+        return f" (there is {turned})"
     suffix = Path(name).suffix.lower()
-    others = sorted(
-        path.name for path in folder.glob("*") if path.is_file() and suffix and path.suffix.lower() == suffix
-    )
+    files = [path for path in folder.glob("*") if path.is_file()]
+    others = sorted(path.name for path in files if (path.suffix.lower() == suffix if suffix else path.stem == name))
     return f" (there is {', '.join(others[:4])})" if others else ""

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts import bend_sign
 from rfea_vision.campaign.specs import ExperimentSpec
 from rfea_vision.files import sha256_of
 
@@ -32,6 +35,9 @@ _UNLIKE = 50.0  # a highest pressure so many times below that of another run: ba
 _TOO_LONG = 50.0
 # s of the units in which a log may count, and so seem short; the empty one stands for pictures in ms
 _LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
+# The smallest slip between units is 6.9 (psi for kPa). A tube that softens with the bend goes twice as far for each kPa, and where a
+# tube goes as far the pressures of runs are rarely as unlike as half of this.
+_OTHERWISE = 4.0
 # lengths of the tube that its tip may be from the clamp: a soft arm may stretch a little, and markers stand a little off
 _REACH = 1.15
 # lengths of the tube, and the share of rows, beyond which places are those of a slip or of rows without a tube: no tube stretches so
@@ -85,6 +91,8 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray) -> list[str]:
     if logged > _TOO_LONG * camera:
         return [f"{both}; is the time of the log in ms? pressure.time_unit says which unit it is in"]
     if camera > _TOO_LONG * logged:
+        if np.all(np.diff(pictures_s) == 1.0):
+            return [f"{both}; the time of the pictures counts in ones: is it the number of the frame?"]
         unit = min(_LONG_UNITS, key=lambda name: abs(np.log(camera / max(logged, 1e-12) / _LONG_UNITS[name])))
         if unit:
             return [f"{both}; does the log count in units of one {unit}? Then write pressure.time_unit: {unit}"]
@@ -98,7 +106,8 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         tip = track["tip"].values[track["valid"].values.astype(bool)]
         distance = np.hypot(*tip.T)
         far, off = float(distance.max()), distance > _OFF * length_mm
-        x_mm, y_mm = np.abs(np.median(tip[: max(1, len(tip) // 20)], axis=0))
+        begins = np.median(tip[: max(1, len(tip) // 20)], axis=0)
+        (x_mm, y_mm), above_mm = np.abs(begins), float(begins[1])
         at_most = f"the tip is at most {far:.4g} mm from the clamp, and the tube {length_mm:.4g} mm long"
         if 0 < off.mean() < _FEW:
             return [f"{at_most}; {off.sum()} rows lie beyond any tube: leave empty those in which none was seen"]
@@ -110,6 +119,8 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             ]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
             return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
+        if above_mm > 0.5 * length_mm:
+            return [f"begins with the tip {above_mm:.3g} mm above the clamp; does y count downwards, as in pictures?"]
     elif "bend_angle" in track:
         widest = float(np.nanmax(np.abs(track["bend_angle"].values)))
         if widest < np.pi:
@@ -170,6 +181,11 @@ def of_pair(
             "the angle falls while the pressure rises; positive is where actuator.bends points: if the sensor counts the other way, or "
             "from the bent tube, give the pressure sign: -1"
         )
+    if motion.shape[1] == 2 and _moves_back(track, motion[seen], np.interp(moved_s, log_s, pressure_kPa)):
+        said.append(
+            "the tube moves to the other side than actuator.bends says while the pressure rises; is the track mirrored, or the sign "
+            "of the pressure turned?"
+        )
     return ["; ".join(said)] if said else []
 
 
@@ -190,6 +206,63 @@ def _followed(
             if best[0] is None or share > best[0]:
                 best = (share, float(lag_s), float(slopes[0]))
     return best
+
+
+def _moves_back(track: xr.Dataset, motion: FloatArray, pressure_kPa: FloatArray) -> bool:
+    """Whether a tip (n, 2) goes to the other side than the one that `bends` of its track names as the pressure (n,) rises."""
+    outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * motion[:, 0]
+    return bool(np.ptp(outwards)) and float(np.corrcoef(outwards, pressure_kPa)[0, 1]) < -_FOLLOWS
+
+
+@dataclass(frozen=True)
+class Response:
+    """How far a run's tip (mm) or angle (deg) goes from side to side, and its pressure (kPa)."""
+
+    unit: str
+    swing: float
+    swing_kPa: float
+
+    @property
+    def per_kPa(self) -> float:
+        return self.swing / self.swing_kPa
+
+
+def response(track: xr.Dataset, pressure_kPa: FloatArray) -> Response | None:
+    """Return how far a run and its log (samples,) go; None where too little of either was seen."""
+    name = next((item for item in ("tip", "bend_angle") if item in track), None)
+    if name is None:
+        return None
+    motion = track[name]
+    places = motion.values.reshape(len(motion), -1)
+    places = places[np.isfinite(places).all(axis=1)]
+    swing_kPa = float(np.ptp(np.percentile(pressure_kPa, (1, 99))))
+    if len(places) < 20 or swing_kPa < _LOW_KPA:
+        return None
+    swing = float(np.linalg.norm(np.ptp(np.percentile(places, (1, 99), axis=0), axis=0)))
+    return Response("mm" if name == "tip" else "deg", swing, swing_kPa)
+
+
+def of_response(name: str, responses: Mapping[str, Response]) -> str:
+    """Doubt the unit of a log where the tube goes as far as in other runs and the pressure does not; empty where there is no doubt.
+
+    A run that is faster than the others goes less far for each kPa, too, but has their pressures.
+    """
+    own = responses.get(name)
+    others = [item for other, item in responses.items() if other != name and own and item.unit == own.unit]
+    if own is None or not others:
+        return ""
+    most, least = max(item.per_kPa for item in others), min(item.per_kPa for item in others)
+    lower = min(item.swing_kPa for item in others) / own.swing_kPa
+    higher = own.swing_kPa / max(item.swing_kPa for item in others)
+    if most > _OTHERWISE / 2 * least:
+        return ""  # runs that are unlike each other tell nothing of this one
+    if own.per_kPa > _OTHERWISE * most and lower > _OTHERWISE / 2:
+        said = f"{own.per_kPa / most:.2g} times more for each kPa"
+    elif own.per_kPa < least / _OTHERWISE and higher > _OTHERWISE / 2 and len(others) > 1:  # of two runs the first is said
+        said = f"{least / max(own.per_kPa, 1e-12):.2g} times less for each kPa"
+    else:
+        return ""
+    return f"the tube moves {said} than in any other run; is pressure.unit right? One psi is 6.9 kPa, one bar 100"
 
 
 def _each_for_itself(

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 #: Short actuators are about three times as long as thick; one given by its diameters, or in cm, falls below this.
 _LEAST_SLENDER = 2.0
+#: A length in cm that is called mm is a tenth of 3 diameters or more; one in m a thousandth of 100 at most.
+_IN_M = 0.1
 #: kg/m^3: osmium, the densest solid, and the lightest foams (CRC Handbook of Chemistry and Physics).
 _DENSEST, _LIGHTEST = 22_600.0, 10.0
 #: kg/m^3: silicones and natural rubbers begin at 900; four times the area, as diameters make of it, leaves at most 400.
@@ -30,8 +32,9 @@ def of_tube(tube: Actuator) -> list[tuple[str, str]]:
     outer, inner, length = 1e3 * tube.outer_radius, 1e3 * tube.inner_radius, 1e3 * tube.length
     doubts = []
     if length < _LEAST_SLENDER * 2 * outer:
-        text = f"a length of {length:g} mm is {length / (2 * outer):.1f} times the diameter of {2 * outer:g} mm; "
-        doubts.append(("outer_radius", f"{text}is the length in cm, or the radius a diameter?"))
+        text = f"a length of {length:g} mm is {length / (2 * outer):.2g} times the diameter of {2 * outer:g} mm; "
+        why = "is the length in m?" if length < _IN_M * 2 * outer else "is the length in cm, or the radius a diameter?"
+        doubts.append(("outer_radius", text + why))
     elif (outer, inner) == _PAPER_DIAMETERS_MM:
         text = f"{outer:g} and {inner:g} mm are the diameters that the paper prints; its radii are 4 and 3 mm"
         doubts.append(("outer_radius", text))

@@ -14,7 +14,7 @@ class PressureGain(Effect):
     title = "Scale of the pressure sensor"
     reference = "sensor calibration"
     shows = "nothing of its own: it is exactly a change of r_hyd"
-    mistaken_for = "r_hyd, exactly"
+    mistaken_for = "r_hyd, exactly; a wrong pressure.unit (a log in psi read as kPa is 6.9 times too low)"
     split_by = "weighing the sensor against a dead-weight tester; no run of this rig can"
     kind = "measurement"
     parameters = {"g": EffectParameter("1", 1.0, 0.5, 2.0, 1.02, "true over logged pressure")}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Table, listed
-from rfea_vision.units import conversion_factor, pressure_unit
+from rfea_vision.units import conversion_factor, counted, pressure_unit
 
 _SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar": "mbar", "Bar": "bar"}
 """Spellings that no registry of units knows."""
@@ -43,7 +43,7 @@ def refuse_rows(
     """Raise an InputError for the first row (counted from 1) in which `wrong` (rows,) is set, if there is one."""
     rows = np.flatnonzero(wrong)
     if rows.size:
-        more = f" (and {rows.size - 1} more rows)" if rows.size > 1 else ""
+        more = f" (and {counted(rows.size - 1, 'more row')})" if rows.size > 1 else ""
         raise InputError(f"{where}: {column}, row {rows[0] + 1}: {fault}{more}; {remedy}")
 
 

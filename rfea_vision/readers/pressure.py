@@ -19,6 +19,9 @@ from rfea_vision.units import counted, pressure_unit
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import PressureSpec
 
+#: s by which clocks of 24 and of 12 hours jump back, and how near to that a jump is one of them: no log has rows so far apart.
+_DAYS_S, _NEAR_S = (86400.0, 43200.0), 60.0
+
 
 @dataclass(frozen=True)
 class PressureLog:
@@ -54,8 +57,14 @@ class PressureLog:
         refuse_rows(where, "time", ~np.isfinite(self.time_s), "is not a finite number", "remove the row")
         refuse_rows(where, "pressure", ~np.isfinite(self.pressure_kPa), "is not a finite number", "remove or repair it")
         steps = np.diff(self.time_s, prepend=-np.inf)
-        refuse_rows(where, "time", steps < 0, "is earlier than the row before", "sort the log by time, or split it")
-        refuse_rows(where, "time", steps == 0, "repeats the row before", "remove the duplicate")
+        back, held = steps < 0, steps == 0
+        remedy = "sort the log by time, or split it"
+        if back.sum() == 1 and (around := [day for day in _DAYS_S if abs(float(steps[back][0]) + day) < _NEAR_S]):
+            remedy = f"the clock passes midnight there: add {around[0]:g} s from that row on"
+        refuse_rows(where, "time", back, "is earlier than the row before", remedy)
+        coarse = held.sum() > self.time_s.size / 2
+        remedy = "the clock is too coarse for its rows: export it with more decimals" if coarse else "remove the duplicate"
+        refuse_rows(where, "time", held, "repeats the row before", remedy)
 
     @property
     def pushes_kPa(self) -> dict[str, FloatArray]:

@@ -79,8 +79,16 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
     for tube in dict.fromkeys(item.actuator for item in experiments):
         for key, text in of_tube(tube):
             work.tell(f"warning: actuator.{key}: {text}")
+    responses = dict[str, plausibility.Response]()
     for experiment in experiments:
-        say_warnings(work, experiment, recordings[experiment.name].value)
+        recording = recordings[experiment.name].value
+        say_warnings(work, experiment, recording)
+        if not experiment.pressure.constant and not recording.dataset.attrs.get("pressure_doubts"):
+            moved = plausibility.response(recording.dataset, recording.dataset["pressure"].values)
+            responses |= {} if moved is None else {experiment.name: moved}
+    for experiment in experiments:
+        if text := plausibility.of_response(experiment.name, responses):
+            work.tell(f"warning: {experiment.name}: pressure: {text}")
     warn_of_copies(work, experiments)
 
 

@@ -36,6 +36,12 @@ def _radians(folder):
     pd.DataFrame({"time_s": time_s, "angle_deg": angle}).to_csv(folder / "steps" / "track.csv", index=False)
 
 
+def _frame_numbers(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    table["time_s"] = range(len(table))
+    table.to_csv(folder / "steps" / "track.csv", index=False)
+
+
 def _time_as_pressure(folder):
     table = pd.read_csv(folder / "steps" / "pressure.csv")
     table["pressure_kPa"] = 100 * table["time_s"]
@@ -92,6 +98,10 @@ SLIPS = pytest.mark.parametrize(
         (_nowhere, "2 rows lie beyond any tube: leave empty those"),
         (_swapped, "are x and y swapped?"),
         (_radians, "are these radians?"),
+        (_scaled("tip_x_mm", -1.0, "track.csv"), "is the track mirrored, or the sign of the pressure turned?"),
+        (_scaled("tip_y_mm", -1.0, "track.csv"), "does y count downwards, as in pictures?"),
+        (_scaled("pressure_kPa", 1 / 6.895), "in any other run; is pressure.unit right?"),
+        (_frame_numbers, "is it the number of the frame?"),
         (_time_as_pressure, "is it the column of time?"),
         (_copied, "is the same log, row by row, as that of 'sine'"),
         (_copied_track, "is the same track, row by row, as that of 'sine'"),

@@ -49,6 +49,12 @@ def renamed(old, new):
     return lambda folder: (folder / old).rename(folder / new)
 
 
+def in_a_folder_of_windows(folder):
+    (folder / "steps" / "data").mkdir()
+    renamed("steps/track.csv", "steps/data/track.csv")(folder)
+    text("file: track.csv", "file: data\\track.csv", RUN)(folder)
+
+
 def film_of_nothing(folder):
     text("track: {file: track.csv}", "video: {file: v.mp4}", RUN)(folder)
     (folder / "steps" / "v.mp4").touch()
@@ -98,6 +104,9 @@ IN_FILES = [
     ("no validation", text("role: validate", "role: train", "sine/experiment.yaml"), 0, "set one aside"),
     ("two of one name", text("name: steps", "name: sine", RUN), 2, "steps/experiment.yaml: name: 'sine' names 2 experiments"),
     ("track renamed", renamed("steps/track.csv", "steps/Track.CSV"), 2, "(there is Track.CSV"),
+    ("path of Windows", in_a_folder_of_windows, 2, "no file 'data\\track.csv'"),
+    ("no ending", text("file: track.csv", "file: track", RUN), 2, "(there is track.csv)"),
+    ("length in m as mm", text("length: 155 mm", "length: 0.155 mm"), 0, "is the length in m?"),
     ("track in a lower folder", text("file: track.csv", "file: data/track.csv", RUN), 2, "no file 'data/track.csv'"),
     ("film turned", turned_film, 2, "photos have 48 x 64; one of them is turned: turn the video, or photograph the board"),
     ("film empty", film_of_nothing, 2, "is empty (0 bytes)"),

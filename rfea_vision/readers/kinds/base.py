@@ -91,7 +91,9 @@ class Table:
         if wrong.size:
             row = int(wrong[0])
             if len(wrong) > 1 and np.isnan(numbers).all():
-                text = f"column '{name}' holds no numbers, but such as '{values[row]}'; export it as plain numbers"
+                clock = re.search(r"\d:\d\d", str(values[row])) is not None
+                remedy = "export it in s, or as 2026-03-01 14:05:30.25, with the date" if clock else "export it as plain numbers"
+                text = f"column '{name}' holds no numbers, but such as '{values[row]}'; {remedy}"
                 raise InputError(f"{self.source}: {text}")
             where = f"{self.source}: column '{name}', row {row + 1}"
             raise InputError(f"{where}: '{values[row]}' is not a number; correct or remove the row")
