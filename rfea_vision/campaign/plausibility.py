@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import bend_sign
