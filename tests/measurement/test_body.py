@@ -19,6 +19,8 @@ from rfea_vision.vision.body.model import SHARES, STATIONS
 from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.derive.rows import Rows
+from rfea_vision.vision.edges.fitted import new_workspace
+from rfea_vision.vision.find.begin import begin, digits_of, length_of
 from rfea_vision.vision.track import make_scene, too_few
 from testing.phone import Arm, Room, clear_scene, film, scene
 
@@ -149,6 +151,36 @@ def test_hints_decide_between_two_lines_from_clamp_to_tip(more, taken):
     follower = BodyFollower(make_scene(calibration, actuator, "image", hints, (260, 260)), 1.0)
     follower.next(picture, 0.0)
     assert np.linalg.norm(follower.body.points[32] - lines[taken][40]) < 6.0
+
+
+@pytest.mark.parametrize(("askew_deg", "refusal"), [(15.0, ""), (45.0, "leaves camera.clamp 4")])
+def test_a_line_that_leaves_the_clamp_askew_is_another_things(askew_deg, refusal):
+    """A strip goes straight from the clamp to the tip, and the clamp's edges are not square to it."""
+    picture = np.full((240, 260, 3), (225, 222, 220), np.uint8)
+    cv2.line(picture, (60, 120), (200, 120), (60, 120, 200), 17)
+    dx, dy = 8.0 * np.sin(np.deg2rad(askew_deg)), 8.0 * np.cos(np.deg2rad(askew_deg))
+    clamp = (60.0 + dx, 120.0 + dy), (60.0 - dx, 120.0 - dy)
+    calibration = scaled_by_distance((260, 240), [[60, 120], [200, 120]], 70.0)
+    actuator = Actuator(outer_radius=4e-3, inner_radius=2e-3, length=70e-3)
+    follower = BodyFollower(
+        make_scene(calibration, actuator, "image", Hints(clamp=clamp, tip=(200.0, 120.0)), (260, 240)), 1.0
+    )
+    found = follower.next(picture, 0.0)
+    assert refusal in found and bool(found) == bool(refusal), found
+
+
+@pytest.mark.parametrize("length_mm", [0.7, 2.0])
+def test_a_body_under_a_microscope_has_ends_too(length_mm):
+    """Windows in which an end is looked for are longer than all of this body."""
+    picture = np.zeros((240, 260), np.uint8)
+    cv2.line(picture, (60, 120), (200, 120), 200, 16)
+    calibration = scaled_by_distance((260, 240), [[60, 120], [200, 120]], length_mm)
+    actuator = Actuator(outer_radius=0.0571e-3 * length_mm, inner_radius=0.01e-3 * length_mm, length=length_mm / 1e3)
+    hints = Hints(clamp=((60.0, 112.0), (60.0, 128.0)), tip=(200.0, 120.0))
+    found = begin(picture, make_scene(calibration, actuator, "image", hints, (260, 240)), new_workspace())
+    assert not isinstance(found, str), found
+    assert abs(length_of(found.state) / length_mm - 1.0) < 0.1
+    assert f"{0.33:.{digits_of(length_mm)}f}" == f"{0.33:.{2 if length_mm < 1 else 1}f}"
 
 
 def test_copies_of_a_moving_arm_are_said_and_do_not_count_against_a_film():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.body.fit import ALONG, Fit
 from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, STATIONS
+from rfea_vision.vision.find.begin import digits_of
 
 # Limits of the table at the end, set on the even scenes of testing/phone.py,
 # that of the last body width on scene 7.
@@ -116,7 +117,7 @@ def _short(first: First, fit: Fit) -> str:
     off = float(np.nanmedian(fit.end)) if np.any(np.isfinite(fit.end)) else 0.0
     if off <= END_OFF * float(np.median(fit.body.half)) or fit.beyond <= GOES_ON:
         return ""
-    return f"the tube goes on beyond the line's end, by {off / first.px_per_mm:.1f} mm or more"
+    return f"the tube goes on beyond the line's end, by {off / first.px_per_mm:.{digits_of(first.length_mm) + 1}f} mm or more"
 
 
 def _longest(where: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -126,8 +127,8 @@ def _longest(where: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def _stretch(first: First, stations: NDArray[np.int64]) -> str:
-    ends = SHARES[[stations[0], stations[-1]]] * first.length_mm
-    return f"{ends[0]:.0f} to {ends[1]:.0f} mm from the clamp"
+    ends = [f"{end * first.length_mm:.{digits_of(first.length_mm)}f}" for end in SHARES[[stations[0], stations[-1]]]]
+    return f"{' to '.join(ends)} mm from the clamp"
 
 
 def _edges(first: First, fit: Fit) -> str:
@@ -170,7 +171,8 @@ def _marks(first: First, fit: Fit) -> str:
     places = np.flatnonzero(np.isfinite(fit.marks))
     for group in np.split(places, np.flatnonzero(np.diff(places) > 2) + 1):
         if len(group) and float(np.mean(fit.marks[group])) < MARK_FOUND and len(group) >= 2:
-            return f"the mark {SHARES[group].mean() * first.length_mm:.0f} mm from the clamp is not found there"
+            place = float(SHARES[group].mean()) * first.length_mm
+            return f"the mark {place:.{digits_of(first.length_mm)}f} mm from the clamp is not found there"
     return ""
 
 
@@ -185,7 +187,7 @@ def _border(first: First, fit: Fit) -> str:
 def _vague(first: First, fit: Fit) -> str:
     error = float(np.sqrt(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]))
     limit = WIDEST_ERROR * float(np.median(fit.body.half))
-    return "" if error <= limit else f"the end is known to {error / first.px_per_mm:.1f} mm only"
+    return "" if error <= limit else f"the end is known to {error / first.px_per_mm:.{digits_of(first.length_mm) + 1}f} mm only"
 
 
 # Reason for which a fitted frame is refused, and a test that returns what was seen, or nothing.

@@ -160,6 +160,8 @@ def end_candidates(
     out: list[tuple[End, float]] = []
     if last < len(s):
         out.append((End(float(s[max(last - 1, 0)]), 0.1, "border"), 0.3))
+    if len(s) <= 2 * m:  # of a worm under a microscope: no step is so sharp
+        return out
     cumulative = np.vstack([np.zeros(3), np.cumsum(means, axis=0)])
     k = np.arange(m, len(s) - m)
     size = np.abs(cumulative[k + m] - 2 * cumulative[k] + cumulative[k - m]) / m / abs(contrast)
