@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +15,8 @@ from rfea_vision.errors import InputError
 from rfea_vision.readers.apart import ask, isolated
 
 Picture = NDArray[np.uint8]
+DEPTHS = (8, 10, 12, 14, 16)  # bits of cameras; all but the first are written into pictures of 16
+LOOKED_AT = 9  # pictures of a folder, from the first to the last, for how many bits they use
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 
@@ -26,29 +30,60 @@ def numbered_pictures(folder: Path, endings: tuple[str, ...] = PICTURES) -> tupl
     )
 
 
-def read_grey(path: Path, *, as_stored: bool = False) -> Picture | None:
-    """Read a picture, turned as its file says or, `as_stored`, as the sensor saw it; None if it cannot be read."""
-    return decode(path, cv2.IMREAD_GRAYSCALE | (cv2.IMREAD_IGNORE_ORIENTATION if as_stored else 0))
+def read_grey(path: Path, *, as_stored: bool = False, bits: int = 16) -> Picture | None:
+    """Read a picture, turned as its file says or, `as_stored`, as the sensor saw it; None if it cannot be read.
+
+    Of a picture of 16 bits, white is that of `bits`.
+    """
+    return decode(path, cv2.IMREAD_GRAYSCALE | (cv2.IMREAD_IGNORE_ORIENTATION if as_stored else 0), bits)
 
 
-def read_colour(path: Path) -> Picture | None:
+def read_colour(path: Path, *, bits: int = 16) -> Picture | None:
     """Read a picture (h, w, 3) in blue, green and red, turned as its file says; None if it cannot be read."""
-    return decode(path, cv2.IMREAD_COLOR)
+    return decode(path, cv2.IMREAD_COLOR, bits)
 
 
-def decode(path: Path, how: int) -> Picture | None:
+def decode(path: Path, how: int, bits: int = 16) -> Picture | None:
     """Read a picture with OpenCV's flags; it returns nothing for what it does not know and raises for what is damaged."""
     if isolated():
         try:
             return ask("picture", path, how=how)
         except InputError:
             return None
+    found = _decoded(path, how | (cv2.IMREAD_ANYDEPTH if bits < DEPTHS[-1] else 0))
+    if found is not None and found.dtype == np.uint16:
+        found = np.minimum(found >> (bits - DEPTHS[0]), 255)
+    return None if found is None else np.asarray(found, dtype=np.uint8)
+
+
+def _decoded(path: Path, how: int) -> NDArray[Any] | None:
     try:
         data = np.fromfile(path, dtype=np.uint8)
-        found = cv2.imdecode(data, how) if data.size else None
+        return cv2.imdecode(data, how) if data.size else None
     except (OSError, cv2.error, MemoryError):
         return None
-    return None if found is None else np.asarray(found, dtype=np.uint8)
+
+
+def bits_of(files: Sequence[Path]) -> int:
+    """How many of their 16 bits pictures use, as cameras have them: of 12 bits, white is 4095 and not 65535.
+
+    Some are looked at, from the first to the last, so that all are read alike.
+    """
+    used = 0
+    for number in np.unique(np.linspace(0, len(files) - 1, LOOKED_AT).astype(int)):
+        found = _decoded(files[number], cv2.IMREAD_UNCHANGED)
+        if found is None or found.dtype != np.uint16:
+            return DEPTHS[-1]
+        used = max(used, int(found.max()))
+    return next(depth for depth in DEPTHS if used < 1 << depth)
+
+
+def pages_of(path: Path) -> int:
+    """Pictures in a file: a TIFF may hold a stack of them."""
+    try:
+        return int(cv2.imcount(str(path))) if path.suffix.lower() in (".tif", ".tiff") else 1
+    except (cv2.error, MemoryError):
+        return 1
 
 
 def scaled(picture: Picture, scale: float) -> Picture:

@@ -20,7 +20,15 @@ from numpy.typing import NDArray
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import is_file
 from rfea_vision.readers.apart import isolated
-from rfea_vision.readers.pictures import PICTURES, numbered_pictures, read_colour, read_grey, scaled
+from rfea_vision.readers.pictures import (
+    PICTURES,
+    bits_of,
+    numbered_pictures,
+    pages_of,
+    read_colour,
+    read_grey,
+    scaled,
+)
 from rfea_vision.readers.tables import read_table
 
 Luma = NDArray[np.uint8]
@@ -158,13 +166,14 @@ class FolderSource(FrameSource):
 
     files: tuple[Path, ...] = ()
     times: tuple[float, ...] = ()
+    bits: int = 16  # that pictures of 16 bits use
 
     def times_s(self) -> NDArray[np.float64]:
         return np.array(self.times)
 
     def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         for file, time in zip(self.files[start_frame:], self.times[start_frame:], strict=True):
-            luma = read_grey(file)
+            luma = read_grey(file, bits=self.bits)
             if luma is None:
                 raise InputError(f"{file}: not a readable picture; remove it from the frames table or copy it again")
             if (luma.shape[1], luma.shape[0]) != self.size:
@@ -175,7 +184,7 @@ class FolderSource(FrameSource):
 
     def colours(self, scale: float = 1.0) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
         for (time, luma), file in zip(self.frames(), self.files, strict=True):
-            picture = read_colour(file)
+            picture = read_colour(file, bits=self.bits)
             yield time, scaled(np.repeat(luma[:, :, None], 3, axis=2) if picture is None else picture, scale)
 
 
@@ -285,10 +294,15 @@ def open_frames(
     first = read_grey(files[0])
     if first is None:
         raise InputError(f"{files[0]}: not a readable picture; copy it again")
+    if (pages := pages_of(files[0])) > len(files):
+        raise InputError(
+            f"{files[0]}: holds {pages} pictures, and of each file one is read; save the stack as single pictures "
+            "(ImageJ: File > Save As > Image Sequence)"
+        )
     rate = rate_Hz or (
         1.0 / float(np.median(np.diff(times))) if len(times) > 1 and np.median(np.diff(times)) > 0 else None
     )
-    return FolderSource(folder, (first.shape[1], first.shape[0]), len(files), rate, files, times)
+    return FolderSource(folder, (first.shape[1], first.shape[0]), len(files), rate, files, times, bits_of(files))
 
 
 def _listed(folder: Path, times_csv: Path | None) -> tuple[tuple[Path, ...], NDArray[np.float64] | None]:

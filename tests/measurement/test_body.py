@@ -32,7 +32,8 @@ def tracked(path, truth, *, aside=(0.0, 0.0), **more):
     source = open_video(path)
     x, y = np.mean(truth.clamp_px, axis=0)
     ruler = [[x, y], [x + 50 * truth.px_per_mm, y]]
-    clamp = tuple((px + aside[0], py + aside[1]) for px, py in truth.clamp_px)
+    one, other = ((px + aside[0], py + aside[1]) for px, py in truth.clamp_px)
+    clamp = one, other
     hints = Hints(clamp=clamp, tip=(truth.tip_px[0] + aside[0], truth.tip_px[1] + aside[1]), **more)
     arm = truth.arm
     actuator = Actuator(outer_radius=arm.half_width / 1e3, inner_radius=arm.half_width / 2e3, length=arm.length / 1e3)
@@ -294,6 +295,10 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     body.points[:, 1] *= 0.9
     assert said(narrow, everywhere) == said(narrow, everywhere, np.nan) == "", "the end is as good as there, or not seen"
     assert said(narrow, everywhere, 6.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
+    body.half = np.where(SHARES > 0.8, 0.4, 1.0) * body.half
+    assert said(narrow, everywhere) == "width_off: 0.40 times as wide as in the first frame, 81 to 100 mm from the clamp"
+    body.half = np.where(SHARES > 0.95, 1.0, 0.8) * first.half
+    assert said(narrow, everywhere) == "", "drawn out, it is thinner all along"
 
 
 def test_what_covers_the_arm_is_called_so(tmp_path):

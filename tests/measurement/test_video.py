@@ -9,7 +9,7 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import InputError
-from rfea_vision.readers.video import open_frames, open_video
+from rfea_vision.readers.video import FolderSource, open_frames, open_video
 from rfea_vision.vision import make_clip, preview_video, track_frames
 from testing.scenes import Look, bending, film
 from testing.sources import memory_source, true_calibration
@@ -80,6 +80,24 @@ def test_a_folder_of_pictures(tmp_path):
         open_frames(tmp_path, table)
 
 
+@pytest.mark.parametrize(("white", "bits"), [(4095, 12), (1000, 10), (60000, 16), (255, 8)])
+def test_pictures_of_a_camera_of_12_bits_are_not_black(tmp_path, white, bits):
+    """It writes them into 16 bits, of which white then is a sixteenth; the first picture may be darker than the others."""
+    for number, share in enumerate((0.02, 0.5, 1.0)):
+        grey = np.full((40, 60), round(share * white), np.uint16)
+        cv2.imwrite(str(tmp_path / f"{number}.tif"), grey)
+    source = open_frames(tmp_path, None, 10.0)
+    told = [round(share * white) >> (bits - 8) for share in (0.02, 0.5, 1.0)]
+    assert [int(luma[0, 0]) for _, luma in source.frames()] == pytest.approx(told, abs=1)
+    assert [int(picture[0, 0, 1]) for _, picture in source.colours()] == pytest.approx(told, abs=1)
+
+
+def test_a_stack_of_pictures_in_one_file_is_no_folder_of_pictures(tmp_path):
+    cv2.imwritemulti(str(tmp_path / "stack.tif"), numbered(4))
+    with pytest.raises(InputError, match=r"stack\.tif: holds 4 pictures, and of each file one is read; save the stack"):
+        open_frames(tmp_path, None, 10.0)
+
+
 @pytest.mark.parametrize("text", ["file;time_s\n9.png;0\n10.png;0,5\n", "file, time_s\n9.png, 0\n10.png, 0.5\n"])
 def test_pictures_are_listed_in_any_table_or_in_none(tmp_path, text):
     for number, picture in zip((9, 10), numbered(2), strict=True):
@@ -88,6 +106,7 @@ def test_pictures_are_listed_in_any_table_or_in_none(tmp_path, text):
     listed = open_frames(tmp_path, tmp_path / "frames.csv")
     assert listed.times_s().tolist() == [0.0, 0.5]
     plain = open_frames(tmp_path, None, 2.0)
+    assert isinstance(plain, FolderSource) and isinstance(listed, FolderSource)
     assert (plain.files, plain.times) == (listed.files, listed.times)
     with pytest.raises(InputError, match=r"frames.folder: says no times.*'rate: 240 Hz'"):
         open_frames(tmp_path, None)
