@@ -21,6 +21,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, find_effects, line_effects, load_effect_file
+from rfea_vision.fitting.coordinates import sized
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observation import TUBE_LAG_S
 from rfea_vision.fitting.observed import Observed
@@ -59,7 +60,7 @@ def offered(
     clocks_free = all(item.clock_sigma >= TUBE_LAG_S for item in problem.train)
     moving = pushed(problem.train)
     chosen = []
-    for effect in find_effects([i for i in ids if i not in own], effect_files):
+    for effect in sized(find_effects([i for i in ids if i not in own], effect_files), problem.actuator):
         tied_to_base = any(name in fitted.coordinates.names for name in effect.exactly_tied_to)
         # Of a pressure that never changes neither its line, nor what it lengthens, nor the clock of its log can be told.
         by_log = effect.id in line_effects() or effect.overrides("stretch") or effect.overrides("time_shift")

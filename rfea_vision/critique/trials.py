@@ -15,6 +15,7 @@ from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import find_effects, plain, split_joint
 from rfea_vision.errors import DataError
+from rfea_vision.fitting.coordinates import sized
 from rfea_vision.fitting.fit import Fitted, Problem, refit
 from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.solver import ROUGH_FRAMES
@@ -112,7 +113,8 @@ class Trials:
         like = base.fitted
         files = self.effect_files or like.options.effect_files
         values, absent = {}, {}
-        for effect in find_effects([split_joint(one)[0] for one in sorted(key)], files):
+        named = find_effects([split_joint(one)[0] for one in sorted(key)], files)
+        for effect in sized(named, self.problem.actuator):
             for name, spec in effect.parameters.items():
                 values[f"{effect.id}.{name}"] = (
                     spec.start if spec.absent is not None else (spec.grid or (spec.start,))[0]

@@ -15,7 +15,7 @@ from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.trials import Trial, plain
 from rfea_vision.units import rounded
 
-#: Sets that are written down, and effects that one tie may hold.
+#: Sets that are written down, and effects that one tie may hold where fewer than all of it are likely.
 MOST_SETS, MOST_TIED = 12, 3
 
 
@@ -41,9 +41,10 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     top = weighed[0]
     ties, probability, likely = _likely(search, weighed, search.tied(weighed))
     # Not by itself, nor with what does alike: those between which the odds do not decide may be likely together.
-    if not likely:
-        shared = _likely(search, weighed, search.as_likely(weighed))
-        ties, probability, likely = shared if shared[2] else (ties, probability, likely)
+    for most in (MOST_TIED, None):
+        if not likely:
+            shared = _likely(search, weighed, search.as_likely(weighed), most)
+            ties, probability, likely = shared if shared[2] else (ties, probability, likely)
     follows = {e.id for e in search.effects if set(e.goes_with) & set(likely)}  # what needs another is added after it
     likely.sort(key=lambda one: (one in follows, -_worth(search, top, one)))
     own = next((item for item in weighed if set(item.added) == set(likely)), weighed[0])
@@ -71,13 +72,13 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
 
 
 def _likely(
-    search: Search, weighed: list[Weighed], ties: Mapping[str, list[Weighed]]
+    search: Search, weighed: list[Weighed], ties: Mapping[str, list[Weighed]], most: int | None = MOST_TIED
 ) -> tuple[dict[str, list[Weighed]], dict[str, float], list[str]]:
     """The ties that are told, the probability of every effect with them, and members of the best set that are likely and matter.
 
-    Only what is named shares its claim with those that it cannot be told from.
+    A tie holds `most` effects, or all that there are. Only what is named shares its claim with those that it cannot be told from.
     """
-    told = {own: rows[: MOST_TIED - 1] for own, rows in ties.items()}
+    told = {own: rows if most is None else rows[: most - 1] for own, rows in ties.items()}
     probability = search.probabilities(weighed, told)
     likely = [
         one for one in weighed[0].added if probability[one] >= search.rule.likely and search.matters(weighed, one)

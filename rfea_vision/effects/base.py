@@ -180,6 +180,8 @@ class Effect:
     goes_with: ClassVar[tuple[str, ...]] = ()  # effects without which this one is no candidate
     # of an effect of the line that acts on one of several chambers alone; asked for as id@chamber
     chamber: ClassVar[str] = ""
+    # parameters that then mean something else, and have other bounds
+    of_chamber: ClassVar[dict[str, EffectParameter]] = {}
 
     def __init__(self) -> None:
         own = "".join(c if c.isalnum() else f"_{ord(c):x}_" for c in self.id) if self.chamber else self.id

@@ -128,6 +128,7 @@ def _placed(effect: type[Effect], chamber: str) -> type[Effect]:
         "chamber": chamber,
         "title": f"{effect.title}, chamber {chamber}",
         "exactly_tied_to": (),
+        "parameters": {**effect.parameters, **effect.of_chamber},
     }
     return type(effect.__name__, (effect,), own)
 

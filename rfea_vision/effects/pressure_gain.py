@@ -18,6 +18,8 @@ class PressureGain(Effect):
     split_by = "weighing the sensor against a dead-weight tester; no run of this rig can"
     kind = "measurement"
     parameters = {"g": EffectParameter("1", 1.0, 0.5, 2.0, 1.02, "true over logged pressure")}
+    # a chamber's own lever: thin ones beside the middle bend a body a tenth as much as one at its edge
+    of_chamber = {"g": EffectParameter("1", 1.0, 0.0, 10.0, 1.02, "lever of the chamber over that of the first one")}
     exactly_tied_to = ("r_hyd",)
 
     def felt_pressure(self, pressure: sp.Symbol) -> sp.Expr:

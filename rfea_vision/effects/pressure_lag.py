@@ -17,7 +17,7 @@ class PressureLag(Effect):
     mistaken_for = "time_offset (a pure shift), fluid_damping"
     split_by = "a fast step and a slow ramp in one run, on a common clock"
     kind = "pressure"
-    parameters = {"T": EffectParameter("s", 0.0, 0.0, 2.0, 0.02, "time constant of the line", display="ms")}
+    parameters = {"T": EffectParameter("s", 0.0, 0.0, 20.0, 0.02, "time constant of the line", display="ms")}
 
     def line_time_constant(self) -> sp.Expr:
         return self.T

@@ -7,7 +7,7 @@ values at rest and at the largest radius that the recordings reach; both must be
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED, scaled
 from rfea_vision.dynamics.simulation import Model
+from rfea_vision.effects.base import Effect
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.tube import inner_radius
 
@@ -102,6 +103,22 @@ def base_reference(actuator: Actuator, segments: int) -> FloatArray:
     out[[1, 3, 5]] *= size * standard.inner_radius / actuator.inner_radius
     out[6] *= actuator.outer_radius / standard.outer_radius
     return out
+
+
+def sized(effects: Sequence[Effect], actuator: Actuator) -> tuple[Effect, ...]:
+    """Effects whose torques (N m) may be as large as this body is stiff: declared are those of the paper's tube.
+
+    Bounds and starts widen by the stiffness at rest, as `base_reference` has it; of a smaller tube they stay.
+    """
+    times = max(1.0, base_reference(actuator, 1)[0] / base_reference(Actuator(), 1)[0])
+    for effect in effects:
+        vars(effect)["parameters"] = {
+            name: replace(spec, lower=spec.lower * times, upper=spec.upper * times, start=spec.start * times)
+            if spec.unit == "N*m"
+            else spec
+            for name, spec in effect.parameters.items()
+        }
+    return tuple(effects)
 
 
 def stiffness_per_modulus(actuator: Actuator, segments: int) -> float:

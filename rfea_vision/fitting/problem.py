@@ -12,7 +12,7 @@ from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Chain, Model
 from rfea_vision.effects.catalogue import find_effects, split_joint
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting.coordinates import base_reference, largest_bend
+from rfea_vision.fitting.coordinates import base_reference, largest_bend, sized
 from rfea_vision.fitting.observation import default_observe, observe_recording
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.rules import CONSTANT_PA, pushed
@@ -145,7 +145,7 @@ def parse_effects(effects: Sequence[str], segments: int) -> tuple[tuple[str, ...
 def make_model(actuator: Actuator, options: FitOptions, mirror: float = 1.0) -> Model:
     """Model that the options describe."""
     ids, places = parse_effects(options.effects, options.segments)
-    effects = find_effects(ids, options.effect_files)
+    effects = sized(find_effects(ids, options.effect_files), actuator)
     return Model(Chain.tube(actuator, options.segments, options.joints), effects, mirror=mirror, at=places)
 
 

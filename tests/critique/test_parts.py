@@ -23,7 +23,7 @@ from rfea_vision.critique.screening import Sensitivity, offered
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.trials import Trials
-from rfea_vision.critique.verdict import _likely, _unexplained
+from rfea_vision.critique.verdict import _likely, _unexplained, decide
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.noise import noise_floor_mm
@@ -345,6 +345,37 @@ def test_what_the_odds_do_not_decide_is_claimed_together(monkeypatch):
     ties, probability, likely = _likely(search, rows, search.as_likely(rows))
     assert likely == ["hysteresis"] and [row.added for row in ties["hysteresis"]] == [("maxwell",), ("mullins",)]
     assert probability["hysteresis"] == probability["mullins"] == pytest.approx(RULE.told(0.77))
+
+
+def test_where_many_do_alike_all_of_them_are_claimed_together(monkeypatch):
+    """Eight laws with a tenth of the odds each are likely together, though no three of them are."""
+    search: Any = object.__new__(Search)
+    search.rule = RULE
+    search.floors = SimpleNamespace(unit="deg", calibration=0.0)
+    search.floor, search.present = 0.1, SimpleNamespace()
+    ids = ["maxwell", "time_offset", "pressure_offset", "pressure_lag", "rest_curvature", "damping_direction", "drag"]
+    search.effects = find_effects(ids)
+    monkeypatch.setattr(Search, "matters", lambda *_: True)
+    monkeypatch.setattr(Search, "without", lambda *_: None)
+    monkeypatch.setattr(Search, "structure", lambda *_: 2.0)
+    monkeypatch.setattr("rfea_vision.critique.verdict._missing", lambda *_: "so")
+    monkeypatch.setattr("rfea_vision.critique.verdict.stand_ins_of", lambda *_: ())
+
+    def verdict(each: float) -> Any:
+        shares = [each - 0.001 * place for place in range(len(ids))]
+        rows: list[Any] = [
+            Weighed(SimpleNamespace(), (own,), float(np.log(share)), share, 0.7)  # type: ignore[arg-type]
+            for own, share in zip(ids, shares, strict=True)
+        ]
+        return decide(search, rows)
+
+    monkeypatch.setattr("rfea_vision.critique.verdict._matters_at_all", lambda *_: True)
+    monkeypatch.setattr("rfea_vision.critique.verdict._unexplained", lambda *_: "not so")
+    found = verdict(0.1)
+    assert (found.verdict, found.named) == ("missing", ("maxwell",))
+    assert set(found.tied[0].effects) == set(ids)
+    assert found.probability["drag"] == pytest.approx(found.probability["maxwell"], abs=1e-9)
+    assert verdict(0.05).verdict == "unexplained"  # a third together
 
 
 def test_a_second_branch_without_the_first_is_no_claim_of_its_own():

@@ -18,7 +18,7 @@ from rfea_vision.fitting import FitOptions, fit_model
 from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.prediction import as_dataset, observe_as_scored
-from rfea_vision.fitting.problem import make_problem
+from rfea_vision.fitting.problem import make_model, make_problem
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.refit import refit
 from rfea_vision.fitting.residuals import predict_observed
@@ -138,13 +138,17 @@ OWN = ("pressure_gain@right", "pressure_lag@right", "pressure_offset@left")
 OWN_TRUTH = {"pressure_gain@right.g": 0.8, "pressure_lag@right.T": 0.06, "pressure_offset@left.p0": 3e3}
 
 
-def _two_chambers(name, role, seed):
+#: A chamber beside the middle, behind a thin long line.
+FAR_OFF = {"pressure_gain@right.g": 0.2, "pressure_lag@right.T": 3.0, "pressure_offset@left.p0": 3e3}
+
+
+def _two_chambers(name, role, seed, truth=OWN_TRUTH):
     """A rod with a chamber on either side, the right one on a shorter lever and behind a slow line, each driven in its turn."""
     time = np.arange(0.0, 6.0, 0.02)
     waves = np.random.default_rng(seed).normal(size=(2, 8))
     left, right = (4e4 * np.abs(np.interp(time, np.linspace(0, 6, 8), wave)) for wave in waves)
     model = Model(Chain.tube(ROD, SEGMENTS), find_effects(OWN))
-    par = np.append(base_reference(ROD, SEGMENTS), [OWN_TRUTH[name] for name in model.names[7:]])
+    par = np.append(base_reference(ROD, SEGMENTS), [truth[name] for name in model.names[7:]])
     excitation = Excitation.from_log(
         time, left - right, 0.0, 5.98, chambers_Pa={"left": (1.0, left), "right": (-1.0, right)}
     )
@@ -167,6 +171,29 @@ def _two_chambers(name, role, seed):
 @pytest.fixture(scope="module")
 def chambers():
     return {name: _two_chambers(name, role, seed) for name, role, seed in (("a", "train", 3), ("b", "validate", 7))}
+
+
+def test_a_chamber_may_have_a_fifth_of_the_lever_and_a_line_of_seconds():
+    """A lever below a half and a lag above 2 s had been out of bounds, whatever the body: neither could be named."""
+    runs = {
+        name: _two_chambers(name, role, seed, FAR_OFF) for name, role, seed in (("a", "train", 3), ("b", "validate", 7))
+    }
+    own = fit_model(runs, ROD, FitOptions(segments=SEGMENTS, effects=OWN))
+    assert own.metrics["validate"].angle_rmse_deg < 0.03
+    assert own.parameters["pressure_gain@right.g"].value == pytest.approx(0.2, rel=0.05)
+    assert own.parameters["pressure_lag@right.T"].value == pytest.approx(3.0, rel=0.1)
+
+
+def test_torques_of_effects_may_be_as_large_as_the_body_is_stiff():
+    """An arm of 26 N m/rad could rub with 0.05 N m at most, a fifth of a degree, and so never showed a loop."""
+    arm = Actuator(kind="rod", outer_radius=0.04, inner_radius=0.016, length=0.3, mass_per_length=2.0)
+    for name, parameter in (("hysteresis", "tau_h"), ("coulomb", "tau_c")):
+        declared = catalogue()[name].parameters[parameter]
+        (paper,), (large,) = (
+            make_model(body, FitOptions(segments=2, effects=(name,))).effects for body in (Actuator(), arm)
+        )
+        assert paper.parameters[parameter] == declared == catalogue()[name].parameters[parameter]
+        assert large.parameters[parameter].upper > 7e4 * 8e-4 * 0.04  # 70 kPa on 8 cm^2, 40 mm from the middle: 2.2 N m
 
 
 def test_lever_lag_and_zero_of_each_chamber_are_found(chambers):
