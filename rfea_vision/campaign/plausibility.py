@@ -175,7 +175,7 @@ def of_pair(
             f"the motion follows this pressure to {at_once} at once and to {100 * then:.0f} % {late_s:.1f} s later; "
             "is one of the clocks late, or the log that of another run? A long line and slow rubber do so, too"
         )
-    if motion.shape[1] == 1 and slope < 0:
+    if motion.shape[1] == 1 and slope < 0 and not _rises(motion[seen], moved_s, log_s, pressure_kPa):
         said.append(
             "the angle falls while the pressure rises; positive is where actuator.bends points: if the sensor counts the other way, or "
             "from the bent tube, give the pressure sign: -1"
@@ -186,6 +186,13 @@ def of_pair(
             "of the pressure turned?"
         )
     return ["; ".join(said)] if said else []
+
+
+def _rises(angle_deg: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray) -> bool:
+    """Whether an angle (n, 1) may as well rise with a pressure, at whatever lag: of a sine, half a period later it does."""
+    lags_s = np.concatenate([_LAGS_S, _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(time_s))]])
+    each = [_followed(angle_deg, time_s, log_s, pressure_kPa, lags_s[k : k + 1]) for k in range(lags_s.size)]
+    return any(share is not None and share >= _FOLLOWS and slope > 0 for share, _, slope in each)
 
 
 def _followed(

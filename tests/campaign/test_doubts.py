@@ -196,3 +196,11 @@ def test_a_bend_that_lags_by_seconds_or_counts_the_other_way_is_said_to(lag_s, g
     assert all("only; is it the log" not in text for text in said)
     if says == ["sign: -1"]:
         assert "later" not in said[0]
+
+
+def test_of_a_sine_nobody_says_that_the_angle_falls():
+    """Half a period later it rises with the pressure: a lag does the same as a sensor that counts the other way."""
+    time_s = np.arange(0, 40, 0.05)
+    pressure = 40 * (1 + np.sin(2 * np.pi * time_s / 3))
+    angle = 60 - 0.5 * np.interp(time_s - 0.2, time_s, pressure)
+    assert of_pair(xr.Dataset({"bend_angle": ("time", angle)}), time_s, time_s, pressure) == []
