@@ -200,7 +200,7 @@ class Remainder(_Json):
 
 
 class Floors(_Json):
-    """Below what no model gets: noise of the measurement, motion that does not come again, calibration; null if unknown."""
+    """Errors below tell nothing: noise of the measurement, motion that does not come again, calibration; null if unknown."""
 
     measurement: float | None = None
     irreproducible: float | None = None

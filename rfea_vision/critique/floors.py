@@ -1,4 +1,4 @@
-"""Below what no model gets: noise of the measurement, motion that does not come again, and calibration. Kept apart."""
+"""Below what an error tells nothing: noise of the measurement, motion that does not come again, and calibration, kept apart."""
 
 from __future__ import annotations
 

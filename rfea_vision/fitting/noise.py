@@ -1,4 +1,4 @@
-"""How noisy a track is, and the error that no model can be below."""
+"""How noisy a track is, and the error that it alone may make."""
 
 from __future__ import annotations
 

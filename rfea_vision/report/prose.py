@@ -272,4 +272,7 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
             source = "motion that does not come again, or that pressure cannot cause"
         elif floors and (floors.measurement or 0.0) > (step.fit.noise_floor_mm or step.fit.noise_floor_deg or 0.0):
             source = "from the high frequencies that the best fit leaves"
+        reached = shown.validate if shown.validate is not None else shown.train
+        if reached is not None and reached < shown.floor:
+            source = f"{source}; errors below it tell nothing"
         yield Tile("Noise floor", with_unit(shown.floor, shown.unit), note=source, section="trust")

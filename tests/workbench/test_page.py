@@ -96,6 +96,19 @@ def test_an_effect_of_the_catalogue_gets_sliders(served, visit):
     until(page, lambda: page.text_content("#now-train") != before)
 
 
+def test_nothing_is_said_to_be_missing_before_the_campaign_was_read(served, visit):
+    page = visit(served.address + "#/play")
+    held = hold(page, "**/state")
+    page.reload(wait_until="commit")
+    until(page, lambda: held)
+    page.wait_for_selector("#next-say:text('Reading the campaign')")
+    page.click('.places a[href="#/clock"]')
+    page.wait_for_selector('.places a[href="#/clock"][aria-current]')
+    assert "No experiment has been tracked yet" not in page.inner_text("main")
+    held.pop().continue_()
+    page.wait_for_selector("[data-panel=clock] h2", state="visible")
+
+
 def test_a_rung_that_is_chosen_stays_when_an_earlier_look_comes_late(served, visit):
     page = visit(served.address + "#/play")
     settled(page)

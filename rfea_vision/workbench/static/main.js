@@ -192,6 +192,7 @@ async function start() {
   Figure.all = every("[data-figure]").map(element => new Figure(element));
   wire();
   if (here >= 0) { await guarded(reload); beginAtWorst(); } else document.body.classList.add("folder");
+  delete document.documentElement.dataset.reading;
   route();
   document.documentElement.dataset.ready = "yes";
 }
