@@ -51,16 +51,7 @@ class Actuator:
     def __post_init__(self) -> None:
         if self.kind == "tube" and not 0 < self.inner_radius < self.outer_radius:
             raise InputError("actuator.inner_radius must be positive and smaller than actuator.outer_radius")
-        for key in (
-            "outer_radius",
-            "inner_radius",
-            "length",
-            "density",
-            "fluid_density",
-            "width",
-            "area",
-            "second_moment",
-        ):
+        for key in ("outer_radius", "inner_radius", "length", "density", "fluid_density", "width", "area", "second_moment"):
             if not (getattr(self, key) is None or getattr(self, key) > 0):
                 raise InputError(f"actuator.{key} must be positive")
         if self.mass_per_length is not None and not self.mass_per_length > 0:

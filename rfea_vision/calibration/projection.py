@@ -114,9 +114,7 @@ def _unproject_many(camera, pixels):
             if dx * dx + dy * dy < 1e-16:
                 break
         u, v = project_point(camera, x, y)
-        ahead = (
-            h[2, 0] * x + h[2, 1] * y + h[2, 2] > 0
-        )  # beyond the horizon a place behind the camera has the same pixel
+        ahead = h[2, 0] * x + h[2, 1] * y + h[2, 2] > 0  # beyond the horizon a place behind the camera has the same pixel
         if not (ahead and abs(u - pixels[i, 0]) < 1e-3 and abs(v - pixels[i, 1]) < 1e-3):
             x, y = np.nan, np.nan
         out[i, 0], out[i, 1] = x, y

@@ -136,9 +136,7 @@ def track_command(
         for name, few in lacking.items():
             say(f"{name}: {few}")
         if lacking:
-            say_next(
-                "rfea track", campaign, "-e", next(iter(lacking)), "--preview", why="draws what was seen over the video"
-            )
+            say_next("rfea track", campaign, "-e", next(iter(lacking)), "--preview", why="draws what was seen over the video")
         else:
             say_next("rfea sync", campaign)
     return DataError.exit_code if lacking else 0

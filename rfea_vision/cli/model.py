@@ -180,7 +180,9 @@ def _say_after(verdict: str, campaign: Path) -> None:
     elif verdict == "complete":
         say_next("rfea report", campaign, why="one page, offline")
     else:
-        say_next("rfea propose", campaign, why="a law for what is left; 'rfea effects new FILE' writes one of your own")
+        say_next(
+            "rfea propose", campaign, why="a law for what is left; 'rfea effects new FILE' writes one of your own"
+        )
 
 
 def print_ladder(ladder: Ladder) -> None:

@@ -137,9 +137,7 @@ class Stepper:
         if model.law.chambers:
             raise InputError(f"effects at the chamber {model.law.chambers[0]}: in real time a tube has one pressure")
         if model.law.changes("stretch_time_constant"):
-            raise InputError(
-                "a length that follows the pressure late has no step in real time; fit with `stretch` in its place"
-            )
+            raise InputError("a length that follows the pressure late has no step in real time; fit with `stretch` in its place")
         self.model, self.par, self.step_s = model, np.asarray(par, dtype=float), float(step_s)
         self._iterations = int(newton_iterations)
         self._system = model.system(self.par)

@@ -36,11 +36,8 @@ def _joint() -> Joint:
     symbols: list[Any] = [sp.Symbol(name, real=True) for name in names]
     joint = _TypesetJoint(*symbols, base=base)
     joint.expressions.update(
-        outer_radius=sp.Symbol("r_o"),
-        inner_radius=sp.Symbol("r_i"),
-        rest_angle=sp.Symbol(r"\theta_0"),
-        stiffness=sp.Symbol("k"),
-        damping=sp.Symbol("b"),
+        outer_radius=sp.Symbol("r_o"), inner_radius=sp.Symbol("r_i"), rest_angle=sp.Symbol(r"\theta_0"),
+        stiffness=sp.Symbol("k"), damping=sp.Symbol("b"),
     )
     return joint
 

@@ -91,9 +91,7 @@ def check_exportable(model: Model) -> None:
     """
     hooks = ("observed_position", "time_shift", "angle_drift")
     if any(effect.overrides("stretch_time_constant") for effect in model.effects):
-        raise InputError(
-            "export: a length that follows the pressure late is not exported; fit with `stretch` in its place"
-        )
+        raise InputError("export: a length that follows the pressure late is not exported; fit with `stretch` in its place")
     outside = [effect.id for effect in model.effects if any(effect.overrides(hook) for hook in hooks)]
     if outside:
         raise InputError(

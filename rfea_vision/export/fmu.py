@@ -104,9 +104,7 @@ def _description(name: str, guid: str, step_s: float, about: str) -> str:
 """
 
 
-def fmu_content(
-    model: Model, par: FloatArray, name: str, step_s: float, about: str = "", iterations: int = NEWTON_ITERATIONS
-) -> bytes:
+def fmu_content(model: Model, par: FloatArray, name: str, step_s: float, about: str = "", iterations: int = NEWTON_ITERATIONS) -> bytes:
     """The FMU as the content of its file; arguments as for `c_files`.
 
     Raises

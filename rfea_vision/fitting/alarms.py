@@ -77,7 +77,5 @@ def runaway(fitted: Fitted, actuator: Actuator) -> str:
         if "r_hyd" in free and par[6] > actuator.outer_radius:
             lever = f"r_hyd is {par[6] * 1e3:.3g} mm; keep it within its usual bounds, or fix it (--fix r_hyd=3.6mm)"
             return f"{said} and {lever}."
-        return (
-            f"{said}; is the body a tube that bends about its outer side (actuator.section says what else it may be)?"
-        )
+        return f"{said}; is the body a tube that bends about its outer side (actuator.section says what else it may be)?"
     return ""

@@ -199,9 +199,7 @@ def stretching(
         return excitation.at(frames_s, total), None
     lag, by_par = scalar(model.law.stretch_time_constant, par, model._constants)
     ends = np.array([0.0, 1.0])  # of every step
-    late, by_lag = (
-        np.append(part[:1, 0], part[:, 1]) for part in lagged(total, excitation.step_s, ends, max(lag, 0.0))
-    )
+    late, by_lag = (np.append(part[:1, 0], part[:, 1]) for part in lagged(total, excitation.step_s, ends, max(lag, 0.0)))
     return excitation.at(frames_s, late), excitation.at(frames_s, by_lag)[:, None] * by_par
 
 

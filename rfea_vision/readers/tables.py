@@ -36,9 +36,7 @@ def kind_of(path: Path) -> Kind:
     """
     fitting = [kind for kind in KINDS if path.suffix.lower() in kind.endings]
     if not fitting:
-        raise InputError(
-            f"{path}: unknown kind of table '{path.suffix}'; save it as CSV, or as one of {', '.join(endings())}"
-        )
+        raise InputError(f"{path}: unknown kind of table '{path.suffix}'; save it as CSV, or as one of {', '.join(endings())}")
     if not path.is_file():
         raise InputError(f"{path}: not found; correct the name or put the file there")
     if path.stat().st_size == 0:

@@ -68,9 +68,7 @@ def figures(work: Runner, *, formats: Sequence[str], style: str, model: str | No
     if model is not None and model not in mechanics.model_names(work):
         there = ", ".join(mechanics.model_names(work)) or "none"
         raise InputError(f"{work.campaign.root}: no model '{model}'; there are: {there}")
-    return save_plates(
-        plates(collect(work.out, work.runs()), model), work.out / "figures", formats=formats, style=style
-    )
+    return save_plates(plates(collect(work.out, work.runs()), model), work.out / "figures", formats=formats, style=style)
 
 
 def notebook(work: Runner) -> Path:

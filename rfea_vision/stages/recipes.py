@@ -65,9 +65,7 @@ class Recipe(BaseModel):
                 if name not in STEPS:
                     raise ValueError(unknown_key(name, STEPS).replace("key", "step"))
             if len(names) != 1:
-                raise ValueError(
-                    f"step {number} names {' and '.join(names) or 'no stage'}; give each stage a '-' of its own"
-                )
+                raise ValueError(f"step {number} names {' and '.join(names) or 'no stage'}; give each stage a '-' of its own")
         return self
 
     def calls(self) -> list[tuple[str, tuple[Any, ...]]]:
@@ -85,13 +83,7 @@ class Recipe(BaseModel):
     def __get_pydantic_json_schema__(cls, core: Any, handler: Any) -> dict[str, Any]:
         schema = handler.resolve_ref_schema(handler(core))
         options = {name: json_schema(name, *kinds) for name, kinds in STEPS.items()}
-        one = {
-            "type": "object",
-            "properties": options,
-            "additionalProperties": False,
-            "minProperties": 1,
-            "maxProperties": 1,
-        }
+        one = {"type": "object", "properties": options, "additionalProperties": False, "minProperties": 1, "maxProperties": 1}
         schema["properties"]["steps"]["items"] = {"anyOf": [{"enum": list(STEPS)}, one]}
         return schema
 

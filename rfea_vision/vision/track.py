@@ -186,7 +186,9 @@ def lamp_window(box: Sequence[float] | None, size: tuple[int, int]) -> tuple[sli
     return lines, columns
 
 
-def shutter_of(source: FrameSource, line_delay_s: float | None, lamp: tuple[slice, slice] | None) -> Shutter | None:
+def shutter_of(
+    source: FrameSource, line_delay_s: float | None, lamp: tuple[slice, slice] | None
+) -> Shutter | None:
     """How the rows of a film were read; None where all are taken to be of one instant.
 
     Raises

@@ -141,9 +141,7 @@ def fit_body(
     normal_matrix = np.eye(UNKNOWNS)
     shape = BENDING / (POINTED_SHAPE_PX if skin is None else SHAPE_PX) ** 2
     foretold = np.linalg.inv(prior)[ALONG, ALONG] if skin is not None else np.zeros((6, 6))
-    slips = np.sqrt(
-        np.einsum("si,ij,sj->s", ALONG_BASIS, foretold, ALONG_BASIS)
-    )  # px that it may have slipped along itself
+    slips = np.sqrt(np.einsum("si,ij,sj->s", ALONG_BASIS, foretold, ALONG_BASIS))  # px that it may have slipped along itself
     swells = SWELLS * float(np.median(rest_half))
     moved, backing = 0.0, np.ones(STATIONS)
     for turn in range(TURNS):

@@ -152,12 +152,7 @@ class BodyFollower:
         if self.good and reason and self.missed and self.missed % 5 == 0:
             fit = self._fit(lab, self._swung(lab), self._spread(), 1.2)
             reason = self._refused(lab, fit)
-        if (
-            reason
-            and self.good
-            and self.refusal.startswith("touches_border")
-            and not reason.startswith("touches_border")
-        ):
+        if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
         self.refusal = reason
         self.missed += bool(reason)

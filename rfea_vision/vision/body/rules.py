@@ -112,9 +112,7 @@ def _goes_on(first: First, fit: Fit) -> str:
     if first.seen is None:
         return ""
     more = max((_longest(~fit.seen[:, side] & (fit.beside[:, side] > 0.6)) for side in (0, 1)), key=len)
-    return (
-        "" if len(more) <= LONGEST_BESIDE * STATIONS else f"the tube goes on beside the line, {_stretch(first, more)}"
-    )
+    return "" if len(more) <= LONGEST_BESIDE * STATIONS else f"the tube goes on beside the line, {_stretch(first, more)}"
 
 
 def _short(first: First, fit: Fit) -> str:
