@@ -170,6 +170,26 @@ def test_a_line_that_leaves_the_clamp_askew_is_another_things(askew_deg, refusal
     assert refusal in found and bool(found) == bool(refusal), found
 
 
+def test_a_line_that_strays_to_the_border_is_no_tip_that_left_the_picture():
+    """What was lost elsewhere before is not told to film a wider view; a tip that was followed to the border is."""
+    picture = np.full((240, 260, 3), (225, 222, 220), np.uint8)
+    cv2.line(picture, (60, 120), (200, 120), (60, 120, 200), 17)
+    calibration = scaled_by_distance((260, 240), [[60, 120], [200, 120]], 70.0)
+    actuator = Actuator(outer_radius=4e-3, inner_radius=2e-3, length=70e-3)
+    hints = Hints(clamp=((60.0, 112.0), (60.0, 128.0)), tip=(200.0, 120.0))
+    follower = BodyFollower(make_scene(calibration, actuator, "image", hints, (260, 240)), 1.0)
+    assert follower.next(picture, 0.0) == ""
+    lab, body = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), np.uint8), follower.body.copy()
+    body.points = body.points + np.linspace(0, 1, STATIONS)[:, None] * np.array([-40.0, 119.0])
+    seen, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
+    around = looks_around(lab, follower.wall, body)
+    stray = Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.zeros(STATIONS), rays, *around, ())
+    told = []
+    for follower.missed, follower.refusal in ((0, ""), (4, "no_fit: folded"), (4, "touches_border: the tip")):
+        told.append(follower._refused(lab, stray).split(":")[0])
+    assert told == ["touches_border", "no_tube", "touches_border"]
+
+
 @pytest.mark.parametrize("length_mm", [0.7, 2.0])
 def test_a_body_under_a_microscope_has_ends_too(length_mm):
     """Windows in which an end is looked for are longer than all of this body."""

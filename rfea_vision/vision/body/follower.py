@@ -171,7 +171,8 @@ class BodyFollower:
                 skin, left = skin_of(self.wall.cleared(lab), fit.body), skin_of(lab, self.first_body)
                 fit.marks = marks_found(self.skin[0], self.coloured, skin, left)
         line_mm = unproject(self.camera, fit.body.points)
-        return refused(self.first, fit) or off_hints(line_mm, self.scene, first=self.good == 0)
+        lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
+        return refused(self.first, fit, lost=lost) or off_hints(line_mm, self.scene, first=self.good == 0)
 
     def pointed_half(self) -> float:
         """Half the distance (px) of the clamp's two edges: the rims are within it, where the fit takes them for the edge."""

@@ -218,7 +218,11 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
 )
 
 
-def refused(first: First, fit: Fit) -> str:
-    """The first rule that a fit breaks, with what was seen; empty where it is a measurement."""
-    found = ((reason, test(first, fit)) for reason, test in RULES)
+def refused(first: First, fit: Fit, *, lost: bool = False) -> str:
+    """The first rule that a fit breaks, with what was seen; empty where it is a measurement.
+
+    Of a body that was `lost` before, a line may come to end at the border without it: there the border is the last rule.
+    """
+    rules = (*RULES[1:], RULES[0]) if lost else RULES
+    found = ((reason, test(first, fit)) for reason, test in rules)
     return next((f"{reason}: {seen}" for reason, seen in found if seen), "")
