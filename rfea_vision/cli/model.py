@@ -120,7 +120,7 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     _print_candidates(diagnosis)
     _print_floors(diagnosis)
     if diagnosis.remainder and diagnosis.remainder.sentence:
-        say(f"what is left: {diagnosis.remainder.sentence}")
+        say(diagnosis.remainder.sentence)
     for tie in diagnosis.tied:
         say(f"cannot be told apart here: {', '.join(tie.effects)}; {tie.split_by}")
     for warning in diagnosis.warnings:

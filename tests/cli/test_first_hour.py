@@ -14,6 +14,7 @@ from campaign.campaigns import write_campaign
 from rich.progress import Progress
 
 from rfea_vision.artefacts import Diagnosis, Ladder, Rung
+from rfea_vision.artefacts.judgement import Remainder
 from rfea_vision.cli import console, model, root
 from rfea_vision.cli.twin import _played
 from rfea_vision.stages import open_campaign
@@ -85,6 +86,12 @@ def test_the_table_shows_what_ranks_the_candidates(tmp_path, capsys):
     assert "score" not in table and re.search(r"maxwell +99 % +98 %", table) and re.search(r"drag +1 % +12 %", table), (
         table
     )
+
+
+def test_what_is_left_is_said_once(tmp_path, capsys):
+    left = Remainder(sentence="What is left, 0.2 mm, is at the floor (0.3 mm).")
+    model.print_diagnosis(Diagnosis(model="base", verdict="complete", remainder=left), tmp_path, tmp_path)
+    assert capsys.readouterr().out.lower().count("what is left") == 1
 
 
 def test_the_pressure_to_play_is_that_of_the_model_asked_about(tmp_path, capsys):
