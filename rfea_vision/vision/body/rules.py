@@ -28,7 +28,7 @@ STILL_OUT = 0.7  # or so much of what stood out: with less of both it may be any
 LONGEST_BESIDE = 0.1
 WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone that was filmed swelled to 1.7
 # Of the first frame's half width, over a tenth of the length: a body that narrows to that has lost an edge to the middle of itself.
-# In 14 rendered films (1500 frames) no place fell below 0.86; where the line had left a lattice arm, a third of it was at 0.3.
+# In 13 rendered films no place fell below 0.86; where the line had left a lattice arm, a third of it was at 0.3.
 NARROWED, LONGEST_NARROW = 0.6, 0.1
 LONGEST_LOST = 0.35  # of the length in one piece
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
