@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from scipy.optimize import lsq_linear
 
-from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
+from rfea_vision.artefacts import Actuator, Candidate, Diagnosis, ModelFit, Recording
 from rfea_vision.critique import screening
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.floors import binding, floors_of, measurement
@@ -408,7 +408,7 @@ def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
 def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, moving, looked_for, monkeypatch):
     monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: moving)
     run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers={}))
-    problem = SimpleNamespace(actuator=SimpleNamespace(kind=kind), train=[run])
+    problem = SimpleNamespace(actuator=Actuator(kind=kind), train=[run])
     fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
     found = {effect.id for effect in offered(problem, fitted, None, ())}
     assert ("stretch" in found) == looked_for and "payload" in found
