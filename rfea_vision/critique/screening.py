@@ -73,8 +73,13 @@ def offered(
 
 
 def _by_chamber(problem: Problem) -> list[str]:
-    """Effects of the line at each of several chambers; the lever of the first one is that of the model (r_hyd)."""
+    """Effects of the line at each of several chambers; the lever of the first one is that of the model (r_hyd).
+
+    Of one chamber, named or not, its line is the line: the same effect under two names would share its probability.
+    """
     chambers = list(problem.train[0].excitation.chambers)
+    if len(chambers) < 2:
+        return []
     placed = [(effect, chamber) for effect in line_effects() for chamber in chambers]
     return [f"{effect}@{chamber}" for effect, chamber in placed if effect != "pressure_gain" or chamber != chambers[0]]
 

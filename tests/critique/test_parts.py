@@ -419,6 +419,16 @@ def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, 
     assert bool({"time_offset", "clock_drift"} & found) == moving
 
 
+@pytest.mark.parametrize(("chambers", "placed"), [(["one"], set()), (["one", "two"], {"one", "two"})])
+def test_the_line_of_an_only_chamber_is_offered_once(chambers, placed, monkeypatch):
+    monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: True)
+    run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers=dict.fromkeys(chambers, (1.0, np.zeros(2)))))
+    problem = SimpleNamespace(actuator=Actuator(), train=[run])
+    fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
+    found = [effect.id for effect in offered(problem, fitted, None, ())]
+    assert {one.split("@")[1] for one in found if one.startswith("pressure_lag@")} == placed and "pressure_lag" in found
+
+
 def test_no_pressure_is_proposed_for_a_rig_that_has_none():
     """Of rivals that ring-downs cannot tell apart: a run 'up to 0 kPa' would tell nothing."""
     still = SimpleNamespace(excitation=SimpleNamespace(pressure=np.zeros(500), step_s=1e-3))
