@@ -9,6 +9,7 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.errors import InputError
+from rfea_vision.readers import apart
 from rfea_vision.readers.video import FolderSource, open_frames, open_video
 from rfea_vision.vision import make_clip, preview_video, track_frames
 from testing.scenes import Look, bending, film
@@ -80,21 +81,34 @@ def test_a_folder_of_pictures(tmp_path):
         open_frames(tmp_path, table)
 
 
+def _never(*_):
+    raise AssertionError("decoded in this process")
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
 @pytest.mark.parametrize(("white", "bits"), [(4095, 12), (1000, 10), (60000, 16), (255, 8)])
-def test_pictures_of_a_camera_of_12_bits_are_not_black(tmp_path, white, bits):
+def test_pictures_of_a_camera_of_12_bits_are_not_black(tmp_path, white, bits, elsewhere, monkeypatch):
     """It writes them into 16 bits, of which white then is a sixteenth; the first picture may be darker than the others."""
     for number, share in enumerate((0.02, 0.5, 1.0)):
         grey = np.full((40, 60), round(share * white), np.uint16)
         cv2.imwrite(str(tmp_path / f"{number}.tif"), grey)
-    source = open_frames(tmp_path, None, 10.0)
     told = [round(share * white) >> (bits - 8) for share in (0.02, 0.5, 1.0)]
-    assert [int(luma[0, 0]) for _, luma in source.frames()] == pytest.approx(told, abs=1)
-    assert [int(picture[0, 0, 1]) for _, picture in source.colours()] == pytest.approx(told, abs=1)
+    if elsewhere:
+        for decoder in ("imdecode", "imcount"):
+            monkeypatch.setattr(cv2, decoder, _never)
+    with apart.isolating(elsewhere):
+        source = open_frames(tmp_path, None, 10.0)
+        assert [int(luma[0, 0]) for _, luma in source.frames()] == pytest.approx(told, abs=1)
+        assert [int(picture[0, 0, 1]) for _, picture in source.colours()] == pytest.approx(told, abs=1)
 
 
-def test_a_stack_of_pictures_in_one_file_is_no_folder_of_pictures(tmp_path):
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_stack_of_pictures_in_one_file_is_no_folder_of_pictures(tmp_path, elsewhere):
     cv2.imwritemulti(str(tmp_path / "stack.tif"), numbered(4))
-    with pytest.raises(InputError, match=r"stack\.tif: holds 4 pictures, and of each file one is read; save the stack"):
+    with (
+        apart.isolating(elsewhere),
+        pytest.raises(InputError, match=r"stack\.tif: holds 4 pictures, and of each file one is read; save the stack"),
+    ):
         open_frames(tmp_path, None, 10.0)
 
 
