@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from scipy.optimize import lsq_linear
 
-from rfea_vision.artefacts import Actuator, Candidate, Diagnosis, ModelFit, Recording
+from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
 from rfea_vision.critique import screening
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.floors import binding, floors_of, measurement
@@ -19,7 +19,7 @@ from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
 from rfea_vision.critique.next_experiment import STEP_S, design_next, limits, profiles, shaped
 from rfea_vision.critique.rule import RULE
-from rfea_vision.critique.screening import Sensitivity, offered
+from rfea_vision.critique.screening import Sensitivity
 from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.trials import Trials
@@ -400,33 +400,6 @@ def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
     assert "payload (probability 10 %), removes 20 %" in said and "drag" not in said
     found.weighed = rows[:1]
     assert "nearest" not in _unexplained(search, found)
-
-
-@pytest.mark.parametrize(
-    ("kind", "moving", "looked_for"), [("tube", True, False), ("rod", True, True), ("rod", False, False)]
-)
-def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, moving, looked_for, monkeypatch):
-    monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: moving)
-    run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers={}))
-    problem = SimpleNamespace(actuator=Actuator(kind=kind), train=[run])
-    fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
-    found = {effect.id for effect in offered(problem, fitted, None, ())}
-    assert ("stretch" in found) == looked_for and "payload" in found
-    bore = {"variable_mass", "virtual_work", "compressibility", "radial_expansion"}
-    assert bore & found == (bore if kind == "tube" else set())
-    assert ("pressure_lag" in found) == moving
-    # without a push there is no log whose clock could differ
-    assert bool({"time_offset", "clock_drift"} & found) == moving
-
-
-@pytest.mark.parametrize(("chambers", "placed"), [(["one"], set()), (["one", "two"], {"one", "two"})])
-def test_the_line_of_an_only_chamber_is_offered_once(chambers, placed, monkeypatch):
-    monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: True)
-    run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers=dict.fromkeys(chambers, (1.0, np.zeros(2)))))
-    problem = SimpleNamespace(actuator=Actuator(), train=[run])
-    fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
-    found = [effect.id for effect in offered(problem, fitted, None, ())]
-    assert {one.split("@")[1] for one in found if one.startswith("pressure_lag@")} == placed and "pressure_lag" in found
 
 
 def test_no_pressure_is_proposed_for_a_rig_that_has_none():

@@ -1,0 +1,40 @@
+"""Which effects are looked for at all, by the body, its chambers and whether a pressure moves it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator
+from rfea_vision.critique.screening import offered
+
+
+@pytest.mark.parametrize(
+    ("kind", "moving", "looked_for"), [("tube", True, False), ("rod", True, True), ("rod", False, False)]
+)
+def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, moving, looked_for, monkeypatch):
+    monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: moving)
+    run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers={}))
+    problem = SimpleNamespace(actuator=Actuator(kind=kind), train=[run])
+    fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
+    found = {effect.id for effect in offered(problem, fitted, None, ())}
+    assert ("stretch" in found) == looked_for and "payload" in found
+    bore = {"variable_mass", "virtual_work", "compressibility", "radial_expansion"}
+    assert bore & found == (bore if kind == "tube" else set())
+    assert ("pressure_lag" in found) == moving
+    # without a push there is no log whose clock could differ
+    assert bool({"time_offset", "clock_drift"} & found) == moving
+
+
+@pytest.mark.parametrize(("chambers", "placed"), [(["one"], set()), (["one", "two"], {"one", "two"})])
+def test_the_line_of_an_only_chamber_is_offered_once(chambers, placed, monkeypatch):
+    monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: True)
+    run = SimpleNamespace(
+        clock_sigma=0.0, excitation=SimpleNamespace(chambers=dict.fromkeys(chambers, (1.0, np.zeros(2))))
+    )
+    problem = SimpleNamespace(actuator=Actuator(), train=[run])
+    fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
+    found = [effect.id for effect in offered(problem, fitted, None, ())]
+    assert {one.split("@")[1] for one in found if one.startswith("pressure_lag@")} == placed and "pressure_lag" in found
