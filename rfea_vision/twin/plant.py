@@ -165,15 +165,15 @@ class Plant:
         wind, shake = self._weather(time)
 
         def equation(v: FloatArray) -> tuple[FloatArray, FloatArray]:
-            q = q0 + step * v
+            q, change = q0 + step * v, v - v0
             inertia, bias = self.chain.inertia_and_bias(q, v)
-            torque, slope, coupling = self._torque(q, v, (v - v0) / step, memory0, step, p, time)
-            residual = inertia @ (v - v0) / step + bias - torque
+            torque, slope, coupling = self._torque(q, v, change / step, memory0, step, p, time)
+            residual = inertia @ change / step + bias - torque
             outside = self.chain.outside_forces(q, v, wind, shake)
             if outside is not None:
                 residual -= outside
             matrix = inertia / step
-            matrix.flat[:: matrix.shape[0] + 1] -= slope
+            matrix.reshape(-1)[:: matrix.shape[0] + 1] -= slope
             if coupling is not None:
                 matrix[self._clamp, self._clamp] -= coupling[:, None]
             return residual, matrix
@@ -182,10 +182,10 @@ class Plant:
         residual, matrix = equation(v)
         for _ in range(60):
             change = _solve(matrix, residual)[2]
-            size = float(np.max(np.abs(change)))
+            size = float(np.abs(change).max())
             if size < TOLERANCE:
                 break
-            if not np.isfinite(size):
+            if not math.isfinite(size):
                 raise DataError(f"simulate: the plant blew up at {time:.3f} s; use a smaller step_s or milder effects")
             # dry friction is nearly a jump: walk down rather than leap over it
             weight = 1 / matrix.diagonal()
@@ -212,14 +212,18 @@ class Plant:
         """
         law, clamp = self.law, self._clamp
         get = law.hidden
-        tiny = 1e-6 * max(1.0, float(np.max(np.abs(v))))
+        tiny = 1e-6 * max(1.0, float(np.abs(v).max()))
         theta, rate = q[clamp], v[clamp]
         resistance, inertance = get("fluid_damping.R"), get("fluid_inertia.I")
-        flow = np.pi * self.actuator.outer_radius**3
-        felt = p - flow * (resistance * rate.sum() + inertance * a[clamp].sum())
+        flow, felt = np.pi * self.actuator.outer_radius**3, p
+        if resistance or inertance:
+            felt = p - flow * float(resistance * rate.sum() + inertance * a[clamp].sum())
         # the damper's two branches meet at rate 0: step away from it, so that both rows see the same branch
         nudge = np.where(rate >= 0, tiny, -tiny)
-        thetas, rates = np.stack([theta, theta + step * nudge]), np.stack([rate, rate + nudge])
+        thetas, rates = np.empty((2, 2, theta.size))
+        thetas[0], rates[0] = theta, rate
+        np.add(theta, step * nudge, out=thetas[1])
+        np.add(rate, nudge, out=rates[1])
         torques = law.torque(thetas, rates, law.advance(memory0, thetas, rates, step), felt, time)
         torque, slope = torques[0], (torques[1] - torques[0]) / nudge
         coupling = None
@@ -235,8 +239,11 @@ class Plant:
     def _weather(self, time: float) -> tuple[float, float]:
         get = self.law.hidden
         frequency, phase, amplitude = self._gusts
-        wind = get("fan.F") * float(np.sum(amplitude * np.sin(frequency * time + phase)))
-        shake = get("shaking.a") * float(np.sin(2 * np.pi * get("shaking.f") * time))
+        wind, shake = get("fan.F"), get("shaking.a")
+        if wind:
+            wind *= float(np.sum(amplitude * np.sin(frequency * time + phase)))
+        if shake:
+            shake *= float(np.sin(2 * np.pi * get("shaking.f") * time))
         return wind, shake
 
     def equilibrium(self, p: float) -> FloatArray:
