@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
@@ -11,6 +11,7 @@ import pytest
 from rfea_vision import open_campaign
 from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.twin import TwinOptions, simulate
+from tests.once import made_once
 
 Campaign = tuple[dict[str, Recording], Actuator]
 
@@ -23,7 +24,6 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Campaign
     def make(
         hidden: tuple[tuple[str, float], ...] = (), bends: str = "left", roles: str = "train validate"
     ) -> Campaign:
-        folder: Path = tmp_path_factory.mktemp("campaign") / "tube"
         options = TwinOptions(
             hidden=dict(hidden),
             seed=7,
@@ -35,8 +35,13 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Campaign
             sync="common_clock",
             write_truth=False,
         )
-        simulate(folder, options)
-        found = open_campaign(folder).sync()
-        return {name: Recording(r.dataset.load()) for name, r in found.items()}, options.actuator
+        name = "-".join([*(f"{key}={value}" for key, value in hidden), bends, *roles.split()])
+        return made_once(tmp_path_factory, name, partial(_simulated, options))
 
     return make
+
+
+def _simulated(options: TwinOptions, folder: Path) -> Campaign:
+    simulate(folder / "tube", options)
+    found = open_campaign(folder / "tube").sync()
+    return {name: Recording(r.dataset.load()) for name, r in found.items()}, options.actuator

@@ -5,20 +5,29 @@ from typing import Any
 import pytest
 
 from rfea_vision.artefacts import Actuator, Recording
+from tests.once import made_once
 
 
 @pytest.fixture(scope="session")
 def complete_campaign(tmp_path_factory) -> tuple[dict[str, Recording], Actuator, Mapping[str, Any]]:
     """Two training runs and a validation run of the twin, nothing hidden, white noise of 0.06 mm."""
     pytest.importorskip("mujoco", reason="the twin needs MuJoCo: pip install 'rfea-vision[twin]'")
+    return made_once(tmp_path_factory, "complete", _complete)
+
+
+def _complete(folder: Path) -> tuple[dict[str, Recording], Actuator, Mapping[str, Any]]:
     from rfea_vision.stages import open_campaign
     from rfea_vision.twin import TwinOptions, simulate
 
-    folder: Path = tmp_path_factory.mktemp("twin") / "complete"
-    truth = simulate(folder, TwinOptions(roles=("train", "train", "validate"), duration_s=3.0, rate_Hz=120, seed=5))
-    work = open_campaign(folder)
+    options = TwinOptions(roles=("train", "train", "validate"), duration_s=3.0, rate_Hz=120, seed=5)
+    truth = simulate(folder / "complete", options)
+    work = open_campaign(folder / "complete")
     recordings = work.recordings("train", "validate", "test")
-    return {name: stored.value for name, stored in recordings.items()}, work.campaign.actuator, truth
+    return (
+        {name: Recording(stored.value.dataset.load()) for name, stored in recordings.items()},
+        work.campaign.actuator,
+        truth,
+    )
 
 
 @pytest.fixture(scope="session")
@@ -27,4 +36,4 @@ def exact(tmp_path_factory):
     pytest.importorskip("mujoco", reason="the twin needs MuJoCo: pip install 'rfea-vision[twin]'")
     from tests.fitting.runs import exact_runs
 
-    return exact_runs(tmp_path_factory.mktemp("runs"))
+    return made_once(tmp_path_factory, "exact", exact_runs)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from rfea_vision.report import render
 from testing.report.browser import Browser, find_chromium
 from testing.report.sample import write_sample
 from testing.report.small import write_small
+from tests.once import made_once
 
 COMMANDS = ("rfea improve tube-A", "rfea report tube-A")
 
@@ -19,7 +21,8 @@ COMMANDS = ("rfea improve tube-A", "rfea report tube-A")
 @pytest.fixture(scope="session")
 def sample(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole `rfea/` folder: four runs of 6 s with film, three rungs."""
-    return write_sample(tmp_path_factory.mktemp("tube-A") / "rfea")
+    made = made_once(tmp_path_factory, "sample", lambda folder: write_sample(folder / "rfea"))
+    return Path(shutil.copytree(made, tmp_path_factory.mktemp("tube-A") / "rfea"))
 
 
 @pytest.fixture(scope="session")

@@ -17,6 +17,7 @@ import pytest
 
 from rfea_vision.stages import open_campaign
 from rfea_vision.twin import TwinOptions, parse_hidden, simulate
+from tests.once import made_once
 
 SEGMENTS = 4
 HIDDEN = {"k1": 0.2, "T": 0.5}
@@ -34,7 +35,13 @@ class Served:
 @pytest.fixture(scope="session")
 def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two training runs and a held-out one of 2 s as tracks, and the paper's model fitted to them."""
-    folder = tmp_path_factory.mktemp("twin") / "tube-A"
+    return Path(
+        shutil.copytree(made_once(tmp_path_factory, "fitted", _fitted), tmp_path_factory.mktemp("twin") / "tube-A")
+    )
+
+
+def _fitted(place: Path) -> Path:
+    folder = place / "tube-A"
     options = TwinOptions(
         hidden=parse_hidden([f"maxwell.{name}={value}{'s' if name == 'T' else ''}" for name, value in HIDDEN.items()]),
         roles=("train", "train", "validate"), duration_s=2.0, rate_Hz=60, noise_mm=0.03, sync="common_clock", seed=3,
