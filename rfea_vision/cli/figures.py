@@ -32,6 +32,7 @@ def figures_command(
     They go to rfea/figures: each in every format, one or two columns of a journal wide, units on the axes, and the numbers drawn
     as CSV. The same results give the same bytes. What is out of date is redone first.
     """
+    from rfea_vision.artefacts import Ladder
     from rfea_vision.figures.saving import refuse_unknown_formats
     from rfea_vision.stages.publishing import figures
 
@@ -40,11 +41,14 @@ def figures_command(
     with opened(campaign, out, force=("report",) if force else ()) as work:
         work.report()
         files = figures(work, formats=wanted, style=style, model=model)
+        ladder = work.out / "ladder.json"
+        drawn = model or (Ladder.load(ladder).rungs[-1].model if ladder.is_file() else None)
     if as_json:
         print_json({"folder": str(files[0].parent), "files": [path.name for path in files]})
         return
     say(f"{files[0].parent}: {len({path.stem for path in files})} figures, {len(files)} files")
-    say_next("rfea export --crate", campaign, "OUT", why="the fit behind them, with its files and hashes")
+    named = (drawn,) if drawn else ()
+    say_next("rfea export --crate", campaign, *named, "OUT", why="the fit behind them, with its files and hashes")
 
 
 @click.command("reproduce")

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.artefacts.judgement import Comparison, ModelFit, WorstPlace
+from rfea_vision.artefacts.judgement import Comparison, Metrics, ModelFit, WorstPlace
 from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.critique.elongation import describe_elongation
 from rfea_vision.critique.phases import label_phases
@@ -20,6 +20,7 @@ from rfea_vision.units import rounded
 
 WORST_PLACES = 5  # listed; a page has room for no more
 WINDOW_S = 0.25  # over which the error is averaged: about one swing of the paper's tube
+STANDS_OUT = 1.2  # times the floor: nearer to it an error may be chance
 PRESSURE_BANDS = 6  # of the error over pressure; each still has frames of every phase in a run of 6 s
 
 
@@ -75,7 +76,7 @@ def _worst(
     limit = max(floor or 0.0, float(np.median([w[0] for w in windows])))
     joined: list[list[Any]] = []
     for rms, start, stop, label in windows:
-        if rms < 1.2 * limit:
+        if rms < STANDS_OUT * limit:
             continue
         if joined and joined[-1][3] == label and start - joined[-1][2] < 1e-6:
             joined[-1][2] = stop
@@ -120,12 +121,12 @@ def _worst(
 
 def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> Comparison:
     """Compare a fitted model with the training and validation recordings (test runs are left alone)."""
-    floor = model.noise_floor_mm
     by_phase, where = [], []
     pressures, squares, places, biases = [], [], [], []
     compared = [name for name in predictions if recordings[name].role in ("train", "validate")]
     units = {name: "mm" if {"tip", "midline"} & set(recordings[name].dataset) else "deg" for name in compared}
     unit = units[compared[0]] if compared else "mm"
+    floor = model.noise_floor_mm if unit == "mm" else model.noise_floor_deg
     for name in compared:
         if units[name] != unit:  # mm and deg are not pooled: such a run has its scores alone
             continue
@@ -149,7 +150,7 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
                     "frames": int(inside.sum()),
                 }
             )
-        where += _worst(name, time, square, sigma, phase, floor if unit == "mm" else None, unit)
+        where += _worst(name, time, square, sigma, phase, floor, unit)
         pressures.append(pressure)
         squares.append(per_frame)
         if "normal_residual" in dataset:
@@ -159,7 +160,7 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
     where.sort(key=lambda p: -p.rmse)
     comparison = Comparison(
         model=model.name,
-        noise_floor_mm=floor,
+        noise_floor_mm=model.noise_floor_mm,
         by_phase=by_phase,
         by_pressure=_by_pressure(pressures, squares, unit),
         by_segment=_by_segment(places, biases),
@@ -224,6 +225,14 @@ def _by_segment(squares: list[FloatArray], residuals: list[FloatArray]) -> list[
     ]
 
 
+def _at_the_floor(model: ModelFit, scores: Metrics | None) -> bool:
+    """Whether no more is left than noise, of which a torque is no gap to be closed."""
+    if scores is None:
+        return False
+    pairs = ((scores.tip_rmse_mm, model.noise_floor_mm), (scores.angle_rmse_deg, model.noise_floor_deg))
+    return any(error < STANDS_OUT * floor for error, floor in pairs if error is not None and floor is not None)
+
+
 def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
     out = []
     held = model.metrics.get("validate") or model.metrics.get("train")
@@ -247,7 +256,7 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
         )
     out += [place.sentence for place in comparison.where[:2]]
     ranked = comparison.residual_torque.get("depends_on") or []
-    if ranked and ranked[0]["score"] > 0.15:
+    if ranked and ranked[0]["score"] > 0.15 and not _at_the_floor(model, held):
         out.append(
             f"The torque that would close the gap is {rounded(comparison.residual_torque['rms_mNm'])} mN m RMS; "
             + ranked[0]["sentence"]

@@ -141,7 +141,8 @@ def _working(folder: str, out: str | None, settings: Settings, part: str | None)
     _one_thread()
     with isolating():
         if not Path(folder).is_dir():
-            raise InputError(f"{folder}: this worker does not see the folder; mount it under the same path")
+            where = "where this worker runs; give a campaign folder, and with --scheduler mount it there under the same path"
+            raise InputError(f"{folder}: no such folder {where}")
         reading = read_campaign(folder, out, trust=settings.trust)
         blocked = reading.blocked
         if reading.campaign is None or blocked is not None:

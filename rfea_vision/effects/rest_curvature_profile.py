@@ -11,7 +11,7 @@ class RestCurvatureProfile(Effect):
     """Rest angle (a1 P1 + a2 P2) / n beside the uniform one, with Legendre polynomials of 2 sigma - 1."""
 
     id = "rest_curvature_profile"
-    title = "Bent at rest, more in some parts than in others"
+    title = "Unevenly bent at rest"
     reference = "residual strain of casting; transport over a spool"
     shows = "with one rest angle for the whole tube, the resting midline still has another shape"
     mistaken_for = "plane_tilt (which changes with the posture)"

@@ -27,12 +27,12 @@ def plates(evidence: Evidence, model: str | None = None) -> list[Plate]:
 
 
 def _ladder(evidence: Evidence) -> list[Plate]:
-    """Errors by rung, training and held out, beside the noise floor."""
+    """Errors by rung, training and held out, beside the noise floor; fits beside the ladder are none of it."""
     titles = effect_titles(evidence)
-    shown = [errors_of(step, evidence) for step in evidence.steps]
+    shown = [errors_of(step, evidence) for step in evidence.climbed]
     if not shown:
         return []
-    names = tuple(rung_name(step, titles) for step in evidence.steps)
+    names = tuple(rung_name(step, titles) for step in evidence.climbed)
     kinds = (("training", "train"), ("held out", "validate"), ("noise floor", "floor"))
     sets = tuple(
         (label, np.array([np.nan if (v := getattr(item, key)) is None else v for item in shown], dtype=float))

@@ -139,6 +139,10 @@ def _selection(evidence: Evidence, titles: Mapping[str, str]) -> str:
     chosen = (
         f"In this way {listing(added)} {'was' if len(added) == 1 else 'were'} added. " if added else "None was added. "
     )
+    for step in evidence.steps:
+        if step.on_ladder and step.rung.added and step.rung.tied:
+            one, *others = (inner_title(titles.get(effect, effect)) for effect in (step.rung.added, *step.rung.tied))
+            chosen += f"These data cannot tell {one} from {listing(others, 'or')}. "
     text = (
         "Effects were added one at a time. Sets of up to four of them were weighed by the squared error that they leave on "
         "training and on held-out runs, under a model that admits a structured remainder (Kennedy and O'Hagan 2001), against "

@@ -132,6 +132,12 @@ def test_commands_print_for_people_and_for_programs(improved):
     assert "maxwell" in rfea("diagnose", folder, "base").out
 
 
+def test_the_fit_behind_the_figures_is_the_one_to_export(improved):
+    folder, _ = improved
+    last = json.loads((folder / "rfea" / "ladder.json").read_text())["rungs"][-1]["model"]
+    assert f"next: rfea export --crate {folder} {last} OUT " in rfea("figures", folder, "--format", "svg").out
+
+
 def test_two_campaigns_are_put_side_by_side_and_a_notebook_is_written(improved, tmp_path):
     folder, _ = improved
     shutil.copytree(folder, tmp_path / "tube-B")
@@ -284,14 +290,16 @@ def test_batch_goes_on_past_what_is_broken(campaign, tmp_path, monkeypatch):
     (broken / "campaign.yaml").write_text("name: [\n")
     partly = write_campaign(tmp_path / "partly", {"good": "train", "bad": "train"})
     (partly / "bad" / "pressure.csv").write_text("time_s,pressure_kPa\n0,1\n0,2\n")
-    answer = rfea("batch", broken, partly, campaign, "--recipe", recipe, "--json")
+    answer = rfea("batch", broken, partly, tmp_path / "gone", campaign, "--recipe", recipe, "--json")
     assert answer.code == 1
     results = {Path(item["folder"]).name: item for item in answer.json["campaigns"]}
     assert {name: item["status"] for name, item in results.items()} == {
         "broken": "failed",
         "partly": "partly",
+        "gone": "failed",
         "tube-A": "done",
     }
+    assert "gone: no such folder" in results["gone"]["errors"]["campaign"]
     assert "not valid YAML" in results["broken"]["errors"]["campaign"]
     assert "repeats the row before" in results["partly"]["errors"]["bad"]
     index = (tmp_path / answer.json["index"]).read_text(encoding="utf-8")

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from rfea_vision.artefacts.judgement import Comparison, Metrics
+from rfea_vision.critique.comparison import _sentences
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import _smoothed
 from rfea_vision.fitting.residual_tests import correlation_ratio
@@ -62,3 +67,13 @@ def test_a_rate_is_no_larger_where_frames_were_lost():
     gap = np.sin(3 * time)[:, None]
     (_, rate, _), _ = _smoothed(time, gap)
     assert np.abs(rate[5:-5, 0] - 3 * np.cos(3 * time[5:-5])).max() < 0.6
+
+
+@pytest.mark.parametrize(("error", "said"), [(2.1, True), (0.1, False)])
+def test_noise_is_no_gap_that_a_torque_would_close(error, said):
+    """Of a model at the floor the residual torque is that of noise, differentiated twice: as large as that of a failure."""
+    scores = {"validate": Metrics(angle_rmse_deg=error)}
+    model: Any = SimpleNamespace(name="base", metrics=scores, noise_floor_mm=None, noise_floor_deg=0.1)
+    torque = {"rms_mNm": 0.95, "depends_on": [{"score": 0.44, "sentence": "44 % of its variance goes with the rate."}]}
+    told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
+    assert any("torque" in text for text in told) == said

@@ -110,6 +110,7 @@ def test_every_effect_changes_something_it_says_it_changes(name, actuator, publi
     effect = catalogue()[name]
     assert any(effect.overrides(hook) for hook in HOOKS)
     assert effect.title and effect.reference and effect.shows and effect.mistaken_for and effect.split_by
+    assert "," not in effect.title  # titles are listed in sentences: "A, B or C"
     for spec in effect.parameters.values():
         assert spec.lower < spec.upper and spec.lower <= spec.start <= spec.upper
         if spec.absent is None:

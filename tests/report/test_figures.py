@@ -3,6 +3,7 @@
 import builtins
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -35,6 +36,14 @@ def test_every_figure_of_the_page_has_its_file(drawn):
     only_if_asked_for = {"study", "likelihood", "next"}
     assert lacking <= only_if_asked_for, lacking
     assert len({plate.name for plate in drawn}) == len(drawn)
+
+
+def test_a_fit_beside_the_ladder_is_none_of_its_figure(sample):
+    evidence = collect(sample)
+    beside = replace(evidence.steps[-1], on_ladder=False)
+    found = plates(replace(evidence, steps=(*evidence.steps[:-1], beside)))
+    (ladder,) = [plate for plate in found if plate.name == "ladder"]
+    assert len(ladder.table()) == len(evidence.steps) - 1
 
 
 def test_an_inclinometers_study_of_segments_is_drawn_in_degrees():

@@ -14,9 +14,11 @@ import xarray as xr
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.calibration.storage import save_calibration
+from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import render
 from rfea_vision.report.collect import collect
+from rfea_vision.report.formatting import inner_title
 from testing.report.sample import RUNGS
 from testing.report.small import TWO
 
@@ -65,6 +67,15 @@ def test_the_methods_say_which_loss_was_minimised(copy: Path) -> None:
     text = words(page_of(copy))
     assert "training runs by the robust loss of Huber" in text
     assert "training runs by least squares" not in text
+
+
+def test_the_methods_say_what_an_effect_cannot_be_told_from(copy: Path) -> None:
+    path = copy / "ladder.json"
+    ladder = json.loads(path.read_text())
+    ladder["rungs"][1]["tied"] = ["drag"]
+    path.write_text(json.dumps(ladder))
+    title = catalogue()[ladder["rungs"][1]["added"]].title
+    assert f"cannot tell {inner_title(title)} from drag" in words(page_of(copy)), words(page_of(copy))[-9000:]
 
 
 def test_a_run_that_was_set_aside_since_is_not_shown(small: Path) -> None:

@@ -101,7 +101,7 @@ plots.starts = {
   },
 };
 plots.next = {
-  need: modelOnly(r => r.next, "This rung asks for no further experiment: there is no tie to split, or it has not been diagnosed."),
+  need: modelOnly(r => r.next, "This rung asks for no further experiment: nothing that it lacks is tied, or it has not been diagnosed. What would split a tie of an effect that it has stands on the rung before."),
   draw(pen) {
     const [time, pressure] = rung().next, box = area(pen, {top: 10, bottom: 34}), c = pen.colours;
     const x = scale(...extent(time), box.left, box.right), y = scale(...padded(extent(pressure)), box.bottom, box.top);
