@@ -92,6 +92,15 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
     warn_of_copies(work, experiments)
 
 
+#: Attributes of a track and its recording that may hold a doubt about the run itself, and not about how it was brought on one clock.
+DOUBTS = ("doubts", "length_check", "pressure_doubts")
+
+
+def is_doubt(attribute: str, text: str) -> bool:
+    """Whether one of `DOUBTS` asks for something: the check of the length is written of every film, with a remedy where it fails."""
+    return bool(text) and (attribute != "length_check" or ": " in text)
+
+
 def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:
     """Sentences among the attributes; a remark with nothing to do about it is no doubt."""
     if after_sync:
@@ -102,5 +111,5 @@ def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:
         said = [dataset.attrs.get("doubts", ""), clock, dataset.attrs.get("pressure_doubts", "")]
     else:
         length = str(dataset.attrs.get("length_check", ""))
-        said = [dataset.attrs.get("doubts", ""), length if ": " in length else ""]
+        said = [dataset.attrs.get("doubts", ""), length if is_doubt("length_check", length) else ""]
     return [str(text) for text in said if text]

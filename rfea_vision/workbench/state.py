@@ -16,6 +16,7 @@ from rfea_vision.campaign import Campaign, ExperimentSpec, read_campaign
 from rfea_vision.options.fit import SEGMENTS
 from rfea_vision.report.camera import read_camera
 from rfea_vision.stages.cache import StageCache, plain
+from rfea_vision.stages.warnings import DOUBTS, is_doubt
 from rfea_vision.workbench.guide import mend, next_step
 
 #: Hints that one can point at: fields of `artefacts.Hints`, keys below `camera` in the files.
@@ -103,15 +104,16 @@ def _clock(file: Path) -> dict[str, Any] | None:
     """Offset of the clocks and its standard error in ms, and what is doubted of the run; None before synchronisation."""
     try:
         with h5netcdf.File(file, "r") as data:
-            keys = ("sync_method", "offset_s", "offset_stderr_s", "doubts", "pressure_doubts")
+            keys = ("sync_method", "offset_s", "offset_stderr_s", *DOUBTS)
             found = {key: text.decode() if isinstance(text := data.attrs.get(key), bytes) else text for key in keys}
     except OSError:
         return None
     if found["offset_s"] is None:
         return None
+    said = {key: str(found[key]) for key in DOUBTS if found[key]}
     return {
         "method": str(found["sync_method"]),
-        "doubts": "; ".join(str(found[key]) for key in ("doubts", "pressure_doubts") if found[key]),
+        "doubts": "; ".join(text for key, text in said.items() if is_doubt(key, text)),
         "offset_ms": 1e3 * float(found["offset_s"]),
         "stderr_ms": None if found["offset_stderr_s"] is None else 1e3 * float(found["offset_stderr_s"]),
     }

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pytest
+import xarray as xr
 import yaml
 
+from rfea_vision.files import write_dataset
 from rfea_vision.workbench.guide import next_step
-from rfea_vision.workbench.state import state_of
+from rfea_vision.workbench.state import _clock, state_of
 
 
 def run(doubts="", *, good=100, pictures=True):
@@ -37,6 +39,15 @@ def test_a_constant_pressure_stands_in_place_of_a_log(campaign):
 def test_a_measured_campaign_is_fitted():
     step = next_step([run()], [])
     assert step["do"] == "fit" and "otherwise" not in step
+
+
+def test_a_length_that_the_film_contradicts_is_a_doubt_here_too(tmp_path):
+    kept = "the inextensible side keeps its length within 0.004 % over all postures"
+    for length, doubts in ((kept, ""), (f"{kept}; it measures +5.0 %: check the board's square", "check the board's")):
+        attributes = {"offset_s": 0.1, "sync_method": "motion", "length_check": length}
+        write_dataset(tmp_path / "recording.nc", xr.Dataset(attrs=attributes))
+        clock = _clock(tmp_path / "recording.nc")
+        assert clock is not None and bool(clock["doubts"]) == bool(doubts) and doubts in clock["doubts"]
 
 
 def test_a_report_that_is_written_is_said_with_its_place():
