@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 import rfea_vision.data
-from rfea_vision.cli.console import print_json, print_table, say_next
+from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.options import ask, output_options
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
@@ -51,10 +51,12 @@ def show_command(effect_id: str, options: CritiqueOptions, as_json: bool) -> Non
     if as_json:
         print_json(facts)
         return
-    click.echo(f"{facts['id']}: {facts['title']}\n{facts['law']}\n")
+    say(f"{facts['id']}: {facts['title']}")
+    for line in [*facts["law"].splitlines(), ""]:
+        say(line)
     for key in ("shows", "mistaken_for", "split_by", "reference"):
         if facts[key]:
-            click.echo(f"{key.replace('_', ' ')}: {facts[key]}")
+            say(f"{key.replace('_', ' ')}: {facts[key]}")
     columns = ("unit", "absent", "lower", "upper", "text")
     rows = [[name, *(_cell(item[key]) for key in columns)] for name, item in facts["parameters"].items()]
     print_table("", ["parameter", "unit", "absent at", "from", "to", "what"], rows, left=6)

@@ -114,7 +114,7 @@ def print_comparison(name: str, comparison: Comparison) -> None:
 def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     """Print the verdict, the evidence and what to do next."""
     named = f": {', '.join(_with_rivals(name, diagnosis.rivals_of(name)) for name in diagnosis.named)}"
-    click.echo(f"{diagnosis.model}: {diagnosis.verdict}{named if diagnosis.named else ''}")
+    say(f"{diagnosis.model}: {diagnosis.verdict}{named if diagnosis.named else ''}")
     if diagnosis.sentence:
         say(diagnosis.sentence)
     _print_candidates(diagnosis)

@@ -54,9 +54,9 @@ def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
     for path in written.files:
         click.echo(str(path))
     for sentence in written.guesses:
-        click.echo(f"guessed: {sentence}")
+        say(f"guessed: {sentence}")
     for sentence in written.left_out:
-        click.echo(f"left out: {sentence}")
+        say(f"left out: {sentence}")
     say("look at the lines marked '# guessed:' and '# needed:'")
     say_next("rfea check", folder, why="what is still wrong, all at once")
 

@@ -76,6 +76,16 @@ def test_a_narrow_terminal_breaks_no_word(monkeypatch, capsys):
     assert max(map(len, told)) <= 34 and all(any(word in line for line in told) for word in words)
 
 
+def test_the_verdict_and_its_tie_fit_a_narrow_terminal(tmp_path, monkeypatch, capsys):
+    tie = {"effects": ["gravity_tilt", "rest_curvature_profile", "rest_curvature"], "split_by": "a plumb line"}
+    diagnosis = Diagnosis(model="base", verdict="missing", named=["gravity_tilt"], tied=[tie])
+    monkeypatch.setattr(console, "shutil", SimpleNamespace(get_terminal_size=lambda: SimpleNamespace(columns=40)))
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    model.print_diagnosis(diagnosis, tmp_path, tmp_path)
+    first = capsys.readouterr().out.split("cannot tell)")[0].splitlines()
+    assert len(first) > 1 and max(map(len, first)) <= 40
+
+
 def test_the_table_shows_what_ranks_the_candidates(tmp_path, capsys):
     rows = [
         {"effect": "maxwell", "probability": 0.99, "share": 0.98, "score_p": 1.0, "refitted": True},
