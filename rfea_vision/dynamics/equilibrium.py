@@ -49,6 +49,7 @@ from rfea_vision.dynamics.system import (
     K,
     allocate,
     call_joint_law,
+    copy_rows,
     joint_angles,
 )
 
@@ -233,7 +234,7 @@ def equilibrium(
     stability = _smallest_pivot(body)
     for i in range(n + 1):
         phi[i] = body[i, PHI]
-    z[:, :] = work.z
+    copy_rows(work.z, z)
     if free.size > 0 and status == OK:
         joint_angles(body, work.theta, work.rate)
         out_par = np.zeros((n, 2 + m, count))

@@ -53,6 +53,7 @@ from rfea_vision.dynamics.system import (
     Laws,
     allocate,
     call_joint_law,
+    copy_rows,
 )
 
 
@@ -375,12 +376,12 @@ def integrate(joint_law, joint_parameters, force_law, system, course, trace):
                     trace.out_S[frame],
                 )
                 if m > 0:
-                    trace.out_z[frame] = work.z
+                    copy_rows(work.z, trace.out_z[frame])
                 frame += 1
             place += size
             if place % (2 * size) == 0 and size < whole:
                 size *= 2
     for i in range(n + 1):
         trace.phi[i], trace.om[i] = body[i, PHI], body[i, OM]
-    trace.z[:, :] = stages.z_old
+    copy_rows(stages.z_old, trace.z)
     return OK, steps, taken, iterations

@@ -38,6 +38,7 @@ from rfea_vision.dynamics.system import (
     VECTOR,
     allocate,
     call_joint_law,
+    copy_rows,
     joint_angles,
 )
 
@@ -51,7 +52,7 @@ def _joint_torques(joint_law, force_law, system, phi, rate, acceleration, states
         for i in range(n + 1):
             body[i, PHI], body[i, OM], body[i, AL] = phi[frame, i], rate[frame, i], acceleration[frame, i]
         if system.states > 0:
-            work.z[:, :] = states[frame]
+            copy_rows(states[frame], work.z)
         joint_angles(body, work.theta, work.rate)
         system.con[OPPOSED] = opposed[frame]
         call_joint_law(joint_law, system, work, felt[frame], work.out)

@@ -34,6 +34,7 @@ from rfea_vision.dynamics.system import (
     WORK,
     Laws,
     allocate,
+    copy_rows,
 )
 from rfea_vision.errors import DataError, InputError
 
@@ -88,7 +89,7 @@ def advance(addresses, system, work, stages, tableau, step_s, pressure, drive, i
             change = move(system, work, s, 1.0)
         last = max(last, change) if np.isfinite(change) else np.inf
         keep_stage(work, stages, stage, system.states, s)
-    stages.z_old[:, :] = work.z
+    copy_rows(work.z, stages.z_old)
     return last
 
 

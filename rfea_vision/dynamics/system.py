@@ -41,7 +41,8 @@ OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"c
 #
 # Parts that allocate nothing are compiled without reference counts: counting the arrays that they hand to one another took
 # a third of a run.
-ALLOCATING = {**OPTIONS, "cache": False, "forceinline": True}
+# Nor can Python call them: what would translate its arguments took longer to compile than many a part.
+ALLOCATING = {**OPTIONS, "cache": False, "forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 INLINE = {**ALLOCATING, "_nrt": False}
 
 
@@ -140,6 +141,14 @@ def allocate(system):
         np.zeros((n, m, m)),
         np.zeros((m, m)),
     )
+
+
+@njit(**INLINE)
+def copy_rows(source, target):
+    """Write a matrix into another of its shape; `target[:, :] = source` takes seconds to compile, for its error message."""
+    for i in range(target.shape[0]):
+        for j in range(target.shape[1]):
+            target[i, j] = source[i, j]
 
 
 @njit(**INLINE)
