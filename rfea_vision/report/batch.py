@@ -137,8 +137,8 @@ def render_comparison(first: Path, second: Path, *, names: tuple[str, str] | Non
             "headline": prose.headline(evidence, prose.effect_titles(evidence)),
             "last": evidence.last,
             "evidence": evidence,
-            "shown": [errors_of(step, evidence) for step in evidence.steps],
-            "names": [rung_name(step, prose.effect_titles(evidence)) for step in evidence.steps],
+            "shown": [errors_of(step, evidence) for step in evidence.climbed],
+            "names": [rung_name(step, prose.effect_titles(evidence)) for step in evidence.climbed],
         }
         for name, evidence, side in zip(called, both, manifest["pair"], strict=True)
     ]

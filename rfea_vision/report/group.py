@@ -119,7 +119,8 @@ def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes beside one
         titles |= prose.effect_titles(tube.evidence)
     meanings: dict[str, str] = {}
     for tube in tubes:
-        meanings |= prose.parameter_words(tube.evidence, titles)
+        for name, words in prose.parameter_words(tube.evidence, titles).items():
+            meanings[name] = words.replace(" of a joint ", " of the whole tube ")  # as `of_the_tube` gives them
     cells = {tube.name: _effects(tube) for tube in tubes}
     effects = list(dict.fromkeys(effect for row in cells.values() for effect in row))
     rows = [_row(tube) for tube in tubes]

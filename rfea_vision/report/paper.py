@@ -40,7 +40,8 @@ def render_paper(
     rows: dict[str, dict[str, Mapping[str, Any]]] = {}
     for row in table:
         rows.setdefault(str(row["parameter"]), {})[str(row["model"])] = row
+    at_a_bound = any("bound" in item.note for fit in fits.values() for item in fit.parameters.values())
     return environment().get_template("paper.html.j2").render(
         title=title, figures=list(numbers.values()), rows=rows, fits=fits, runs=runs, peaks=peaks_kPa, names=names,
-        style=static("style.css"),
+        at_a_bound=at_a_bound, style=static("style.css"),
     )  # fmt: skip

@@ -33,11 +33,11 @@ _PHASES = {
 
 # The base model's parameters: values at the rest radius and slopes over the inner radius, and those of the paper's table.
 MEANINGS = {
-    "k_ref": "bending stiffness of the tube at its rest radius",
+    "k_ref": "bending stiffness of a joint at the tube's rest radius",
     "k_slope": "change of the stiffness with the inner radius",
-    "b_pos_ref": "damping while the tube bends, at its rest radius",
+    "b_pos_ref": "damping of a joint while it bends, at the tube's rest radius",
     "b_pos_slope": "change of that damping with the inner radius",
-    "b_neg_ref": "damping while the tube straightens, at its rest radius",
+    "b_neg_ref": "damping of a joint while it straightens, at the tube's rest radius",
     "b_neg_slope": "change of that damping with the inner radius",
     "r_hyd": "lever arm of the pressure",
     "k_0": "stiffness of a joint at inner radius zero",

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from rfea_vision.artefacts import ModelFit
-from rfea_vision.report import render_comparison, render_index, render_notebook
+from rfea_vision.report import render, render_comparison, render_index, render_notebook
 from rfea_vision.report.collect import collect
 from rfea_vision.stages.publishing import _labels, _page_beside
 from testing.report.browser import Browser
@@ -130,6 +130,10 @@ def test_parameters_are_compared_by_tube_and_a_missing_one_is_said(tube_a: Path,
     rows = {row["name"]: row["sides"] for row in manifest["parameters"]}
     stiffness = rows["k_ref, whole tube"]
     assert stiffness[0]["value"] == pytest.approx(2 * stiffness[1]["value"])
+    ladder = other / "ladder.json"
+    rungs = json.loads(ladder.read_text())
+    ladder.write_text(json.dumps(rungs | {"rungs": rungs["rungs"][:-1]}))
+    assert '<th scope="row">With ' not in render_comparison(tube_a, other)  # a fit beside the ladder is no rung
     assert rows["r_hyd"][1] == {"value": None, "interval": None, "text": "not in its model"}
 
 
@@ -167,6 +171,8 @@ def test_many_tubes_on_one_page(sample):
     )
     assert parameters_of(tubes[0])["r_hyd"] == fit.parameters["r_hyd"]
     page = render_group(tubes)
+    assert "bending stiffness of the whole tube at" in page and "of a joint" not in page
+    assert "bending stiffness of a joint at" in render(sample, title="A", commands=())  # a joint's, as k_ref is there
     assert "<C>" not in page and "&lt;C&gt;" in page
     assert all(effect in page for effect in ("in the model", "36", "30 g"))
     assert page.count("<svg") == len(plates) and "http://" not in page.replace("http://www.w3.org", "")

@@ -40,5 +40,6 @@ def test_table_figures_and_page(paper):
     page = first[files[0]].decode()
     assert page.count("<svg") == len({path.stem for path in files if path.name.startswith("fig")})
     assert not re.search(r'(?:src|href)="https?://', page)
+    assert ("ended at a bound" in page) == any(not row["lower_95"] for row in rows)
     again = reproduce(Workspace(load_campaign(paper)), formats=["svg"])
     assert {path: path.read_bytes() for path in again} == first
