@@ -314,13 +314,15 @@ def test_results_do_not_depend_on_the_number_of_workers(raw, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     recipe = tmp_path / "fit.yaml"
     recipe.write_text("steps:\n  - fit: {segments: 2}\n")
-    found = []
-    for workers in (1, 2):
-        out = tmp_path / f"out-{workers}"
-        answer = rfea("batch", raw, "--workers", str(workers), "--recipe", recipe, "--out", out, "--json")
+    alone, batch = tmp_path / "alone", tmp_path / "batch"
+    for arguments in (
+        ("run", recipe, raw, "--out", alone),
+        ("batch", raw, "--workers", "2", "--recipe", recipe, "--out", batch),
+    ):
+        answer = rfea(*arguments, "--json")
         assert answer.code == 0, answer.err
-        found.append((out / raw.name / "models" / "base" / "model.json").read_bytes())
-    assert found[0] == found[1]
+    none, two = (out / "models" / "base" / "model.json" for out in (alone, batch / raw.name))
+    assert none.read_bytes() == two.read_bytes()
     assert not (raw / "rfea").exists()
 
 
