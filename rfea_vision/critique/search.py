@@ -209,8 +209,8 @@ class Search:
             grid = {f"{effect.id}.{name}": value for name, value in grids.get(effect.id, {}).items()}
             near = self.trials.glance(self.present, (effect.id,), {**stiff, **grid})
             if near is not None:
-                looks.append((near.solution.cost, effect.id, near.values))
-                self.removes[effect.id] = 1 - near.solution.mean_square / fitted.solution.mean_square
+                looks.append((near[0], effect.id, near[1]))
+                self.removes[effect.id] = 1 - near[0] / fitted.solution.mean_square
         for _, name, values in sorted(looks, key=lambda look: look[:2])[:most]:
             self.trials.refit(self.present, (name,), values)
 

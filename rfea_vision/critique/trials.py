@@ -18,6 +18,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting.coordinates import sized
 from rfea_vision.fitting.fit import Fitted, Problem, refit
 from rfea_vision.fitting.ratio import with_lever_free
+from rfea_vision.fitting.refit import carried
 from rfea_vision.fitting.solver import ROUGH_FRAMES
 from rfea_vision.options import FitOptions
 
@@ -25,6 +26,8 @@ from rfea_vision.options import FitOptions
 #: must still win. What has not converged is called worse than it is, so the share ends most of them. Work is counted, never timed.
 ROUGH_EVALUATIONS, FULL_EVALUATIONS, GLANCE_EVALUATIONS = 25, 12, 12
 ROUGH_GAIN, FULL_GAIN = 1e-4, 3e-4
+#: Segments of a glance at most: of the chain on which the probabilities were counted.
+GLANCE_SEGMENTS = 8
 #: Where a refit starts again from the optimum of a smaller model: this share of the usual start of what is new.
 FAINT = 0.02
 #: An amplitude this near to a bound, as a share of its range, has run into it.
@@ -125,10 +128,15 @@ class Trials:
         options = replace(like.options, effects=tuple(sorted(key)), effect_files=files, name=name)
         return options, values, absent
 
-    def glance(self, base: Trial, added: Sequence[str], start: Mapping[str, float]) -> Fitted | None:
-        """A set fitted on thinned runs alone, in long steps: to see whether a refit is worth it."""
+    def glance(self, base: Trial, added: Sequence[str], start: Mapping[str, float]) -> tuple[float, dict[str, float]] | None:
+        """Mean square and values of a set fitted on thinned runs alone, on a coarse chain: to see whether a refit is worth it."""
         options, values, _ = self._options(base, base.effects | set(added))
-        return self._near(options, {**values, **base.fitted.values, **start}, base.fitted, GLANCE_EVALUATIONS)
+        begin = {**values, **base.fitted.values, **start}
+        near = self._near(_coarse(options), begin, base.fitted, GLANCE_EVALUATIONS)
+        if near is None:
+            return None
+        par = carried(near.model, self.problem.actuator, options.segments, near.values, near.options.segments)
+        return near.solution.mean_square, dict(zip(near.model.names, par.tolist(), strict=True))
 
     def _near(
         self, options: FitOptions, values: Mapping[str, float], like: Fitted, most: int = ROUGH_EVALUATIONS
@@ -153,6 +161,13 @@ class Trials:
             )  # fmt: skip
         except DataError:
             return None
+
+
+def _coarse(options: FitOptions) -> FitOptions:
+    """The chain of a glance; the same where an effect sits in one joint of it, or where the joints' places go with their number."""
+    placed = any(split_joint(one)[1] for one in options.effects)
+    few = GLANCE_SEGMENTS if options.joints == "middle" and not placed else options.segments
+    return options.with_segments(min(options.segments, few))
 
 
 def _at_bound(fitted: Fitted) -> bool:

@@ -19,7 +19,8 @@ position       material coordinate of the joint, 0 at the clamp, 1 at the tip
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import sympy as sp
@@ -188,6 +189,17 @@ class Effect:
         self._symbols = {
             name: sp.Symbol(f"{own}__{name}", real=True) for name in (*self.parameters, *self.states, *self.constants)
         }
+
+    def with_torques(self, times: float) -> Effect:
+        """The same effect with parameters in N m whose bounds and start are so many times as large."""
+        other = copy(self)
+        vars(other)["parameters"] = {
+            name: replace(spec, lower=spec.lower * times, upper=spec.upper * times, start=spec.start * times)
+            if spec.unit == "N*m"
+            else spec
+            for name, spec in self.parameters.items()
+        }
+        return other
 
     def __getattr__(self, name: str) -> sp.Symbol:
         symbols = self.__dict__.get("_symbols", {})

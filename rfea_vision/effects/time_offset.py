@@ -17,7 +17,7 @@ class TimeOffset(Effect):
     mistaken_for = "pressure_lag (which rounds fast changes too), viscous damping"
     split_by = "an LED or trigger that both clocks see"
     kind = "measurement"
-    parameters = {"dt": EffectParameter("s", 0.0, -0.5, 0.5, 0.005, "offset", display="ms")}
+    parameters = {"dt": EffectParameter("s", 0.0, -2.0, 2.0, 0.005, "offset", display="ms")}
 
     def time_shift(self, time: sp.Symbol) -> sp.Expr:
         return self.dt

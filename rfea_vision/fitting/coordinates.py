@@ -7,7 +7,7 @@ values at rest and at the largest radius that the recordings reach; both must be
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,14 +111,7 @@ def sized(effects: Sequence[Effect], actuator: Actuator) -> tuple[Effect, ...]:
     Bounds and starts widen by the stiffness at rest, as `base_reference` has it; of a smaller tube they stay.
     """
     times = max(1.0, base_reference(actuator, 1)[0] / base_reference(Actuator(), 1)[0])
-    for effect in effects:
-        vars(effect)["parameters"] = {
-            name: replace(spec, lower=spec.lower * times, upper=spec.upper * times, start=spec.start * times)
-            if spec.unit == "N*m"
-            else spec
-            for name, spec in effect.parameters.items()
-        }
-    return tuple(effects)
+    return tuple(effect.with_torques(times) for effect in effects)
 
 
 def stiffness_per_modulus(actuator: Actuator, segments: int) -> float:

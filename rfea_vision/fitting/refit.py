@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
@@ -17,6 +17,9 @@ from rfea_vision.fitting.solver import Solution, solve
 from rfea_vision.fitting.starts import without_vanishing_ends
 from rfea_vision.fitting.steady_fit import Plateau
 from rfea_vision.options import FitOptions
+
+#: Relative fall of the cost at which the first, rough solution ends: no misfit is followed less closely.
+ROUGH_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,7 @@ def refit(
     previous, previous_segments : parameters by name, SI, of a chain of so many segments; what is missing starts as declared
     clocks : (runs,) offsets in s to start from
     most_evaluations, tolerance : where the optimiser stops at the latest, and the relative fall of the cost at which it does
+        where noise alone is left
     items : runs to fit to, in place of all training runs
 
     Raises
@@ -109,21 +113,37 @@ def refit(
     solution = None
     # A misfit may push a damper or a spring to nothing at one end of the reach, which a finer chain does not survive.
     for first in (start, without_vanishing_ends(coordinates, start)):
-        solution = solve(
-            model,
-            used,
-            coordinates,
-            first,
-            clocks,
-            most_evaluations=most_evaluations,
-            tolerance=tolerance,
-            loss=options.loss,
-        )
+        solution = _solved(model, used, coordinates, first, clocks, most_evaluations, tolerance, options.loss)
         if solution is not None:
             break
     if solution is None:
         raise DataError(f"model {options.name}: the start could not be simulated; try fewer segments or other effects")
     return Fitted(model, options, coordinates, solution)
+
+
+def _solved(
+    model: Model,
+    items: Sequence[Observed],
+    coordinates: Coordinates,
+    start: FloatArray,
+    clocks: FloatArray | None,
+    most_evaluations: int,
+    tolerance: float,
+    loss: Literal["auto", "linear", "huber"],
+) -> Solution | None:
+    """Roughly first, then as closely as what is left deserves.
+
+    A misfit of r standard deviations of the noise widens the intervals of all parameters about r-fold: its last digits are r^2
+    times as idle as those of noise.
+    """
+    first, most = max(tolerance, ROUGH_TOLERANCE), most_evaluations
+    solution = solve(model, items, coordinates, start, clocks, most_evaluations=most, tolerance=first, loss=loss)
+    if solution is None or (closely := tolerance * max(1.0, solution.mean_square)) >= first:
+        return solution
+    again = solve(
+        model, items, coordinates, solution.par, solution.clocks, most_evaluations=most, tolerance=closely, loss=loss
+    )
+    return again if again is not None else solution
 
 
 def refit_from(problem: Problem, options: FitOptions, fitted: Fitted, **limits: Any) -> Fitted:

@@ -11,8 +11,10 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.fit import fit_base, make_model, make_problem, start_vector
+from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
+from rfea_vision.fitting.refit import refit_from
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions
@@ -46,6 +48,19 @@ def test_parameters_are_found(fitted, complete_campaign):
     assert paper["k_0"].unit == "N*m/deg"
     k_ref = (paper["k_0"].value + 0.003 * paper["m_k"].value) * 180 / np.pi
     assert k_ref == pytest.approx(model.parameters["k_ref"].value, rel=1e-9)
+
+
+def test_a_misfit_is_followed_as_closely_as_its_intervals_deserve(complete_campaign):
+    """A lever that is wrong leaves hundreds of times the noise: the fit ends early, and well inside its intervals."""
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    rough = fit_base(problem, replace(OPTIONS, segments=4, fixed={"r_hyd": 5e-3}))
+    assert rough.solution.mean_square > 100
+    close = refit_from(problem, rough.options, rough, tolerance=1e-12)
+    covariance = intervals(rough, problem.train, actuator, rough.par).covariance
+    free = np.diag(covariance) > 0
+    moved = np.abs(close.par - rough.par)[free] / np.sqrt(np.diag(covariance)[free])
+    assert free.sum() == 6 and np.all(moved < 0.2)
 
 
 @pytest.mark.parametrize("effect", [None, "time_offset", "clock_drift", "plane_tilt", "camera_scale"])
