@@ -47,6 +47,8 @@ def intervals(
     parameters, covariance = _parameters(fitted, uncertainty, par, coarse)
     free = list(fitted.coordinates.free)
     spread = np.sqrt(np.maximum(np.diag(covariance)[free], 1e-300))
+    effects = fitted.model.effects
+    absent = {f"{e.id}.{name}": spec.absent for e in effects for name, spec in e.parameters.items()}
     correlation = covariance[np.ix_(free, free)] / np.outer(spread, spread)
     return Intervals(
         parameters,
@@ -54,7 +56,7 @@ def intervals(
         covariance,
         correlation,
         [
-            *_sentences(parameters, correlation, fitted.coordinates.names, _ties(fitted, uncertainty)),
+            *_sentences(parameters, correlation, fitted.coordinates.names, _ties(fitted, uncertainty), absent),
             *_about_coarseness(fitted, parameters, uncertainty.quantile, coarse),
         ],
     )
@@ -170,7 +172,11 @@ def _ties(fitted: Fitted, uncertainty: Uncertainty) -> list[list[str]]:
 
 
 def _sentences(
-    parameters: dict[str, Parameter], correlation: FloatArray, names: Sequence[str], ties: Sequence[Sequence[str]]
+    parameters: dict[str, Parameter],
+    correlation: FloatArray,
+    names: Sequence[str],
+    ties: Sequence[Sequence[str]],
+    absent: Mapping[str, float | None],
 ) -> list[str]:
     out = []
     for group in ties:
@@ -191,7 +197,11 @@ def _sentences(
         )
     for name, parameter in parameters.items():
         if "bound" in parameter.note:
-            out.append(f"{name} ended {parameter.note.split(':')[0]}: the data pull it out of what physics allows.")
+            bound = parameter.lower if "lower" in parameter.note else parameter.upper
+            told = "the data pull it out of what physics allows"
+            if name in absent and absent[name] == bound:
+                told = "there the effect is absent; these data do not ask for it"
+            out.append(f"{name} ended {parameter.note.split(':')[0]}: {told}.")
     return out
 
 

@@ -10,7 +10,7 @@ from rfea_vision.artefacts import Actuator, ModelFit, Recording
 from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.coordinates import build
-from rfea_vision.fitting.fit import fit_base, make_model, make_problem, start_vector
+from rfea_vision.fitting.fit import fit, fit_base, make_model, make_problem, start_vector
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
@@ -61,6 +61,15 @@ def test_a_misfit_is_followed_as_closely_as_its_intervals_deserve(complete_campa
     free = np.diag(covariance) > 0
     moved = np.abs(close.par - rough.par)[free] / np.sqrt(np.diag(covariance)[free])
     assert free.sum() == 6 and np.all(moved < 0.2)
+
+
+def test_an_effect_that_the_data_do_not_ask_for_is_called_absent(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    found = fit(problem, replace(OPTIONS, segments=8, effects=("variable_mass", "coulomb")))
+    told = [text for text in intervals(found, problem.train, actuator, found.par).sentences if " ended at its " in text]
+    absent = [text for text in told if "there the effect is absent" in text]
+    assert absent and all(text.startswith(("variable_mass.a ", "coulomb.tau_c ")) for text in absent)
 
 
 @pytest.mark.parametrize("effect", [None, "time_offset", "clock_drift", "plane_tilt", "camera_scale"])
