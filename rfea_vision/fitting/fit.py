@@ -17,7 +17,7 @@ from rfea_vision.fitting.coordinates import base_reference, build
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.profile import profile
-from rfea_vision.fitting.ratio import lever_free, with_lever_held
+from rfea_vision.fitting.ratio import beyond_bounds, lever_free, with_lever_held
 from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit, refit_from
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.rules import under_rules
@@ -303,13 +303,17 @@ def fit(problem: Problem, options: FitOptions, progress: Progress | None = None)
     if options.start:
         fitted = _without_jumps(problem, refit(problem, options, options.start, options.segments))
     else:
-        fitted = with_lever_held(problem, fit_base(problem, replace(options, effects=()), progress))
+        fitted = fit_base(problem, replace(options, effects=()), progress)
+        fitted = beyond_bounds(problem, fitted, lambda other: fit_base(problem, other, progress))
+        fitted = with_lever_held(problem, fitted)
         fitted = _without_jumps(problem, fitted)
         if options.effects:
             found = lever_free(fitted)
-            fitted = fit_added(problem, replace(options, loss=found.loss, fixed=found.fixed), fitted, progress=progress)
+            asked = replace(options, loss=found.loss, fixed=found.fixed, bounds=found.bounds)
+            fitted = fit_added(problem, asked, fitted, progress=progress)
         else:
-            options = replace(options, loss=fitted.options.loss, fixed=fitted.options.fixed)
+            own = fitted.options
+            options = replace(options, loss=own.loss, fixed=own.fixed, bounds=own.bounds)
             fitted = replace(fitted, options=options)
     if options.study_segments or options.auto_segments:
         fitted = with_study(problem, fitted)
