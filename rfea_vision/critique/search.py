@@ -207,10 +207,11 @@ class Search:
         looks = []
         for effect in available(offered, set(map(plain, self.present.effects))):
             grid = {f"{effect.id}.{name}": value for name, value in grids.get(effect.id, {}).items()}
-            near = self.trials.glance(self.present, (effect.id,), {**stiff, **grid})
-            if near is not None:
-                looks.append((near[0], effect.id, near[1]))
-                self.removes[effect.id] = 1 - near[0] / fitted.solution.mean_square
+            look = self.trials.glance(self.present, (effect.id,), {**stiff, **grid})
+            if look is not None:
+                mean_square, values = look
+                looks.append((mean_square, effect.id, values))
+                self.removes[effect.id] = 1 - mean_square / fitted.solution.mean_square
         for _, name, values in sorted(looks, key=lambda look: look[:2])[:most]:
             self.trials.refit(self.present, (name,), values)
 

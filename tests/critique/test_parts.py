@@ -1,4 +1,4 @@
-"""The parts of the critique on their own: what matters, the noise floor, the search, the rule, the next experiment."""
+"""The parts of the critique on their own: what matters, the noise floor, the search, the rule."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
-from rfea_vision.critique.next_experiment import STEP_S, design_next, limits, profiles, shaped
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import Sensitivity
 from rfea_vision.critique.search import Search, Weighed
@@ -81,41 +80,6 @@ def test_the_floor_sees_noise_that_lasts_over_frames_but_no_motion():
     assert understated == pytest.approx(true, rel=0.15)
     slow = 0.5 * np.sin(2 * np.pi * 2.0 * np.arange(3000) / 240.0)[:, None]
     assert measurement(*_fake(0.06 * noise + slow, 0.03)) == pytest.approx(understated, rel=0.05)
-
-
-def test_the_next_experiment_stays_within_what_the_rig_has_shown(campaign):
-    problem = make_problem(*campaign())
-    low, high, rate = limits(problem)
-    seen = np.concatenate([o.excitation.pressure for o in problem.train])
-    assert low >= 0 and high == seen.max()
-    _within(low, high, rate)
-
-
-def test_the_next_experiment_of_two_chambers_goes_to_both_sides(campaign):
-    problem = make_problem(*campaign())
-    turned = [
-        replace(o, excitation=replace(o.excitation, pressure=-0.6 * o.excitation.pressure)) for o in problem.train
-    ]
-    low, high, rate = limits(replace(problem, train=(*problem.train, *turned)))
-    assert low == pytest.approx(-0.6 * high, rel=0.01)
-    _within(low, high, rate)
-    names = profiles(low, high, rate, seed=3)
-    there = {name: pressure for name, pressure in names.items() if name.endswith("to the other side")}
-    assert all(pressure.max() < 1e-6 for pressure in there.values())
-    assert names["triangles to one side and to the other"].min() < -0.5 * high
-    one_sided = limits(replace(problem, train=tuple(turned)))
-    assert one_sided[1] == 0.0 and all(p.max() <= 1e-6 for p in profiles(*one_sided, seed=3).values())
-
-
-def _within(low, high, rate):
-    for pressure in profiles(low, high, rate, seed=3).values():
-        assert pressure.min() >= low - 1e-6 and pressure.max() <= high + 1e-6
-        assert np.abs(np.diff(pressure)).max() <= rate * STEP_S * (1 + 1e-9)
-        assert np.ptp(pressure) > 0.2 * min(high - low, max(high, -low))
-        for amplitude, pace in ((0.5, 2.0), (1.0, 0.5), (0.7, 4.0)):
-            other = shaped(pressure, amplitude, pace, rate)
-            assert other.min() >= low - 1e-6 and np.ptp(other) <= amplitude * np.ptp(pressure) + 1e-6
-            assert np.abs(np.diff(other)).max() <= rate * STEP_S * (1 + 1e-9)
 
 
 def test_looking_back_drops_what_earns_nothing(campaign):
@@ -400,10 +364,3 @@ def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
     assert "payload (probability 10 %), removes 20 %" in said and "drag" not in said
     found.weighed = rows[:1]
     assert "nearest" not in _unexplained(search, found)
-
-
-def test_no_pressure_is_proposed_for_a_rig_that_has_none():
-    """Of rivals that ring-downs cannot tell apart: a run 'up to 0 kPa' would tell nothing."""
-    still = SimpleNamespace(excitation=SimpleNamespace(pressure=np.zeros(500), step_s=1e-3))
-    rival: Any = SimpleNamespace()
-    assert design_next(SimpleNamespace(train=[still]), (rival, rival), ("maxwell", "base_rotation"), 0) == (None, None)  # type: ignore[arg-type]

@@ -1,0 +1,55 @@
+"""The experiment that is proposed: within what the rig has shown, to both sides of two chambers, none where no pressure is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rfea_vision.critique.next_experiment import STEP_S, design_next, limits, profiles, shaped
+from rfea_vision.fitting.fit import make_problem
+
+
+def test_the_next_experiment_stays_within_what_the_rig_has_shown(campaign):
+    problem = make_problem(*campaign())
+    low, high, rate = limits(problem)
+    seen = np.concatenate([o.excitation.pressure for o in problem.train])
+    assert low >= 0 and high == seen.max()
+    _within(low, high, rate)
+
+
+def test_the_next_experiment_of_two_chambers_goes_to_both_sides(campaign):
+    problem = make_problem(*campaign())
+    turned = [
+        replace(o, excitation=replace(o.excitation, pressure=-0.6 * o.excitation.pressure)) for o in problem.train
+    ]
+    low, high, rate = limits(replace(problem, train=(*problem.train, *turned)))
+    assert low == pytest.approx(-0.6 * high, rel=0.01)
+    _within(low, high, rate)
+    names = profiles(low, high, rate, seed=3)
+    there = {name: pressure for name, pressure in names.items() if name.endswith("to the other side")}
+    assert all(pressure.max() < 1e-6 for pressure in there.values())
+    assert names["triangles to one side and to the other"].min() < -0.5 * high
+    one_sided = limits(replace(problem, train=tuple(turned)))
+    assert one_sided[1] == 0.0 and all(p.max() <= 1e-6 for p in profiles(*one_sided, seed=3).values())
+
+
+def _within(low, high, rate):
+    for pressure in profiles(low, high, rate, seed=3).values():
+        assert pressure.min() >= low - 1e-6 and pressure.max() <= high + 1e-6
+        assert np.abs(np.diff(pressure)).max() <= rate * STEP_S * (1 + 1e-9)
+        assert np.ptp(pressure) > 0.2 * min(high - low, max(high, -low))
+        for amplitude, pace in ((0.5, 2.0), (1.0, 0.5), (0.7, 4.0)):
+            other = shaped(pressure, amplitude, pace, rate)
+            assert other.min() >= low - 1e-6 and np.ptp(other) <= amplitude * np.ptp(pressure) + 1e-6
+            assert np.abs(np.diff(other)).max() <= rate * STEP_S * (1 + 1e-9)
+
+
+def test_no_pressure_is_proposed_for_a_rig_that_has_none():
+    """Of rivals that ring-downs cannot tell apart: a run 'up to 0 kPa' would tell nothing."""
+    still = SimpleNamespace(excitation=SimpleNamespace(pressure=np.zeros(500), step_s=1e-3))
+    rival: Any = SimpleNamespace()
+    assert design_next(SimpleNamespace(train=[still]), (rival, rival), ("maxwell", "base_rotation"), 0) == (None, None)  # type: ignore[arg-type]
