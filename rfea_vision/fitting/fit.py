@@ -130,6 +130,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
     shapes = [(1.0, 1.0), (0.9, 2.0), (1.2, 0.5)]
     shapes += [(float(rng.uniform(0.85, 1.35)), float(np.exp(rng.uniform(-1.2, 1.2)))) for _ in range(options.starts)]
     solutions: list[Solution] = []
+    ends: list[Solution] = []
     record: dict[str, Any] = {}
     waterfall: list[dict[str, Any]] = []
     for index, (arm, damping) in enumerate(shapes):
@@ -147,15 +148,17 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
             )
         from_rest, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
-        solution = None
-        for trial in (from_rest, without_vanishing_ends(coordinates, from_rest), *_stiffer(guess)):
+        begun = len(ends)
+        for trial in _different(without_vanishing_ends(coordinates, from_rest), from_rest, *_stiffer(guess)):
             found = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
             if found is None:
                 continue
-            again = solution is not None and abs(found.cost - solution.cost) < AGREEING * solution.cost
-            solution = found if solution is None or found.cost < solution.cost else solution
-            if again or farthest(thin, solution, problem.actuator.length) < FAR_OFF:
+            lowest = min((one.cost for one in ends), default=np.inf)
+            ends.append(found)
+            again = abs(found.cost - lowest) < AGREEING * lowest
+            if again or farthest(thin, found, problem.actuator.length) < FAR_OFF:
                 break
+        solution = min(ends[begun:], key=lambda one: one.cost, default=None)
         waterfall.append(_attempt(f"r_hyd x {arm:.2f}, damping x {damping:.2f}", solution))
         solutions += [] if solution is None else [solution]
         if progress is not None:
@@ -172,6 +175,13 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
     if progress is not None:
         progress(len(shapes) + 2, len(shapes) + 2)
     return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
+
+
+def _different(*starts: FloatArray) -> Iterator[FloatArray]:
+    """The starts (parameters,) in turn, without those that stand before."""
+    for k, start in enumerate(starts):
+        if not any(np.allclose(start, other, rtol=AGREEING, atol=0.0) for other in starts[:k]):
+            yield start
 
 
 def _attempt(label: str, solution: Solution | None) -> dict[str, Any]:

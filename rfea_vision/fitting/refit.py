@@ -140,8 +140,9 @@ def _solved(
     solution = solve(model, items, coordinates, start, clocks, most_evaluations=most, tolerance=first, loss=loss)
     if solution is None or (closely := tolerance * max(1.0, solution.mean_square)) >= first:
         return solution
+    par, clocks, known = solution.par, solution.clocks, solution.evaluation
     again = solve(
-        model, items, coordinates, solution.par, solution.clocks, most_evaluations=most, tolerance=closely, loss=loss
+        model, items, coordinates, par, clocks, most_evaluations=most, tolerance=closely, loss=loss, known=known
     )
     return again if again is not None else solution
 

@@ -120,8 +120,13 @@ class _Target:
     def _evaluate(self, x: FloatArray) -> _Point | None:
         par, values = self.unpack(x)
         result = evaluate(self.model, par, self.items, self.coordinates.free, values)
-        if result is None:
-            return None
+        return None if result is None else self._point(x, result)
+
+    def remember(self, x: FloatArray, evaluation: Evaluation) -> None:
+        """Take what was evaluated at `x` before as known."""
+        self.last = (x.tobytes(), self._point(x, evaluation))
+
+    def _point(self, x: FloatArray, result: Evaluation) -> _Point:
         ny = len(self.coordinates.free)
         jacobian, rest = result.jacobian, result.residual
         if len(self.clock_index) < len(self.items):
@@ -171,10 +176,12 @@ def solve(
     most_evaluations: int = 60,
     tolerance: float = 1e-7,
     loss: Literal["auto", "linear", "huber"] = "linear",
+    known: Evaluation | None = None,
 ) -> Solution | None:
     """Minimise from `start` (full parameter vector, SI); None where not even the start can be simulated.
 
     clocks : (experiments,) offset of each clock in s at the start, 0 by default
+    known : the evaluation at the start, where it has been made
     most_evaluations, tolerance : of residual and Jacobian; relative change of the sum of squares at which it ends
     Experiments whose clock was found from their motion get it as a nuisance parameter. The robust loss is that of Huber
     (doi:10.1214/aoms/1177703732), linear beyond five robust standard deviations of the residual at the start; ``auto`` is
@@ -186,6 +193,8 @@ def solve(
     limits = np.array([_largest_clock(items[i]) for i in clock_index])
     target.clocks[list(clock_index)] = np.clip(target.clocks[list(clock_index)], -limits, limits)
     x0 = np.concatenate([coordinates.coordinates(start), target.clocks[list(clock_index)] / CLOCK_SCALE_S])
+    if known is not None:
+        target.remember(x0, known)
     first = target.at(x0)
     if first is None:
         return None
