@@ -101,24 +101,23 @@ def track_command(
 
     Centre line, edges, width, curvature, tip, bend angle and elongation go to track.nc.
     """
-    from rfea_vision.stages.warnings import few_frames, reasons_of
+    from rfea_vision.stages.measurement import facts_of_track
 
     with opened(campaign, out, force=("track", "clip") if force else ()) as work:
-        tracks = work.track(names)
+        tracks = work.each(names, work.track_of, "tracked")
         previews = work.preview(names) if preview else {}
+        facts = {name: track.facts or facts_of_track(track.value) for name, track in tracks.items()}
     summary = [
         {
             "experiment": name,
             "file": str(work.out / name / "track.nc"),
             "status": work.outcome("track", name),
-            "frames": len(track.time_s),
-            "valid": int(track.valid.sum()),
-            "reasons": reasons_of(track),
+            **{key: value for key, value in facts[name].items() if key != "too_little"},
             **({"preview": str(previews[name])} if name in previews else {}),
         }
-        for name, track in tracks.items()
+        for name in tracks
     ]
-    lacking = {name: few for name, track in tracks.items() if (few := few_frames(track))}
+    lacking = {name: said["too_little"] for name, said in facts.items() if said["too_little"]}
     if as_json:
         print_json({"tracks": summary, "too_little": lacking})
     else:
@@ -136,7 +135,9 @@ def track_command(
         for name, few in lacking.items():
             say(f"{name}: {few}")
         if lacking:
-            say_next("rfea track", campaign, "-e", next(iter(lacking)), "--preview", why="draws what was seen over the video")
+            say_next(
+                "rfea track", campaign, "-e", next(iter(lacking)), "--preview", why="draws what was seen over the video"
+            )
         else:
             say_next("rfea sync", campaign)
     return DataError.exit_code if lacking else 0
@@ -147,24 +148,20 @@ def track_command(
 @experiment_option
 def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, names: tuple[str, ...]) -> None:
     """Track and pressure on one clock."""
+    from rfea_vision.stages.measurement import facts_of_recording
+
     with opened(campaign, out, force=("sync",) if force else ()) as work:
-        recordings = work.sync(names)
-    summary = []
-    for name, recording in recordings.items():
-        attributes = recording.dataset.attrs
-        summary.append(
-            {
-                "experiment": name,
-                "file": str(work.out / name / "recording.nc"),
-                "status": work.outcome("sync", name),
-                "method": str(attributes["sync_method"]),
-                **{
-                    key: float(attributes[key])
-                    for key in ("offset_s", "offset_stderr_s", "drift_ppm", "drift_stderr_ppm")
-                    if key in attributes
-                },
-            }
-        )
+        recordings = work.each(names, work.recording_of, "synchronised")
+        facts = {name: found.facts or facts_of_recording(found.value) for name, found in recordings.items()}
+    summary = [
+        {
+            "experiment": name,
+            "file": str(work.out / name / "recording.nc"),
+            "status": work.outcome("sync", name),
+            **facts[name],
+        }
+        for name in recordings
+    ]
     if as_json:
         print_json({"recordings": summary})
     else:

@@ -31,6 +31,7 @@ class StageRecord:
     inputs : raw files that went in, as path relative to the campaign -> SHA-256
     order : rises with every stage of the models that finishes; 0 where runs are measured side by side, in no order
     version : of the package that made it
+    facts : what a command prints of the result, so that it need not be read for that
     """
 
     key: str
@@ -40,6 +41,7 @@ class StageRecord:
     inputs: dict[str, str] = field(default_factory=dict)
     order: int = 0
     version: str = ""
+    facts: dict[str, Any] = field(default_factory=dict)
 
 
 class StageCache:
@@ -104,10 +106,13 @@ class StageCache:
         *,
         options: object = None,
         inputs: Mapping[str, str] | None = None,
+        facts: Mapping[str, object] | None = None,
     ) -> StageRecord:
         """Return what is to be noted of a stage that has finished."""
         made = {path.relative_to(self.out).as_posix(): self.sha256(path) for path in outputs}
-        return StageRecord(key, digest, plain(options) or {}, made, dict(inputs or {}), 0, __version__)
+        return StageRecord(
+            key, digest, plain(options) or {}, made, dict(inputs or {}), 0, __version__, plain(facts or {})
+        )
 
     def store(self, *records: StageRecord) -> None:
         """Note that stages have finished, in this order and at once, as far as files can be."""

@@ -63,6 +63,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         ),
         make=make,
         load=lambda: Track.load(path),
+        facts=facts_of_track,
     )
     _clip(work, experiment, tracked, path, calibration)
     return tracked
@@ -198,6 +199,7 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
         ),
         make=make,
         load=lambda: Track.load(path),
+        facts=facts_of_track,
     )
 
 
@@ -274,6 +276,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
         ),
         make=make,
         load=lambda: Recording.load(path),
+        facts=facts_of_recording,
     )
 
 
@@ -298,6 +301,26 @@ def _hint_files(hints: Hints) -> list[Path]:
     """The files that hints name: what other programs saw."""
     masks = sorted(path for path in hints.masks.iterdir() if path.is_file()) if hints.masks is not None else []
     return [*masks, *([hints.keypoints] if hints.keypoints is not None else [])]
+
+
+def facts_of_track(track: Track) -> dict[str, Any]:
+    """What `rfea track` prints of a track."""
+    return {
+        "frames": len(track.time_s),
+        "valid": int(track.valid.sum()),
+        "reasons": reasons_of(track),
+        "too_little": few_frames(track),
+    }
+
+
+def facts_of_recording(recording: Recording) -> dict[str, Any]:
+    """What `rfea sync` prints of a recording."""
+    attributes = recording.dataset.attrs
+    clocks = ("offset_s", "offset_stderr_s", "drift_ppm", "drift_stderr_ppm")
+    return {
+        "method": str(attributes["sync_method"]),
+        **{key: float(attributes[key]) for key in clocks if key in attributes},
+    }
 
 
 def describe_track(track: Track) -> str:

@@ -21,7 +21,7 @@ def compiling(room: str) -> str:
     kept = Path(__file__).parent.parent / room / "__pycache__"
     if "NUMBA_CACHE_DIR" in os.environ or not os.access(kept.parent, os.W_OK) or any(kept.glob("*.nbi")):
         return ""
-    return f"compiling {room} once, about 40 s; later commands find it in the cache"
+    return f"compiling {room} once, which takes a minute, several on a slow or busy machine; later commands find it in the cache"
 
 
 def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset], file: str = "prediction.nc") -> Path:

@@ -71,7 +71,12 @@ class Runner:
         self._told: set[str] = set()
 
     def run(
-        self, stage: Stage, *, make: Callable[[Progress], tuple[_Result, list[Path], str]], load: Callable[[], _Result]
+        self,
+        stage: Stage,
+        *,
+        make: Callable[[Progress], tuple[_Result, list[Path], str]],
+        load: Callable[[], _Result],
+        facts: Callable[[_Result], Mapping[str, Any]] = lambda result: {},
     ) -> Stored[_Result]:
         """Run a stage, or take what it made before if nothing that it depends on has changed.
 
@@ -80,6 +85,7 @@ class Runner:
         stage : what the result depends on
         make : does the work; returns the result, the files written, and a sentence
         load : reads the result back
+        facts : what the record keeps of the result, so that it need not be read to be told of
         """
         if stage.key in self._done:
             return self._done[stage.key]
@@ -96,13 +102,15 @@ class Runner:
                     except BaseException as error:
                         self.listener.end(stage.name, stage.subject, "failed", str(error))
                         raise
-                    stored = Stored.of(result)
-                    self.cache.store(
-                        self.cache.finished(stage.key, digest, outputs, options=stage.options, inputs=hashes)
+                    record = self.cache.finished(
+                        stage.key, digest, outputs, options=stage.options, inputs=hashes, facts=facts(result)
                     )
+                    stored = Stored.of(result, record.facts)
+                    self.cache.store(record)
                     self._say(stage, "done", sentence)
         if stored is None:
-            stored = Stored(load)
+            record = self.cache.record(stage.key)
+            stored = Stored(load, None if record is None else record.facts)
             self._say(stage, "unchanged", "")
         self._done[stage.key] = stored
         return stored

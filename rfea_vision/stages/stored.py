@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 _Value = TypeVar("_Value")
 
@@ -14,14 +14,16 @@ class Stored(Generic[_Value]):
     A command that finds everything unchanged reads only what it prints.
     """
 
-    def __init__(self, load: Callable[[], _Value]) -> None:
+    def __init__(self, load: Callable[[], _Value], facts: Mapping[str, Any] | None = None) -> None:
         self._load = load
         self._loaded: list[_Value] = []
+        #: what its record says of it, or nothing
+        self.facts: Mapping[str, Any] = facts or {}
 
     @classmethod
-    def of(cls, value: _Value) -> Stored[_Value]:
+    def of(cls, value: _Value, facts: Mapping[str, Any] | None = None) -> Stored[_Value]:
         """Return a result that is in memory already."""
-        return cls(lambda: value)
+        return cls(lambda: value, facts)
 
     @property
     def value(self) -> _Value:

@@ -103,13 +103,14 @@ def is_doubt(attribute: str, text: str) -> bool:
 
 def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:
     """Sentences among the attributes; a remark with nothing to do about it is no doubt."""
+    length = str(dataset.attrs.get("length_check", ""))
+    length = length if is_doubt("length_check", length) else ""
     if after_sync:
         from rfea_vision.sync.motion import REMARKS
 
         notes = str(dataset.attrs.get("sync_notes", "")).split("; ")
         clock = "; ".join(note for note in notes if note not in REMARKS)
-        said = [dataset.attrs.get("doubts", ""), clock, dataset.attrs.get("pressure_doubts", "")]
+        said = [dataset.attrs.get("doubts", ""), length, clock, dataset.attrs.get("pressure_doubts", "")]
     else:
-        length = str(dataset.attrs.get("length_check", ""))
-        said = [dataset.attrs.get("doubts", ""), length if is_doubt("length_check", length) else ""]
+        said = [dataset.attrs.get("doubts", ""), length]
     return [str(text) for text in said if text]

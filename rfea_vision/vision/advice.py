@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -17,24 +18,30 @@ from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.body.begin import hinted_lines
 from rfea_vision.vision.body.follower import BodyFollower, scale_for
 from rfea_vision.vision.edges.fitted import new_workspace
-from rfea_vision.vision.find.begin import Scene, begin, line_of
+from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene, begin, line_of
 
 TRIED = 60  # frames: two seconds of a phone's film
 GAIN = 0.05  # of these frames: less is no reason to point again
 
 
-def next_hint(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
+def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_off: str = "") -> str:
     """Say which hint to give, and what it brought on the first frames where it could be tried.
+
+    Where length and width are both off, one scale is the cause of both, and no hint mends it; where only the length is, hints are
+    tried first.
 
     Parameters
     ----------
     source : the film
     scene : with the hints that were given
     reasons : why each frame was refused, empty where it was measured
+    scale_off : what the length of the tube as measured says against the scale, if anything
     """
     gone = sum(reason.startswith("touches_border") for reason in reasons)
     if 2 * gone > sum(bool(reason) for reason in reasons):  # no hint shows what is not in the picture
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
+    if scale_off and Counter(filter(None, reasons)).most_common(1)[0][0].startswith("width_off"):
+        return scale_off
     count = min(TRIED, len(reasons))
     before = sum(not reason for reason in reasons[:count])
     tried = [(_read(source, _with(scene, hints), count), words) for hints, words in _candidates(source, scene)]
@@ -42,7 +49,14 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
     if best >= before + GAIN * count:
         brings = f"tried, it reads {best} of the first {count} frames, and {before} were read without it"
         return f"check this against the picture and give it: {words} ({brings})"
-    return _untried(scene) + (f" ({len(tried)} guesses at it were tried and brought nothing)" if tried else "")
+    if scale_off:
+        return scale_off
+    return _untried(scene, reasons) + (f" ({len(tried)} guesses at it were tried and brought nothing)" if tried else "")
+
+
+def scale_doubt(length_check: str) -> str:
+    """What a track's check of the length says against the scale; empty where the length is the tube's."""
+    return length_check.partition("; ")[2]
 
 
 def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]]:
@@ -82,11 +96,17 @@ def _with(scene: Scene, hints: Hints) -> Scene:
     return replace(scene, hints=hints, clamp_px=np.array(hints.clamp), tip_px=np.array(hints.tip))
 
 
-def _untried(scene: Scene) -> str:
+def _untried(scene: Scene, reasons: list[str]) -> str:
     """The hint that has not been given."""
     if scene.clamp_px is None or scene.tip_px is None:
         lacking = [name for name in ("clamp", "tip") if getattr(scene.hints, name) is None]
-        return f"give {' and '.join(f'camera.{name}' for name in lacking)}, in pixels of the first frame"
+        hints = f"give {' and '.join(f'camera.{name}' for name in lacking)}, in pixels of the first frame"
+        if reasons and reasons[0] == OTHER_LENGTH:
+            return (
+                "check the board's square (or camera.scale), actuator.outer_radius and actuator.length, by which the tube's "
+                f"size in the picture is foretold; or {hints}"
+            )
+        return hints
     if len(scene.hints.centre_line) < 2:
         return "give a few points of the tube in the first frame as camera.centre_line, from the clamp to the tip"
     return (

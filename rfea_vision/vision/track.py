@@ -17,7 +17,7 @@ from rfea_vision.calibration.projection import camera_vector, has_plane, unproje
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.advice import next_hint
+from rfea_vision.vision.advice import next_hint, scale_doubt
 from rfea_vision.vision.body.follower import BodyFollower, scale_for
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.derive.rows import Rows
@@ -111,11 +111,12 @@ def track_frames(
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or rows.share < LEAST_SHARE:
         measured = f"{rows.good} of {len(rows)} frames could be measured" if rows.any_valid else "no tube found"
-        remedy = ""
+        remedy, off = "", ""
         if follower.start is not None and rows.good >= 3:
             told = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, {})
             remedy = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], actuator.bends)
-        remedy = remedy or next_hint(source, scene, rows.reasons)
+            off = scale_doubt(told.attrs["length_check"])
+        remedy = remedy or next_hint(source, scene, rows.reasons, scale_off=off)
         raise DataError(f"{source.path}: {measured} ({rows.commonest_reason}); {remedy}")
     attributes = {
         "followed_by": "edges" if isinstance(follower, Follower) else "body",
@@ -123,10 +124,12 @@ def track_frames(
         "clamp_found_by": follower.start.base.kind,
         "polarity": follower.start.polarity,
     }
-    if rows.share < EDGES_ENOUGH:
-        attributes["advice"] = next_hint(source, scene, rows.reasons)
     rows.marked = follower.marked and follower.good >= 3
-    return Track(build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter))
+    data = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter)
+    if rows.share < EDGES_ENOUGH:
+        off = scale_doubt(data.attrs["length_check"])
+        data.attrs["advice"] = next_hint(source, scene, rows.reasons, scale_off=off)
+    return Track(data)
 
 
 def too_few(frames: int, good: int, copies: int) -> bool:
@@ -186,9 +189,7 @@ def lamp_window(box: Sequence[float] | None, size: tuple[int, int]) -> tuple[sli
     return lines, columns
 
 
-def shutter_of(
-    source: FrameSource, line_delay_s: float | None, lamp: tuple[slice, slice] | None
-) -> Shutter | None:
+def shutter_of(source: FrameSource, line_delay_s: float | None, lamp: tuple[slice, slice] | None) -> Shutter | None:
     """How the rows of a film were read; None where all are taken to be of one instant.
 
     Raises

@@ -1,5 +1,6 @@
 """What a beginner meets: sentences that end in the right place, whatever was typed or filled in wrongly."""
 
+import json
 import os
 import re
 import shlex
@@ -19,6 +20,7 @@ from rfea_vision.cli import console, model, root
 from rfea_vision.cli.twin import _played
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.publishing import commands
+from rfea_vision.stages.warnings import warnings_of
 
 from .console import rfea
 
@@ -260,8 +262,36 @@ def test_slips_of_a_first_hour_end_where_they_should(tmp_path):
     first, second = write_campaign(tmp_path / "a"), write_campaign(tmp_path / "b")
     assert "One campaign at a time; 'rfea batch' runs many" in rfea("fit", first, second).err
     answer = rfea("fit", first, "--fix", "r_hyd=36mm")
-    assert answer.code == 2 and "r_hyd=36mm: is longer than the tube is wide (actuator.outer_radius: 4 mm)" in answer.err
+    assert (
+        answer.code == 2 and "r_hyd=36mm: is longer than the tube is wide (actuator.outer_radius: 4 mm)" in answer.err
+    )
     (second / "runs").mkdir()
     for name in ("steps", "sine"):
         shutil.move(second / name, second / "runs" / name)
     assert "and one in runs/sine: move such folders up beside campaign.yaml" in rfea("check", second).out
+
+
+@pytest.mark.parametrize("command", ["track", "sync"])
+def test_what_is_done_is_told_without_reading_it(tmp_path, command):
+    """A table of four runs took 2.3 to 4 s, nearly all of it to open their files."""
+    folder = write_campaign(tmp_path / "tube")
+    first = rfea(command, folder, "--json")
+    code = (
+        "import sys; from rfea_vision.cli.root import run; run([sys.argv[1], sys.argv[2], '--json']); "
+        "print({'xarray', 'pandas', 'numba', 'cv2'} & set(sys.modules), file=sys.stderr)"
+    )
+    again = subprocess.run([sys.executable, "-c", code, command, folder], capture_output=True, text=True, timeout=120)
+    assert again.stderr.strip().endswith("set()")
+    assert json.loads(again.stdout) == json.loads(first.out.replace('"done"', '"unchanged"'))
+
+
+def test_a_fit_repeats_what_a_track_holds_against_its_scale(tmp_path):
+    """The track of an earlier command had said so; the error of every fit is off by it."""
+    folder = write_campaign(tmp_path / "tube")
+    work = open_campaign(folder)
+    recordings = work.sync()
+    said = "the inextensible side keeps its length within 0.1 % over all postures; it measures +20.0 % against actuator.length: check"
+    for name, recording in recordings.items():
+        assert not any("measures" in text for text in warnings_of(recording)), name
+        recording.dataset.attrs["length_check"] = said
+        assert any("measures +20.0 %" in text for text in warnings_of(recording))

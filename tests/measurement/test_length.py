@@ -1,12 +1,15 @@
 """The length check: what the photos of the board cannot show, the tube's own length does."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import Actuator
+from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
-from rfea_vision.vision import track_frames
+from rfea_vision.vision import advice, track_frames
+from rfea_vision.vision.find.begin import OTHER_LENGTH
 from testing.scenes import Look, bending, film
 from testing.sources import memory_source
 
@@ -41,3 +44,23 @@ def test_a_wrong_square_shows_as_a_wrong_length(checked, square_m, off):
     said = data.attrs["length_check"]
     assert f"it measures {off}" in said
     assert said.endswith("% against actuator.length: check the board's square and the length")
+
+
+SAID = "the inextensible side keeps its length within 0.1 % over all postures; it measures +20.0 % against actuator.length: check"
+
+
+@pytest.mark.parametrize(
+    ("reasons", "length_check", "says"),
+    [
+        (["width_off"] * 4, SAID, "it measures +20.0 %"),  # a board of 10 mm declared as 12
+        (["length_off"] * 4, SAID, "it measures +20.0 %"),
+        (["width_off"] * 4, SAID.partition(";")[0], "give camera.clamp and camera.tip"),
+        ([OTHER_LENGTH] * 4, SAID.partition(";")[0], "check the board's square (or camera.scale)"),  # of 9 mm as 12
+    ],
+)
+def test_a_scale_that_is_far_off_is_advised_on_before_a_hint(reasons, length_check, says, monkeypatch):
+    """Clamp and tip had been asked for, which cannot mend a board's square."""
+    monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter(()))
+    scene = SimpleNamespace(clamp_px=None, tip_px=None, hints=Hints())
+    said = advice.next_hint(None, scene, reasons, scale_off=advice.scale_doubt(length_check))
+    assert said.startswith(says)

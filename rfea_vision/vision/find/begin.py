@@ -77,6 +77,10 @@ class Begin:
     score: float
 
 
+#: A ribbon was found, and by the scale it is not as long as the tube.
+OTHER_LENGTH = "no_tube: what has the tube's width is not of its length"
+
+
 def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | str:
     """Find and fit the tube in one picture; a sentence where there is none."""
     near = scene.line_px if len(scene.line_px) else None
@@ -97,7 +101,7 @@ def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | 
         elif away := off_hints(line_of(found.state), scene, first=True):
             reason = away
         elif near is None and found.score < LEAST_SCORE:
-            reason = "no_tube: what has the tube's width is not of its length"
+            reason = OTHER_LENGTH
         elif best is None or found.score > best.score:
             best = found
     return best if best is not None else reason
