@@ -46,6 +46,8 @@ _PLAIN_UNITS = {
     "mN": ("N", 1e-3),
     "N m": ("N m", 1.0),
 }
+#: Signs that people write for a unit and pint does not read.
+_SIGNS = {'"': "in", "\u2033": "in", "\u201d": "in", "''": "in", "'": "ft", "\u2032": "ft"}
 _COMMON_UNITS = tuple(_PLAIN_UNITS)
 
 
@@ -68,6 +70,8 @@ def _unit(text: str) -> pint.Unit:
     except Exception as error:
         # pint raises a family of unrelated exceptions for malformed text (tokenizer, attribute, type errors).
         if isinstance(error, pint.UndefinedUnitError) or text:
+            if text in _SIGNS:
+                raise ValueError(f"unknown unit '{text}'; write '{_SIGNS[text]}'") from error
             lowered = {name.lower(): name for name in _COMMON_UNITS}
             close = difflib.get_close_matches(text.lower(), lowered, n=1, cutoff=0.5)
             hint = f"; did you mean '{lowered[close[0]]}'?" if close else ""

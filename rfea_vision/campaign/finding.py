@@ -41,6 +41,11 @@ class Finder:
             self.complain(key, f"'{name}' {refusals[0]}")
             return None
         kind = "folder" if folder else "file"
+        if not folder and is_folder(self.folders[0] / name):
+            self.complain(
+                key, f"'{name}' in {self.folders[0]} is a folder; name the file, with its folder, as in '{name}/FILE'"
+            )
+            return None
         there = _nearby(self.folders[0], name)
         self.complain(key, f"no {kind} '{name}' in {self.folders[0]}{there}; correct the name or put the {kind} there")
         return None

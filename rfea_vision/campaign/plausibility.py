@@ -39,6 +39,12 @@ _LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
 _OTHERWISE = 4.0
 # lengths of the tube that its tip may be from the clamp: a soft arm may stretch a little, and markers stand a little off
 _REACH = 1.15
+# pictures: with fewer no motion can be told from noise, whatever the run
+_FEW_PICTURES = 10
+# of the tube's length, by which its centre line may seem longer or shorter: soft arms stretch, and markers stand a little off
+_OTHER_LENGTH = 0.2
+# lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
+_CURLED = 0.5
 # lengths of the tube, and the share of rows, beyond which places are those of a slip or of rows without a tube: no tube stretches so
 _OFF, _FEW = 2.0, 0.05
 # mm of the tip, or deg: a tube beside the one that was driven seemed to move by 0.008 mm, a few of its standard errors.
@@ -86,6 +92,8 @@ def beside_others(name: str, highest_kPa: Mapping[str, float]) -> str:
 def of_times(log_s: FloatArray, pictures_s: FloatArray) -> list[str]:
     """Doubt the unit of a clock: how long the log (rows,) and the pictures (frames,) last."""
     camera, logged = float(np.ptp(pictures_s)), float(np.ptp(log_s))
+    if len(pictures_s) < _FEW_PICTURES:
+        return [f"there are {len(pictures_s)} pictures of the run, over {camera:.3g} s; is the track whole?"]
     both = f"the log lasts {logged:.4g} s, the pictures {camera:.4g} s"
     if logged > _TOO_LONG * camera:
         return [f"{both}; is the time of the log in ms? pressure.time_unit says which unit it is in"]
@@ -116,6 +124,8 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             return [
                 f"{at_most}; is actuator.length that of the part that bends, and the track's first point at its clamp?"
             ]
+        if text := _of_length(track, far, length_mm):
+            return [text]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
             return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
         if above_mm > 0.5 * length_mm:
@@ -125,6 +135,21 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         if widest < np.pi:
             return [f"never bends beyond {widest:.3g} deg; are these radians?"]
     return []
+
+
+def _of_length(track: xr.Dataset, far_mm: float, length_mm: float) -> str:
+    """Doubt the tube's length (mm) by the centre line, or where there is none by how far the tip comes out; empty where it fits."""
+    if "midline" in track:
+        lines = track["midline"].values[track["valid"].values.astype(bool)]
+        along = float(np.nanmedian(np.hypot(*np.diff(lines, axis=1).transpose(2, 0, 1)).sum(axis=1)))
+        if abs(along / length_mm - 1) <= _OTHER_LENGTH:
+            return ""
+        both = f"the centre line is {along:.4g} mm long, and the tube {length_mm:.4g} mm"
+        return f"{both}; is actuator.length that of the part that bends?"
+    if far_mm >= _CURLED * length_mm:
+        return ""
+    reached = f"the tip never comes farther than {far_mm:.4g} mm from the clamp"
+    return f"{reached}, and the tube is {length_mm:.4g} mm long; is actuator.length right?"
 
 
 def of_pair(
@@ -264,7 +289,9 @@ def of_response(name: str, responses: Mapping[str, Response]) -> str:
         return ""  # runs that are unlike each other tell nothing of this one
     if own.per_kPa > _OTHERWISE * most and lower > _OTHERWISE / 2:
         said = f"{own.per_kPa / most:.2g} times more for each kPa"
-    elif own.per_kPa < least / _OTHERWISE and higher > _OTHERWISE / 2 and len(others) > 1:  # of two runs the first is said
+    elif (
+        own.per_kPa < least / _OTHERWISE and higher > _OTHERWISE / 2 and len(others) > 1
+    ):  # of two runs the first is said
         said = f"{least / max(own.per_kPa, 1e-12):.2g} times less for each kPa"
     else:
         return ""

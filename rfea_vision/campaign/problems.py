@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from rfea_vision.campaign.yaml_file import KeyPath, YamlFile
+from rfea_vision.campaign.yaml_file import ODD_SPACES, KeyPath, YamlFile
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,8 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
             return "is missing; add it"
         case "literal_error":
             return f"found {found!r}; must be {item['ctx']['expected']}"
+        case "string_type":
+            return f"found {found!r}; one text is needed" + (f", such as '{found[0]}'" if _is_of_one(found) else "")
         case "value_error":
             return str(item["ctx"]["error"])
         case "model_type" | "dict_type" | "model_attributes_type":
@@ -105,8 +107,15 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
             return f"found {found!r}; {message}"
 
 
+def _is_of_one(found: object) -> bool:
+    """Whether a list of one text stands where the text itself should."""
+    return isinstance(found, list) and len(found) == 1 and isinstance(found[0], str)
+
+
 def unknown_key(name: str, known: Iterable[str]) -> str:
     """Say that a key is unknown, and which one was probably meant."""
+    if (plain := "".join(" " if sign in ODD_SPACES else sign for sign in name).strip()) != name:
+        return f"'{plain}' has a blank beside it that is none to YAML, as web pages and word processors write it; type it anew"
     known = sorted(known)
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     remedy = f"did you mean '{close[0]}'?" if close else f"known here: {', '.join(known)}"

@@ -12,6 +12,8 @@ from rfea_vision.errors import InputError
 
 KeyPath = tuple[str | int, ...]
 # Far beyond what a person writes, and read within a second: what is more is a mistake, or meant to stop the machine.
+#: What looks like a blank and is none to YAML.
+ODD_SPACES = set("\u00a0\u2007\u202f\u2003\u2009\u200b\u3000")
 _MOST_BYTES, _MOST_DEPTH, _MOST_VALUES = 1_000_000, 20, 50_000
 
 
@@ -56,9 +58,8 @@ def read_yaml(path: Path) -> YamlFile:
         mark = error.problem_mark or error.context_mark
         line = f":{mark.line + 1}" if mark else ""
         fault = error.problem or error.context
-        raise InputError(
-            f"{path}{line}: not valid YAML: {fault}; check indentation, colons and brackets there"
-        ) from error
+        remedy = odd_space(text) or "check indentation, colons and brackets there"
+        raise InputError(f"{path}{line}: not valid YAML: {fault}; {remedy}") from error
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error
     if not isinstance(content, dict):
@@ -79,6 +80,14 @@ def read_text(path: Path) -> str:
     if len(raw) > _MOST_BYTES:
         raise InputError(f"{path}: is larger than {_MOST_BYTES / 1e6:g} MB; this file holds settings, not data")
     return raw.decode("utf-8-sig")
+
+
+def odd_space(text: str) -> str:
+    """Where blanks stand that look like blanks and are none to YAML, and the remedy; empty where there are none."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if set(line) & ODD_SPACES:
+            return f"line {number} holds a blank that is none to YAML, as web pages and word processors write it: type it anew"
+    return ""
 
 
 def parse_yaml(text: str) -> tuple[Any, yaml.Node | None]:

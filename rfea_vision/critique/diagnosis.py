@@ -11,7 +11,7 @@ import xarray as xr
 
 from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, Rung, WorstPlace
 from rfea_vision.artefacts.measurement import Actuator, Recording
-from rfea_vision.critique.evidence import candidate_rows, swallowed
+from rfea_vision.critique.evidence import candidate_rows, swallowed, to_rule_out
 from rfea_vision.critique.measures import Errors, errors_of, in_another_unit
 from rfea_vision.critique.next_experiment import design_next
 from rfea_vision.critique.refinement import SEGMENTS, screen_segments
@@ -127,6 +127,7 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, A
         explained_fraction=verdict.share if verdict.named else None,
         warnings=[
             *(swallowed(search.trials.problem, fitted, best, verdict.named) if verdict.named else []),
+            *to_rule_out(search.effects, verdict.named),
             *_left_out(search.trials.problem),
         ],
     )

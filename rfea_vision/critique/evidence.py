@@ -13,6 +13,7 @@ from rfea_vision.critique.search import Search
 from rfea_vision.critique.trials import Trial, plain
 from rfea_vision.critique.verdict import Verdict, title
 from rfea_vision.dynamics.parameters import scaled
+from rfea_vision.effects.base import Effect
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.intervals import intervals
 
@@ -72,6 +73,15 @@ def effect_parameters(problem: Problem, fitted: Fitted, name: str) -> dict[str, 
     """Fitted values of an effect with the intervals that the data can give; none for what is no effect but a finer chain."""
     found = intervals(fitted, problem.train, problem.actuator, fitted.par).parameters
     return {key: value for key, value in found.items() if key.partition(".")[0] == plain(name)}
+
+
+def to_rule_out(effects: Sequence[Effect], named: Sequence[str]) -> list[str]:
+    """What a named fault of the measurement is easily mistaken for: a look at the files may settle what no fit can."""
+    return [
+        f"{effect.id} is easily mistaken for {effect.mistaken_for}: rule that out first."
+        for effect in effects
+        if effect.kind == "measurement" and effect.id in map(plain, named)
+    ]
 
 
 def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:

@@ -20,7 +20,15 @@ from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
-from rfea_vision.stages.warnings import few_frames, log_doubts, log_warnings, reasons_of, say_warnings, warn_of_copies
+from rfea_vision.stages.warnings import (
+    LEAST_MEASURED,
+    few_frames,
+    log_doubts,
+    log_warnings,
+    reasons_of,
+    say_warnings,
+    warn_of_copies,
+)
 
 if TYPE_CHECKING:
     from rfea_vision.readers.pressure import PressureLog
@@ -250,6 +258,11 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
             if doubt := next((text for text in log_doubts(used, tracked.value.time_s) if "?" in text), ""):
                 raise DataError(f"{experiment.name}: pressure: {doubt}") from error
             raise
+        seen_s = recording.time_s
+        if np.mean((seen_s >= used.time_s[0]) & (seen_s <= used.time_s[-1])) < LEAST_MEASURED and (
+            doubt := next((text for text in log_doubts(used, seen_s) if "?" in text), "")
+        ):
+            raise DataError(f"{experiment.name}: pressure: {doubt}")  # hardly a frame has a pressure, and it says why
         recording = with_earlier_pressure(recording, work.campaign, experiment)
         recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else log_warnings(recording, used))
         recording.save(path)

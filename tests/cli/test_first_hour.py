@@ -285,6 +285,17 @@ def test_what_is_done_is_told_without_reading_it(tmp_path, command):
     assert json.loads(again.stdout) == json.loads(first.out.replace('"done"', '"unchanged"'))
 
 
+def test_a_run_of_which_hardly_a_frame_has_a_pressure_does_not_end_as_done(tmp_path):
+    """Its times in ms, 4 of 720 frames lay within the log: a warning, and the next command was to fit it."""
+    folder = write_campaign(tmp_path / "tube")
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    table["time_s"] *= 1000
+    table.to_csv(folder / "steps" / "track.csv", index=False)
+    answer = rfea("sync", folder, "-e", "steps")
+    assert answer.code == 1 and "next:" not in answer.out
+    assert answer.err.strip().splitlines()[-1].endswith("is the time of the pictures in ms?")
+
+
 def test_a_fit_repeats_what_a_track_holds_against_its_scale(tmp_path):
     """The track of an earlier command had said so; the error of every fit is off by it."""
     folder = write_campaign(tmp_path / "tube")

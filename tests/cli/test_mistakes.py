@@ -55,6 +55,19 @@ def in_a_folder_of_windows(folder):
     text("file: track.csv", "file: data\\track.csv", RUN)(folder)
 
 
+def a_folder_called(name):
+    def spoil(folder):
+        (folder / name).unlink()
+        (folder / name).mkdir()
+
+    return spoil
+
+
+def few_rows(folder):
+    path = folder / "steps" / "track.csv"
+    path.write_text("\n".join(path.read_text().splitlines()[:6]) + "\n")
+
+
 def film_of_nothing(folder):
     text("track: {file: track.csv}", "video: {file: v.mp4}", RUN)(folder)
     (folder / "steps" / "v.mp4").touch()
@@ -123,6 +136,14 @@ IN_FILES = [
     ("log a workbook", content("steps/pressure.csv", b"PK\x03\x04" + bytes(200)), 2, "save the table as CSV"),
     ("log copied", copied("pressure.csv"), 0, "the same log, row by row, as that of 'sine'; was it copied by mistake?"),
     ("track copied", copied("track.csv"), 0, "the same track, row by row, as that of 'sine'; was it copied by mistake?"),
+    ("blank of a web page", text("name: tube-A", "name: tube-A\n \u00a0note: hangs"), 2, "holds a blank that is none to YAML"),
+    ("such a blank before colons", text("length: 155", "length\u00a0: 155"), 2, "'length' has a blank beside it that is none"),
+    ("inches by their sign", text("length: 155 mm", "length: 6.1\""), 2, "unknown unit '\"'; write 'in'"),
+    ("list of one file", text("pressure: {file: pressure.csv", "pressure: {file: [pressure.csv]", RUN), 2, "such as 'pressure.csv'"),
+    ("folder as a log", a_folder_called("steps/pressure.csv"), 2, "is a folder; name the file, with its folder"),
+    ("decimal commas between commas", log(lambda rows: [r.replace(".", ",") for r in rows]), 2, "with semicolons between"),
+    ("length times ten", text("length: 155 mm", "length: 1550 mm"), 0, "steps/experiment.yaml: track: the tip never"),
+    ("track cut short", few_rows, 0, "there are 5 pictures of the run"),
     ("film copied", copied_film, 2, "the same film, byte by byte, as that of 'sine'; was it copied by mistake?"),
 ]  # fmt: skip
 IN_COMMANDS = [

@@ -14,6 +14,7 @@ from scipy.optimize import lsq_linear
 from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
 from rfea_vision.critique import screening
 from rfea_vision.critique.diagnosis import judge
+from rfea_vision.critique.evidence import to_rule_out
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
@@ -351,6 +352,13 @@ def test_a_second_branch_without_the_first_is_no_claim_of_its_own():
         assert search._offered(SimpleNamespace(effects=frozenset(added | {"drag"}))) == claim
     search.present = SimpleNamespace(effects=frozenset({"maxwell"}))
     assert search._offered(SimpleNamespace(effects=frozenset({"maxwell", "maxwell_2"})))
+
+
+def test_a_named_fault_of_the_measurement_says_what_to_rule_out():
+    """Logs in psi called kPa in every run: the scale of the sensor was named, and not the key to look at."""
+    names = ["coulomb", "pressure_gain"]
+    (said,) = to_rule_out(find_effects(names), names)
+    assert said.startswith("pressure_gain is easily mistaken for") and "a wrong pressure.unit" in said
 
 
 def test_the_nearest_of_an_unexplained_model_is_one_that_helps():

@@ -111,6 +111,16 @@ def _read_thousands(path: Path, frame: pd.DataFrame) -> None:
         frame[name] = cells if (values.isna() & cells.notna()).any() else values
 
 
+def _split_by_decimal_commas(header: str, rows: list[str], separator: str) -> int:
+    """Number of the first row that has twice the cells of the header, all of them whole numbers; 0 where none has."""
+    columns = len(_cells(header, separator))
+    for number, line in enumerate(rows[:_LOOKED_AT], start=1):
+        cells = _cells(line, separator)
+        if separator == "," and len(cells) == 2 * columns and all(re.fullmatch(r"[+-]?\d+", cell) for cell in cells):
+            return number
+    return 0
+
+
 def read_text(path: Path) -> Table:
     """Read one table of text."""
     lines = [line for line in decoded(path).splitlines() if line.strip()]
@@ -136,6 +146,12 @@ def read_text(path: Path) -> Table:
     commas = [cell for cell in sample if _COMMA.match(cell)]
     thousands = any("." in cell for cell in commas)
     comma = bool(commas) and (thousands or not any("." in cell and _POINT.match(cell) for cell in sample))
+    wide = _split_by_decimal_commas(every[header], every[first:], separator)
+    if wide:
+        raise InputError(
+            f"{path}: row {wide}: commas stand between the columns and in the numbers, so nothing tells which is which; "
+            "export it with decimal points, or with semicolons between the columns"
+        )
     with warnings.catch_warnings(action="error", category=pd.errors.ParserWarning):  # cells would be dropped in silence
         frame = pd.read_csv(
             StringIO("\n".join([every[header], *every[first:]])),
