@@ -7,10 +7,16 @@ of yesterday's formulas, in silence.
 from __future__ import annotations
 
 import hashlib
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from rfea_vision.files import write_text
+
+try:
+    import fcntl
+except ImportError:  # Windows: there, two processes may make the same loops at once
+    fcntl = None
 
 
 def forget_stale_loops(room: Path) -> None:
@@ -29,3 +35,21 @@ def forget_stale_loops(room: Path) -> None:
         for kept in room.rglob("__pycache__/*.nbi"):
             kept.unlink(missing_ok=True)
         write_text(known, now)
+
+
+@contextmanager
+def one_at_a_time(path: Path) -> Iterator[None]:
+    """Let one process after the other make what the rest will find in the cache, where the system knows locks.
+
+    path : a file, made where it is not there yet; whoever is given the same one waits
+    """
+    handle = None
+    with suppress(OSError):  # a folder that cannot be written to, or that knows no locks
+        handle = path.open("ab")
+        if fcntl is not None:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+    try:
+        yield
+    finally:
+        if handle is not None:
+            handle.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,13 @@ import pytest
 from rfea_vision.readers.apart import isolated
 
 ROOT = Path(__file__).resolve().parent.parent
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the engine before there are workers: each of them would compile it, for all it knows."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        for module in ("simulation", "inverse", "realtime"):
+            import_module(f"rfea_vision.dynamics.{module}")
 
 
 @pytest.fixture(scope="session")

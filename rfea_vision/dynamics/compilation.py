@@ -28,6 +28,7 @@ import platformdirs
 from rfea_vision.dynamics.system import FIXED
 from rfea_vision.effects import base
 from rfea_vision.files import write_text
+from rfea_vision.loops import one_at_a_time
 
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
@@ -168,12 +169,13 @@ _loops: dict[str, Any] = {}
 def _compile(effects: Sequence[Effect], key: str) -> CompiledLaw:
     folder = _cache_folder()
     path = folder / f"law_{key}.py"
-    if not path.exists():
-        _derive(effects, path)
-    once = _load(path)
-    if not all((folder / f"{module}.py").exists() for module in once.LOOPS.values()):
-        _derive(effects, path)
+    with one_at_a_time(folder / f"{key[0]}.lock"):  # sixteen of them: few wait for another law
+        if not path.exists():
+            _derive(effects, path)
         once = _load(path)
+        if not all((folder / f"{module}.py").exists() for module in once.LOOPS.values()):
+            _derive(effects, path)
+            once = _load(path)
     loops = {name: _loop(folder / f"{module}.py", name) for name, module in once.LOOPS.items()}
     return CompiledLaw(loops=Loops(**loops), once=once, **once.FACTS)
 
@@ -197,7 +199,8 @@ def _derive(effects: Sequence[Effect], path: Path) -> None:
 
 def _loop(path: Path, name: str) -> Any:
     if path.stem not in _loops:
-        _loops[path.stem] = getattr(_load(path), name)
+        with one_at_a_time(path.with_name(f"{path.stem[-1]}.lock")):
+            _loops[path.stem] = getattr(_load(path), name)
     return _loops[path.stem]
 
 

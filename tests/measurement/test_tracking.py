@@ -8,6 +8,7 @@ import pytest
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.vision import track_frames
+from rfea_vision.vision.follow.frame import fit_frame
 from rfea_vision.vision.track import wrong_side
 from testing.scenes import Lens, Look, bending, film, picture, shape
 from testing.sources import memory_source, true_calibration
@@ -35,6 +36,17 @@ def test_edges_are_read_to_a_fraction_of_a_pixel(filmed, small_lens):
     assert np.sqrt(np.mean(off[:, 2:-2] ** 2)) < 0.03 * px
     tip = tip_errors(track, shapes)
     assert np.abs(tip.mean(axis=0)).max() < 0.04 * px
+
+
+def test_pictures_whose_rows_lie_apart_are_read_by_the_same_loops(filmed, small_lens):
+    pictures = filmed[0][:12]
+    padded = [np.pad(picture, ((0, 0), (0, 24)))[:, :-24] for picture in pictures]
+    tracks = [
+        track_frames(memory_source(either, filmed[1][:12]), true_calibration(small_lens), Actuator())
+        for either in (pictures, padded)
+    ]
+    np.testing.assert_array_equal(*(track.dataset["midline"].values for track in tracks))
+    assert {signature[0].layout for signature in fit_frame.signatures} == {"C"}
 
 
 def test_everything_else_follows_the_truth(filmed):

@@ -1,8 +1,12 @@
 """What is kept of laws in a person's cache folder does not grow without end."""
 
 import os
+import shutil
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics import compilation
@@ -23,6 +27,26 @@ def test_what_was_used_longest_ago_goes(tmp_path, monkeypatch):
     left = {path.name for path in tmp_path.rglob("*.*")}
     assert {"law_new.py", "law_older.py", "law_just_made.py"} <= left
     assert not {"law_old.nbc", "law_oldest.nbc"} & left
+
+
+def test_of_two_that_want_a_law_at_once_one_derives_it(tmp_path, monkeypatch):
+    pytest.importorskip("fcntl", reason="there are no such locks on Windows")
+    compilation.compile_law()
+    here, key = compilation._cache_folder(), compilation._key(())
+    monkeypatch.setenv("RFEA_CACHE_DIR", str(tmp_path))
+    derived = []
+
+    def derive(_, path):
+        derived.append(path)
+        time.sleep(0.2)
+        for file in (here / path.name, *(here / f"{loop}.py" for loop in compilation._load(here / path.name).LOOPS.values())):
+            shutil.copy(file, path.parent)
+
+    monkeypatch.setattr(compilation, "_derive", derive)
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(lambda _: compilation._compile((), key), range(2))
+    assert len(derived) == 1
+    assert first.loops == second.loops
 
 
 TWO_FORMS = """

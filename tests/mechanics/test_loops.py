@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import threading
+
 import pytest
 
-from rfea_vision.loops import forget_stale_loops
+from rfea_vision.loops import forget_stale_loops, one_at_a_time
 
 
 @pytest.fixture
@@ -47,3 +49,25 @@ def test_a_room_that_cannot_be_written_to_is_left_alone(room, monkeypatch):
     monkeypatch.setattr("pathlib.Path.unlink", lambda *_, **__: (_ for _ in ()).throw(PermissionError))
     forget_stale_loops(room)
     assert len(kept(room)) == 2
+
+
+def test_who_comes_second_waits_and_another_lock_is_free(tmp_path):
+    pytest.importorskip("fcntl", reason="there are no such locks on Windows")
+    entered = threading.Event()
+
+    def second():
+        with one_at_a_time(tmp_path / "a.lock"):
+            entered.set()
+
+    with one_at_a_time(tmp_path / "a.lock"):
+        waiting = threading.Thread(target=second)
+        waiting.start()
+        with one_at_a_time(tmp_path / "b.lock"):
+            assert not entered.wait(0.2)
+    waiting.join(timeout=60)
+    assert entered.is_set()
+
+
+def test_where_no_lock_can_be_made_nobody_waits(tmp_path):
+    with one_at_a_time(tmp_path / "no folder" / "a.lock"), one_at_a_time(tmp_path / "no folder" / "a.lock"):
+        pass

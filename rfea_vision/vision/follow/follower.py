@@ -65,6 +65,8 @@ class Follower:
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame; returns an empty string, or the reason why it is rejected."""
+        # Rows may lie apart, as a decoder pads them, or run the other way: all loops would be compiled for such pictures once more.
+        luma = np.ascontiguousarray(luma)
         if self.start is None:
             reason = self._find(luma)
             if reason:
