@@ -129,7 +129,11 @@ def _some(names: list[str]) -> str:
 
 
 def _experiment_problems(
-    experiment: ExperimentSpec, highest: dict[str, float], responses: dict[str, plausibility.Response], *, pressure_said: bool
+    experiment: ExperimentSpec,
+    highest: dict[str, float],
+    responses: dict[str, plausibility.Response],
+    *,
+    pressure_said: bool,
 ) -> list[FileProblem]:
     """Read what belongs to a run; its highest pressure (kPa) and how far both go are kept."""
     file = experiment.file
@@ -183,11 +187,17 @@ def _experiment_problems(
         return problems
     highest[experiment.name] = float(abs(log.pressure_kPa).max())
     said = plausibility.of_pressure(log.pressure_kPa, log.chambers)
-    if track is not None and not by_camera and not said and (moved := plausibility.response(track.dataset, log.pressure_kPa)):
+    if (
+        track is not None
+        and not by_camera
+        and not said
+        and (moved := plausibility.response(track.dataset, log.pressure_kPa))
+    ):
         responses[experiment.name] = moved
     seconds = pictures_s if pictures_s is not None else track_s
-    if seconds is not None and len(seconds) > 1:
-        said += plausibility.of_times(log.time_s, seconds)
+    if seconds is not None and len(seconds):
+        filmed = experiment.video is not None and experiment.video.file is not None and experiment.video.rate_Hz is None
+        said += plausibility.of_times(log.time_s, seconds, filmed=filmed)
         if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
             apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
             shifted = track.time_s + apart_s + (experiment.sync.value_s or 0.0)

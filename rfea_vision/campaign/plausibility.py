@@ -89,8 +89,11 @@ def beside_others(name: str, highest_kPa: Mapping[str, float]) -> str:
     return f"{own}; is it in bar or MPa? pressure.unit says which unit it is in"
 
 
-def of_times(log_s: FloatArray, pictures_s: FloatArray) -> list[str]:
-    """Doubt the unit of a clock: how long the log (rows,) and the pictures (frames,) last."""
+def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False) -> list[str]:
+    """Doubt the unit of a clock: how long the log (rows,) and the pictures (frames,) last.
+
+    `filmed`: the times are those that a film tells of itself, which in slow motion are not those of filming.
+    """
     camera, logged = float(np.ptp(pictures_s)), float(np.ptp(log_s))
     if len(pictures_s) < _FEW_PICTURES:
         return [f"there are {len(pictures_s)} pictures of the run, over {camera:.3g} s; is the track whole?"]
@@ -104,7 +107,10 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray) -> list[str]:
         if unit:
             return [f"{both}; does the log count in units of one {unit}? Then write pressure.time_unit: {unit}"]
         return [f"{both}; is the time of the pictures in ms?"]
-    return [f"{both}; only what both cover can be used"] if logged < 0.9 * camera else []
+    if logged >= 0.9 * camera:
+        return []
+    slow = f"{both}; is it slow motion? Then video.rate says how fast it was filmed, such as 240 Hz"
+    return [slow if filmed and camera > SLOW_MOTION * logged else f"{both}; only what both cover can be used"]
 
 
 def of_track(track: xr.Dataset, length_mm: float) -> list[str]:

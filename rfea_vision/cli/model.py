@@ -17,6 +17,9 @@ from rfea_vision.units import rounded
 if TYPE_CHECKING:
     from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, Rung
 
+#: Rivals of an effect that a table names.
+_RIVALS = 2
+
 
 @click.command("compare")
 @code_option
@@ -180,9 +183,7 @@ def _say_after(verdict: str, campaign: Path) -> None:
     elif verdict == "complete":
         say_next("rfea report", campaign, why="one page, offline")
     else:
-        say_next(
-            "rfea propose", campaign, why="a law for what is left; 'rfea effects new FILE' writes one of your own"
-        )
+        say_next("rfea propose", campaign, why="a law for what is left; 'rfea effects new FILE' writes one of your own")
 
 
 def print_ladder(ladder: Ladder) -> None:
@@ -191,7 +192,7 @@ def print_ladder(ladder: Ladder) -> None:
     columns = {
         "model": lambda r: r.model,
         "added": lambda r: _with_grade(r),
-        "cannot be told from": lambda r: ", ".join(r.tied) or None,
+        "cannot be told from": lambda r: _first(r.tied),
         f"train {unit}": lambda r: r.error("train"),
         f"validate {unit}": lambda r: r.error("validate"),
         "share": lambda r: _percent(r.share),
@@ -207,8 +208,17 @@ def print_ladder(ladder: Ladder) -> None:
     print_table(
         f"error ladder ({'tip' if unit == 'mm' else 'bend angle'}, root mean square)", list(columns), rows, left=2
     )
+    for rung in ladder.rungs:
+        if len(rung.tied) > _RIVALS:
+            say(f"{rung.model}: {rung.added} cannot be told from {', '.join(rung.tied)}")
     for finding in ladder.findings or [f"Stopped because {ladder.stopped_because}"]:
         say(finding)
+
+
+def _first(rivals: Sequence[str]) -> str | None:
+    """As many rivals as leave the figures beside them their room; the others stand below the table."""
+    named, more = rivals[:_RIVALS], len(rivals) - _RIVALS
+    return ", ".join([*named, *([f"{more} more"] if more > 0 else [])]) or None
 
 
 def _with_grade(rung: Rung) -> str | None:

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from rfea_vision.artefacts import ModelFit
+from rfea_vision.artefacts import Actuator, ModelFit
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import BASE_UNITS, EffectParameter
+from rfea_vision.fitting.coordinates import sized
 from rfea_vision.report.prose import MEANINGS
 
 #: A slider reaches this many 95 % intervals beyond the fitted value: inside of one nothing is seen to change. Where there is
@@ -47,9 +48,13 @@ class Slider:
 
 
 def sliders_of(fit: ModelFit, model: Model, start: np.ndarray) -> list[Slider]:
-    """Sliders of all parameters of a model, in its order; those that the fit does not have stand where they are absent."""
+    """Sliders of all parameters of a model, in its order; those that the fit does not have stand where they are absent.
+
+    Torques reach as far as in a fit: as far as this body is stiff.
+    """
+    effects = sized(model.effects, Actuator(**fit.actuator))
     declared = {
-        f"{effect.id}.{name}": (effect.id, spec) for effect in model.effects for name, spec in effect.parameters.items()
+        f"{effect.id}.{name}": (effect.id, spec) for effect in effects for name, spec in effect.parameters.items()
     }
     out = []
     for name, first in zip(model.names, start, strict=True):

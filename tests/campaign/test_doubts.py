@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.plausibility import of_pair
+from rfea_vision.campaign.plausibility import of_pair, of_times
 from rfea_vision.errors import DataError
 from tests.cli.console import rfea
 
@@ -144,6 +144,14 @@ def test_they_are_doubted_by_each_command_once(tmp_path, spoil, says, monkeypatc
 
 def _far_enough(*_: object) -> None:
     raise DataError("far enough")
+
+
+@pytest.mark.parametrize(
+    ("filmed", "says"), [(True, "is it slow motion? Then video.rate says"), (False, "only what both cover")]
+)
+def test_a_film_that_lasts_twice_as_long_as_its_log_may_be_slow_motion(filmed, says):
+    (text,) = of_times(np.linspace(0, 6, 600), np.arange(360) / 30, filmed=filmed)
+    assert says in text
 
 
 def test_a_run_that_is_right_is_not_doubted(tmp_path, monkeypatch):

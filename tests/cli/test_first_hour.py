@@ -141,6 +141,25 @@ def test_a_tie_stands_wherever_its_member_does(tmp_path, capsys):
     assert "pressure_offset" in ladder
 
 
+def test_many_rivals_leave_the_figures_of_a_ladder_their_room(capsys):
+    """Eight laws that do alike stood in one cell, and the errors were cut to '0.…'."""
+    rivals = [f"rest_curvature_profile_{letter}" for letter in "abcdefgh"]
+    rung = Rung(
+        model="base+coulomb",
+        added="coulomb",
+        tied=rivals,
+        train_tip_rmse_mm=0.123,
+        validate_tip_rmse_mm=0.456,
+        delta_bic=-90.0,
+        verdict="complete",
+    )
+    model.print_ladder(Ladder(rungs=[rung]))
+    said = capsys.readouterr().out
+    (row,) = [line for line in said.splitlines() if line.startswith("base+coulomb ")]
+    assert "0.123" in row and "0.456" in row and "6 more" in row and rivals[7] not in row
+    assert all(name in said for name in rivals)
+
+
 def test_a_ladder_of_angles_is_in_degrees(capsys):
     angles = {"train_angle_rmse_deg": 0.31, "validate_angle_rmse_deg": 0.42}
     rung = Rung(

@@ -55,6 +55,13 @@ def test_a_command_that_fails_says_why_and_the_sentence_stays(served, visit):
     assert "no model 'nope'" in page.text_content("#fault") and page.locator("#fault").is_visible()
 
 
+def test_a_fit_beside_the_ladder_hangs_from_what_it_was_made_of(served, visit):
+    """In the order of fitting base, base + a, base + b, base + a + c: the line had gone from one to the next."""
+    page = visit(served.address)
+    add = "import(new URL('add.js', document.querySelector('script[type=module]').src).href)"
+    assert page.evaluate(f"{add}.then(add => add.standsOn([[], ['a'], ['b'], ['a', 'c'], []]))") == [-1, 0, 0, 1, -1]
+
+
 def test_an_effect_is_ticked_its_rung_appears_and_unticked_it_is_back(work, served, visit):
     page = visit(served.address)
     assert (

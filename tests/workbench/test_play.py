@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from rfea_vision.artefacts import ModelFit
+from rfea_vision.artefacts import Actuator, ModelFit
 from rfea_vision.errors import InputError
 from rfea_vision.report.collect import collect
-from rfea_vision.workbench.play import Chosen, Player
+from rfea_vision.workbench.play import Chosen, Player, start_vector
+from rfea_vision.workbench.sliders import sliders_of
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +47,18 @@ def test_every_slider_holds_its_fitted_value_and_interval(player, base):
         known = base.parameters[slider.name]
         assert slider.low < slider.value < slider.high and slider.value == known.value and slider.unit == known.unit
         assert slider.interval is None or slider.interval == known.interval_95
+
+
+def test_the_torque_of_a_stiff_body_has_a_slider_that_reaches_as_far_as_a_fit(base):
+    """An arm eight times as wide could rub with no more than the paper's tube."""
+    wide = {key: 8 * value if key.endswith("radius") else value for key, value in base.actuator.items()}
+    reach = []
+    for actuator in (base.actuator, wide):
+        chosen = Chosen(base.model_copy(update={"actuator": actuator}), ("coulomb",))
+        model = chosen.model()
+        sliders = sliders_of(chosen.fit, model, start_vector(model, Actuator(**actuator), base.segments))
+        reach += [slider.high for slider in sliders if slider.name == "coulomb.tau_c"]
+    assert reach[1] > 100 * reach[0]
 
 
 def test_a_test_run_or_an_unknown_one_is_not_shown(player, base):

@@ -107,6 +107,10 @@ function showTies(d) {
   one("#ties").replaceChildren(...ties, ...(sets.length ? [h("h3", {}, "Together"), h("ul", {}, ...sets)] : []), ...(left ? [left] : []));
 }
 
+// Per model the place of the one that it was made from: the largest before it whose effects it has all; a fit beside the ladder
+// hangs from its own, and is no step to the next.
+export const standsOn = effects => effects.map((own, i) => effects.slice(0, i).reduce((best, other, j) => other.length < own.length && other.every(e => own.includes(e)) && (best < 0 || other.length >= effects[best].length) ? j : best, -1));
+
 // -- the error falls ---------------------------------------------------------------------------------------------------------
 plots.rungs = {
   need: () => rungs().length ? undefined : "No model has been fitted yet.",
@@ -115,11 +119,11 @@ plots.rungs = {
     const [low, high] = padded(extent(values), 0.12), y = scale(low, high, box.bottom, box.top), x = i => box.left + (i + 0.5) * (box.right - box.left) / all.length;
     for (const power of ticks(low, high, 4)) { pen.line([box.left, box.right], [y(power), y(power)], c.grid, 1); pen.text(show(10 ** power, 2), box.left - 7, y(power), {align: "right"}); }
     pen.text(all[0].unit, 11, (box.top + box.bottom) / 2, {align: "center", turn: -90});
-    const floor = all.at(-1).floor;
+    const below_ = standsOn(all.map(r => r.effects)), floor = all.at(-1).floor;
     if (floor > 0) pen.line([box.left, box.right], [y(Math.log10(floor)), y(Math.log10(floor))], c.good, 1.5, [5, 4]);
     for (const key of ["train", "validate"]) {
       const known = all.map((r, i) => [i, r[key]]).filter(([, v]) => v > 0);
-      pen.line(known.map(([i]) => x(i)), known.map(([, v]) => y(Math.log10(v))), c.hair, 1.5);
+      for (const [i, v] of known) { const below = known.findLast(([j]) => j === below_[i]); if (below) pen.line([x(below[0]), x(i)], [y(Math.log10(below[1])), y(Math.log10(v))], c.hair, 1.5); }
       for (const [i, v] of known) pen.dot(x(i), y(Math.log10(v)), i === chosen ? 6.5 : 4.5, key === "validate" ? (i === chosen ? c.accent : c.ink) : c.paper, key === "train" ? c.ink : c.paper);
     }
     all.forEach((r, i) => pen.text(r.effects.length ? `+ ${r.effects.at(-1)}` : "base", x(i), box.bottom + 10, {align: "center", base: "top", colour: i === chosen ? c.ink : c.muted, bold: i === chosen}));
