@@ -62,11 +62,11 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
         across,
         levels,
         blurs,
-        1,
-        1,
+        np.int64(1),
+        np.int64(1),
         3.0 * px_per_mm * half,
         work.stations,
-        0,
+        np.int64(0),
         sums,
         work.pixels,
     )
@@ -192,4 +192,4 @@ def coarse_cap(picture, camera, state, reach_px, px_per_mm):
 def cap_levels(state, work, blur_limit):
     """Levels that follow the light across the cap (a tube is shaded), and one blur for the whole of it."""
     sums, levels, blurs = work.sums[2, :CAP_VERTICES], state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
-    smooth_levels(sums, levels, blurs, LEVEL_WINDOW, CAP_VERTICES, blur_limit, 1.0)
+    smooth_levels(sums, levels, blurs, np.int64(LEVEL_WINDOW), np.int64(CAP_VERTICES), blur_limit, 1.0)

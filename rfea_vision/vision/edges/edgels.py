@@ -150,7 +150,7 @@ def measure_polyline(
     tip_x, tip_y = project_point(camera, points[0, 0] + 0.5 * outward[0, 0], points[0, 1] + 0.5 * outward[0, 1])
     ox0, oy0 = 2.0 * (tip_x - px0), 2.0 * (tip_y - py0)
     v = -hop
-    following = row = 0
+    following, row = 0, np.int64(0)
     while following < count - 1:
         v = following
         following = min(v + hop, count - 1)

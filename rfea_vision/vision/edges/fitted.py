@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.curve import COEFFICIENTS, VERTICES, WIDTH_COEFFICIENTS
+from rfea_vision.vision.curve import COEFFICIENTS, VERTEX_U, VERTICES, WIDTH_COEFFICIENTS
 from rfea_vision.vision.edges.edgels import LEVEL_COLUMNS, MAX_STATIONS, STATION_COLUMNS
 from rfea_vision.vision.edges.step import Steps, steps
 
@@ -77,6 +77,7 @@ class State(NamedTuple):
 class Workspace(NamedTuple):
     """Arrays that every frame uses again."""
 
+    u: FloatArray
     centre: FloatArray
     normal: FloatArray
     half_width: FloatArray
@@ -98,6 +99,7 @@ def new_workspace() -> Workspace:
     """Allocate a workspace."""
     size = COEFFICIENTS + WIDTH_COEFFICIENTS
     return Workspace(
+        VERTEX_U.copy(),
         np.empty((VERTICES, 2)),
         np.empty((VERTICES, 2)),
         np.empty(VERTICES),

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from rfea_vision.scatter import NORMAL
-from rfea_vision.vision.compiled import compiled, lean
-from rfea_vision.vision.curve import REFIT, VERTEX_U, VERTICES, moved_curve, point_and_tangent, value_at, vertices_of
+from rfea_vision.vision.compiled import compiled, lean, put_rows
+from rfea_vision.vision.curve import REFIT, VERTICES, moved_curve, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.edges.edgels import (
     BLUR_DOWN,
     BLUR_UP,
@@ -45,7 +45,7 @@ def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
     """Stations of both edges at the present curve; returns their number."""
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     work.sums[:] = 0.0
-    filled = 0
+    filled = np.int64(0)
     count = work.centre.shape[0]
     low, high = math.ceil(from_u * (count - 1)), math.floor(to_u * (count - 1)) + 1
     for s in range(2):
@@ -62,7 +62,7 @@ def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
             work.edge[low:high],
             work.outward[low:high],
             side,
-            VERTEX_U[low:high],
+            work.u[low:high],
             state.levels[s, low:high],
             state.blurs[s, low:high],
             stride,
@@ -87,7 +87,7 @@ def update_levels(state, work, fresh, blur_limit, px_per_vertex):
             work.sums[0, v, k] = both
             work.sums[1, v, k] = both
     for s in range(2):
-        smooth_levels(work.sums[s], state.levels[s], state.blurs[s], window, BLUR_WINDOW, blur_limit, fresh)
+        smooth_levels(work.sums[s], state.levels[s], state.blurs[s], window, np.int64(BLUR_WINDOW), blur_limit, fresh)
     state.blurs[1] = state.blurs[0]
 
 
@@ -213,9 +213,10 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
             kept = drop_odd_sections(work, filled)
         if repeat == 1 or kept == before:
             if with_covariance:
-                work.covariance[:] = cholesky_inverse(low)
-                if repeat == 0:
-                    work.covariance[:] *= noise * noise / variance
+                inverse, scale = cholesky_inverse(low), noise * noise / variance if repeat == 0 else 1.0
+                for i in range(inverse.shape[0]):
+                    for j in range(inverse.shape[1]):
+                        work.covariance[i, j] = inverse[i, j] * scale
             break
     return solution, noise, kept
 
@@ -231,8 +232,9 @@ def move_state(state, solution, beyond_mm):
     lean = tx * state.clamp[2] + ty * state.clamp[3]
     start = along / max(lean, 0.3)
     start = min(max(start, -8.0), 8.0)
-    state.coefficients[:] = moved_curve(state.coefficients, offset, start, beyond_mm, REFIT)
-    state.width[:] += solution[count:]
+    put_rows(state.coefficients, moved_curve(state.coefficients, offset, start, beyond_mm, REFIT))
+    for i in range(state.width.shape[0]):
+        state.width[i] += solution[count + i]
 
 
 @lean

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rfea_vision.vision.compiled import compiled, lean
+from rfea_vision.vision.compiled import compiled, lean, put_rows
 from rfea_vision.vision.edges.edgels import INFO, SHIFT, SIDE, U
 
 PRIOR_BEND_MM = 0.4  # how much a second difference of the shift may be, a priori
@@ -106,11 +106,11 @@ def normal_equations(stations, filled, keep, variance, width, count, prior_bend,
             powers[i, side, p] += term
             term *= t
     cubics, products = np.empty((8, 4)), np.empty((8, 4))
-    cubics[:4] = BASIS
+    put_rows(cubics, BASIS)
     for i in range(spans):
         _stretched(cubics[4:], (i % wider) / wider, 1.0 / wider)
         _add_span(cubics, products, powers[i], values[i], matrix, right, i, count + i // wider)
-    _add_prior(matrix, 0, count, 1.0 / prior_bend**2)
+    _add_prior(matrix, np.int64(0), count, 1.0 / prior_bend**2)
     strength = 1.0 / prior_width**2
     _add_prior(matrix, count, width_count, strength)
     for i in range(width_count - 2):

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rfea_vision.calibration.projection import project_point
-from rfea_vision.vision.compiled import compiled, lean
+from rfea_vision.vision.compiled import compiled, lean, put_rows
 from rfea_vision.vision.curve import REFIT, VERTICES, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.edges.edgels import INFO, SHIFT, SIDE, U
 from rfea_vision.vision.edges.sides import move_state
@@ -135,8 +135,8 @@ def bend_search(picture, camera, state, work, widest_rad, step_rad):
             score = score / number - 0.02 * abs(evenly) - 0.01 * abs(uneven)
             if score > best:
                 best = score
-                best_points[:] = points
-    state.coefficients[:] = REFIT @ best_points
+                put_rows(best_points, points)
+    put_rows(state.coefficients, REFIT @ best_points)
     return best
 
 

@@ -97,7 +97,7 @@ def fit_frame(
         wide = (2.5 if whole else 6.0) / px_per_mm
         solution, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise, whole)
         numbers[USED] = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
-        if kept < 20 or not _plausible(work.half_width) or not np.all(np.isfinite(solution)):
+        if kept < 20 or not _plausible(work.half_width) or not _finite(solution):
             numbers[LENGTH] = 0.0
             return
         if whole:
@@ -195,6 +195,15 @@ def _saturated(state):
             if level > 253.0 or level < 1.0:
                 return 1.0
     return 0.0
+
+
+@compiled
+def _finite(values):
+    """Whether none of the numbers is infinite or none at all."""
+    finite = True
+    for value in values:
+        finite = finite and math.isfinite(value)
+    return finite
 
 
 @compiled

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.compiled import compiled
+from rfea_vision.vision.compiled import compiled, put_rows
 from rfea_vision.vision.curve import COEFFICIENTS
 
 FORGET = 0.25  # of what earlier frames said about each order, with every frame
@@ -29,7 +29,7 @@ def _extrapolated(past, times, order, time_s, out):
     first = 1.0 / max(times[0] - times[1], 1e-6)
     second = 1.0 / max(times[1] - times[2], 1e-6)
     whole = 1.0 / max(times[0] - times[2], 1e-6)
-    out[:] = past[0]
+    put_rows(out, past[0])
     if order == 0:
         return
     for k in range(out.shape[0]):
@@ -46,7 +46,7 @@ def _extrapolated(past, times, order, time_s, out):
 @compiled
 def _predict(past, times, missed_by, known, time_s, out):
     """Put the curve expected at `time_s` into `out`, by the order that has missed by least."""
-    order = 0
+    order = np.int64(0)
     for other in range(1, known):
         if missed_by[other] < missed_by[order]:
             order = other
@@ -69,12 +69,15 @@ def _learn(past, times, known, missed_by, coefficients, time_s):
     guess = np.empty(coefficients.shape)
     for order in range(min(known, ORDERS)):
         _extrapolated(past, times, order, time_s, guess)
-        error = np.sum((guess - coefficients) ** 2)
+        error = 0.0
+        for k in range(guess.shape[0]):
+            for c in range(2):
+                error += (guess[k, c] - coefficients[k, c]) ** 2
         missed_by[order] = error if known == order + 1 else (1.0 - FORGET) * missed_by[order] + FORGET * error
     for n in range(ORDERS - 1, 0, -1):
-        past[n] = past[n - 1]
+        put_rows(past[n], past[n - 1])
         times[n] = times[n - 1]
-    past[0] = coefficients
+    put_rows(past[0], coefficients)
     times[0] = time_s
 
 
