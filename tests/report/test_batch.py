@@ -182,7 +182,7 @@ def test_many_tubes_on_one_page(sample):
         replace(step, diagnosis=None, rung=step.rung.model_copy(update={"verdict": ""})) for step in evidence.steps
     ]
     page = render_group([*tubes, GroupMember("E", {}, replace(evidence, steps=unasked))])
-    assert "what the last model of E lacks" in page and page.count("not asked") == 1
+    assert "what the last model of E lacks" in page and page.count(">not asked<") > 1
     lacking = GroupMember("D", {"load": (3.0, "mm")}, evidence)
     page = render_group([*tubes, lacking])
     assert page.count("Not in it: D (no turns in its design).") == len(plates)
