@@ -85,11 +85,12 @@ def eliminate(
     look : amplitudes to what is seen, any shape; None where the simulation fails
     weigh : what is seen to the weighted residual
     """
-    amplitude = np.zeros(count)
+    amplitude: FloatArray = np.zeros(count)
     seen = look(amplitude)
     if seen is None:
         return None
-    slopes, columns = np.zeros((count, *seen.shape)), np.zeros((0, count))
+    slopes: FloatArray = np.zeros((count, *seen.shape))
+    columns: FloatArray = np.zeros((0, count))
     residual, change = weigh(seen), np.inf
     for _ in range(GAUSS_NEWTON_STEPS):
         if change > SLOPES_HOLD:
@@ -100,11 +101,10 @@ def eliminate(
                     return None
                 slopes[k] = (beside - seen) / DIFFERENCE
                 columns[:, k] = (weigh(beside) - residual) / DIFFERENCE
-        step = -np.linalg.solve(columns.T @ columns + np.eye(count), columns.T @ residual + amplitude)
-        step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-12))
+        step = _bounded_step(columns, residual, amplitude)
         before = float(residual @ residual + amplitude @ amplitude)
         for share in (1.0, 0.3, 0.1, 0.03):
-            wanted = np.clip(amplitude + share * step, -LARGEST, LARGEST)
+            wanted: FloatArray = np.clip(amplitude + share * step, -LARGEST, LARGEST)
             ahead = look(wanted)
             if ahead is None:
                 continue
@@ -118,3 +118,11 @@ def eliminate(
         if change < SETTLED:
             break
     return amplitude, slopes
+
+
+def _bounded_step(columns: FloatArray, residual: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """Gauss-Newton's step of the amplitudes, none longer than `LARGEST_STEP`."""
+    normal = columns.T @ columns + np.eye(amplitude.size)
+    step = np.asarray(-np.linalg.solve(normal, columns.T @ residual + amplitude), dtype=float)
+    step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-12))
+    return step
