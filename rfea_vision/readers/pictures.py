@@ -87,8 +87,9 @@ def pages_of(path: Path) -> int:
 
 
 def scaled(picture: Picture, scale: float) -> Picture:
-    """Scale the sides of a picture down, each pixel the mean of those that it covers."""
-    if scale >= 1.0:
+    """Scale the sides of a picture: down, each pixel is the mean of those that it covers; up, cubically."""
+    if scale == 1.0:
         return picture
     size = (max(round(scale * picture.shape[1]), 2), max(round(scale * picture.shape[0]), 2))
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    how = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(picture, size, interpolation=how), dtype=np.uint8)

@@ -110,7 +110,8 @@ class VideoSource(FrameSource):
     def colours(self, scale: float = 1.0) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
         for time, frame in self._decoded(0):
             size = [max(round(scale * side), 2) for side in (frame.width, frame.height)]
-            small = np.asarray(frame.reformat(*size, format="bgr24", interpolation="AREA").to_ndarray(), dtype=np.uint8)
+            how = "AREA" if scale < 1.0 else "BICUBIC"
+            small = np.asarray(frame.reformat(*size, format="bgr24", interpolation=how).to_ndarray(), dtype=np.uint8)
             yield time, np.ascontiguousarray(np.rot90(small, self.quarter_turns) if self.quarter_turns else small)
 
     def _decoded(self, start_frame: int) -> Generator[tuple[float, av.VideoFrame], None, None]:

@@ -72,7 +72,7 @@ def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]
         hints = replace(scene.hints, clamp=(_pixel(left), _pixel(right)), tip=_pixel(tip))
         yield hints, f"camera.clamp: [{_words(left)}, {_words(right)}] and camera.tip: {_words(tip)}"
     elif len(scene.hints.centre_line) < 2:
-        scale = scale_for(scene)
+        scale = scale_for(scene, source.size)
         with closing(source.colours(scale)) as pictures:
             _, picture = next(pictures)
         lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
@@ -87,8 +87,8 @@ def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]
 
 def _read(source: FrameSource, scene: Scene, count: int) -> int:
     """How many of the first frames the body tracker reads."""
-    follower = BodyFollower(scene, scale_for(scene))
-    with closing(source.colours(scale_for(scene))) as pictures:
+    follower = BodyFollower(scene, scale_for(scene, source.size))
+    with closing(source.colours(scale_for(scene, source.size))) as pictures:
         return sum(not follower.next(picture, time_s) for time_s, picture in islice(pictures, count))
 
 

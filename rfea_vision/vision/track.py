@@ -114,7 +114,8 @@ def track_frames(
         remedy, off = "", ""
         if follower.start is not None and rows.good >= 3:
             told = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, {})
-            remedy = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], actuator.bends)
+            if isinstance(follower, Follower):  # edges alone rest on the side
+                remedy = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], actuator.bends)
             off = scale_doubt(told.attrs["length_check"])
         remedy = remedy or next_hint(source, scene, rows.reasons, scale_off=off)
         raise DataError(f"{source.path}: {measured} ({rows.commonest_reason}); {remedy}")
@@ -150,7 +151,7 @@ def follow_body(
     source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress
 ) -> tuple[BodyFollower, Rows]:
     """Follow the whole body by colour, texture and outline, from what was pointed at."""
-    scale = scale_for(scene)
+    scale = scale_for(scene, source.size)
     follower = BodyFollower(scene, scale)
     still = StillView(np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half())
     total = source.frame_count or 0

@@ -311,6 +311,9 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     lost[np.abs(line[:, 1] - 115) < 35] = False
     assert said(narrow, lost) == "", "nothing is beside it"
     assert re.match(r"no_fit: the tube goes on beside the line, 39 to 77 mm", said(wide, lost))
+    first.beside = np.ones((STATIONS, 2), bool)
+    assert said(wide, lost) == "", "what was beside it from the first frame on is another thing"
+    first.beside = False
     assert said(narrow, everywhere, 6.0) == "", "what the rays find there is another thing: nothing of the tube is between"
     body.points[:, 1] *= 0.9
     assert said(narrow, everywhere) == said(narrow, everywhere, np.nan) == "", "the end is as good as there, or not seen"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -40,7 +41,7 @@ from rfea_vision.vision.body.model import (
     robust_displacement,
     skin_of,
 )
-from rfea_vision.vision.body.rules import First, elsewhere, refused
+from rfea_vision.vision.body.rules import SURELY_BESIDE, First, elsewhere, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.curve import (
@@ -56,7 +57,8 @@ from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Begin, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
-HALF_PX = 12.0  # the picture is scaled until the body is twice as wide; never enlarged
+HALF_PX = 12.0  # the picture is scaled until the body is twice as wide: windows in px are for such a body
+MOST_ENLARGED, MOST_PIXELS = 4.0, 2_000_000  # of such a picture: more takes longer than it brings
 FIRST_TURNS = 8
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
@@ -87,11 +89,22 @@ _TO_COEFFICIENTS = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS)) @ NORMAL_B
 _TO_WIDTH = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS)) @ WIDTH_BASIS
 
 
-def scale_for(scene: Scene) -> float:
-    """By how much pictures are made smaller for a body whose clamp was pointed at."""
+def scale_for(scene: Scene, size: tuple[int, int]) -> float:
+    """By how much pictures of a size are made smaller, or larger, for a body whose clamp was pointed at."""
     assert scene.clamp_px is not None
     half_px = 0.5 * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
-    return min(1.0, HALF_PX / max(half_px, 1.0))
+    larger = min(MOST_ENLARGED, (MOST_PIXELS / (size[0] * size[1])) ** 0.5)
+    return min(max(larger, 1.0), HALF_PX / max(half_px, 1.0))
+
+
+@dataclass
+class Sight:
+    """The body in a picture: where it was, how well (25, 25) that is known, and its skin there (S, V, 3)."""
+
+    body: SeenBody
+    covariance: FloatArray
+    lab: Picture
+    skin: FloatArray
 
 
 class BodyFollower:
@@ -119,6 +132,7 @@ class BodyFollower:
         self.good, self.missed = 0, 0
         self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was
         self.refusal = ""
+        self.doubted: Sight | None = None  # the body in the last frame, where that was no measurement
         self.frame = -1
         self.moved_px = 0.0  # by the last frame, where it moved most
         self.guide = guide_of(scene.hints, scene.clamp_px)
@@ -138,11 +152,15 @@ class BodyFollower:
                 return self.refusal
             self._begin(lab, guided)
             fit = self._fit(lab, self.body, self._spread(), 0.8)
-        elif self.missed == 0 and np.array_equal(lab, self._lab):
+        elif self.missed == 0 and np.array_equal(lab, self.last.lab):
             # Compressed pictures of a body at rest may be alike, too.
             return "duplicate" if self.moved_px > MOVING_PX else ""
         else:
-            fit = self._fit(lab, *self._foretold(lab), 0.8 if self.missed == 0 else 1.5)
+            fit = self._fit(lab, *self._foretold(lab, self.last), 0.8 if self.missed == 0 else 1.5)
+            if self.doubted is not None:
+                # A frame that is no measurement may still show the way from the last one that was.
+                both = fit, self._fit(lab, *self._foretold(lab, self.doubted), 0.8, covariance=self.doubted.covariance)
+                fit = max(both, key=lambda found: (not self._refused(lab, found), _likeness(found)))
             if guided is not None:
                 body = self.body.copy()
                 body.points = guided
@@ -158,6 +176,8 @@ class BodyFollower:
         self.missed += bool(reason)
         if not reason:
             self._accept(lab, fit)
+        elif self.good:
+            self.doubted = Sight(fit.body, fit.covariance, lab, skin_of(self.wall.cleared(lab), fit.body))
         return reason
 
     def _refused(self, lab: Picture, fit: Fit) -> str:
@@ -259,7 +279,16 @@ class BodyFollower:
         spread[ALONG, ALONG] += frames * (STRETCH_SHARE * self.body.length) ** 2 * UNIFORMLY
         return spread
 
-    def _fit(self, lab: Picture, predicted: SeenBody, spread: FloatArray, reach: float, *, skin: bool = True) -> Fit:
+    def _fit(
+        self,
+        lab: Picture,
+        predicted: SeenBody,
+        spread: FloatArray,
+        reach: float,
+        *,
+        skin: bool = True,
+        covariance: FloatArray | None = None,
+    ) -> Fit:
         half = float(np.median(predicted.half))
         return fit_body(
             lab,
@@ -267,34 +296,34 @@ class BodyFollower:
             predicted,
             self.skin if skin else None,
             self.end_offsets if skin else None,
-            np.asarray(np.linalg.inv(self.covariance + spread), dtype=float),
+            np.asarray(np.linalg.inv((self.covariance if covariance is None else covariance) + spread), dtype=float),
             self.foot,
             self.first.half,
             max(reach * half, 5.0),
             marks=marks_in(lab, self.marks, predicted, self.wall) if skin else (),
         )
 
-    def _foretold(self, lab: Picture) -> tuple[SeenBody, FloatArray]:
-        """The body of the last good frame, moved as its skin has moved since, and the covariance of this movement."""
-        skin = self.last_skin, np.full_like(self.last_skin, FLOW_SCATTER**2), self.skin[2]
-        near = self._flown(lab)
+    def _foretold(self, lab: Picture, last: Sight) -> tuple[SeenBody, FloatArray]:
+        """The body of an earlier frame, moved as its skin has moved since, and the covariance of this movement."""
+        skin = last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]
+        near = self._flown(lab, last)
         prior = np.asarray(np.linalg.inv(self._spread()), dtype=float)
         moved = fit_body(lab, self.wall, near, skin, None, prior, self.foot, self.first.half, 5.0, outline=False)
         return moved.body, moved.covariance
 
-    def _flown(self, lab: Picture) -> SeenBody:
-        """The body of the last good frame, moved by sparse flow: near enough for its skin to be recognised."""
-        tangents, normals = frame_of(self.body.points)
-        places = [self.body.points + v * self.body.half[:, None] * normals for v in FLOW_ACROSS]
+    def _flown(self, lab: Picture, last: Sight) -> SeenBody:
+        """The body of an earlier frame, moved by sparse flow: near enough for its skin to be recognised."""
+        tangents, normals = frame_of(last.body.points)
+        places = [last.body.points + v * last.body.half[:, None] * normals for v in FLOW_ACROSS]
         before = np.vstack(places).astype(np.float32)[:, None]
         options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
-        seen, grey = (self.wall.cleared(picture)[:, :, 0].copy() for picture in (self._lab, lab))
+        seen, grey = (self.wall.cleared(picture)[:, :, 0].copy() for picture in (last.lab, lab))
         after, there, _ = cv2.calcOpticalFlowPyrLK(seen, grey, before, before.copy(), **options)
         back, again, _ = cv2.calcOpticalFlowPyrLK(grey, seen, after, after.copy(), **options)
         kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
         moved = (after - before)[:, 0].astype(float)
         station = np.tile(np.arange(STATIONS), len(FLOW_ACROSS))
-        body = self.body.copy()
+        body = last.body.copy()
         if kept.sum() < STATIONS // 3:
             return body
         across = np.sum(moved * normals[station], axis=1)
@@ -303,7 +332,7 @@ class BodyFollower:
         turns = np.diff(np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0])))
         t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
         moved_line = body.points + n[:, None] * normals + t[:, None] * tangents
-        body.points = spaced(np.vstack([self.foot[0], moved_line[1:]]), self.body.points)
+        body.points = spaced(np.vstack([self.foot[0], moved_line[1:]]), last.body.points)
         return body
 
     def _swung(self, lab: Picture) -> SeenBody:
@@ -321,15 +350,16 @@ class BodyFollower:
         self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:
             self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
-        self.body, self.covariance, self._lab = fit.body, fit.covariance, lab
+        self.body, self.covariance = fit.body, fit.covariance
         if self.good == 0:
             self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
+            self.first.beside = fit.beside > SURELY_BESIDE
         self.good, self.missed = self.good + 1, 0
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)
-        self.last_skin = skin_of(cleared, self.body)
+        self.last, self.doubted = Sight(self.body, self.covariance, lab, skin_of(cleared, self.body)), None
         skin, variance, _ = self.skin
-        off = self.last_skin - skin
+        off = self.last.skin - skin
         off -= off.mean(axis=1, keepdims=True)
         variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - variance)
         self.wall.learn(lab, self.body)
@@ -371,8 +401,9 @@ class BodyFollower:
         numbers[fitted.PROFILE] = float(np.hypot(SYSTEMATIC * half, mistaken)) / self.scale / PROFILE_SHARE
         k = COEFFICIENTS
         work.covariance[:] = 0.0
-        work.covariance[:k, :k] = _TO_COEFFICIENTS @ fit.covariance[NORMAL, NORMAL] @ _TO_COEFFICIENTS.T * mm2
-        work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * mm2
+        seen = mm2 * max(self.scale, 1.0) ** 2  # a picture that was enlarged tells no more of an edge than the film's own pixels
+        work.covariance[:k, :k] = _TO_COEFFICIENTS @ fit.covariance[NORMAL, NORMAL] @ _TO_COEFFICIENTS.T * seen
+        work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * seen
         work.covariance[np.diag_indices(len(work.covariance))] += floor
         # What the frame itself says along the body counts in full; what was carried into it may lag.
         lag = (LAGS * (self.lengths[1] - self.lengths[0])) ** 2 * UNIFORMLY

@@ -26,6 +26,7 @@ STILL_OUT = 0.7  # or so much of what stood out: with less of both it may be any
 # Where no edge is seen and what is beside it looks like the body, the body is wider than the line's. In one piece that was 0.09 of
 # the length at most on 14 arms that were followed well, rendered and real, and 0.12 to 0.22 where an arm that swelled was lost.
 LONGEST_BESIDE = 0.1
+SURELY_BESIDE = 0.6  # of what is beside a station looks like the body
 WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone that was filmed swelled to 1.7
 # Of the first frame's half width, over a tenth of the length: a body that narrows to that has lost an edge to the middle of itself.
 # In 13 rendered films no place fell below 0.86; where the line had left a lattice arm, a third of it was at 0.3.
@@ -49,7 +50,7 @@ class First:
 
     `seen` is None while the first frame itself is judged; `standing_out` is the share of it that differs from what is
     around it; `shape` is that of the picture, `length_mm` the tube's; `allowed`
-    (h, w) says where the hints let it be (None: everywhere).
+    (h, w) says where the hints let it be (None: everywhere); `beside` (S, 2) is where something beside it looks like it.
     """
 
     length: float
@@ -60,6 +61,7 @@ class First:
     length_mm: float
     px_per_mm: float
     allowed: NDArray[np.bool_] | None
+    beside: NDArray[np.bool_] | bool = False
 
 
 def elsewhere(first: First, points: FloatArray) -> float:
@@ -111,7 +113,9 @@ def _goes_on(first: First, fit: Fit) -> str:
     """A long stretch beside which there is more of the body: the line has left its middle."""
     if first.seen is None:
         return ""
-    more = max((_longest(~fit.seen[:, side] & (fit.beside[:, side] > 0.6)) for side in (0, 1)), key=len)
+    # A leaf, a bracket or a tendon that was beside it when it was pointed at is no more of it later.
+    more = ~fit.seen & (fit.beside > SURELY_BESIDE) & np.logical_not(first.beside)
+    more = max((_longest(more[:, side]) for side in (0, 1)), key=len)
     return "" if len(more) <= LONGEST_BESIDE * STATIONS else f"the tube goes on beside the line, {_stretch(first, more)}"
 
 
