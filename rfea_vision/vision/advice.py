@@ -15,8 +15,8 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.calibration.projection import project
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.body.begin import hinted_lines
-from rfea_vision.vision.body.follower import BodyFollower, scale_for
+from rfea_vision.vision.body.begin import hinted_lines, scale_for
+from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.edges.fitted import new_workspace
 from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene, begin, line_of
 

@@ -18,7 +18,8 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import next_hint, scale_doubt
-from rfea_vision.vision.body.follower import BodyFollower, scale_for
+from rfea_vision.vision.body.begin import scale_for
+from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset

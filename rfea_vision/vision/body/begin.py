@@ -24,7 +24,10 @@ from rfea_vision.vision.body.model import (
 )
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix, fit_curve
+from rfea_vision.vision.find.begin import Scene
 
+HALF_PX = 12.0  # the picture is scaled until the body is twice as wide: windows in px are for such a body
+MOST_ENLARGED, MOST_PIXELS = 4.0, 2_000_000  # of such a picture: more takes longer than it brings
 FIRST_COEFFICIENTS = 7
 SECTION = np.linspace(-2.2, 2.2, 45)  # half widths across the body,
 BESIDE = 1.35  # of which what lies beyond this is around it
@@ -34,6 +37,14 @@ NOISE = (2.0, 1.0, 1.0)  # of L, a and b: of a median along a piece, in a compre
 ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
 HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue
 ROUTE_FLOOR = 0.02  # cost of a pixel that is surely the body, over that of one that surely is not
+
+
+def scale_for(scene: Scene, size: tuple[int, int]) -> float:
+    """By how much pictures of a size are made smaller, or larger, for a body whose clamp was pointed at."""
+    assert scene.clamp_px is not None
+    half_px = 0.5 * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
+    larger = min(MOST_ENLARGED, (MOST_PIXELS / (size[0] * size[1])) ** 0.5)
+    return min(max(larger, 1.0), HALF_PX / max(half_px, 1.0))
 
 
 def hinted_lines(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -32,6 +31,7 @@ from rfea_vision.vision.body.model import (
     WIDTH_BASIS,
     Picture,
     SeenBody,
+    Sight,
     coloured,
     follow_colours,
     frame_of,
@@ -57,8 +57,6 @@ from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Begin, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
-HALF_PX = 12.0  # the picture is scaled until the body is twice as wide: windows in px are for such a body
-MOST_ENLARGED, MOST_PIXELS = 4.0, 2_000_000  # of such a picture: more takes longer than it brings
 FIRST_TURNS = 8
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
@@ -87,24 +85,6 @@ _LINEAR = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement
 UNIFORMLY = np.outer(_LINEAR, _LINEAR)
 _TO_COEFFICIENTS = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS)) @ NORMAL_BASIS
 _TO_WIDTH = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS)) @ WIDTH_BASIS
-
-
-def scale_for(scene: Scene, size: tuple[int, int]) -> float:
-    """By how much pictures of a size are made smaller, or larger, for a body whose clamp was pointed at."""
-    assert scene.clamp_px is not None
-    half_px = 0.5 * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
-    larger = min(MOST_ENLARGED, (MOST_PIXELS / (size[0] * size[1])) ** 0.5)
-    return min(max(larger, 1.0), HALF_PX / max(half_px, 1.0))
-
-
-@dataclass
-class Sight:
-    """The body in a picture: where it was, how well (25, 25) that is known, and its skin there (S, V, 3)."""
-
-    body: SeenBody
-    covariance: FloatArray
-    lab: Picture
-    skin: FloatArray
 
 
 class BodyFollower:

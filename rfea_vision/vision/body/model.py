@@ -55,6 +55,16 @@ class SeenBody:
         return float(arc_length(self.points, np.empty(len(self.points))))
 
 
+@dataclass
+class Sight:
+    """The body in a picture: where it was, how well (25, 25) that is known, and its skin there (S, V, 3)."""
+
+    body: SeenBody
+    covariance: FloatArray
+    lab: Picture
+    skin: FloatArray
+
+
 def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit tangents and normals (S, 2) of a line of points, smoothed over its neighbours."""
     tangents, normals = np.empty((len(points), 2)), np.empty((len(points), 2))
