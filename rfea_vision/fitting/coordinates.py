@@ -105,12 +105,6 @@ def base_reference(actuator: Actuator, segments: int) -> FloatArray:
     return out
 
 
-def lever_bounds(actuator: Actuator) -> tuple[float, float]:
-    """Usual bounds of r_hyd (m): the paper's; for a tube of another size they widen, they do not move."""
-    size = actuator.outer_radius / Actuator().outer_radius
-    return R_HYD_BOUNDS[0] * min(size, 1.0), R_HYD_BOUNDS[1] * max(size, 1.0)
-
-
 def sized(effects: Sequence[Effect], actuator: Actuator) -> tuple[Effect, ...]:
     """Effects whose torques (N m) may be as large as this body is stiff: declared are those of the paper's tube.
 
@@ -217,7 +211,9 @@ def build(
         elif k == 6:
             column = np.zeros(len(names))
             column[6] = reference[6]
-            low, high = own or lever_bounds(actuator)
+            # for another tube the bounds widen, they do not move
+            size = actuator.outer_radius / Actuator().outer_radius
+            low, high = own or (R_HYD_BOUNDS[0] * min(size, 1.0), R_HYD_BOUNDS[1] * max(size, 1.0))
             axes.append(_Axis(column, low / reference[6], high / reference[6]))
         else:
             axes.append(_effect_axis(model, k, own))

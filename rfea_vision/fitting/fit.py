@@ -17,7 +17,7 @@ from rfea_vision.fitting.coordinates import base_reference, build
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.profile import profile
-from rfea_vision.fitting.ratio import beyond_bounds, lever_free, with_lever_held
+from rfea_vision.fitting.ratio import lever_free, with_lever_held
 from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit, refit_from
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.rules import under_rules
@@ -313,9 +313,7 @@ def fit(problem: Problem, options: FitOptions, progress: Progress | None = None)
     if options.start:
         fitted = _without_jumps(problem, refit(problem, options, options.start, options.segments))
     else:
-        fitted = fit_base(problem, replace(options, effects=()), progress)
-        fitted = beyond_bounds(problem, fitted, lambda other: fit_base(problem, other, progress))
-        fitted = with_lever_held(problem, fitted)
+        fitted = with_lever_held(problem, fit_base(problem, replace(options, effects=()), progress))
         fitted = _without_jumps(problem, fitted)
         if options.effects:
             found = lever_free(fitted)

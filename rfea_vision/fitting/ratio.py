@@ -1,15 +1,13 @@
-"""The lever of the pressure where runs tell only its ratio to the stiffness, or tell that it is beyond its usual bounds."""
+"""The lever of the pressure where runs tell only its ratio to the stiffness."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from rfea_vision.artefacts.measurement import Actuator
-from rfea_vision.errors import DataError
-from rfea_vision.fitting.coordinates import base_reference, lever_bounds
+from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted, refit, refit_from, with_solution
@@ -19,11 +17,6 @@ from rfea_vision.units import rounded
 
 #: A lever that the data tell no better than to this share is not told by them: its bounds are 25 % apart.
 LOOSE_SHARE = 0.1
-#: Lever of the pressure, in outer radii, where the usual bounds are left: of a chamber by the neutral axis, and of one outside.
-WIDE_LEVER = (0.1, 2.0)
-#: They are left where that makes the mean square so many times as small, the error half: reasoned, not tuned. A missing effect
-#: moves a lever a little, too; that alone shall not take a fit out of the paper's bounds.
-FAR_BETTER = 4.0
 
 
 def only_ratio(fitted: Fitted, items: Sequence[Observed]) -> bool:
@@ -35,28 +28,6 @@ def only_ratio(fitted: Fitted, items: Sequence[Observed]) -> bool:
     at = names.index("r_hyd")
     size = fitted.coordinates.matrix[6, at] * np.sqrt(found.covariance[at, at]) / fitted.par[6]
     return bool(found.undetermined[at] or size > LOOSE_SHARE)
-
-
-def beyond_bounds(problem: Problem, fitted: Fitted, again: Callable[[FitOptions], Fitted]) -> Fitted:
-    """The fit with other bounds of the lever, where it ended at the usual ones and is far better off without them.
-
-    `again` fits the same with other options. Within the paper's bounds a tube whose wall takes half of the pressure has the inertia
-    and the weight of another, and every effect that looks like mass is called in to make up for it. Bounds and priors that were
-    given stay.
-    """
-    options, names = fitted.options, fitted.coordinates.names
-    if "r_hyd" not in names or "r_hyd" in options.bounds or "r_hyd" in options.priors:
-        return fitted
-    if fitted.coordinates.inside(fitted.solution.y)[names.index("r_hyd")]:
-        return fitted
-    usual, radius = lever_bounds(problem.actuator), problem.actuator.outer_radius
-    wide = (min(usual[0], WIDE_LEVER[0] * radius), max(usual[1], WIDE_LEVER[1] * radius))
-    try:
-        found = again(replace(options, bounds={**options.bounds, "r_hyd": wide}))
-    except DataError:
-        return fitted
-    better = FAR_BETTER * found.solution.mean_square < fitted.solution.mean_square
-    return found if better and not only_ratio(found, problem.train) else fitted
 
 
 def with_lever_held(problem: Problem, fitted: Fitted) -> Fitted:
@@ -90,18 +61,6 @@ def lever_free(fitted: Fitted) -> FitOptions:
     """The options of a fit without what the rule held."""
     held = {"r_hyd"} if fitted.ratio_only else set()
     return replace(fitted.options, fixed={n: v for n, v in fitted.options.fixed.items() if n not in held})
-
-
-def about_lever(lever: float, actuator: Actuator) -> str:
-    """The sentence on a fitted lever (m) that a tube of this size does not have; empty where it has."""
-    low, high = lever_bounds(actuator)
-    if low <= lever <= high:
-        return ""
-    less = "less" if lever < low else "more"
-    return (
-        f"r_hyd = {rounded(lever * 1e3)} mm, where a body of this size has {low * 1e3:.3g} to {high * 1e3:.3g} mm: the pressure does "
-        f"{less} than the geometry says; check the unit of the pressure, actuator.inner_radius and the mass."
-    )
 
 
 def about_ratio(parameters: Mapping[str, tuple[float, float | None]], lever: float) -> str:

@@ -19,7 +19,7 @@ from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.noise import noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem, make_model
-from rfea_vision.fitting.ratio import about_lever, about_ratio
+from rfea_vision.fitting.ratio import about_ratio
 from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residual_tests import examine_residuals
@@ -215,15 +215,13 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
 
 
 def _ruled(problem: Problem, fitted: Fitted, parameters: Mapping[str, Parameter]) -> list[str]:
-    """What was held by rule, or lies beyond it, each fact once."""
+    """What was held by rule, each fact once."""
     _, said = held_by_rule(problem.train, problem.actuator, fitted.options.segments)
     if fitted.ratio_only:
         k = parameters["k_ref"]
         half = None if k.interval_95 is None else (k.interval_95[1] - k.interval_95[0]) / 2
         said.append(about_ratio({"k_ref": (k.value, half)}, parameters["r_hyd"].value))
-    if "r_hyd" in fitted.coordinates.names:
-        said.append(about_lever(parameters["r_hyd"].value, problem.actuator))
-    return [sentence for sentence in said if sentence]
+    return said
 
 
 def _about_runs(problem: Problem, fitted: Fitted) -> list[str]:
