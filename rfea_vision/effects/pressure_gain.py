@@ -11,7 +11,7 @@ class PressureGain(Effect):
     """p_tube = g p."""
 
     id = "pressure_gain"
-    title = "Scale of the pressure, of its sensor or of its lever"
+    title = "Scale of the pressure or of its lever"
     reference = "sensor calibration"
     shows = "the tube moves as if under another pressure: the log has another scale or unit, or the wall takes a share"
     mistaken_for = "r_hyd, exactly, within its bounds; a wrong pressure.unit (a log in psi read as kPa is 6.9 times too low)"
