@@ -57,11 +57,14 @@ def offered(
         if candidates is not None
         else [*sorted(catalogue()), *(u for u in users if u not in catalogue()), *_by_chamber(problem)]
     )
+    # One that ended at its bound cannot make up for what it is tied to: a lever beyond the paper's is `pressure_gain`'s to tell.
+    inside = fitted.coordinates.inside(fitted.solution.y)
+    turned = [name for name, moves in zip(fitted.coordinates.names, inside, strict=True) if moves]
     clocks_free = all(item.clock_sigma >= TUBE_LAG_S for item in problem.train)
     moving = pushed(problem.train)
     chosen = []
     for effect in sized(find_effects([i for i in ids if i not in own], effect_files), problem.actuator):
-        tied_to_base = any(name in fitted.coordinates.names for name in effect.exactly_tied_to)
+        tied_to_base = any(name in turned for name in effect.exactly_tied_to)
         # Of a pressure that never changes neither its line, nor what it lengthens, nor the clock of its log can be told.
         by_log = effect.id in line_effects() or effect.overrides("stretch") or effect.overrides("time_shift")
         unpushed = not moving and by_log

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from rfea_vision.critique.screening import offered
 from rfea_vision.critique.trials import Trials
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.options import FitOptions
@@ -30,6 +31,7 @@ def test_the_share_of_the_pressure_that_bends_the_tube_is_found_and_no_mass_does
     trials = Trials(problem)
     base = trials.stands(fit(problem, OPTIONS))
     assert base.fitted.solution.mean_square > 100  # the usual bounds hold, and the base model is far off
+    assert "pressure_gain" in [effect.id for effect in offered(problem, base.fitted, None, ())]
     gain = trials.refit(base, ("pressure_gain",), {"pressure_gain.g": 0.9})
     payload = trials.refit(base, ("payload",), {})
     assert gain is not None and payload is not None
@@ -38,3 +40,10 @@ def test_the_share_of_the_pressure_that_bends_the_tube_is_found_and_no_mass_does
     assert values["r_hyd"] * values["pressure_gain.g"] == pytest.approx(SHARE * truth["base"]["r_hyd"], rel=0.02)
     assert gain.fitted.solution.mean_square < 2
     assert payload.fitted.solution.mean_square > 1.5 * gain.fitted.solution.mean_square
+
+
+def test_a_lever_within_its_bounds_makes_up_for_any_gain(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    fitted = fit(problem, OPTIONS)
+    assert "pressure_gain" not in [effect.id for effect in offered(problem, fitted, None, ())]
