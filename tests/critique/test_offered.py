@@ -11,6 +11,16 @@ from rfea_vision.artefacts import Actuator
 from rfea_vision.critique.screening import offered
 
 
+def _fitted(**ended_inside: bool) -> SimpleNamespace:
+    """A fit without effects, by the names of what it turned, and whether that ended off its bounds."""
+    inside = np.array(list(ended_inside.values()), dtype=bool)
+    return SimpleNamespace(
+        model=SimpleNamespace(effects=()),
+        coordinates=SimpleNamespace(names=tuple(ended_inside), inside=lambda y: inside),
+        solution=SimpleNamespace(y=np.zeros(inside.size)),
+    )
+
+
 @pytest.mark.parametrize(
     ("kind", "moving", "looked_for"), [("tube", True, False), ("rod", True, True), ("rod", False, False)]
 )
@@ -18,7 +28,7 @@ def test_a_stretch_is_looked_for_where_a_body_can_and_a_pressure_moves_it(kind, 
     monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: moving)
     run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers={}))
     problem = SimpleNamespace(actuator=Actuator(kind=kind), train=[run])
-    fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
+    fitted = _fitted()
     found = {effect.id for effect in offered(problem, fitted, None, ())}
     assert ("stretch" in found) == looked_for and "payload" in found
     bore = {"variable_mass", "virtual_work", "compressibility", "radial_expansion"}
@@ -35,6 +45,15 @@ def test_the_line_of_an_only_chamber_is_offered_once(chambers, placed, monkeypat
         clock_sigma=0.0, excitation=SimpleNamespace(chambers=dict.fromkeys(chambers, (1.0, np.zeros(2))))
     )
     problem = SimpleNamespace(actuator=Actuator(), train=[run])
-    fitted = SimpleNamespace(model=SimpleNamespace(effects=()), coordinates=SimpleNamespace(names=()))
+    fitted = _fitted()
     found = [effect.id for effect in offered(problem, fitted, None, ())]
     assert {one.split("@")[1] for one in found if one.startswith("pressure_lag@")} == placed and "pressure_lag" in found
+
+
+@pytest.mark.parametrize(("fitted", "looked_for"), [(_fitted(), True), (_fitted(r_hyd=True), False), (_fitted(r_hyd=False), True)])
+def test_a_gain_is_looked_for_where_the_lever_cannot_make_up_for_it(fitted, looked_for, monkeypatch):
+    """A lever that is held, or that ended at its bound, cannot."""
+    monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: True)
+    run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers={}))
+    problem = SimpleNamespace(actuator=Actuator(), train=[run])
+    assert ("pressure_gain" in [effect.id for effect in offered(problem, fitted, None, ())]) == looked_for

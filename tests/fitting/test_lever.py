@@ -40,10 +40,3 @@ def test_the_share_of_the_pressure_that_bends_the_tube_is_found_and_no_mass_does
     assert values["r_hyd"] * values["pressure_gain.g"] == pytest.approx(SHARE * truth["base"]["r_hyd"], rel=0.02)
     assert gain.fitted.solution.mean_square < 2
     assert payload.fitted.solution.mean_square > 1.5 * gain.fitted.solution.mean_square
-
-
-def test_a_lever_within_its_bounds_makes_up_for_any_gain(complete_campaign):
-    recordings, actuator, _ = complete_campaign
-    problem = make_problem(recordings, actuator)
-    fitted = fit(problem, OPTIONS)
-    assert "pressure_gain" not in [effect.id for effect in offered(problem, fitted, None, ())]
