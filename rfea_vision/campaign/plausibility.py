@@ -295,9 +295,7 @@ def of_response(name: str, responses: Mapping[str, Response]) -> str:
         return ""  # runs that are unlike each other tell nothing of this one
     if own.per_kPa > _OTHERWISE * most and lower > _OTHERWISE / 2:
         said = f"{own.per_kPa / most:.2g} times more for each kPa"
-    elif (
-        own.per_kPa < least / _OTHERWISE and higher > _OTHERWISE / 2 and len(others) > 1
-    ):  # of two runs the first is said
+    elif own.per_kPa < least / _OTHERWISE and higher > _OTHERWISE / 2 and len(others) > 1:  # of two runs the first
         said = f"{least / max(own.per_kPa, 1e-12):.2g} times less for each kPa"
     else:
         return ""

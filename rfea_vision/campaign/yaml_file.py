@@ -11,9 +11,9 @@ import yaml
 from rfea_vision.errors import InputError
 
 KeyPath = tuple[str | int, ...]
-# Far beyond what a person writes, and read within a second: what is more is a mistake, or meant to stop the machine.
 #: What looks like a blank and is none to YAML.
 ODD_SPACES = set("\u00a0\u2007\u202f\u2003\u2009\u200b\u3000")
+# Far beyond what a person writes, and read within a second: what is more is a mistake, or meant to stop the machine.
 _MOST_BYTES, _MOST_DEPTH, _MOST_VALUES = 1_000_000, 20, 50_000
 
 

@@ -317,11 +317,9 @@ def fit(problem: Problem, options: FitOptions, progress: Progress | None = None)
         fitted = _without_jumps(problem, fitted)
         if options.effects:
             found = lever_free(fitted)
-            asked = replace(options, loss=found.loss, fixed=found.fixed, bounds=found.bounds)
-            fitted = fit_added(problem, asked, fitted, progress=progress)
+            fitted = fit_added(problem, replace(options, loss=found.loss, fixed=found.fixed), fitted, progress=progress)
         else:
-            own = fitted.options
-            options = replace(options, loss=own.loss, fixed=own.fixed, bounds=own.bounds)
+            options = replace(options, loss=fitted.options.loss, fixed=fitted.options.fixed)
             fitted = replace(fitted, options=options)
     if options.study_segments or options.auto_segments:
         fitted = with_study(problem, fitted)
