@@ -117,6 +117,7 @@ def _key(effects: Sequence[Effect]) -> str:
     for file in (
         here / "laws.py",
         here / "generation.py",
+        here / "formulas.py",
         here / "compilation.py",
         hooks / "base.py",
         hooks / "hooks.py",

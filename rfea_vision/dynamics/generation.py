@@ -6,15 +6,19 @@ evaluated once a run. Laws that differ in the latter alone have the same loops, 
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from textwrap import indent
 from typing import Any
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
+from rfea_vision.dynamics import formulas as _formulas
 from rfea_vision.dynamics import laws
+from rfea_vision.dynamics.formulas import understood
 from rfea_vision.dynamics.laws import ComposedLaw
 from rfea_vision.errors import InputError
 
@@ -27,6 +31,8 @@ from numba import njit, types, void, float64
 VECTOR = float64[::1]
 MATRIX = float64[:, ::1]
 '''
+# What is compiled of the text below follows from this module, too: it is another text where that is another.
+_READ = f"from rfea_vision.dynamics.formulas import formulas  # {hashlib.sha256(inspect.getsource(_formulas).encode()).hexdigest()}"
 
 # Column layout of the joint law's output, for m hidden states:
 # torque, d/dtheta, d/drate, d/dpressure, added mass, d/dtheta, then per state: d torque/dz; then per state:
@@ -39,9 +45,35 @@ KINEMATIC = (laws.X, laws.Y, laws.VX, laws.VY)
 _SEEN = lru_cache(maxsize=2000)
 
 
+_PARTS = lru_cache(maxsize=50_000)
+
+
+@_PARTS
+def _symbols(expression: Any) -> frozenset[Any]:
+    return frozenset().union(*map(_symbols, expression.args)) if expression.args else frozenset({expression})
+
+
+@_PARTS
+def _by(expression: Any, symbol: sp.Symbol) -> Any:
+    """What SymPy's `diff` returns, of which each part that stands in several places is worked out once: it walks them all."""
+    if symbol not in _symbols(expression):
+        return sp.Integer(0)
+    if isinstance(expression, sp.Add):
+        return sp.Add(*(_by(term, symbol) for term in expression.args))
+    if isinstance(expression, sp.Mul):
+        factors = expression.args
+        changes = [_by(factor, symbol) for factor in factors]
+        return sp.Add(*(sp.Mul(*factors[:i], change, *factors[i + 1 :]) for i, change in enumerate(changes) if change != 0))
+    if isinstance(expression, sp.Piecewise):
+        return sp.Piecewise(*((_by(value, symbol), condition) for value, condition in expression.args))
+    if isinstance(expression, sp.Pow) and symbol not in _symbols(expression.exp):
+        return expression * (_by(expression.base, symbol) * expression.exp / expression.base)
+    return sp.diff(expression, symbol)
+
+
 @_SEEN
 def _derivative(expression: sp.Expr, symbol: sp.Symbol) -> Any:
-    result = sp.diff(expression, symbol)
+    result = _by(expression, symbol)
     # sign(x) has a derivative at 0 alone; the laws are piecewise smooth and Newton only needs one side.
     return result.replace(sp.DiracDelta, lambda *_: sp.Integer(0)) if result.has(sp.DiracDelta) else result
 
@@ -91,12 +123,20 @@ def _function(
     for expression in expressions:
         if expression.has(sp.Derivative, sp.Subs, sp.zoo, sp.nan):
             raise InputError("effect law: a derivative could not be formed; write it with differentiable functions")
-    body = _unpack(law, expressions, "        ", per_item)
+    lines = _unpack(law, expressions, "", per_item)
+    lines += "\n" + _assignments(tuple(target for target in targets if target[1] != 0), "")
+    head = _HEADER
+    if lines.strip() and understood(lines):
+        head += f"{_READ}\nrun = formulas({_quoted(lines)}, {arguments!r})\n"
+        lines = f"run(({arguments}), j)"
     return (
-        f"{_HEADER}\n@njit(void({signature}), nogil=True, cache=True, error_model='numpy', _nrt=False)\n"
-        f"def {name}({arguments}):\n    for j in range({count}):\n{body or '        pass'}\n"
-        f"{_assignments(tuple(target for target in targets if target[1] != 0), '        ')}\n"
+        f"{head}\n@njit(void({signature}), nogil=True, cache=True, error_model='numpy', _nrt=False)\n"
+        f"def {name}({arguments}):\n    for j in range({count}):\n{indent(lines.strip() or 'pass', 8 * ' ')}\n"
     )
+
+
+def _quoted(lines: str) -> str:
+    return f'"""\n{lines.strip()}\n"""'
 
 
 def _joint_items(law: ComposedLaw) -> dict[sp.Symbol, str]:
