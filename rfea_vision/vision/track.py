@@ -111,7 +111,8 @@ def track_frames(
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or rows.share < LEAST_SHARE:
-        measured = f"{rows.good} of {len(rows)} frames could be measured" if rows.any_valid else "no tube found"
+        looked = f"the first {len(rows)}" if len(rows) < total else str(len(rows))
+        measured = f"{rows.good} of {looked} frames could be measured" if rows.any_valid else "no tube found"
         remedy, off = "", ""
         if follower.start is not None and rows.good >= 3:
             told = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, {})
@@ -161,9 +162,16 @@ def follow_body(
         for done, (time_s, picture) in enumerate(frames):
             reason = follower.next(still(picture), time_s)
             rows.append(time_s, reason, follower, np.nan if small is None else float(picture[small].mean()))
+            if follower.hopeless() or _too_late(done + 1, rows, total):
+                break
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))
     return follower, rows
+
+
+def _too_late(done: int, rows: Rows, total: int) -> bool:
+    """Whether the frames that are left cannot make a film's `LEAST_SHARE` any more, were all of them measured."""
+    return rows.good + total - done < LEAST_SHARE * (total - rows.copies) and done < total
 
 
 def frames_ahead(size: tuple[int, int]) -> int:

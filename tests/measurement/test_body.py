@@ -12,7 +12,7 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
-from rfea_vision.vision.body.begin import first_body
+from rfea_vision.vision.body.begin import first_body, hinted_lines
 from rfea_vision.vision.body.fit import Fit, looks_around
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS
@@ -232,7 +232,7 @@ def test_edges_are_given_up_once_they_must_be_and_not_later_for_what_they_missed
 
 
 def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
-    first = First(100.0, np.ones(65), 1.0, 1.0, (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool))
+    first = First(100.0, np.ones(65), 1.0, np.ones(1), (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool))
     assert first.allowed is not None
     line = np.column_stack([np.full(50, 60.0), np.linspace(10.0, 110.0, 50)])
     first.allowed[:, 40:80] = False
@@ -289,6 +289,36 @@ def test_a_hint_is_tried_before_it_is_said(tmp_path):
     assert track_frames(source, calibration, actuator, hints=hints, vertical="image").valid.mean() >= 0.95
 
 
+def test_a_thin_body_is_found_beside_the_clicks_and_a_short_one_is_not_folded():
+    """A wire of 5 px clicked up to 5 px beside it, and a finger that is twice as long as wide with a round end."""
+    shares = np.linspace(0.0, 1.0, 200)
+    wire = np.column_stack([60 + 180 * shares, 60 + 120 * shares**2])
+    picture = np.full((240, 320, 3), (160, 128, 128), np.uint8)
+    cv2.polylines(picture, [np.round(wire * 16).astype(np.int32)], False, (60, 128, 128), 5, cv2.LINE_AA, 4)
+    clicked = wire[[0, 70, 130, 199]] + np.array([[0, 0], [-3, 4], [-3, 4], [0, 0]])
+    off = [
+        np.linalg.norm(line[:, None] - wire[None], axis=2).min(axis=1)[5:-5]
+        for line in hinted_lines(picture, wire[0] + np.array([[1, -2.5], [-1, 2.5]]), clicked, 2.5, 220.0)
+    ]
+    assert off[0].max() > 3.5 and off[1].max() < 1.0, "as it was drawn, and as it is"
+
+    finger = np.full((160, 200, 3), 60, np.uint8)
+    cv2.line(finger, (60, 80), (112, 80), (200, 210, 205), 41, cv2.LINE_AA)
+    finger[:, :60] = 60
+    scene = make_scene(
+        scaled_by_distance((200, 160), [[0, 0], [100, 0]], 100.0),
+        Actuator(outer_radius=0.02, inner_radius=0.01, length=0.072),
+        "image",
+        Hints(clamp=((60.0, 60.0), (60.0, 100.0)), tip=(131.0, 88.0), centre_line=((80.0, 80.0), (105.0, 80.0))),
+        (200, 160),
+    )
+    follower = BodyFollower(scene, 0.6)
+    small = np.asarray(cv2.resize(finger, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    assert follower.next(small, 0.0) == ""
+    turns = np.diff(np.unwrap(np.arctan2(*np.diff(follower.body.points, axis=0).T)))
+    assert np.abs(np.cumsum(turns)).max() < 1.0
+
+
 def test_a_line_beside_which_the_tube_goes_on_is_refused():
     """An arm that has swelled to three widths: a line along one of its edges has that edge, and is not its middle."""
     narrow = np.full((200, 160, 3), (60, 128, 128), np.uint8)
@@ -298,12 +328,12 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     wide[80:150, 68:130] = (200, 120, 140)
     line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
     body, wall = first_body(narrow, line, 12.0), Wall(narrow.shape)
-    first = First(180.0, body.half, 1.0, 1.0, narrow.shape[:2], 100.0, 1.8, None)
+    first = First(180.0, body.half, 1.0, np.ones(5), narrow.shape[:2], 100.0, 1.8, None)
 
-    def said(picture, seen, end=0.0):
+    def said(picture, seen, end=0.0, out=(1.0, 1.0, 1.0, 1.0, 1.0)):
         rays = np.array([np.nan, np.nan, end, end, end, end, np.nan])
         around = looks_around(picture, wall, body)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), rays, *around, (), 1.0))
+        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), rays, *around, (), np.array(out)))
 
     everywhere = np.ones((STATIONS, 2), bool)
     assert said(narrow, everywhere) == said(wide, everywhere) == "", "where an edge is seen, the tube ends"
@@ -314,12 +344,22 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     first.beside = np.ones((STATIONS, 2), bool)
     assert said(wide, lost) == "", "what was beside it from the first frame on is another thing"
     first.beside = False
-    assert said(narrow, everywhere, 6.0) == "", "what the rays find there is another thing: nothing of the tube is between"
+    beside_it = (1.0, 1.0, 1.0, 1.0, 0.1)
+    assert said(narrow, everywhere, out=beside_it).startswith("tip_hidden: 10 % of the last fifth stands out")
+    first.standing_out[-1] = 0.1
+    assert said(narrow, everywhere, out=beside_it) == "", "its end never stood out"
+    assert said(narrow, everywhere, 6.0) == "", (
+        "what the rays find there is another thing: nothing of the tube is between"
+    )
     body.points[:, 1] *= 0.9
-    assert said(narrow, everywhere) == said(narrow, everywhere, np.nan) == "", "the end is as good as there, or not seen"
+    assert said(narrow, everywhere) == said(narrow, everywhere, np.nan) == "", (
+        "the end is as good as there, or not seen"
+    )
     assert said(narrow, everywhere, 6.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
     body.half = np.where(SHARES > 0.8, 0.4, 1.0) * body.half
-    assert said(narrow, everywhere) == "width_off: 0.40 times as wide as in the first frame, 81 to 100 mm from the clamp"
+    assert (
+        said(narrow, everywhere) == "width_off: 0.40 times as wide as in the first frame, 81 to 100 mm from the clamp"
+    )
     body.half = np.where(SHARES > 0.95, 1.0, 0.8) * first.half
     assert said(narrow, everywhere) == "", "drawn out, it is thinner all along"
 

@@ -15,6 +15,7 @@ from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.fit import TO_ALONG
 from rfea_vision.vision.body.model import (
     ALONG_BASIS,
+    NORMAL_BASIS,
     SHARES,
     STATIONS,
     Picture,
@@ -36,7 +37,11 @@ CLEAR = 3.0  # standard deviations between two colours that are never confused
 NOISE = (2.0, 1.0, 1.0)  # of L, a and b: of a median along a piece, in a compressed picture
 ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
 HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue
+DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
+ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
+STEADY = 0.05  # what one px more or less off the line, from station to station, weighs against all of the contrast
 ROUTE_FLOOR = 0.02  # cost of a pixel that is surely the body, over that of one that surely is not
+ACROSS_SMOOTH = NORMAL_BASIS @ np.linalg.pinv(NORMAL_BASIS)
 
 
 def scale_for(scene: Scene, size: tuple[int, int]) -> float:
@@ -69,7 +74,8 @@ def hinted_lines(
     allowed : (h, w) where the body may be
     """
     if len(line_px) >= 4:  # clamp, tip and two between: the person has drawn it
-        return [smooth_line(line_px)]
+        line = smooth_line(line_px)
+        return [line, on_ridge(picture, line, half_px)]
     inwards = leaving(clamp_px, line_px)
     likeness = _likeness(picture, line_px, inwards, half_px) if colour is None else like_colour(picture, colour)
     if allowed is not None:
@@ -78,6 +84,44 @@ def hinted_lines(
     if len(line_px) == 2:
         lines += [smooth_line(line_px), smooth_line(_bow(line_px, inwards, length_px))]
     return lines
+
+
+def on_ridge(picture: Picture, line: FloatArray, half_px: float) -> FloatArray:
+    """A line of stations (S, 2) px moved across itself to where most stands out on both sides: people click beside a thin body.
+
+    Of all ways along the line within 12 px of it, one that changes gradually and is clearest in sum.
+    """
+    steps = np.arange(-HALF_PX, HALF_PX + 0.5)  # off the line,
+    section = np.arange(-HALF_PX - 2.2 * half_px, HALF_PX + 2.2 * half_px + 0.5, 0.5)  # and of what is read around it
+    strip = np.empty((STATIONS, len(section), 3))
+    normals = frame_of(line)[1]
+    read_strip(picture, line, normals, np.ones(STATIONS), section, strip)
+    strip = np.asarray(cv2.blur(strip, (1, ALONG_IT), borderType=cv2.BORDER_REPLICATE), dtype=float)
+    clear = np.zeros((STATIONS, len(steps)))
+    for k, step in enumerate(steps):
+        off = (section - step) / half_px
+        inside, left, right = (
+            strip[:, (off > low) & (off < high)].mean(axis=1) for low, high in ((-0.6, 0.6), (-2.2, -1.3), (1.3, 2.2))
+        )
+        one, other = (inside - left) / NOISE, (inside - right) / NOISE
+        clear[:, k] = np.max(np.where(one * other > 0, np.minimum(np.abs(one), np.abs(other)), 0.0), axis=1)
+    clear = np.minimum(clear / max(float(np.median(clear.max(axis=1))), 1e-6), 1.0)
+    best, came = clear[0].copy(), np.zeros(clear.shape, dtype=int)
+    for s in range(1, STATIONS):
+        before = best[None] - STEADY * (steps[:, None] - steps[None]) ** 2
+        came[s] = np.argmax(before, axis=1)
+        best = before.max(axis=1) + clear[s]
+    way = [int(np.argmax(best))]
+    for s in range(STATIONS - 1, 0, -1):
+        way.append(int(came[s][way[-1]]))
+    off = ACROSS_SMOOTH @ steps[way[::-1]]
+    return line + off[:, None] * normals
+
+
+def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float) -> FloatArray:
+    """Stations (S, 2) px held near a line that a person drew: the round end of a short body draws them aside."""
+    off, near = points - line, DRAWN_NEAR[0] * half_px + DRAWN_NEAR[1] * scale
+    return line + off * np.minimum(1.0, near / np.maximum(np.linalg.norm(off, axis=1, keepdims=True), 1e-9))
 
 
 def leaving(clamp_px: FloatArray, line_px: FloatArray) -> FloatArray:
@@ -166,8 +210,8 @@ def even(points: FloatArray) -> FloatArray:
     return np.column_stack([np.interp(SHARES * steps[-1], steps, points[:, c]) for c in (0, 1)])
 
 
-def standing_out(picture: Picture, body: SeenBody, half_px: float) -> float:
-    """Share of the body that stands out from what is around it, 0 to 1: its colour, its rims, or light on it.
+def standing_out(picture: Picture, body: SeenBody, half_px: float) -> FloatArray:
+    """Share of each piece (PIECES,) of the body that stands out from what is around it, 0 to 1: its colour, rims, or light on it.
 
     Its cross-section is read in pieces of the length, each by the median along it, so that weak contrast counts and lines
     that cross it do not. What is measured against is the scatter around the body.
@@ -179,7 +223,7 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> float:
     middle = np.median(around, axis=1, keepdims=True)
     around_it = scatter(np.swapaxes(around, 0, 1))[:, None] + np.array(NOISE)
     clear = np.max(np.abs(profile - middle) / around_it, axis=2) > CLEAR
-    return float(np.mean(clear[:, np.abs(SECTION) < 1.0]))
+    return np.mean(clear[:, np.abs(SECTION) < 1.0], axis=1)
 
 
 def first_body(picture: Picture, line: FloatArray, half_px: float) -> SeenBody:

@@ -9,7 +9,7 @@ the last frame stays as the prior.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +89,7 @@ class Fit:
     beside : (S, 2) share of what is beside it, to either side, that surely looks like the body
     beyond : share of what is beyond its end that does
     material : the coloured marks that it was held by
-    standing_out : share of the body that differs from what is around it, and
+    standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length, and
     marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none; both when it is judged
     """
 
@@ -102,8 +102,13 @@ class Fit:
     beside: FloatArray
     beyond: float
     material: Sequence[Seen]
-    standing_out: float = 0.0
+    standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     marks: FloatArray | None = None
+
+    @property
+    def likeness(self) -> float:
+        """How much of it is seen: its inside, and its edges."""
+        return float(np.mean(self.backing) + np.mean(self.seen))
 
 
 def fit_body(
@@ -234,7 +239,9 @@ def _add_shape(
     vector[WIDTH] -= TO_WIDTH @ (body.half - rest_half) / swells**2
     steps = np.empty(STATIONS)
     length = arc_length(body.points, steps)
-    sigma = BENDS_GRADUALLY * length / (NORMAL_BASIS.shape[1] - 3)
+    spacing = length / (NORMAL_BASIS.shape[1] - 3)
+    # No body bends anew within its own half width: in a short one the splines lie closer than that.
+    sigma = BENDS_GRADUALLY * spacing * min(1.0, spacing / float(np.median(rest_half))) ** 3
     wiggle = np.sum((THIRD_OF @ body.points) * normals[MIDDLES], axis=1)
     matrix[NORMAL, NORMAL] += THIRD_TWICE / sigma**2
     vector[NORMAL] -= THIRD.T @ wiggle / sigma**2

@@ -13,6 +13,7 @@ from rfea_vision.calibration.projection import unproject
 from rfea_vision.vision.body.begin import (
     even,
     first_body,
+    held_near,
     hinted_lines,
     leaving,
     like_colour,
@@ -120,7 +121,7 @@ class BodyFollower:
         self.marks: list[Mark] = []
         self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
         self.colour = None if scene.hints.colour is None else lab_of(scene.hints.colour)
-        self.first = First(1.0, np.ones(STATIONS), None, 0.0, (0, 0), scene.length_mm, self.px_per_mm, None)
+        self.first = First(1.0, np.ones(STATIONS), None, np.zeros(1), (0, 0), scene.length_mm, self.px_per_mm, None)
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
@@ -128,7 +129,7 @@ class BodyFollower:
         self.frame += 1
         guided = self._guided()
         if self.good == 0:
-            if self.missed == FIRST_TRIES:
+            if self.hopeless():
                 return self.refusal
             self._begin(lab, guided)
             fit = self._fit(lab, self.body, self._spread(), 0.8)
@@ -139,13 +140,12 @@ class BodyFollower:
             fit = self._fit(lab, *self._foretold(lab, self.last), 0.8 if self.missed == 0 else 1.5)
             if self.doubted is not None:
                 # A frame that is no measurement may still show the way from the last one that was.
-                both = fit, self._fit(lab, *self._foretold(lab, self.doubted), 0.8, covariance=self.doubted.covariance)
-                fit = max(both, key=lambda found: (not self._refused(lab, found), _likeness(found)))
+                again = self._fit(lab, *self._foretold(lab, self.doubted), 0.8, covariance=self.doubted.covariance)
+                fit = self._better(lab, fit, again)
             if guided is not None:
                 body = self.body.copy()
                 body.points = guided
-                both = fit, self._fit(lab, body, self._spread(), 0.8)
-                fit = max(both, key=lambda found: (not self._refused(lab, found), _likeness(found)))
+                fit = self._better(lab, fit, self._fit(lab, body, self._spread(), 0.8))
         reason = self._refused(lab, fit)
         if self.good and reason and self.missed and self.missed % 5 == 0:
             fit = self._fit(lab, self._swung(lab), self._spread(), 1.2)
@@ -160,6 +160,9 @@ class BodyFollower:
             self.doubted = Sight(fit.body, fit.covariance, lab, skin_of(self.wall.cleared(lab), fit.body))
         return reason
 
+    def _better(self, lab: Picture, *fits: Fit) -> Fit:
+        return max(fits, key=lambda found: (not self._refused(lab, found), found.likeness))
+
     def _refused(self, lab: Picture, fit: Fit) -> str:
         """Why a fit is no measurement: it leaves the hints, or breaks a rule."""
         fit.standing_out = standing_out(
@@ -173,6 +176,10 @@ class BodyFollower:
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
         return refused(self.first, fit, lost=lost) or off_hints(line_mm, self.scene, first=self.good == 0)
+
+    def hopeless(self) -> bool:
+        """Whether it was not where it was pointed at, in any frame in which it is looked for there."""
+        return self.good == 0 and self.missed >= FIRST_TRIES
 
     def pointed_half(self) -> float:
         """Half the distance (px) of the clamp's two edges: the rims are within it, where the fit takes them for the edge."""
@@ -201,8 +208,7 @@ class BodyFollower:
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
-        tried = [self._drawn(lab, line, half, length) for line in lines]
-        self.body, _ = max(tried, key=lambda pair: pair[1])
+        self.body, _ = max((self._drawn(lab, line, half, length) for line in lines), key=lambda pair: pair[1])
         offsets = self._end_seen(lab, half)
         seen = offsets[np.isfinite(offsets)]
         # People point beside the end; where it is clearly seen, it is there, and the hints are held against it.
@@ -230,20 +236,20 @@ class BodyFollower:
     def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float) -> tuple[SeenBody, float]:
         """The outline around a line that was pointed at, and how well it is seen and hinted at."""
         body = first_body(lab, line, half)
-        fit = None
+        fit, drawn = None, len(self.line) >= 4
         for turn in range(FIRST_TURNS):
             if turn < FIRST_TURNS - 2:
                 body.half[:] = half
             self.first.half = body.half
             fit = self._fit(lab, body, np.zeros((UNKNOWNS, UNKNOWNS)), 0.45, skin=False)
             body = fit.body
-            body.points = even(body.points)
+            body.points = held_near(even(body.points), line, half, self.scale) if drawn else even(body.points)
             learn_colours(lab, body)
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
         alike = 1.0 if self.colour is None else float(np.mean(like_colour(body.inside[:, 0], self.colour)))
-        hinted = alike * (1.0 - elsewhere(self.first, body.points))
-        return body, float(np.mean(fit.seen) * (0.2 + standing_out(lab, body, half)) * (0.2 + known) * hinted)
+        out, hinted = np.mean(standing_out(lab, body, half)), alike * (1.0 - elsewhere(self.first, body.points))
+        return body, float(np.mean(fit.seen) * (0.2 + out) * (0.2 + known) * hinted)
 
     def _end_seen(self, lab: Picture, half: float) -> FloatArray:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
@@ -324,7 +330,7 @@ class BodyFollower:
             line = np.cumsum([0.0, *steps * np.exp(1j * swing * (SHARES[1:] - 0.5 / STATIONS))])
             body.points = self.body.points[0] + np.column_stack([np.real(line), np.imag(line)])
             fits.append(self._fit(lab, body, self._spread(), 1.2))
-        return max(fits, key=_likeness).body
+        return max(fits, key=lambda found: found.likeness).body
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
@@ -391,8 +397,3 @@ class BodyFollower:
         along = float(ALONG_BASIS[-1] @ np.linalg.inv(fit.own + carried) @ ALONG_BASIS[-1])
         along = max(along, float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]))
         numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
-
-
-def _likeness(fit: Fit) -> float:
-    """How much of a fit is seen: its inside, and its edges."""
-    return float(np.mean(fit.backing) + np.mean(fit.seen))
