@@ -65,7 +65,8 @@ def _by(expression: Any, symbol: sp.Symbol) -> Any:
         changes = [_by(factor, symbol) for factor in factors]
         return sp.Add(*(sp.Mul(*factors[:i], change, *factors[i + 1 :]) for i, change in enumerate(changes) if change != 0))
     if isinstance(expression, sp.Piecewise):
-        return sp.Piecewise(*((_by(value, symbol), condition) for value, condition in expression.args))
+        pairs: Any = expression.args
+        return sp.Piecewise(*((_by(value, symbol), condition) for value, condition in pairs))
     if isinstance(expression, sp.Pow) and symbol not in _symbols(expression.exp):
         return expression * (_by(expression.base, symbol) * expression.exp / expression.base)
     return sp.diff(expression, symbol)

@@ -6,6 +6,7 @@ import base64
 import json
 import math
 from collections.abc import Collection, Mapping, Sequence
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -99,8 +100,9 @@ def _budget(experiments: Any, rungs: Any, calibration: Any, packed: str) -> int:
     return max(0, SIZE_LIMIT_BYTES - len(packed) - records - TEXT_BYTES)
 
 
+@cache
 def environment() -> jinja2.Environment:
-    """Templates with the filters that print numbers, units and laws."""
+    """Templates with the filters that print numbers, units and laws; made once: to compile them takes as long as to fill them in."""
     made = jinja2.Environment(
         loader=jinja2.PackageLoader("rfea_vision.report"),
         autoescape=True,
