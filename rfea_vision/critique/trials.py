@@ -17,9 +17,9 @@ from rfea_vision.effects.catalogue import find_effects, plain, split_joint
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.coordinates import sized
 from rfea_vision.fitting.fit import Fitted, Problem, refit
+from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.ratio import with_lever_free
-from rfea_vision.fitting.refit import carried
-from rfea_vision.fitting.solver import ROUGH_FRAMES
+from rfea_vision.fitting.refit import carried, rough_runs
 from rfea_vision.options import FitOptions
 
 #: Evaluations at most on thinned runs in long steps, then on all frames, and for a glance; and the share of the cost that one more
@@ -62,6 +62,7 @@ class Trials:
     effect_files: tuple[Path, ...] = ()
     progress: Callable[[], None] = field(default=lambda: None)
     done: dict[frozenset[str], Trial | None] = field(default_factory=dict)
+    rough: list[Observed] = field(default_factory=list)  # the training runs as a refit first meets them
 
     def stands(self, fitted: Fitted, effects: frozenset[str] | None = None) -> Trial:
         """Take note of a fit that was made elsewhere, its lever free: what more effects leave may tell it (fitting/ratio.py)."""
@@ -69,6 +70,7 @@ class Trials:
         key = frozenset(fitted.options.effects) if effects is None else effects
         trial = Trial(key, fitted, errors_of(self.problem, fitted))
         self.done[key] = trial
+        self.rough = rough_runs(self.problem, fitted)
         return trial
 
     def refit(self, base: Trial, added: Sequence[str], start: Mapping[str, float]) -> Trial | None:
@@ -128,7 +130,9 @@ class Trials:
         options = replace(like.options, effects=tuple(sorted(key)), effect_files=files, name=name)
         return options, values, absent
 
-    def glance(self, base: Trial, added: Sequence[str], start: Mapping[str, float]) -> tuple[float, dict[str, float]] | None:
+    def glance(
+        self, base: Trial, added: Sequence[str], start: Mapping[str, float]
+    ) -> tuple[float, dict[str, float]] | None:
         """Mean square and values of a set fitted on thinned runs alone, on a coarse chain: to see whether a refit is worth it."""
         options, values, _ = self._options(base, base.effects | set(added))
         begin = {**values, **base.fitted.values, **start}
@@ -141,11 +145,10 @@ class Trials:
     def _near(
         self, options: FitOptions, values: Mapping[str, float], like: Fitted, most: int = ROUGH_EVALUATIONS
     ) -> Fitted | None:
-        rough = [o.rough(ROUGH_FRAMES) for o in self.problem.train]
         try:
             return refit(
                 self.problem, options, values, like.options.segments, like.solution.clocks,
-                items=rough, most_evaluations=most, tolerance=ROUGH_GAIN,
+                items=self.rough, most_evaluations=most, tolerance=ROUGH_GAIN,
             )  # fmt: skip
         except DataError:
             return None

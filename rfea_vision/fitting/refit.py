@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
+import numpy as np
+
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
@@ -13,13 +15,17 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting.coordinates import Coordinates, build
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem, make_model, start_vector
-from rfea_vision.fitting.solver import Solution, solve
+from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import without_vanishing_ends
 from rfea_vision.fitting.steady_fit import Plateau
 from rfea_vision.options import FitOptions
 
 #: Relative fall of the cost at which the first, rough solution ends: no misfit is followed less closely.
 ROUGH_TOLERANCE = 1e-4
+#: Steps of thinned runs are doubled so often at most (8 ms of a log of 1 kHz), each time only if that changes what the model leaves
+#: by less than this share of it: far less than the refits that follow are to tell apart.
+LONGER_STEPS, FELT_SHARE = 2, 0.02
 
 
 @dataclass(frozen=True)
@@ -78,6 +84,24 @@ def carried(
         if name in previous:
             par[k] = previous[name] * (segments / previous_segments if k < 6 else 1.0)
     return par
+
+
+def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
+    """Training runs thinned, in the longest steps that are not felt beside what a fit leaves: the farther off, the longer."""
+
+    def left(items: list[Observed]) -> FloatArray | None:
+        found = evaluate(fitted.model, fitted.par, items, (), fitted.solution.clocks)
+        return None if found is None else found.residual
+
+    items = [item.rough(ROUGH_FRAMES) for item in problem.train]
+    before = left(items)
+    for _ in range(LONGER_STEPS if before is not None else 0):
+        longer = [item.coarser() for item in items]
+        after = left(longer)
+        if after is None or np.linalg.norm(after - before) > FELT_SHARE * np.linalg.norm(before):
+            break
+        items = longer
+    return items
 
 
 def refit(

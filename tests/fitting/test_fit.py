@@ -14,9 +14,10 @@ from rfea_vision.fitting.fit import fit, fit_base, make_model, make_problem, sta
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
-from rfea_vision.fitting.refit import refit_from
+from rfea_vision.fitting.refit import FELT_SHARE, refit_from, rough_runs
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.solver import ROUGH_FRAMES
 from rfea_vision.options import FitOptions
 
 OPTIONS = FitOptions(segments=16, starts=0)
@@ -61,6 +62,22 @@ def test_a_misfit_is_followed_as_closely_as_its_intervals_deserve(complete_campa
     free = np.diag(covariance) > 0
     moved = np.abs(close.par - rough.par)[free] / np.sqrt(np.diag(covariance)[free])
     assert free.sum() == 6 and np.all(moved < 0.2)
+
+
+def test_what_is_far_off_is_met_in_longer_steps(complete_campaign):
+    """Beside hundreds of times the noise the integrator's error is not felt; beside the noise alone it is."""
+    recordings, actuator, _ = complete_campaign
+    problem = make_problem(recordings, actuator)
+    usual = [item.rough(ROUGH_FRAMES) for item in problem.train]
+    close = fit_base(problem, OPTIONS)
+    far = fit_base(problem, replace(OPTIONS, segments=4, fixed={"r_hyd": 5e-3}))
+    assert rough_runs(problem, close)[0].excitation.step_s == usual[0].excitation.step_s
+    longer = rough_runs(problem, far)
+    assert longer[0].excitation.step_s > usual[0].excitation.step_s
+    before, after = (evaluate(far.model, far.par, runs, (), far.solution.clocks) for runs in (usual, longer))
+    assert before is not None and after is not None
+    felt = np.linalg.norm(after.residual - before.residual) / np.linalg.norm(before.residual)
+    assert 0 < felt < FELT_SHARE
 
 
 def test_an_effect_that_the_data_do_not_ask_for_is_called_absent(complete_campaign):
