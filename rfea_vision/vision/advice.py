@@ -10,6 +10,7 @@ from itertools import islice
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
@@ -17,10 +18,16 @@ from rfea_vision.calibration.projection import project
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.body.begin import hinted_lines, scale_for
 from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.edges.fitted import new_workspace
 from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene, begin, line_of
 
 TRIED = 60  # frames: two seconds of a phone's film
+# The picture around the clamp, to 3 half widths, is looked for up to 2 half widths aside. In four real films whose base rested it lay
+# within 0.25, or fitted as well in its place (a stem, along itself); in four whose base or view moved it went 1.2 to 2.
+AROUND_CLAMP, ASIDE = 3.0, 2.0
+BASE_MOVED, BASE_ALIKE, BASE_GONE = 0.5, 0.7, 0.15  # half widths; least correlation there, and by how much it beats that in its place
+LOOKS = 12  # frames in which this is looked at
 GAIN = 0.05  # of these frames: less is no reason to point again
 
 
@@ -40,6 +47,8 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     gone = sum(reason.startswith("touches_border") for reason in reasons)
     if 2 * gone > sum(bool(reason) for reason in reasons):  # no hint shows what is not in the picture
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
+    if moved := base_moved(source, scene, len(reasons)):
+        return moved
     if scale_off and Counter(filter(None, reasons)).most_common(1)[0][0].startswith("width_off"):
         return scale_off
     count = min(TRIED, len(reasons))
@@ -52,6 +61,42 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     if scale_off:
         return scale_off
     return _untried(scene, reasons) + (f" ({len(tried)} guesses at it were tried and brought nothing)" if tried else "")
+
+
+def base_moved(source: FrameSource, scene: Scene, count: int) -> str:
+    """Say that what holds the tube has moved since the first of `count` frames: no hint mends that. Empty where it rests."""
+    if scene.clamp_px is None:
+        return ""
+    scale = scale_for(scene, source.size)
+    half = 0.5 * scale * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
+    foot = (scene.clamp_px.mean(axis=0) + 0.5) * scale - 0.5
+    near, far = (round(reach * half) for reach in (AROUND_CLAMP, AROUND_CLAMP + ASIDE))
+    looked = {int(k) for k in np.linspace(0, min(count, TRIED) - 1, LOOKS)}
+    first, still = None, StillView(np.vstack([foot, (scene.line_px + 0.5) * scale - 0.5]), half)
+    with closing(source.colours(scale)) as pictures:
+        for frame, (_, seen) in enumerate(islice(pictures, min(count, TRIED))):
+            picture = still(seen)  # a camera that drifts is followed
+            if frame not in looked:
+                continue
+            grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+            if first is None:
+                first = _around(grey, foot, near)
+                continue
+            alike = cv2.matchTemplate(_around(grey, foot, far), first, cv2.TM_CCOEFF_NORMED)
+            row, column = np.unravel_index(int(np.argmax(alike)), alike.shape)
+            off = float(np.hypot(row - (far - near), column - (far - near)))
+            if off > BASE_MOVED * half and alike[row, column] > max(BASE_ALIKE, alike[far - near, far - near] + BASE_GONE):
+                return (
+                    f"what holds the tube has moved in the picture, by {off / scale:.0f} px in frame {frame}: hold the base and the "
+                    "camera still, or cut the film to where both rest"
+                )
+    return ""
+
+
+def _around(grey: NDArray[np.uint8], place: FloatArray, reach: int) -> NDArray[np.uint8]:
+    """What a picture shows within `reach` px of a place."""
+    size = 2 * reach + 1
+    return np.asarray(cv2.getRectSubPix(grey, (size, size), (float(place[0]), float(place[1]))), dtype=np.uint8)
 
 
 def scale_doubt(length_check: str) -> str:

@@ -2,14 +2,17 @@
 
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
+from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision import advice, track_frames
 from rfea_vision.vision.find.begin import OTHER_LENGTH
+from rfea_vision.vision.track import make_scene
 from testing.scenes import Look, bending, film
 from testing.sources import memory_source
 
@@ -64,3 +67,31 @@ def test_a_scale_that_is_far_off_is_advised_on_before_a_hint(reasons, length_che
     scene = SimpleNamespace(clamp_px=None, tip_px=None, hints=Hints())
     said = advice.next_hint(None, scene, reasons, scale_off=advice.scale_doubt(length_check))
     assert said.startswith(says)
+
+
+@pytest.mark.parametrize(("base_px", "wall_px", "says"), [(0.0, 0.0, False), (16.0, 0.0, True), (8.0, 8.0, False)])
+def test_a_base_that_moves_is_said_and_a_camera_that_drifts_is_not(base_px, wall_px, says):
+    """No hint mends a clamp that leaves its place; a drift of the whole view is followed. The arm below swings in all three."""
+    wall = cv2.GaussianBlur(np.random.default_rng(1).uniform(0, 255, (260, 240, 3)), (0, 0), 2.0)
+    wall = np.clip(4 * (wall - 128) + 128, 0, 255).astype(np.uint8)
+    wall[:, 60:180] = 120
+
+    def colours(scale):
+        for k in range(30):
+            moved = np.array([[1.0, 0, wall_px * k / 29], [0, 1, 0]])
+            picture = cv2.warpAffine(wall, moved, (240, 260), borderMode=cv2.BORDER_REFLECT)
+            aside = round(base_px * k / 29)
+            cv2.rectangle(picture, (100 + aside, 20), (140 + aside, 40), (40, 40, 200), -1)
+            cv2.line(picture, (120 + aside, 40), (120 + aside + k, 200), (220, 225, 215), 24, cv2.LINE_AA)
+            yield k / 30, picture
+
+    scene = make_scene(
+        scaled_by_distance((240, 260), [[0, 0], [100, 0]], 50.0),
+        Actuator(outer_radius=0.006, inner_radius=0.003, length=0.08),
+        "image",
+        Hints(clamp=((108.0, 40.0), (132.0, 40.0)), tip=(120.0, 200.0)),
+        (240, 260),
+    )
+    source = SimpleNamespace(size=(240, 260), colours=colours)
+    said = advice.base_moved(source, scene, 30)
+    assert bool(said) == says and said.startswith("what holds the tube has moved in the picture, by " if says else "")
