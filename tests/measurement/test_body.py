@@ -20,7 +20,7 @@ from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.edges.fitted import new_workspace
-from rfea_vision.vision.find.begin import begin, digits_of, length_of
+from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of
 from rfea_vision.vision.track import make_scene, too_few
 from testing.phone import Arm, Room, clear_scene, film, scene
 
@@ -168,6 +168,14 @@ def test_a_line_that_leaves_the_clamp_askew_is_another_things(askew_deg, refusal
     )
     found = follower.next(picture, 0.0)
     assert refusal in found and bool(found) == bool(refusal), found
+
+
+def test_a_click_between_two_points_of_a_long_thin_line_lies_on_it():
+    """Of a rod 707 px long and 8 px wide a click on it was called 4.5 px off: so far it lay from the nearest station."""
+    line = np.column_stack([np.linspace(0.0, 707.0, 65), np.zeros(65)])
+    assert beside(line, np.array([line[7, 0] + 5.5, 0.3])) == pytest.approx(0.3)
+    assert beside(line, np.array([-3.0, 4.0])) == pytest.approx(5.0), "before its first point"
+    assert beside(line[:1], np.array([3.0, 4.0])) == pytest.approx(5.0)
 
 
 def test_a_line_that_strays_to_the_border_is_no_tip_that_left_the_picture():

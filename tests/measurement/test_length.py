@@ -1,6 +1,7 @@
 """The length check: what the photos of the board cannot show, the tube's own length does."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -92,6 +93,6 @@ def test_a_base_that_moves_is_said_and_a_camera_that_drifts_is_not(base_px, wall
         Hints(clamp=((108.0, 40.0), (132.0, 40.0)), tip=(120.0, 200.0)),
         (240, 260),
     )
-    source = SimpleNamespace(size=(240, 260), colours=colours)
+    source: Any = SimpleNamespace(size=(240, 260), colours=colours)
     said = advice.base_moved(source, scene, 30)
     assert bool(said) == says and said.startswith("what holds the tube has moved in the picture, by " if says else "")

@@ -119,10 +119,17 @@ def off_hints(line_mm: FloatArray, scene: Scene, *, first: bool = False) -> str:
         places += [] if scene.tip_px is None else [("tip", scene.tip_px, line_mm[-1:], HINT_ELSEWHERE)]
         places += [("centre_line", np.array(point), line_mm, HINT_ELSEWHERE) for point in scene.hints.centre_line]
     for name, pixel, points, reach in places:
-        off = float(np.linalg.norm(points - unproject(scene.camera, pixel), axis=1).min())
+        off = beside(points, unproject(scene.camera, pixel))
         if off > max(reach * scene.half_mm, pointing):
             return f"off_hints: what was found lies {off:.{digits_of(scene.length_mm) + 1}f} mm from camera.{name}"
     return _askew(line_mm, scene) if first and scene.clamp_px is not None else ""
+
+
+def beside(line: FloatArray, point: FloatArray) -> float:
+    """How far a point (2,) lies from a line of points (n, 2), between which it is straight."""
+    steps = np.diff(line, axis=0, append=line[-1:])
+    along = np.clip(np.sum((point - line) * steps, axis=1) / np.maximum(np.sum(steps**2, axis=1), 1e-12), 0.0, 1.0)
+    return float(np.linalg.norm(line + along[:, None] * steps - point, axis=1).min())
 
 
 def digits_of(length_mm: float) -> int:
