@@ -95,7 +95,9 @@ def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
 
     items = [item.rough(ROUGH_FRAMES) for item in problem.train]
     before = left(items)
-    for _ in range(LONGER_STEPS if before is not None else 0):
+    if before is None:
+        return items
+    for _ in range(LONGER_STEPS):
         longer = [item.coarser() for item in items]
         after = left(longer)
         if after is None or np.linalg.norm(after - before) > FELT_SHARE * np.linalg.norm(before):
