@@ -182,6 +182,7 @@ def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:
     """
     import xarray as xr
 
+    from rfea_vision.netcdf import read_own
     from rfea_vision.readers.apart import ask, isolated
 
     if isolated():
@@ -189,6 +190,9 @@ def read_dataset(path: Path, group: str | None = None) -> xr.Dataset:
     again = "run the stage that writes it again with --force"
     try:
         _refuse_links(path)
+        own = read_own(path, group, MOST_DATASET_BYTES)
+        if own is not None:
+            return own
         with xr.open_dataset(path, group=group, engine="h5netcdf") as dataset:
             if dataset.nbytes > MOST_DATASET_BYTES:
                 raise DataError(f"{path}: announces {dataset.nbytes / 1e9:.3g} GB; {again}")

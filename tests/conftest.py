@@ -10,15 +10,29 @@ from pathlib import Path
 import pytest
 
 from rfea_vision.readers.apart import isolated
+from tests.types_checked import TypeCheck
 
 ROOT = Path(__file__).resolve().parent.parent
+_TYPES: pytest.StashKey[TypeCheck] = pytest.StashKey()
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the engine before there are workers: each of them would compile it, for all it knows."""
+    """Compile the engine before there are workers: each of them would compile it, for all it knows.
+
+    That keeps one core busy for over a minute. Where all tests are asked for, the type checker is at work on the other meanwhile,
+    which takes as long; its test waits for what it found.
+    """
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        if config.args_source is not pytest.Config.ArgsSource.ARGS:
+            config.stash[_TYPES] = TypeCheck.begin(ROOT)
         for module in ("simulation", "inverse", "realtime"):
             import_module(f"rfea_vision.dynamics.{module}")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Let nothing run on, nor lie about."""
+    if _TYPES in config.stash:
+        config.stash[_TYPES].end()
 
 
 @pytest.fixture(scope="session")

@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.types_checked import types_checked
+
 _TOOLS = {
     "ruff": ["-m", "ruff", "check", "."],
-    "basedpyright": ["-m", "basedpyright", "--pythonpath", sys.executable],
     "import-linter": ["-c", "from importlinter.cli import lint_imports_command as lint; lint()"],
 }
 
@@ -22,6 +23,11 @@ _TOOLS = {
 def test_the_tool_finds_nothing(tool: str, root: Path) -> None:
     result = subprocess.run([sys.executable, *_TOOLS[tool]], cwd=root, capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stdout[-4000:] + result.stderr[-2000:]
+
+
+def test_the_type_checker_finds_nothing(root: Path) -> None:
+    code, said = types_checked(root)
+    assert code == 0, said[-4000:]
 
 
 def test_only_the_command_line_prints(root: Path) -> None:

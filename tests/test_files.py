@@ -6,11 +6,13 @@ import os
 import sys
 from types import FrameType
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
-from rfea_vision.files import dataset_groups, read_dataset, whole_file, write_datasets, write_text
+from rfea_vision.files import MOST_DATASET_BYTES, dataset_groups, read_dataset, whole_file, write_datasets, write_text
+from rfea_vision.netcdf import read_own
 
 
 @pytest.fixture
@@ -76,3 +78,48 @@ def test_a_dataset_without_a_frame(tmp_path, groups):
 def test_a_folders_name_that_is_no_utf8_breaks_no_page(tmp_path):
     write_text(tmp_path / "page.html", f"rfea improve {os.fsdecode(b'Pr' + bytes([0xFC]) + b'f')}")
     assert (tmp_path / "page.html").read_text(encoding="utf-8").endswith("Pr\\udcfcf")
+
+
+def _laid_out(dataset: xr.Dataset) -> list[object]:
+    """All that a test of equality passes over: order, and the types of values and attributes."""
+    return [
+        *(
+            [name, item.dtype, type(item.values), list(map(type, item.attrs.values()))]
+            for name, item in dataset.variables.items()
+        ),
+        list(dataset.sizes.items()),
+        list(dataset.coords),
+        list(map(type, dataset.attrs.values())),
+    ]
+
+
+def test_own_files_read_as_the_library_reads_them(tmp_path, groups):
+    path = tmp_path / "prediction.nc"
+    whole = xr.Dataset(
+        {
+            "frame": (("time",), np.arange(5, dtype="int32")),
+            "name": ((), "sine"),
+            "rate": ((), 240.0),
+            "scores": (("part",), [1.0, np.nan]),
+        },
+        coords={"time": np.linspace(0.0, 1.0, 5)},
+    )
+    write_datasets(path, {**groups, None: whole})
+    for name in (None, *groups):
+        own = read_own(path, name, MOST_DATASET_BYTES)
+        assert own is not None
+        with xr.open_dataset(path, group=name, engine="h5netcdf") as dataset:
+            library = dataset.load()
+        xr.testing.assert_identical(own, library)
+        assert _laid_out(own) == _laid_out(library)
+
+
+def test_what_the_own_reader_does_not_know_is_left_to_the_library(tmp_path, groups):
+    path = tmp_path / "other.nc"
+    write_datasets(path, groups)
+    name = next(iter(groups))
+    assert read_own(path, name, most_bytes=1000) is None, "announces more than may be read"
+    assert read_own(path, "of no such name", MOST_DATASET_BYTES) is None
+    with h5py.File(path, "a") as file:
+        file.create_dataset("bare", data=np.zeros(3))  # HDF5 that is no netCDF: its dimension has no name
+    assert read_own(path, None, MOST_DATASET_BYTES) is None
