@@ -32,7 +32,7 @@ def exact_runs(folder: Path) -> tuple[dict[str, xr.Dataset], Actuator, dict[str,
         noise_mm=0.0,
         pressure_noise_kPa=0.0,
         sync="common_clock",
-        step_s=0.00025,
+        step_s=0.0005,
     )
     truth = simulate(folder / "exact", options)
     recordings = open_campaign(folder / "exact").recordings("train", "validate")

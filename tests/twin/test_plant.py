@@ -48,7 +48,7 @@ def test_step_and_half_step_agree_within_a_fiftieth_of_a_millimetre(hidden: dict
 
 
 def test_order_of_the_integrator_is_two() -> None:
-    exact, coarse, fine = (tip_mm({"pressure_lag.T": 0.05}, 16, step) for step in (0.00025, 0.004, 0.002))
+    exact, coarse, fine = (tip_mm({"pressure_lag.T": 0.05}, 16, step) for step in (0.0005, 0.004, 0.002))
     coarse, fine = apart_mm(coarse, exact), apart_mm(fine, exact)
     assert 1.6 < math.log2(coarse / fine) < 2.6
 
@@ -101,9 +101,9 @@ def test_energy_is_kept_when_nothing_dissipates() -> None:
     plant = Plant(Actuator(), base, {}, joints=12)
     motion = plant.run(lambda time: np.full_like(time, 5e4), 0.0, 0.01, 0.0005)
     assert np.max(np.abs(motion.rate)) < 1e-6  # an equilibrium stays
-    motion = plant.run(lambda time: 5e4 * (time > 0.005), 0.0, 1.0, 0.0002)
+    motion = plant.run(lambda time: 5e4 * (time > 0.005), 0.0, 0.6, 0.0002)
     swing = motion.theta.sum(axis=1)
-    early, late = np.ptp(swing[:2500]), np.ptp(swing[2500:])
+    early, late = np.ptp(swing[:1500]), np.ptp(swing[1500:])
     assert late == pytest.approx(early, rel=0.1)
 
 
