@@ -47,15 +47,18 @@ def check_campaign(
         if progress is not None:
             progress(done + 1, total)
     highest, responses = dict[str, float](), dict[str, plausibility.Response]()
+    angles = dict[str, plausibility.AngleRun]()
     for done, experiment in enumerate(active, start=len(cameras)):
         said = any(p.experiment == experiment.name and p.key.startswith("pressure") for p in problems)
-        problems += _experiment_problems(experiment, highest, responses, pressure_said=said)
+        problems += _experiment_problems(experiment, highest, responses, angles, pressure_said=said)
         if progress is not None:
             progress(done + 1, total)
     for experiment in active:
         odd = plausibility.beside_others(experiment.name, highest)
         if text := odd or plausibility.of_response(experiment.name, responses):
             problems.append(_warning(experiment, "pressure", text))
+    if text := plausibility.together(list(angles.values())):
+        problems.append(FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning"))
     for experiment, key, text in plausibility.alike(active):
         problems.append(_warning(experiment, key, text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
@@ -132,10 +135,11 @@ def _experiment_problems(
     experiment: ExperimentSpec,
     highest: dict[str, float],
     responses: dict[str, plausibility.Response],
+    angles: dict[str, plausibility.AngleRun],
     *,
     pressure_said: bool,
 ) -> list[FileProblem]:
-    """Read what belongs to a run; its highest pressure (kPa) and how far both go are kept."""
+    """Read what belongs to a run; its highest pressure (kPa), how far both go, and angles alone are kept."""
     file = experiment.file
     problems: list[FileProblem] = []
     pictures_s = track_s = track = None
@@ -201,6 +205,10 @@ def _experiment_problems(
         if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
             apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
             shifted = track.time_s + apart_s + (experiment.sync.value_s or 0.0)
+            if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
+                angles[experiment.name] = plausibility.AngleRun(
+                    track.dataset["bend_angle"].values, shifted, log.time_s, log.pressure_kPa
+                )
             said += plausibility.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
     problems += [_warning(experiment, "pressure", text) for text in said]
     return problems

@@ -226,6 +226,48 @@ def _rises(angle_deg: FloatArray, time_s: FloatArray, log_s: FloatArray, pressur
     return any(share is not None and share >= _FOLLOWS and slope > 0 for share, _, slope in each)
 
 
+def together(runs: Sequence[AngleRun]) -> str:
+    """Doubt the sign of an angle by all runs at once, where one alone, half a swing later, would do with the other; else empty."""
+    longest_s = min((_LATE_SHARE * np.ptp(run.time_s) for run in runs), default=0.0)
+    lags_s = np.concatenate([_LAGS_S, _LATE_S[: np.searchsorted(_LATE_S, longest_s)]])
+    if len(runs) < 2:
+        return ""
+    best = {1.0: (0.0, 0.0), -1.0: (0.0, 0.0)}  # by the sign of the lever: share of the angle's variance, and lag
+    for lag_s in lags_s:
+        sums = np.sum([run.squares(float(lag_s)) for run in runs], axis=0)
+        if min(sums[0], sums[1]) > 0:
+            sign = 1.0 if sums[2] >= 0 else -1.0
+            best[sign] = max(best[sign], (float(sums[2] ** 2 / (sums[0] * sums[1])), float(lag_s)))
+    (falls, lag_s), (rises, _) = best[-1.0], best[1.0]
+    if falls < _FOLLOWS or rises >= _FOLLOWS:
+        return ""
+    return (
+        f"in all {len(runs)} runs together the angle falls{f' {lag_s:.1f} s after' * bool(lag_s) or ' as'} the pressure rises (that "
+        f"tells {100 * falls:.0f} % of it, the other sign {100 * rises:.0f} % at whatever delay); positive is where actuator.bends "
+        "points: if the sensor counts the other way, or from the bent tube, give the pressure of every run sign: -1"
+    )
+
+
+@dataclass(frozen=True)
+class AngleRun:
+    """An angle (frames,) in deg, its times (s) on the log's clock, and the log (samples,)."""
+
+    angle_deg: FloatArray
+    time_s: FloatArray
+    log_s: FloatArray
+    pressure_kPa: FloatArray
+
+    def squares(self, lag_s: float) -> FloatArray:
+        """Sums of squares of the angle and of the pressure so much earlier, each about its mean, and of their products."""
+        seen = np.isfinite(self.angle_deg) & (self.time_s >= self.log_s[0]) & (self.time_s <= self.log_s[-1])
+        if seen.sum() < 20:
+            return np.zeros(3)
+        angle = self.angle_deg[seen] - self.angle_deg[seen].mean()
+        pressure = np.interp(self.time_s[seen] - lag_s, self.log_s, self.pressure_kPa)
+        pressure -= pressure.mean()
+        return np.array([angle @ angle, pressure @ pressure, angle @ pressure])
+
+
 def _followed(
     motion: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray, lags_s: FloatArray
 ) -> tuple[float | None, float, float]:

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.plausibility import of_pair, of_times
+from rfea_vision.campaign.plausibility import AngleRun, of_pair, of_times, together
 from rfea_vision.errors import DataError
 from tests.cli.console import rfea
 
@@ -204,6 +204,44 @@ def test_a_bend_that_lags_by_seconds_or_counts_the_other_way_is_said_to(lag_s, g
     assert all("only; is it the log" not in text for text in said)
     if says == ["sign: -1"]:
         assert "later" not in said[0]
+
+
+def _sines(gain, late_s, periods_s):
+    """Angles that follow sines of these periods, so much later."""
+    time_s = np.arange(0, 40, 0.05)
+    pressures = [40 * (1 + np.sin(2 * np.pi * time_s / period_s)) for period_s in periods_s]
+    return [AngleRun(60 + gain * np.interp(time_s - late_s, time_s, p), time_s, time_s, p) for p in pressures]
+
+
+@pytest.mark.parametrize(("gain", "late_s"), [(-0.5, 1.2), (-0.5, 0.0), (0.5, 1.2)])
+def test_runs_together_tell_the_sign_that_none_tells_alone(gain, late_s):
+    """Of one sine half a period later does as well; of four with a period each, no delay does."""
+    runs = _sines(gain, late_s, (3.0, 4.4, 6.1, 9.0))
+    assert all(not together([run, run]) for run in runs)
+    said = together(runs)
+    assert bool(said) == (gain < 0)
+    if said:
+        assert "sign: -1" in said and ("1.2 s after" in said) == (late_s > 0)
+
+
+def test_angles_that_all_fall_are_said_to_by_check(tmp_path):
+    for name, run in zip("abc", _sines(-0.5, 1.2, (3.0, 4.4, 6.1)), strict=True):
+        folder = tmp_path / name
+        folder.mkdir()
+        columns = {"time_s": run.log_s, "pressure_kPa": run.pressure_kPa}
+        pd.DataFrame(columns).to_csv(folder / "pressure.csv", index=False)
+        pd.DataFrame({"time_s": run.time_s, "angle_deg": run.angle_deg}).to_csv(folder / "track.csv", index=False)
+        (folder / "experiment.yaml").write_text(
+            "format: rfea-experiment/1\nrole: train\npressure: {file: pressure.csv}\ntrack: {file: track.csv}\n"
+            "sync: {method: common_clock}\n"
+        )
+    (tmp_path / "campaign.yaml").write_text(
+        "format: rfea-campaign/1\nname: arm\nactuator:\n  length: 155 mm\n  outer_radius: 4 mm\n  inner_radius: 2 mm\n  bends: right\n"
+    )
+    said = [
+        problem.message for problem in check_campaign(tmp_path).problems if "in all 3 runs together" in problem.message
+    ]
+    assert len(said) == 1 and "give the pressure of every run sign: -1" in said[0]
 
 
 def test_of_a_sine_nobody_says_that_the_angle_falls():
