@@ -71,6 +71,17 @@ def test_what_looks_alike_is_tied_and_an_experiment_proposed(campaign):
     assert set(diagnosis.next_experiment.separates) == {"rest_curvature", "pressure_offset"}
 
 
+def test_a_load_beside_the_centre_line_is_named_with_its_place(campaign):
+    """On the centre line, where the usual form holds it, it bends the tube at rest otherwise: the water's inertia did better."""
+    hidden = (("payload.m", 2e-3), ("payload.offset", -1.0))
+    diagnosis = judged(campaign(hidden), ("payload", "fluid_inertia", "maxwell", "drag")).diagnosis
+    assert diagnosis.named == ["payload"]
+    row = next(row for row in diagnosis.candidates if row.effect == "payload")
+    assert row.form == "beside" and row.share > 0.99
+    assert row.values["payload.m"] == pytest.approx(2e-3, rel=0.1)
+    assert row.values["payload.a"] == pytest.approx(-1.0, abs=0.2)
+
+
 def test_what_no_effect_explains_is_called_unexplained(campaign):
     diagnosis = judged(campaign((("fan.F", 0.1),))).diagnosis
     assert diagnosis.verdict == "unexplained"
