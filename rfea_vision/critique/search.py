@@ -237,15 +237,20 @@ class Search:
     def _forms(self) -> None:
         """Members of the best set in their other forms, one at a time: where it leaves something, or stands at a bound.
 
-        Another form of one may also do for two: it is tried without those that the effect is said to be mistaken for.
+        Another form of one may also do for two: it is tried without each of the others, and, where the set leaves nothing, without
+        those that the effect is said to be mistaken for.
         """
         for own in self.weigh()[0].added:
             best = self.weigh()[0]
             left = self.structure(best.trial) >= STRUCTURE_FLOORS or best.trial.at_bound
             rest = [one for one in best.trial.effects - self.present.effects if plain(one) != own]
-            fewer = [one for one in rest if plain(one) not in look_alikes(self.effects, own)]
+            alike = look_alikes(self.effects, own)
+            fewer = [
+                [one for one in rest if plain(one) not in alike],
+                *([[o for o in rest if o != one] for one in rest] * left),
+            ]
             values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
-            for others in [rest] * left + [fewer] * (len(fewer) < len(rest)):
+            for others in [rest] * left + [others for others in fewer if len(others) < len(rest)]:
                 start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, others)}
                 for form in forms_of(own):
                     self.trials.refit(self.present, (*others, form), start)

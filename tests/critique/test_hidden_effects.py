@@ -72,9 +72,9 @@ def test_what_looks_alike_is_tied_and_an_experiment_proposed(campaign):
 
 
 def test_a_load_beside_the_centre_line_is_named_with_its_place(campaign):
-    """On the centre line, where the usual form holds it, it bends the tube at rest otherwise: the water's inertia did better."""
+    """On the centre line, where the usual form holds it, it bends the tube at rest otherwise."""
     hidden = (("payload.m", 2e-3), ("payload.offset", -1.0))
-    diagnosis = judged(campaign(hidden), ("payload", "fluid_inertia", "maxwell", "drag")).diagnosis
+    diagnosis = judged(campaign(hidden), ("payload", "fluid_inertia", "com_offset", "maxwell")).diagnosis
     assert diagnosis.named == ["payload"]
     row = next(row for row in diagnosis.candidates if row.effect == "payload")
     assert row.form == "beside" and row.share > 0.99

@@ -50,7 +50,9 @@ def test_the_line_of_an_only_chamber_is_offered_once(chambers, placed, monkeypat
     assert {one.split("@")[1] for one in found if one.startswith("pressure_lag@")} == placed and "pressure_lag" in found
 
 
-@pytest.mark.parametrize(("fitted", "looked_for"), [(_fitted(), True), (_fitted(r_hyd=True), False), (_fitted(r_hyd=False), True)])
+@pytest.mark.parametrize(
+    ("fitted", "looked_for"), [(_fitted(), True), (_fitted(r_hyd=True), False), (_fitted(r_hyd=False), True)]
+)
 def test_a_gain_is_looked_for_where_the_lever_cannot_make_up_for_it(fitted, looked_for, monkeypatch):
     """A lever that is held, or that ended at its bound, cannot."""
     monkeypatch.setattr("rfea_vision.critique.screening.pushed", lambda items: True)

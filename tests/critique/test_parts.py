@@ -24,7 +24,7 @@ from rfea_vision.critique.search import Search, Weighed
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.trials import Trials
 from rfea_vision.critique.verdict import _likely, _unexplained, decide
-from rfea_vision.effects.catalogue import find_effects
+from rfea_vision.effects.catalogue import catalogue, find_effects
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.noise import noise_floor_mm
 from rfea_vision.fitting.residuals import evaluate
@@ -372,3 +372,21 @@ def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
     assert "payload (probability 10 %), removes 20 %" in said and "drag" not in said
     found.weighed = rows[:1]
     assert "nearest" not in _unexplained(search, found)
+
+
+@pytest.mark.parametrize(("structure", "tried"), [(9.0, {("com_offset",), ()}), (0.0, set())])
+def test_another_form_may_do_for_two(structure, tried):
+    """A load beside the centre line bends the tube at rest: with it the effect that did that goes, whether or not it looks alike."""
+    members = frozenset({"payload", "com_offset"})
+    fitted = SimpleNamespace(model=SimpleNamespace(names=["com_offset.a"]), par=np.array([0.3]))
+    best = SimpleNamespace(added=members, trial=SimpleNamespace(effects=members, at_bound=False, fitted=fitted))
+    asked = set()
+    searching = SimpleNamespace(
+        weigh=lambda: [best],
+        structure=lambda _: structure,
+        present=SimpleNamespace(effects=frozenset()),
+        effects=[kind() for kind in catalogue().values()],
+        trials=SimpleNamespace(refit=lambda base, added, start: asked.add(tuple(added))),
+    )
+    Search._forms(searching)
+    assert asked == {(*others, "payload:beside") for others in tried}
