@@ -158,6 +158,8 @@ def _experiment_problems(
                 source = open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
             if source is not None:
                 pictures_s = source.times_s()
+                said = plausibility.of_end(float(pictures_s[-1]), source.announced_s) if len(pictures_s) else []
+                problems += [_warning(experiment, "video", text) for text in said]
                 if text := _unlike_photos(experiment.camera, source.size):
                     problems.append(FileProblem(file, text, "video", experiment=experiment.name))
         elif experiment.track is not None:

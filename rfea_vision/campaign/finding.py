@@ -46,6 +46,9 @@ class Finder:
                 key, f"'{name}' in {self.folders[0]} is a folder; name the file, with its folder, as in '{name}/FILE'"
             )
             return None
+        if (self.folders[0] / name).is_symlink():
+            self.complain(key, f"'{name}' in {self.folders[0]} is a link that leads to no file; put the {kind} itself there")
+            return None
         there = _nearby(self.folders[0], name)
         self.complain(key, f"no {kind} '{name}' in {self.folders[0]}{there}; correct the name or put the {kind} there")
         return None

@@ -41,6 +41,8 @@ _OTHERWISE = 4.0
 _REACH = 1.15
 # pictures: with fewer no motion can be told from noise, whatever the run
 _FEW_PICTURES = 10
+# s and share of a film by which its last picture may come before the announced end: a few pictures, and what sound goes on for
+_TAIL_S, _TAIL = 0.25, 0.02
 # of the tube's length, by which its centre line may seem longer or shorter: soft arms stretch, and markers stand a little off
 _OTHER_LENGTH = 0.2
 # lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
@@ -60,6 +62,10 @@ _HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says n
 def of_pressure(pressure_kPa: FloatArray, chambers: Mapping[str, FloatArray]) -> list[str]:
     """Doubt a pressure (samples,), and those of the chambers that it is the sum of, if it is one: unit, sign, or that it is one."""
     highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
+    high = np.abs(pressure_kPa) > _HIGH_KPA
+    if 0 < high.mean() < _FEW:
+        text = f"reaches {highest:.6g} kPa, in {high.sum()} of {len(pressure_kPa)} rows only"
+        return [f"{text}; is it how the logger marks what it missed? Take these rows out"]
     if highest > _HIGH_KPA:
         return [f"reaches {highest:.6g} kPa; is it in Pa? pressure.unit says which unit it is in"]
     if span == 0:
@@ -99,6 +105,8 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False)
         return [f"there are {len(pictures_s)} pictures of the run, over {camera:.3g} s; is the track whole?"]
     both = f"the log lasts {logged:.4g} s, the pictures {camera:.4g} s"
     if logged > _TOO_LONG * camera:
+        if abs(np.log(logged / max(camera, 1e-12) / 60.0)) < np.log(2.0):
+            return [f"{both}; does the time of the pictures count in min? track.time_unit says which unit it is in"]
         return [f"{both}; is the time of the log in ms? pressure.time_unit says which unit it is in"]
     if camera > _TOO_LONG * logged:
         if np.all(np.diff(pictures_s) == 1.0):
@@ -124,6 +132,8 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         at_most = f"the tip is at most {far:.4g} mm from the clamp, and the tube {length_mm:.4g} mm long"
         if 0 < off.mean() < _FEW:
             return [f"{at_most}; {off.sum()} rows lie beyond any tube: leave empty those in which none was seen"]
+        if far < 0.02 * length_mm and _from_the_tip(track, length_mm):
+            return [f"{at_most}, and its first point as far as the tube is long; are the points written from tip to clamp?"]
         if far < 0.02 * length_mm or off.any():
             return [f"{at_most}; are these mm?"]
         if far > _REACH * length_mm:
@@ -141,6 +151,14 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         if widest < np.pi:
             return [f"never bends beyond {widest:.3g} deg; are these radians?"]
     return []
+
+
+def _from_the_tip(track: xr.Dataset, length_mm: float) -> bool:
+    """Whether the first point of the centre line, where there is one, is where a tip would be."""
+    if "midline" not in track:
+        return False
+    firsts = track["midline"].values[track["valid"].values.astype(bool), 0]
+    return bool(np.hypot(*firsts.T).max() > _CURLED * length_mm)
 
 
 def _of_length(track: xr.Dataset, far_mm: float, length_mm: float) -> str:
@@ -377,6 +395,16 @@ def of_rate(given_Hz: float | None, own_Hz: float | None) -> list[str]:
     return [
         f"{given_Hz:g} Hz replaces the {own_Hz:.4g} frames/s that the file tells of itself, and slow motion plays slower than it was "
         "filmed; leave video.rate out, or is it another film's?"
+    ]
+
+
+def of_end(last_s: float, announced_s: float | None) -> list[str]:
+    """Doubt a film whose last picture (s) comes long before the end that its file announces: its tail was lost."""
+    if announced_s is None or announced_s - last_s < max(_TAIL_S, _TAIL * announced_s):
+        return []
+    return [
+        f"the last picture that can be read is at {last_s:.2f} s, and the file announces {announced_s:.2f} s; was it cut off, or "
+        "its end damaged? Copy it again, or go on with what is there"
     ]
 
 

@@ -58,7 +58,8 @@ def read_yaml(path: Path) -> YamlFile:
         mark = error.problem_mark or error.context_mark
         line = f":{mark.line + 1}" if mark else ""
         fault = error.problem or error.context
-        remedy = odd_space(text) or "check indentation, colons and brackets there"
+        tab = "write blanks in place of the tab" if "\\t" in str(fault) else ""
+        remedy = tab or odd_space(text) or "check indentation, colons and brackets there"
         raise InputError(f"{path}{line}: not valid YAML: {fault}; {remedy}") from error
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from error

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +13,9 @@ from rfea_vision.cli.console import ConsoleListener, print_json, print_table, sa
 from rfea_vision.cli.options import output_options, trust_option, trusted
 from rfea_vision.errors import InputError
 from rfea_vision.units import counted
+
+if TYPE_CHECKING:
+    from rfea_vision.campaign.problems import FileProblem
 
 
 @click.command("init")
@@ -61,6 +66,20 @@ def _init_from(folder: Path, files: tuple[Path, ...], as_json: bool) -> None:
     say_next("rfea check", folder, why="what is still wrong, all at once")
 
 
+def told_once(problems: Sequence[FileProblem]) -> list[tuple[FileProblem, list[str]]]:
+    """Each warning that runs have alike, but for its figures, once, with the other runs that have it; errors each for itself."""
+    found: dict[tuple[str, ...], tuple[FileProblem, list[str]]] = {}
+    for item in problems:
+        run = item.experiment or ""
+        words = re.sub(r"[-+\d.e]*\d", "#", item.message.replace(str(item.file.parent), "").replace(run, ""))
+        alone = "" if run and item.severity == "warning" else f"{item.file}:{item.line}"
+        kind = (item.severity, item.key, words, alone)
+        first, others = found.setdefault(kind, (item, []))
+        if first is not item and run not in (first.experiment, *others):
+            others.append(run)
+    return list(found.values())
+
+
 @click.command("check")
 @click.argument("campaign", type=click.Path(path_type=Path))
 @trust_option
@@ -81,8 +100,8 @@ def check_command(campaign: Path, as_json: bool) -> int:
             {"campaign": str(campaign), "ok": not errors, "experiments": checked.experiments, "problems": problems}
         )
     else:
-        for item in checked.problems:
-            say(f"{item.severity}: {item}")
+        for item, others in told_once(checked.problems):
+            say(f"{item.severity}: {item}" + (f" (likewise {', '.join(others)})" if others else ""))
         found = ", ".join(f"{name} ({role})" for name, role in checked.experiments.items()) or "none"
         say(f"experiments: {found}")
         warnings = len(checked.problems) - len(errors)

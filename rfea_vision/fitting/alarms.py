@@ -11,6 +11,9 @@ from rfea_vision.units import rounded
 PDMS_MODULUS = (1.3e6, 3.0e6)
 #: By what factor the modulus may lie beside it: the inextensible side and the pressure in the wall stiffen the tube.
 MODULUS_FACTOR = 5.0
+#: Pa, of what soft actuators are cast and printed of, from the softest silicones (Marechal et al. 2021, doi:10.1089/soro.2019.0115)
+#: to soft thermoplastic polyurethanes; rounded outwards, as what is beyond is told and not refused.
+ELASTOMER_MODULUS = (0.05e6, 50.0e6)
 RUBBER_DENSITY = (700.0, 2500.0)
 #: Times the published value, scaled to the tube's size, at which k or b have run away; bounds end at 50.
 RUNAWAY = 45.0
@@ -42,6 +45,13 @@ def alarms(fitted: Fitted, actuator: Actuator) -> list[str]:
         out.append(
             f"The stiffness at rest is that of a wall with a Young's modulus of {rounded(modulus / 1e6, 2)} MPa, far from PDMS "
             f"({PDMS_MODULUS[0] / 1e6:.1f} to {PDMS_MODULUS[1] / 1e6:.1f} MPa): check the radii and the unit of the pressure."
+        )
+    low, high = ELASTOMER_MODULUS
+    if not actuator.material and actuator.kind == "tube" and not low <= modulus <= high:
+        out.append(
+            f"The stiffness at rest is that of a wall with a Young's modulus of {rounded(modulus / 1e6, 2)} MPa, and soft "
+            f"elastomers have {low / 1e6:g} to {high / 1e6:g} MPa: where the wall is neither reinforced nor folded, check the "
+            "radii and pressure.unit (mbar taken for kPa makes a tube ten times as stiff)."
         )
     return out
 

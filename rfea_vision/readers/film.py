@@ -27,8 +27,8 @@ class Film(FrameSource):
     def open(cls, path: Path, **given: Any) -> Film:
         """Open a video, or with `times` and `within` a folder of pictures."""
         about = ask("film", path, **given)
-        turns = about["quarter_turns"]
-        return cls(path, tuple(about["size"]), about["frame_count"], about["rate_Hz"], given, quarter_turns=turns)
+        told = {name: about[name] for name in ("quarter_turns", "announced_s")}
+        return cls(path, tuple(about["size"]), about["frame_count"], about["rate_Hz"], given, **told)
 
     def times_s(self) -> NDArray[np.float64]:
         """Time of every frame in s, in display order."""

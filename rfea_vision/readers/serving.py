@@ -111,7 +111,7 @@ class _Films:
         asked = given.pop("asked", {})
         source = self._source(path, given)
         if what == "film":
-            names = "frame_count", "rate_Hz", "quarter_turns"
+            names = "frame_count", "rate_Hz", "quarter_turns", "announced_s"
             return {"size": list(source.size)} | {name: getattr(source, name) for name in names}
         if what == "film times":
             return source.times_s()

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -80,6 +81,9 @@ def read_track(
     columns += [angle[:, None]] if angle is not None else []
     valid = np.asarray(np.isfinite(np.concatenate(columns, axis=1)).all(axis=1))
     if np.count_nonzero(valid) < 2:
+        blank = [name for name, values in table.columns.items() if len(values) and np.all(pd.isna(values))]
+        if blank:
+            raise InputError(f"{path}: column '{blank[0]}' holds no number in any row; fill it, or export the track again")
         raise InputError(f"{path}: {np.count_nonzero(valid)} complete rows of {len(time_s)}; at least two are needed")
     sigma_mm, sigma_deg = _sigma(table, "sigma_mm", valid), _sigma(table, "sigma_deg", valid)
     given = sigma_deg is not None if nodes is None and tip is None else sigma_mm is not None

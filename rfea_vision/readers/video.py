@@ -6,6 +6,7 @@ decoder's memory: converting each frame to grey or BGR would halve the rate.
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ import av
 import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from rfea_vision.errors import DataError, InputError
@@ -50,6 +52,7 @@ class FrameSource(ABC):
     frame_count : number of frames if the container says so
     rate_Hz : nominal rate, or the override
     quarter_turns : counter-clockwise, from the file's pictures to those that are displayed
+    announced_s : when the pictures end, in s after the first, if the container says so in its own time
     """
 
     path: Path
@@ -57,6 +60,7 @@ class FrameSource(ABC):
     frame_count: int | None
     rate_Hz: float | None
     quarter_turns: int = field(default=0, kw_only=True)
+    announced_s: float | None = field(default=None, kw_only=True)
 
     @abstractmethod
     def times_s(self) -> NDArray[np.float64]:
@@ -202,6 +206,19 @@ def _opened(path: Path) -> InputContainer:
         raise InputError(f"{path}: video.file cannot be opened ({error}); check the name") from error
 
 
+def _announced_s(container: InputContainer, stream: VideoStream) -> float | None:
+    """How long (s) a container says that its pictures last, which holds when its tail is lost; None where it does not say."""
+    if stream.frames and stream.average_rate:
+        return stream.frames / float(stream.average_rate)
+    begins_s = float(stream.start_time * stream.time_base) if stream.start_time and stream.time_base else 0.0
+    tag = re.fullmatch(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", stream.metadata.get("DURATION", ""))
+    if tag is not None:
+        return 3600 * float(tag[1]) + 60 * float(tag[2]) + float(tag[3]) - begins_s
+    if len(container.streams) == 1 and container.duration is not None and "matroska" in container.format.name:
+        return container.duration / 1e6 - begins_s
+    return None
+
+
 def _lies_in(file: Path, folder: Path) -> bool:
     try:
         return file.resolve().is_relative_to(folder)
@@ -245,6 +262,7 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
                 raise InputError(f"{path}: video.file holds no frame; record it again")
             size = (first.width, first.height)
             turns = round(getattr(first, "rotation", 0) / 90) % 4
+            announced_s = None if rate_Hz is not None else _announced_s(container, stream)
             start = float(first.pts * stream.time_base) if first.pts is not None and stream.time_base else 0.0
     except FFmpegError as error:
         if path.stat().st_size == 0:
@@ -255,7 +273,7 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
         ) from error
     if turns % 2:
         size = (size[1], size[0])
-    return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, quarter_turns=turns, first_pts_s=start)
+    return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, quarter_turns=turns, first_pts_s=start, announced_s=announced_s)
 
 
 def open_frames(

@@ -48,7 +48,9 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
         work.tell(compiling("vision"))
-        found = follow(experiment, calibration.value, open_source(video), progress=progress)
+        source = open_source(video)
+        found = follow(experiment, calibration.value, source, progress=progress)
+        found.dataset.attrs["doubts"] = "; ".join(plausibility.of_end(float(found.time_s[-1]), source.announced_s))
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)
         found.save(path)

@@ -97,6 +97,43 @@ def turned_film(folder):
         file.write("camera: {board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}, photos: photo.png}\n")
 
 
+def marks_of_the_logger(pressure_kPa):
+    return pressure_kPa.where(pressure_kPa.index % 50 != 0, 9999.0)
+
+
+def track_in_min(folder):
+    path = folder / "steps" / "track.csv"
+    table = pd.read_csv(path)
+    table["time_s"] /= 60.0
+    table.to_csv(path, index=False)
+
+
+def nodes_from_the_tip(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    line = {f"{axis}{k:02d}_mm": table[f"tip_{axis}_mm"] * (1 - k / 4) for k in range(5) for axis in "xy"}
+    pd.DataFrame({"time_s": table["time_s"], **line}).to_csv(folder / "steps" / "track.csv", index=False)
+
+
+def column_without_numbers(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    table.assign(tip_y_mm=np.nan).to_csv(folder / "steps" / "track.csv", index=False)
+
+
+def link_to_itself(folder):
+    (folder / "steps" / "track.csv").unlink()
+    (folder / "steps" / "track.csv").symlink_to("track.csv")
+
+
+def thousands(rows):
+    return [
+        rows[0],
+        *(
+            f'{row.split(",")[0]},"{number}"' if number < 100 else f'{row.split(",")[0]},"1,{number:03d}"'
+            for number, row in enumerate(rows[1:])
+        ),
+    ]
+
+
 RUN = "steps/experiment.yaml"
 IN_FILES = [
     ("length without unit", text("length: 155 mm", "length: 155"), 2, "actuator.length: 155 has no unit"),
@@ -107,7 +144,7 @@ IN_FILES = [
     ("density without its power", text("965 kg/m^3", "965 kg/m"), 2, "not a unit of the right kind"),
     ("side in another language", text("bends: left", "bends: links"), 2, "must be 'left' or 'right'"),
     ("key misspelt", text("inner_radius", "inner_radus"), 2, "did you mean 'inner_radius'?"),
-    ("tab", text("\nname: tube-A", "\n\tname: tube-A"), 2, "check indentation"),
+    ("tab", text("\nname: tube-A", "\n\tname: tube-A"), 2, "write blanks in place of the tab"),
     ("colon forgotten", text("name: tube-A", "name tube-A"), 2, "campaign.yaml:"),
     ("bracket forgotten", text("bends: left}", "bends: left"), 2, "campaign.yaml:"),
     ("umlaut of Windows", content("campaign.yaml", "name: Röhre\n".encode("latin-1")), 2, "save the file as UTF-8"),
@@ -142,8 +179,15 @@ IN_FILES = [
     ("list of one file", text("pressure: {file: pressure.csv", "pressure: {file: [pressure.csv]", RUN), 2, "such as 'pressure.csv'"),
     ("folder as a log", a_folder_called("steps/pressure.csv"), 2, "is a folder; name the file, with its folder"),
     ("decimal commas between commas", log(lambda rows: [r.replace(".", ",") for r in rows]), 2, "with semicolons between"),
-    ("length times ten", text("length: 155 mm", "length: 1550 mm"), 0, "steps/experiment.yaml: track: the tip never"),
+    ("length times ten", text("length: 155 mm", "length: 1550 mm"), 0, "sine/experiment.yaml: track: the tip never"),
     ("track cut short", few_rows, 0, "there are 5 pictures of the run"),
+    ("yes as a name", text("name: steps", "name: yes", RUN), 2, "put quotes around the text, as in 'yes'"),
+    ("marks of a logger", pressures(marks_of_the_logger), 0, "reaches 9999 kPa, in 10 of 500 rows only"),
+    ("track in min", track_in_min, 0, "does the time of the pictures count in min?"),
+    ("nodes from the tip on", nodes_from_the_tip, 0, "are the points written from tip to clamp?"),
+    ("column without numbers", column_without_numbers, 2, "column 'tip_y_mm' holds no number in any row"),
+    ("link that leads nowhere", link_to_itself, 2, "is a link that leads to no file"),
+    ("separators of thousands", log(thousands), 2, "export it without separators of thousands"),
     ("film copied", copied_film, 2, "the same film, byte by byte, as that of 'sine'; was it copied by mistake?"),
 ]  # fmt: skip
 IN_COMMANDS = [
@@ -213,3 +257,13 @@ def test_a_mistake_in_a_command_is_told_before_anything_runs(campaign, command, 
     answer = rfea(*(word.replace("CAMPAIGN", str(campaign)) for word in command))
     assert answer.code == 2 and says in answer.out + answer.err, answer
     assert "Traceback" not in answer.err and not (campaign / "rfea" / "models").exists()
+
+
+def test_what_ails_every_run_alike_is_said_once(campaign):
+    for run in ("steps", "sine"):
+        path = campaign / run / "track.csv"
+        table = pd.read_csv(path)
+        table.rename(columns={"tip_x_mm": "tip_y_mm", "tip_y_mm": "tip_x_mm"}).to_csv(path, index=False)
+    answer = rfea("check", campaign)
+    assert answer.out.count("are x and y swapped?") == 1
+    assert "(likewise steps)" in answer.out and "4 warnings" in answer.out, answer.out

@@ -127,6 +127,12 @@ def test_values_that_no_tube_has_raise_an_alarm(fitted, exact):
     thin = replace(problem, actuator=replace(problem.actuator, material="PDMS", inner_radius=0.00395))
     assert any("Young's modulus" in warning for warning in as_artefact(thin, free).warnings)
     assert not any("modulus" in warning or "density" in warning for warning in as_artefact(problem, free).warnings)
+    # a log in mbar that was taken for kPa: ten times the pressure, and so ten times the stiffness
+    stiff = free.par.copy()
+    stiff[0] *= 10.0
+    unnamed = replace(problem.actuator, material="")
+    assert any("mbar taken for kPa" in said for said in alarms(replace(free, solution=replace(free.solution, par=stiff)), unnamed))
+    assert not any("modulus" in said for said in alarms(free, unnamed))
 
 
 def test_a_start_that_no_fit_may_have_is_named(fitted, exact):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator
+from rfea_vision.campaign.plausibility import of_end
 from rfea_vision.errors import InputError
 from rfea_vision.readers import apart
 from rfea_vision.readers.video import FolderSource, open_frames, open_video
@@ -194,3 +195,25 @@ def test_a_phone_held_upright_is_tracked_as_it_is_shown(tmp_path, small_lens, cl
     assert track.valid.all()
     tip = track.dataset["tip"].values - np.array([s.tip for s in shapes])
     assert np.sqrt(np.mean(np.sum(tip**2, axis=1))) < 0.15
+
+
+@pytest.mark.parametrize("ending", ["mkv", "avi"])
+def test_a_film_that_lost_its_tail_is_told_by_the_length_that_it_announces(tmp_path, ending):
+    whole = tmp_path / f"whole.{ending}"
+    noise = np.random.default_rng(1)
+    with av.open(str(whole), "w") as container:
+        stream = container.add_stream("mpeg4", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for _ in range(90):
+            picture = noise.integers(0, 255, (48, 64, 3), dtype=np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, "rgb24")))
+        container.mux(stream.encode())
+    cut = tmp_path / f"cut.{ending}"
+    content = whole.read_bytes()
+    cut.write_bytes(content[: len(content) * 7 // 10])
+    for path, doubts in ((whole, 0), (cut, 1)):
+        source = open_video(path)
+        said = of_end(float(source.times_s()[-1]), source.announced_s)
+        assert len(said) == doubts, (path, said)
+    assert "the file announces 3.00 s; was it cut off" in said[0]
+    assert open_video(cut, 240.0).announced_s is None  # its own time is not that of filming

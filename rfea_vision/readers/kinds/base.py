@@ -96,7 +96,11 @@ class Table:
                 text = f"column '{name}' holds no numbers, but such as '{values[row]}'; {remedy}"
                 raise InputError(f"{self.source}: {text}")
             where = f"{self.source}: column '{name}', row {row + 1}"
-            raise InputError(f"{where}: '{values[row]}' is not a number; correct or remove the row")
+            if all(re.fullmatch(r"-?\d{1,3}(,\d{3})+(\.\d*)?", str(value).strip()) for value in values[wrong[:1000]]):
+                remedy = "export it without separators of thousands"
+            else:
+                remedy = "correct or remove the row"
+            raise InputError(f"{where}: '{values[row]}' is not a number; {remedy}")
         return numbers
 
 
