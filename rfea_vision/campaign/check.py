@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from rfea_vision.campaign import plausibility
+from rfea_vision.campaign import following, plausibility
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
@@ -47,7 +47,7 @@ def check_campaign(
         if progress is not None:
             progress(done + 1, total)
     highest, responses = dict[str, float](), dict[str, plausibility.Response]()
-    angles = dict[str, plausibility.AngleRun]()
+    angles = dict[str, following.AngleRun]()
     for done, experiment in enumerate(active, start=len(cameras)):
         said = any(p.experiment == experiment.name and p.key.startswith("pressure") for p in problems)
         problems += _experiment_problems(experiment, highest, responses, angles, pressure_said=said)
@@ -57,7 +57,7 @@ def check_campaign(
         odd = plausibility.beside_others(experiment.name, highest)
         if text := odd or plausibility.of_response(experiment.name, responses):
             problems.append(_warning(experiment, "pressure", text))
-    if text := plausibility.together(list(angles.values())):
+    if text := following.together(list(angles.values())):
         problems.append(FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning"))
     for experiment, key, text in plausibility.alike(active):
         problems.append(_warning(experiment, key, text))
@@ -135,7 +135,7 @@ def _experiment_problems(
     experiment: ExperimentSpec,
     highest: dict[str, float],
     responses: dict[str, plausibility.Response],
-    angles: dict[str, plausibility.AngleRun],
+    angles: dict[str, following.AngleRun],
     *,
     pressure_said: bool,
 ) -> list[FileProblem]:
@@ -208,10 +208,10 @@ def _experiment_problems(
             apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
             shifted = track.time_s + apart_s + (experiment.sync.value_s or 0.0)
             if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
-                angles[experiment.name] = plausibility.AngleRun(
+                angles[experiment.name] = following.AngleRun(
                     track.dataset["bend_angle"].values, shifted, log.time_s, log.pressure_kPa
                 )
-            said += plausibility.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
+            said += following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
     problems += [_warning(experiment, "pressure", text) for text in said]
     return problems
 

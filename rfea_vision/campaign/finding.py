@@ -9,7 +9,7 @@ from pathlib import Path
 from rfea_vision.campaign.problems import FileProblem, problem_at
 from rfea_vision.campaign.reach import REMEDY, Reach
 from rfea_vision.campaign.yaml_file import YamlFile
-from rfea_vision.files import is_file, is_folder
+from rfea_vision.files import is_file, is_folder, is_link
 
 Folders = tuple[Path, ...]
 Files = tuple[YamlFile, ...]
@@ -46,8 +46,10 @@ class Finder:
                 key, f"'{name}' in {self.folders[0]} is a folder; name the file, with its folder, as in '{name}/FILE'"
             )
             return None
-        if (self.folders[0] / name).is_symlink():
-            self.complain(key, f"'{name}' in {self.folders[0]} is a link that leads to no file; put the {kind} itself there")
+        if is_link(self.folders[0] / name):
+            self.complain(
+                key, f"'{name}' in {self.folders[0]} is a link that leads to no file; put the {kind} itself there"
+            )
             return None
         there = _nearby(self.folders[0], name)
         self.complain(key, f"no {kind} '{name}' in {self.folders[0]}{there}; correct the name or put the {kind} there")

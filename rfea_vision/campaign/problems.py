@@ -97,7 +97,9 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
         case "literal_error":
             return f"found {found!r}; must be {item['ctx']['expected']}"
         case "string_type" if isinstance(found, bool):
-            return f"found {found!r}, which is how YAML reads yes, no, on and off; put quotes around the text, as in 'yes'"
+            return (
+                f"found {found!r}, which is how YAML reads yes, no, on and off; put quotes around the text, as in 'yes'"
+            )
         case "string_type":
             return f"found {found!r}; one text is needed" + (f", such as '{found[0]}'" if _is_of_one(found) else "")
         case "value_error":

@@ -273,7 +273,9 @@ def open_video(path: Path, rate_Hz: float | None = None) -> FrameSource:
         ) from error
     if turns % 2:
         size = (size[1], size[0])
-    return VideoSource(path, size, count, rate_Hz or nominal, rate_Hz, quarter_turns=turns, first_pts_s=start, announced_s=announced_s)
+    return VideoSource(
+        path, size, count, rate_Hz or nominal, rate_Hz, quarter_turns=turns, first_pts_s=start, announced_s=announced_s
+    )
 
 
 def open_frames(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.reasons import reason_of
-from rfea_vision.campaign import ExperimentSpec, plausibility
+from rfea_vision.campaign import ExperimentSpec, following, plausibility
 from rfea_vision.campaign.tubes import of_tube
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
 def log_warnings(recording: Recording, log: PressureLog) -> dict[str, str]:
     """The same, and that it belongs to the run, as an attribute of the recording."""
     seen_s = recording.time_s
-    said = log_doubts(log, seen_s) or plausibility.of_pair(
+    said = log_doubts(log, seen_s) or following.of_pair(
         recording.dataset, seen_s, log.time_s, log.pressure_kPa, log.pushes_kPa
     )
     return {"pressure_doubts": "; ".join(f"pressure: {text}" for text in said)} if said else {}

@@ -32,6 +32,9 @@ def check(file: Path) -> dict[str, Any]:
         ast.parse(file.read_text(encoding="utf-8"))
     except SyntaxError as error:
         raise InputError(f"line {error.lineno}: {error.msg}") from error
+    except (ValueError, RecursionError, MemoryError) as error:  # a character that no text has, brackets without end
+        reason = str(error) or "it is nested too deep"
+        raise InputError(f"cannot be read as Python: {reason}; write the law anew") from error
     name_files([file])  # the user has typed it, or opened it by name
     try:
         effects = load_effect_file(file)

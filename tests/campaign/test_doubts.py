@@ -8,7 +8,8 @@ import pytest
 import xarray as xr
 
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.plausibility import AngleRun, of_pair, of_times, together
+from rfea_vision.campaign.following import AngleRun, of_pair, together
+from rfea_vision.campaign.plausibility import of_times
 from rfea_vision.errors import DataError
 from tests.cli.console import rfea
 

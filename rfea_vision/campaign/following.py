@@ -1,0 +1,186 @@
+"""Whether the motion of a run follows its pressure: else it is the log of another run, a late clock, or a wrong sign."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts import bend_sign
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_LOW_KPA = 0.5  # a pressure that changes by less stands still: soft actuators are driven with 10 to 500 kPa
+# mm of the tip, or deg: a tube beside the one that was driven seemed to move by 0.008 mm, a few of its standard errors.
+_STILL = 0.05
+# Of the pressure's variance, that a linear function of the tip's place, up to half a second later, gives again: 0.85 to 1.00 over the
+# runs of a twin and of a real finger, 0.26 for a staircase beside the log of a sum of sines.
+_FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
+# s by which slow rubber, a long line, or a log on another clock is behind; of a run no more than a fifth, or anything follows anything
+_LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
+_HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
+
+
+def of_pair(
+    track: xr.Dataset,
+    time_s: FloatArray,
+    log_s: FloatArray,
+    pressure_kPa: FloatArray,
+    pushes_kPa: Mapping[str, FloatArray] | None = None,
+) -> list[str]:
+    """Doubt that a log belongs to a run: a tube follows its pressure, and its motion tells most of it again.
+
+    `time_s` (frames,) are those of the frames on the log's clock, `log_s` and `pressure_kPa` (samples,) the log's; `pushes_kPa`
+    of several chambers what each adds to that sum, with its sign. Runs that are alike cannot be told apart by this.
+    """
+    motion = (
+        track["tip"].values
+        if "tip" in track
+        else track["bend_angle"].values[:, None]
+        if "bend_angle" in track
+        else None
+    )
+    if motion is None:
+        return []
+    seen = np.isfinite(motion).all(axis=1) & (time_s >= log_s[0]) & (time_s <= log_s[-1])
+    if seen.sum() < 20:
+        return []
+    swing_kPa = float(np.ptp(pressure_kPa))
+    if swing_kPa > _LOW_KPA and (still := _stillness(motion[seen], "mm" if "tip" in track else "deg")):
+        return [f"goes by {swing_kPa:.3g} kPa and {still}; is it the right tube? 'rfea open' lets you point at it"]
+    moved_s = time_s[seen]
+    share, _, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, _LAGS_S)
+    if share is None:
+        return []
+    if share < _FOLLOWS and pushes_kPa and len(pushes_kPa) > 1:
+        each, against = _each_for_itself(motion[seen], moved_s, log_s, pushes_kPa)
+        if each >= _FOLLOWS:  # it is the log of this run: levers that differ are for the fit to find, a sign is not
+            return [
+                f"the motion follows the chambers to {100 * each:.0f} %, but {', '.join(against)} against the others by the signs "
+                "that they have; is a sign the wrong way round?"
+            ] * bool(against)
+    said, at_once = [], f"{100 * max(share, 0.0):.0f} %"
+    if share < _FOLLOWS:
+        later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(moved_s))]
+        then, late_s, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, later)
+        if then is None or then < _FOLLOWS:
+            return [f"the motion follows this pressure to {at_once} only; is it the log of another run?"]
+        said.append(
+            f"the motion follows this pressure to {at_once} at once and to {100 * then:.0f} % {late_s:.1f} s later; "
+            "is one of the clocks late, or the log that of another run? A long line and slow rubber do so, too"
+        )
+    if motion.shape[1] == 1 and slope < 0 and not _rises(motion[seen], moved_s, log_s, pressure_kPa):
+        said.append(
+            "the angle falls while the pressure rises; positive is where actuator.bends points: if the sensor counts the other way, or "
+            "from the bent tube, give the pressure sign: -1"
+        )
+    if motion.shape[1] == 2 and _moves_back(track, motion[seen], np.interp(moved_s, log_s, pressure_kPa)):
+        said.append(
+            "the tube moves to the other side than actuator.bends says while the pressure rises; is the track mirrored, or the sign "
+            "of the pressure turned?"
+        )
+    return ["; ".join(said)] if said else []
+
+
+def _rises(angle_deg: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray) -> bool:
+    """Whether an angle (n, 1) may as well rise with a pressure, at whatever lag: of a sine, half a period later it does."""
+    lags_s = np.concatenate([_LAGS_S, _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(time_s))]])
+    each = [_followed(angle_deg, time_s, log_s, pressure_kPa, lags_s[k : k + 1]) for k in range(lags_s.size)]
+    return any(share is not None and share >= _FOLLOWS and slope > 0 for share, _, slope in each)
+
+
+def together(runs: Sequence[AngleRun]) -> str:
+    """Doubt the sign of an angle by all runs at once, where one alone, half a swing later, would do with the other; else empty."""
+    longest_s = min((_LATE_SHARE * np.ptp(run.time_s) for run in runs), default=0.0)
+    lags_s = np.concatenate([_LAGS_S, _LATE_S[: np.searchsorted(_LATE_S, longest_s)]])
+    if len(runs) < 2:
+        return ""
+    best = {1.0: (0.0, 0.0), -1.0: (0.0, 0.0)}  # by the sign of the lever: share of the angle's variance, and lag
+    for lag_s in lags_s:
+        sums = np.sum([run.squares(float(lag_s)) for run in runs], axis=0)
+        if min(sums[0], sums[1]) > 0:
+            sign = 1.0 if sums[2] >= 0 else -1.0
+            best[sign] = max(best[sign], (float(sums[2] ** 2 / (sums[0] * sums[1])), float(lag_s)))
+    (falls, lag_s), (rises, _) = best[-1.0], best[1.0]
+    if falls < _FOLLOWS or rises >= _FOLLOWS:
+        return ""
+    return (
+        f"in all {len(runs)} runs together the angle falls{f' {lag_s:.1f} s after' * bool(lag_s) or ' as'} the pressure rises (that "
+        f"tells {100 * falls:.0f} % of it, the other sign {100 * rises:.0f} % at whatever delay); positive is where actuator.bends "
+        "points: if the sensor counts the other way, or from the bent tube, give the pressure of every run sign: -1"
+    )
+
+
+@dataclass(frozen=True)
+class AngleRun:
+    """An angle (frames,) in deg, its times (s) on the log's clock, and the log (samples,)."""
+
+    angle_deg: FloatArray
+    time_s: FloatArray
+    log_s: FloatArray
+    pressure_kPa: FloatArray
+
+    def squares(self, lag_s: float) -> FloatArray:
+        """Sums of squares of the angle and of the pressure so much earlier, each about its mean, and of their products."""
+        seen = np.isfinite(self.angle_deg) & (self.time_s >= self.log_s[0]) & (self.time_s <= self.log_s[-1])
+        if seen.sum() < 20:
+            return np.zeros(3)
+        angle = self.angle_deg[seen] - self.angle_deg[seen].mean()
+        pressure = np.interp(self.time_s[seen] - lag_s, self.log_s, self.pressure_kPa)
+        pressure -= pressure.mean()
+        return np.array([angle @ angle, pressure @ pressure, angle @ pressure])
+
+
+def _followed(
+    motion: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray, lags_s: FloatArray
+) -> tuple[float | None, float, float]:
+    """How much of a pressure a motion (n, 1 or 2) gives again at the lag (s) of these at which it does best, and the first slope then.
+
+    The share is None where the pressure stands still.
+    """
+    design = np.column_stack([motion, np.ones(len(motion))])
+    best: tuple[float | None, float, float] = (None, 0.0, 0.0)
+    for lag_s in lags_s:
+        pressure = np.interp(time_s - lag_s, log_s, pressure_kPa)
+        if np.ptp(pressure) > _LOW_KPA:
+            slopes = np.linalg.lstsq(design, pressure, rcond=None)[0]
+            share = 1.0 - float(np.var(pressure - design @ slopes) / np.var(pressure))
+            if best[0] is None or share > best[0]:
+                best = (share, float(lag_s), float(slopes[0]))
+    return best
+
+
+def _moves_back(track: xr.Dataset, motion: FloatArray, pressure_kPa: FloatArray) -> bool:
+    """Whether a tip (n, 2) goes to the other side than the one that `bends` of its track names as the pressure (n,) rises."""
+    outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * motion[:, 0]
+    return bool(np.ptp(outwards)) and float(np.corrcoef(outwards, pressure_kPa)[0, 1]) < -_FOLLOWS
+
+
+def _each_for_itself(
+    motion: FloatArray, time_s: FloatArray, log_s: FloatArray, pushes_kPa: Mapping[str, FloatArray]
+) -> tuple[float, list[str]]:
+    """How much of a motion (n, 1 or 2) several chambers tell, each with a lever of its own, and which bend against the strongest."""
+    centred = motion - motion.mean(axis=0)
+    bend = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    best, against = 0.0, list[str]()
+    for lag_s in _LAGS_S:
+        pushes = np.column_stack([np.interp(time_s - lag_s, log_s, push) for push in pushes_kPa.values()])
+        pushes -= pushes.mean(axis=0)
+        levers = np.linalg.lstsq(pushes, bend, rcond=None)[0]
+        share = 1.0 - float(np.var(bend - pushes @ levers) / np.var(bend))
+        if share > best:
+            moves = levers * pushes.std(axis=0)
+            leads = moves[np.abs(moves).argmax()]
+            odd = moves / leads < -_HARDLY
+            best, against = share, [f"'{name}'" for name, is_odd in zip(pushes_kPa, odd, strict=True) if is_odd]
+    return best, against
+
+
+def _stillness(motion: FloatArray, unit: str) -> str:
+    """Say by how little what was tracked (n, 1 or 2) moves, where that is next to nothing; empty where it moves."""
+    farthest = float(np.linalg.norm(np.ptp(np.percentile(motion, (1, 99), axis=0), axis=0)))
+    return f"what was tracked moves by {farthest:.2g} {unit} only" if farthest < _STILL else ""
