@@ -124,7 +124,7 @@ def test_rounded_numbers_are_not_free_of_noise():
         ("t,tip_x_mm,tip_y_mm\n0,1,2\n", "no column 'time_s'"),
         ("time_s,angle_deg\n0,1\n0,2\n", "time_s, row 2: does not increase"),
         ("time_s,angle_deg\n0,1\nnan,2\n", "time_s, row 2: is not a finite number"),
-        ("time_s,angle_deg\n0,\n0.1,\n", "0 complete rows of 2"),
+        ("time_s,angle_deg\n0,\n0.1,\n", "column 'angle_deg' holds no number in any row"),
         ("time_s,angle_deg\n0,1\n", "1 row;"),
         ("time_s,x00_mm,y00_mm,x02_mm,y02_mm\n0,1,1,1,1\n0.1,1,1,1,1\n", "column 'x01_mm' is missing"),
         ("time_s,x00_mm,y00_mm,x01_mm,y01_mm\n0,1,1,1,1\n0.1,1,1,1,1\n", "at least three"),
