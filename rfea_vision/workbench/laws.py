@@ -31,7 +31,8 @@ def check(file: Path) -> dict[str, Any]:
     try:
         ast.parse(file.read_text(encoding="utf-8"))
     except SyntaxError as error:
-        raise InputError(f"line {error.lineno}: {error.msg}") from error
+        line = f"line {error.lineno}: " if error.lineno else ""  # of a null character there is none
+        raise InputError(f"{line}{error.msg}") from error
     except (ValueError, RecursionError, MemoryError) as error:  # a character that no text has, brackets without end
         reason = str(error) or "it is nested too deep"
         raise InputError(f"cannot be read as Python: {reason}; write the law anew") from error
