@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from rfea_vision.dynamics.parameters import scaled
 from rfea_vision.effects.base import Effect
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.intervals import intervals
+from rfea_vision.fitting.solver import with_slopes
 
 
 def candidate_rows(search: Search, verdict: Verdict) -> list[Candidate]:
@@ -71,7 +73,8 @@ def _refitted(search: Search, name: str, done: Trial) -> dict[str, Any]:
 
 def effect_parameters(problem: Problem, fitted: Fitted, name: str) -> dict[str, Parameter]:
     """Fitted values of an effect with the intervals that the data can give; none for what is no effect but a finer chain."""
-    found = intervals(fitted, problem.train, problem.actuator, fitted.par).parameters
+    solution = with_slopes(fitted.model, problem.train, fitted.coordinates, fitted.solution)
+    found = intervals(replace(fitted, solution=solution), problem.train, problem.actuator, fitted.par).parameters
     return {key: value for key, value in found.items() if key.partition(".")[0] == plain(name)}
 
 

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.dynamics.simulation import Model
+from rfea_vision.dynamics.simulation import Chain, Model
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, find_effects, line_effects, load_effect_file
 from rfea_vision.fitting.coordinates import sized
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observation import TUBE_LAG_S
 from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.refit import ROUGH_NEWTON, on_few_bodies
 from rfea_vision.fitting.residuals import Evaluation, evaluate
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.fitting.uncertainty import BLOCK_S, frame_of_row
@@ -207,9 +208,16 @@ def _at_point(
     rough = tuple(o.rough(FRAMES_SCREENED) for o in problem.train)
     thin = tuple(o.thinned(max(1, o.time.size // FRAMES_SCREENED)) for o in problem.train)
     everything = {e.id: e for e in (*effects, *fitted.model.effects)}
-    model = replace(fitted.model, effects=tuple(everything[name] for name in sorted(everything)))
+    few = on_few_bodies(fitted.options).segments
+    model = replace(
+        fitted.model,
+        chain=Chain.tube(problem.actuator, few, fitted.options.joints),
+        effects=tuple(everything[name] for name in sorted(everything)),
+        tolerance=ROUGH_NEWTON,
+    )
     base_free = [model.names.index(name) for name in fitted.coordinates.names]
     par = _vector(model, fitted, point)
+    par[:6] *= few / fitted.options.segments
     extra = [model.names.index(f"{e.id}.{n}") for e in active for n in e.amplitudes()]
     free = [*base_free, *extra]
     for items in (rough, thin):  # what a long step does not survive, that of the log may

@@ -11,6 +11,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
+from rfea_vision.effects.catalogue import split_joint
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.coordinates import Coordinates, build
 from rfea_vision.fitting.observed import Observed
@@ -26,6 +27,10 @@ ROUGH_TOLERANCE = 1e-4
 #: Steps of thinned runs are doubled so often at most (8 ms of a log of 1 kHz), each time only if that changes what the model leaves
 #: by less than this share of it: far less than the refits that follow are to tell apart.
 LONGER_STEPS, FELT_SHARE = 2, 0.02
+#: Bodies of thinned runs at most: twice as many move the paper's tube by 0.03 mm, a step of 2 ms by 0.08.
+ROUGH_SEGMENTS = 8
+#: Change of an angle (rad) at which a long step is solved: one iteration for nearly all; it moves the tip by a micrometre.
+ROUGH_NEWTON = 1e-5
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,13 @@ def carried(
     return par
 
 
+def on_few_bodies(options: FitOptions) -> FitOptions:
+    """The chain of thinned runs; the same where an effect sits in one joint of it, or where the joints' places go with their number."""
+    placed = any(split_joint(one)[1] for one in options.effects)
+    few = ROUGH_SEGMENTS if options.joints == "middle" and not placed else options.segments
+    return options.with_segments(min(options.segments, few))
+
+
 def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
     """Training runs thinned, in the longest steps that are not felt beside what a fit leaves: the farther off, the longer."""
 
@@ -116,6 +128,7 @@ def refit(
     most_evaluations: int = 60,
     tolerance: float = 1e-7,
     items: Sequence[Observed] | None = None,
+    newton: float = Model.tolerance,
 ) -> Fitted:
     """Fit from an earlier fit's values.
 
@@ -126,13 +139,14 @@ def refit(
     most_evaluations, tolerance : where the optimiser stops at the latest, and the relative fall of the cost at which it does
         where noise alone is left
     items : runs to fit to, in place of all training runs
+    newton : change of an angle (rad) at which a step of the simulation is solved
 
     Raises
     ------
     DataError
         The start cannot be simulated.
     """
-    model = make_model(problem.actuator, options, problem.mirror)
+    model = replace(make_model(problem.actuator, options, problem.mirror), tolerance=newton)
     coordinates = coordinates_for(problem, options, model)
     start = carried(model, problem.actuator, options.segments, previous, previous_segments)
     used = list(items) if items is not None else list(problem.train)

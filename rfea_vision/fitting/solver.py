@@ -232,6 +232,15 @@ def solve(
     return target.solution(result.x, point, result.status > 0, softness if loss == "huber" else np.inf)
 
 
+def with_slopes(model: Model, items: Sequence[Observed], coordinates: Coordinates, solution: Solution) -> Solution:
+    """A solution with the slopes of these items where it has those of others; as it was where it cannot be simulated on them."""
+    if solution.evaluation.jacobian.shape[1] > len(items):
+        return solution
+    target = _Target(model, items, coordinates, solution.clocks.copy(), solution.clock_index, condensed=True)
+    point = target.at(solution.x)
+    return solution if point is None else target.solution(solution.x, point, solution.converged, np.inf)
+
+
 def _cost(residual: FloatArray, softness: float) -> float:
     """Sum of squares (rows,), of which what is beyond `softness` counts linearly."""
     size = np.abs(residual)

@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
 from rfea_vision.critique import screening
 from rfea_vision.critique.diagnosis import judge
-from rfea_vision.critique.evidence import to_rule_out
+from rfea_vision.critique.evidence import effect_parameters, to_rule_out
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
@@ -27,6 +27,7 @@ from rfea_vision.critique.verdict import _likely, _unexplained, decide
 from rfea_vision.effects.catalogue import catalogue, find_effects
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.noise import noise_floor_mm
+from rfea_vision.fitting.refit import refit_from
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions
 from rfea_vision.stages.products import rung_of
@@ -219,6 +220,20 @@ def test_a_larger_set_is_never_worse_than_one_that_it_holds(campaign):
     astray = {"gravity_tilt.angle": 0.4, "payload.m": 0.01}
     both = trials.refit(base, ("gravity_tilt", "payload"), astray)
     assert one.cost < 0.5 * base.cost and both.cost <= one.cost
+
+
+def test_a_fit_of_thinned_runs_is_carried_over_to_all_frames_without_their_slopes(campaign):
+    problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
+    trials = Trials(problem)
+    base = trials.stands(fit(problem, FitOptions(segments=4, starts=0)))
+    one = trials.refit(base, ("gravity_tilt",), {"gravity_tilt.angle": -0.05})
+    exact = refit_from(problem, one.fitted.options, one.fitted)
+    assert one.cost == pytest.approx(exact.solution.cost, rel=1e-3)
+    assert one.fitted.values["gravity_tilt.angle"] == pytest.approx(exact.values["gravity_tilt.angle"], rel=0.01)
+    assert one.fitted.solution.evaluation.jacobian.shape[1] == len(problem.train)  # of the clocks alone
+    found = effect_parameters(problem, one.fitted, "gravity_tilt")["gravity_tilt.angle"]
+    wanted = effect_parameters(problem, exact, "gravity_tilt")["gravity_tilt.angle"]
+    assert found.stderr == pytest.approx(wanted.stderr, rel=0.02)
 
 
 def test_repeats_give_the_irreproducible_floor(campaign):
