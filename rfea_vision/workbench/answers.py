@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 from starlette.responses import JSONResponse, Response
 
 from rfea_vision.errors import InputError
-from rfea_vision.workbench import laws, pointing
 from rfea_vision.workbench.clocks import write_sync
 from rfea_vision.workbench.curves import write_curve
 from rfea_vision.workbench.desk import Desk, shown
+from rfea_vision.workbench.loading import loaded
 from rfea_vision.workbench.orders import order
 from rfea_vision.workbench.packets import packet
 from rfea_vision.workbench.state import state_of
@@ -33,6 +33,7 @@ def campaigns(desk: Desk, asked: dict[str, Any]) -> Response:
         found.append(
             {key: state[key] for key in keep} | {"index": index, "folder": shown(folder), "measured": measured}
         )
+    desk.seen.set()
     return JSONResponse({"folder": shown(desk.folder), "campaigns": found, "job": desk.worker.told()})
 
 
@@ -47,7 +48,9 @@ def state(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
 
 def evidence(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """Series and records for the figures."""
-    return Response(desk.bench(index).evidence()[1], media_type=BINARY)
+    found = desk.bench(index).evidence()[1]
+    desk.seen.set()
+    return Response(found, media_type=BINARY)
 
 
 def clip(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
@@ -61,10 +64,9 @@ def clip(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response
 
 def effects(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """The catalogue, and the laws of one's own that are open."""
-    from rfea_vision.effects.catalogue import catalogue, load_effect_file
-
-    own = [effect for file in desk.laws() for effect in load_effect_file(file)]
-    listed = [*own, *catalogue().values()]
+    known = loaded("effects.catalogue")
+    own = [effect for file in desk.laws() for effect in known.load_effect_file(file)]
+    listed = [*own, *known.catalogue().values()]
     return JSONResponse([
         {"id": item.id, "title": item.title, "kind": item.kind, "shows": item.shows, "own": item in own} for item in listed
     ])  # fmt: skip
@@ -99,7 +101,7 @@ def stop(desk: Desk, asked: dict[str, Any]) -> Response:
 def _chosen(desk: Desk, index: int, asked: dict[str, Any]) -> Chosen:
     """The model that is asked for; its effect files are those that this user has opened, and no others."""
     wanted = {str(effect).partition("@")[0] for effect in asked["effects"]}
-    files = [file for file in desk.laws() if wanted & laws.ids_of(file)]
+    files = [file for file in desk.laws() if wanted & loaded("workbench.laws").ids_of(file)]
     return desk.bench(index).chosen(str(asked["model"]), tuple(map(str, asked["effects"])), tuple(files))
 
 
@@ -108,38 +110,49 @@ def _chosen(desk: Desk, index: int, asked: dict[str, Any]) -> Chosen:
 
 def film(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Size and times of an experiment's film."""
-    return JSONResponse(pointing.film(desk.bench(index).experiment(number)))
+    return JSONResponse(loaded("workbench.pointing").film(desk.bench(index).experiment(number)))
 
 
 def picture(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
     """One frame of a film."""
     return Response(
-        pointing.picture(desk.bench(index).experiment(number), int(asked["frame"])), media_type="image/jpeg"
+        loaded("workbench.pointing").picture(desk.bench(index).experiment(number), int(asked["frame"])),
+        media_type="image/jpeg",
     )
 
 
 def photo(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
     """One photo of the board."""
-    return Response(pointing.photo(desk.bench(index).campaign(), number), media_type="image/jpeg")
+    return Response(loaded("workbench.pointing").photo(desk.bench(index).campaign(), number), media_type="image/jpeg")
 
 
 def outline(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
     """What was tracked in one frame."""
     bench = desk.bench(index)
-    return JSONResponse(pointing.outline(bench.campaign(), bench.experiment(number), int(asked["frame"])))
+    return JSONResponse(
+        loaded("workbench.pointing").outline(bench.campaign(), bench.experiment(number), int(asked["frame"]))
+    )
 
 
 def refused(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Frames that were refused for one reason."""
     bench = desk.bench(index)
-    return JSONResponse({"frames": pointing.refused(bench.campaign(), bench.experiment(number), str(asked["reason"]))})
+    return JSONResponse(
+        {
+            "frames": loaded("workbench.pointing").refused(
+                bench.campaign(), bench.experiment(number), str(asked["reason"])
+            )
+        }
+    )
 
 
 def hint(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Write a hint into the files, or take it away."""
     bench = desk.bench(index)
     experiment, key, value = bench.experiment(number), str(asked["key"]), asked["value"]
-    file = pointing.write_hint(bench.campaign(), experiment, key, value, everywhere=bool(asked["all"]))
+    file = loaded("workbench.pointing").write_hint(
+        bench.campaign(), experiment, key, value, everywhere=bool(asked["all"])
+    )
     return JSONResponse({"file": shown(file)})
 
 
@@ -167,28 +180,28 @@ def _begun(begun: bool) -> Response:
 
 def law_template(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """A new law to begin with."""
-    file, text = laws.new_law()
+    file, text = loaded("workbench.laws").new_law()
     return JSONResponse({"file": str(file), "text": text})
 
 
 def law_new(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """Where a law is written under a name that the user gives: a file that is not there yet."""
-    file = laws.named_file(str(asked["file"]), desk.campaigns)
-    laws.refuse_taken(file)
+    file = loaded("workbench.laws").named_file(str(asked["file"]), desk.campaigns)
+    loaded("workbench.laws").refuse_taken(file)
     return JSONResponse({"file": str(file)})
 
 
 def law_open(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """The text of a law that the user names."""
-    file = laws.named_file(str(asked["file"]), desk.campaigns)
-    text = laws.opened(file)
+    file = loaded("workbench.laws").named_file(str(asked["file"]), desk.campaigns)
+    text = loaded("workbench.laws").opened(file)
     desk.begun_files.add(file)
     return JSONResponse({"file": str(file), "text": text})
 
 
 def law_check(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """Say what is wrong with a law or what it declares; with ``keep`` write it, and count it as the user's."""
-    file = laws.named_file(str(asked["file"]), desk.campaigns)
+    file = loaded("workbench.laws").named_file(str(asked["file"]), desk.campaigns)
     return JSONResponse(desk.check_law(file, str(asked["text"]), keep=bool(asked["keep"])))
 
 

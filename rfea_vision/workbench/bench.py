@@ -6,7 +6,7 @@ import threading
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
@@ -14,7 +14,10 @@ from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.errors import InputError
 from rfea_vision.report.collect import Evidence, collect
 from rfea_vision.workbench.evidence import DRAWN, evidence_packet, stamps
-from rfea_vision.workbench.play import Chosen, Player
+from rfea_vision.workbench.loading import loaded
+
+if TYPE_CHECKING:
+    from rfea_vision.workbench.play import Chosen, Player
 
 
 class Bench:
@@ -67,7 +70,10 @@ class Bench:
         with self._lock:
             age = (sorted(item.name for item in evidence.experiments), stamps(self.out, "*/recording.nc"))
             if self._player is None or self._player[0] != age:
-                self._player = (age, Player({item.name: item for item in evidence.experiments}))
+                self._player = (
+                    age,
+                    loaded("workbench.play").Player({item.name: item for item in evidence.experiments}),
+                )
             return self._player[1]
 
     def chosen(self, model: str, effects: tuple[str, ...], files: tuple[Path, ...]) -> Chosen:
@@ -81,7 +87,7 @@ class Bench:
         known = {file.parent.name: file for file in self.out.glob("models/*/model.json")}
         if model not in known:
             raise InputError(f"{model}: no such model yet; 'rfea fit' makes one")
-        return Chosen(load_fit(known[model], known[model].stat().st_mtime_ns), effects, files)
+        return loaded("workbench.play").Chosen(load_fit(known[model], known[model].stat().st_mtime_ns), effects, files)
 
 
 @lru_cache(maxsize=32)

@@ -17,6 +17,7 @@ from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 from rfea_vision.workbench.hands import ENDS, Worker
+from rfea_vision.workbench.loading import loaded
 from rfea_vision.workbench.orders import order
 
 DEEPEST = 3  # folders below the one that was opened in which campaigns are looked for
@@ -56,16 +57,15 @@ class Desk:
         self.judge = Worker(lambda event: None, prepared=False)
         self._judging = threading.Lock()
         self._benches: dict[int, Any] = {}
+        self.seen = threading.Event()  # whether a page has been given what it shows first
         self._listeners: set[tuple[asyncio.AbstractEventLoop, asyncio.Queue[dict[str, Any]]]] = set()
         self._lock = threading.Lock()
 
     def bench(self, index: int) -> Any:
         """The bench of one campaign, made when it is first looked at."""
-        from rfea_vision.workbench.bench import Bench
-
         with self._lock:
             if index not in self._benches:
-                self._benches[index] = Bench(self.campaigns[index], self.out)
+                self._benches[index] = loaded("workbench.bench").Bench(self.campaigns[index], self.out)
             return self._benches[index]
 
     def begin(self, index: int, do: str, options: dict[str, Any], label: str) -> bool:
@@ -76,9 +76,7 @@ class Desk:
         if "file" in options:
             raise InputError("file: where a proposed law is written is not the page's to say")
         if do == "propose":
-            from rfea_vision.workbench.laws import own_file
-
-            options = {**options, "file": str(own_file("proposed"))}
+            options = {**options, "file": str(loaded("workbench.laws").own_file("proposed"))}
         if own := self._own_of(index, options):
             options = {**options, "effect_files": own}
         kept, command = order(shown(self.campaigns[index]), self.out, do, options)
@@ -92,12 +90,10 @@ class Desk:
         """Files of the user's own laws that a job's effects, or those of its model, are declared in."""
         if not (laws := self.laws()):
             return []
-        from rfea_vision.workbench.laws import ids_of
-
         wanted = {str(effect).partition("@")[0] for effect in options.get("add", [])}
         if "model" in options:
             wanted |= set(self.bench(index).chosen(str(options["model"]), (), ()).fit.effects)
-        return [str(file) for file in laws if wanted & ids_of(file)]
+        return [str(file) for file in laws if wanted & loaded("workbench.laws").ids_of(file)]
 
     def hand(self, index: int, do: str, options: dict[str, Any], label: str, command: str | None = None) -> bool:
         """Hand a job to the worker as it stands; one without a command is no step of its own."""
@@ -131,12 +127,10 @@ class Desk:
         InputError
             What is wrong with it, that it does not end, or that another law lies there already.
         """
-        from rfea_vision.workbench.laws import refuse_taken
-
         with self._judging:
             if keep:
                 if file not in self.begun_files:
-                    refuse_taken(file)
+                    loaded("workbench.laws").refuse_taken(file)
                 self.begun_files.add(file)
                 self.own_files.discard(file)
                 write_text(file, text)

@@ -6,10 +6,8 @@ import asyncio
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
-from importlib import import_module, resources
+from importlib import resources
 from pathlib import Path
-from threading import Lock
-from types import ModuleType
 from typing import Any
 
 import anyio.to_thread
@@ -22,10 +20,10 @@ from starlette.routing import Route
 from rfea_vision.errors import RfeaError
 from rfea_vision.files import storage_sentence
 from rfea_vision.workbench.desk import Desk
+from rfea_vision.workbench.loading import loaded
 
 #: Bytes of a question: a law of one's own has some thousand, the rest far less.
 LARGEST_BODY = 1_000_000
-_IMPORTING = Lock()
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 
 
@@ -108,12 +106,6 @@ async def _body(request: Request) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise HTTPException(400)
     return content
-
-
-def loaded(name: str) -> ModuleType:
-    """A module of the package, imported by one thread at a time: two that wait for each other's would see half of them."""
-    with _IMPORTING:
-        return import_module(f"rfea_vision.{name}")
 
 
 def _said(answer: str, *arguments: Any) -> Response:

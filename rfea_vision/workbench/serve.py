@@ -6,13 +6,16 @@ import secrets
 import socket
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import uvicorn
 
+from rfea_vision.errors import RfeaError
 from rfea_vision.workbench.desk import Desk
 from rfea_vision.workbench.guard import Guard
-from rfea_vision.workbench.routes import application, loaded
+from rfea_vision.workbench.loading import loaded
+from rfea_vision.workbench.routes import application
 
 TOKEN_BYTES = 24  # 192 bits: cannot be tried out
 
@@ -54,11 +57,15 @@ def serve(folder: Path, *, out: Path | None = None, port: int = 0, ready: Callab
 
 
 def _announce(server: uvicorn.Server, desk: Desk, ready: Callable[[str], None], address: str) -> None:
-    """Say the address once the server answers; then load what the first click will need."""
+    """Say the address once the server answers; load what the first page needs, and when that is there what the first click will."""
     while not server.started and not server.should_exit:
         threading.Event().wait(0.01)
     if server.started:
         ready(address)
-        desk.worker.warm()
         loaded("workbench.answers")  # while the browser opens
+        if desk.single:
+            with suppress(RfeaError, OSError):  # said to the page when it asks
+                desk.bench(0).evidence()
+        desk.seen.wait()  # before the first page nothing is loaded that it does not show
         loaded("workbench.play")
+        desk.worker.warm()

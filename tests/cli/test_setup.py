@@ -54,10 +54,17 @@ def test_every_command_has_help_json_and_debug(name):
     assert command is not None and command.get_short_help_str(70).endswith(".")
 
 
-def test_help_is_quick_to_load():
-    # the libraries that take seconds to import are not needed to read the help
-    heavy = "{'cv2', 'numba', 'av', 'xarray', 'distributed'}"
-    code = f"import sys; from rfea_vision.cli.root import run; run(['-h']); print(sorted({heavy} & set(sys.modules)))"
+@pytest.mark.parametrize(
+    ("done", "heavy"),
+    [
+        ("from rfea_vision.cli.root import run; run(['-h'])", {"cv2", "numba", "av", "xarray", "distributed"}),
+        ("import rfea_vision.workbench.answers, rfea_vision.workbench.bench", {"cv2", "numba", "sympy", "distributed"}),
+    ],
+    ids=["help", "first page of the workbench"],
+)
+def test_what_comes_first_is_quick_to_load(done, heavy):
+    # the libraries that take seconds to import are not needed to read the help, or to see a campaign
+    code = f"import sys; {done}; print(sorted({heavy} & set(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip().endswith("[]")
 

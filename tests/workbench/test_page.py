@@ -74,6 +74,17 @@ def test_the_modelled_tube_follows_a_slider_and_undo_takes_it_back(served, visit
     until(page, lambda: abs(number(page, "#now-validate") - before) < 0.002)
 
 
+def test_with_nothing_touched_the_fits_own_figures_are_shown_before_any_look(served, visit):
+    page = visit(served.address + "#/play")
+    held = hold(page, "**/play")
+    page.reload()
+    settled(page)
+    cells = [page.text_content(f"#scores tr:last-child td:nth-child({column})") for column in (2, 3)]
+    assert cells[0] == cells[1] == page.text_content("#now-validate")
+    for route in held:
+        route.continue_()
+
+
 def test_the_film_stands_at_the_instant_that_is_shown(served, visit):
     page = visit(served.address + "#/play")
     settled(page)

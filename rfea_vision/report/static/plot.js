@@ -1,7 +1,7 @@
 // Scales, axes, and the figure: a drawing that follows the state, with a cursor drawn on a second canvas above it.
 function scale(low, high, from, to) {
   const k = (to - from) / (high - low || 1), at = v => from + (v - low) * k;
-  return Object.assign(at, {low, high, from, to, back: p => low + (p - from) / k, all: values => Float64Array.from(values, at)});
+  return Object.assign(at, {low, high, from, to, back: p => low + (p - from) / k, all: values => { const out = new Float64Array(values.length); for (let i = 0; i < out.length; i++) out[i] = from + (values[i] - low) * k; return out; }});
 }
 
 function ticks(low, high, about) {
@@ -134,7 +134,7 @@ class Figure {
       for (const figure of Figure.all) try { figure.paint(); } catch (error) { console.error(figure.name, error); } // one broken figure must not take the others with it
     });
   }
-  static redraw() { for (const figure of Figure.all) figure.stale = true; Figure.schedule(); }
+  static redraw(but = "") { for (const figure of Figure.all) if (figure.name !== but) figure.stale = true; Figure.schedule(); }
   static move() { for (const figure of Figure.all) figure.moved = true; Figure.schedule(); }
 }
 Figure.all = [];
@@ -149,11 +149,11 @@ function download(blob, name) {
 // Colour ramps: diverging around zero, and one that only gets brighter (colour-blind-safe, also in grey).
 const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16));
 function ramp(stops) {
-  const parts = stops.map(rgb);
-  return t => {
-    const at = Math.min(0.99999, Math.max(0, t)) * (parts.length - 1), i = Math.floor(at), f = at - i;
-    return parts[i].map((v, k) => v + (parts[i + 1][k] - v) * f);
-  };
+  const parts = stops.map(rgb), table = Array.from({length: 256}, (_, k) => {
+    const at = k / 255.01 * (parts.length - 1), i = Math.floor(at);
+    return parts[i].map((v, j) => v + (parts[i + 1][j] - v) * (at - i));
+  });
+  return t => table[Math.round(255 * Math.min(1, Math.max(0, t)))];
 }
 const brightRamp = ramp(["#0b2a4f", "#2c5f8a", "#4f9a94", "#a5c46b", "#f6e04b"]);
 const divergingRamp = c => ramp([c.low, c.mid, c.high]);

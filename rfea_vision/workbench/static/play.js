@@ -103,6 +103,7 @@ const RESTING_MS = 350;
 export function look() {
   if (campaign.panel !== "play") return;
   again = true; clearTimeout(rest);
+  document.documentElement.dataset.look = "asked";
   if (!busy) next();
 }
 export function shown() { look(); }
@@ -112,10 +113,15 @@ async function next(exact = false) {
     again = false;
     const run = experiment()?.name, begun = performance.now();
     if (!chosen.model || !run || !(run in (fitted()?.experiments ?? {})) || !["train", "validate"].includes(experiment().role)) break;
+    const {model, effects, values} = chosen, before = picked, asFitted = untouched() && fitted().experiments[run]?.unit;
+    if (asFitted) showLook(fitted(), fitted().experiments, true);
+    if (asFitted && chosen.ready) continue;
     try {
-      const {model, effects, values} = chosen, before = picked, {header, block} = await packetOf(await post("play", {model, effects, values, experiment: run, exact}));
+      const {header, block} = await packetOf(await post("play", {model, effects, values, experiment: run, exact}));
+      chosen.ready = true;
       if (campaign.panel !== "play" || effects !== chosen.effects || run !== experiment()?.name || before !== picked) continue; // something else was asked for since
-      showLook(header, block, run, exact);
+      if (asFitted) { one("#look").textContent = ""; continue; }
+      showLook(header, {[run]: unpack(header.run, block)}, exact);
       await new Promise(requestAnimationFrame);
       if (exact) continue;
       document.documentElement.dataset.lookMs = String(performance.now() - begun);
@@ -132,13 +138,13 @@ function settle() {
   again = true;
   if (!busy) next(true);
 }
-function showLook(header, block, run, exact) {
-  live.seen = true;
-  live.experiments = {[run]: unpack(header.run, block)};
-  Object.assign(live, {train: header.train, validate: header.validate, unit: header.unit, runs: header.runs});
+// With nothing touched what is played is the fit itself: its own figures, at once; the law is compiled meanwhile.
+const untouched = () => !Object.keys(chosen.values).length && chosen.effects.join() === fitted().effects.join();
+function showLook({train, validate, unit, runs}, experiments, exact) {
+  Object.assign(live, {seen: true, train, validate, unit, runs, experiments});
   keepLive();
   const index = manifest.rungs.indexOf(live);
-  if (state.rung !== index) chooseRung(index); else { Figure.redraw(); paintStage(); }
+  if (state.rung !== index) chooseRung(index); else { Figure.redraw("pressure"); paintStage(); }
   refreshRungs(); showScores(exact);
   document.documentElement.dataset.look = exact ? "exact" : "quick";
 }
@@ -146,6 +152,7 @@ function showLook(header, block, run, exact) {
 // The model that is played is the last rung, once it has been looked at and as long as there is one.
 export function keepLive() {
   const without = manifest.rungs.filter(r => !r.live);
+  if (live.experiments === live.before?.experiments) live.experiments = fitted()?.experiments ?? {}; // read anew
   manifest.rungs = live.seen && without.some(r => r.model === chosen.model) ? [...without, live] : without;
   live.before = fitted();
 }
@@ -159,7 +166,7 @@ function showScores(exact) {
     if (exact) one(id).className = better ? "better" : worse ? "worse" : "";
   }
   const role = {train: "training", validate: "held out"};
-  one("#scores").replaceChildren(...manifest.experiments.filter(e => e.name in live.runs).map(e => h("tr", {class: e.name === experiment()?.name ? "on" : ""},
+  one("#scores").replaceChildren(...manifest.experiments.filter(e => e.role in role && e.name in live.runs).map(e => h("tr", {class: e.name === experiment()?.name ? "on" : ""},
     h("th", {scope: "row"}, e.name, " ", h("small", {class: "muted"}, role[e.role])), h("td", {class: "n strong"}, of(live.runs[e.name])), h("td", {class: "n muted"}, of(before?.runs?.[e.name])))));
 }
 
