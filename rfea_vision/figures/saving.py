@@ -117,9 +117,7 @@ def _drawing(style: str, salt: str = "rfea") -> Iterator[Callable[[Plate], Any]]
 
     def figure_of(plate: Plate) -> Any:
         width = TEXT_IN if plate.wide else COLUMN_IN
-        square = (isinstance(plate, Lines) and plate.equal) or (isinstance(plate, Map) and bool(plate.names))
-        height = COLUMN_IN * (0.95 if square else 0.66)
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=(width, COLUMN_IN * _tallness(plate)), layout="constrained")
         draw[type(plate)](figure.subplots(), plate)
         figure.draw_without_rendering()
         figure.set_layout_engine("none")  # laid out once, for all formats
@@ -127,6 +125,17 @@ def _drawing(style: str, salt: str = "rfea") -> Iterator[Callable[[Plate], Any]]
 
     with matplotlib.rc_context(settings):
         yield figure_of
+
+
+def _tallness(plate: Plate) -> float:
+    """Height of a figure in columns; of paths, which have one scale both ways, as much as they fill."""
+    if isinstance(plate, Map) and plate.names:
+        return 0.95
+    if not (isinstance(plate, Lines) and plate.equal):
+        return 0.66
+    across, up = (np.concatenate([getattr(item, key) for item in plate.series]) for key in ("x", "y"))
+    wide, tall = (float(np.nanmax(values) - np.nanmin(values)) for values in (across, up))
+    return float(np.clip(0.25 + 0.75 * tall / max(wide, 1e-9), 0.5, 0.95))  # a quarter for labels and legend
 
 
 def _lines(axes: Any, plate: Lines) -> None:

@@ -21,7 +21,7 @@ _Artefact = TypeVar("_Artefact")
 
 @dataclass(frozen=True)
 class Experiment:
-    """One recorded run; ``absent`` says why for each piece that is missing."""
+    """One recorded run; ``absent`` says why for each piece that is missing. A recording holds all that its track does."""
 
     name: str
     role: str
@@ -141,7 +141,7 @@ def _experiments(folder: Path, runs: Collection[str] | None) -> list[Experiment]
             recording = loaded.dataset if loaded else None
         else:
             absent["recording"] = f"{room.name} has no recording yet: run `rfea sync`."
-        if (room / "track.nc").exists():
+        if recording is None and (room / "track.nc").exists():
             loaded = _load(Track.load, room / "track.nc", "track", absent)
             track = loaded.dataset if loaded else None
         clip, info = _clip(room, absent)

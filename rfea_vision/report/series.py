@@ -111,9 +111,8 @@ def _pose_rows(experiment: Experiment, data: xr.Dataset, pack: Pack) -> np.ndarr
     if experiment.clip is None:
         return pack.rows(data.sizes["time"], MOST_POSES // 3)
     frames = np.asarray(experiment.clip_info["times_s"], dtype=float)[:: _clip_step(experiment, pack)]
-    if experiment.track is not None and experiment.track.sizes["time"] == data.sizes["time"]:
-        return nearest(experiment.track["time"].values, frames)
-    return nearest(data["time"].values - float(data.attrs.get("offset_s", 0.0)), frames)
+    offset_s, drift = float(data.attrs.get("offset_s", 0.0)), 1e-6 * float(data.attrs.get("drift_ppm", 0.0))
+    return nearest((data["time"].values - offset_s) / (1 + drift), frames)  # on the camera's clock
 
 
 def _gaps(data: xr.Dataset) -> list[dict[str, Any]]:
