@@ -11,7 +11,7 @@ export function build() {
   one('[data-panel="law"]').append(
     h("h2", {}, "Write a law of your own"),
     h("p", {class: "muted"}, "An effect is one class: parameters with units, the value at which each is absent, and the hooks that it changes. It is Python that runs with your rights, so nothing is ever opened from a campaign: only what you type here, or a file that you name."),
-    h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 44, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-save", onclick: saveAs}, "Save as"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template"), h("button", {type: "button", id: "law-propose", onclick: propose}, "Propose one for what is left")),
+    h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 50, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-save", onclick: saveAs}, "Save as"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template"), h("button", {type: "button", id: "law-propose", onclick: propose}, "Propose one for what is left")),
     h("div", {class: "lawing"},
       h("textarea", {id: "law-text", rows: 30, disabled: true, spellcheck: false, autocapitalize: "off", aria: {label: "The law, in Python", description: "Tab indents; Escape, then Tab leaves the field"}}),
       h("aside", {class: "beside"}, h("h3", {}, "What it says"), h("p", {id: "law-said", role: "status", class: "muted"}, "Nothing yet."), h("div", {id: "law-effects"}),

@@ -68,6 +68,7 @@ export async function undo() {
 async function open(model, effects, values = {}) {
   if (model !== chosen.model) live.seen = false;
   Object.assign(chosen, {model, effects, values: {...values}});
+  if (!chosen.sliders.length) one("#look").textContent = "The model is being loaded: its sliders come in a moment.";
   const said = await guarded(() => ask("model", {model, effects}));
   if (!said || chosen.effects !== effects) return; // the list itself: another one has been asked for since
   chosen.sliders = said.sliders; chosen.ready = said.ready;
