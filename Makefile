@@ -4,15 +4,20 @@ VENV := .venv
 BIN := $(VENV)/bin
 ONLY ?=
 PYTEST_OPTIONS ?=
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: demo test lint benchmarks docs site clean
+.PHONY: demo test studies lint benchmarks docs site clean
 
 demo: $(VENV)/installed
 	$(BIN)/rfea demo
 
 test: $(VENV)/installed-dev
 	@command -v chromium chromium-browser google-chrome >/dev/null 2>&1 || echo "no Chromium here: the tests that open the report in a browser are skipped"
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(PYTEST_OPTIONS)
+	$(PYTEST) -m "not study" $(PYTEST_OPTIONS)
+
+# the tests that show at length what shorter ones show in small: some minutes more
+studies: $(VENV)/installed-dev
+	$(PYTEST) -m study $(PYTEST_OPTIONS)
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

@@ -23,7 +23,7 @@ def pytest_configure(config: pytest.Config) -> None:
     which takes as long; its test waits for what it found.
     """
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
-        if config.args_source is not pytest.Config.ArgsSource.ARGS:
+        if config.args_source is not pytest.Config.ArgsSource.ARGS and config.option.markexpr != "study":
             config.stash[_TYPES] = TypeCheck.begin(ROOT)
         for module in ("simulation", "inverse", "realtime"):
             import_module(f"rfea_vision.dynamics.{module}")

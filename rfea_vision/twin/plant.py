@@ -212,20 +212,13 @@ class Plant:
         """
         law, clamp = self.law, self._clamp
         get = law.hidden
-        tiny = 1e-6 * max(1.0, float(np.abs(v).max()))
         theta, rate = q[clamp], v[clamp]
         resistance, inertance = get("fluid_damping.R"), get("fluid_inertia.I")
         flow, felt = np.pi * self.actuator.outer_radius**3, p
         if resistance or inertance:
             felt = p - flow * float(resistance * rate.sum() + inertance * a[clamp].sum())
-        # the damper's two branches meet at rate 0: step away from it, so that both rows see the same branch
-        nudge = np.where(rate >= 0, tiny, -tiny)
-        thetas, rates = np.empty((2, 2, theta.size))
-        thetas[0], rates[0] = theta, rate
-        np.add(theta, step * nudge, out=thetas[1])
-        np.add(rate, nudge, out=rates[1])
-        torques = law.torque(thetas, rates, law.advance(memory0, thetas, rates, step), felt, time)
-        torque, slope = torques[0], (torques[1] - torques[0]) / nudge
+        nudge = 1e-6 * max(1.0, float(np.abs(rate).max()))
+        torque, slope = law.torque_and_slope(theta, rate, memory0, felt, time, step, nudge)
         coupling = None
         if resistance or inertance:
             coupling = -flow * (resistance + inertance / step) * law.inner_area(theta, felt) * law.base.r_hyd

@@ -310,6 +310,7 @@ def test_batch_goes_on_past_what_is_broken(campaign, tmp_path, monkeypatch):
     assert (campaign / "rfea" / "steps-1" / "recording.nc").is_file()
 
 
+@pytest.mark.study
 def test_results_do_not_depend_on_the_number_of_workers(raw, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     recipe = tmp_path / "fit.yaml"

@@ -25,6 +25,7 @@ TILT = (("gravity_tilt.angle", -0.08),)
 RIVALS = ("payload", "gravity_tilt")
 
 
+@pytest.mark.study
 def test_an_interrupted_climb_goes_on_to_the_same_ladder(campaign, tmp_path):
     """To the last digit, wherever it was interrupted; its rungs are read back from their files."""
     recordings, actuator = campaign((*TILT, ("maxwell.k1", 0.05), ("maxwell.T", 0.4)))

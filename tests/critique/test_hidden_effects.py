@@ -47,7 +47,7 @@ def test_nothing_hidden_is_complete(campaign):
     assert diagnosis.named == [] and diagnosis.tied == []
 
 
-@pytest.mark.parametrize("bends", ["left", "right"])
+@pytest.mark.parametrize("bends", ["left", pytest.param("right", marks=pytest.mark.study)])
 def test_a_tilt_is_named_with_its_sign_and_added(campaign, bends):
     found = campaign((("gravity_tilt.angle", -0.08),), bends=bends)
     ladder, rungs = climbed(found)
@@ -71,6 +71,7 @@ def test_what_looks_alike_is_tied_and_an_experiment_proposed(campaign):
     assert set(diagnosis.next_experiment.separates) == {"rest_curvature", "pressure_offset"}
 
 
+@pytest.mark.study
 def test_a_load_beside_the_centre_line_is_named_with_its_place(campaign):
     """On the centre line, where the usual form holds it, it bends the tube at rest otherwise."""
     hidden = (("payload.m", 2e-3), ("payload.offset", -1.0))
@@ -115,6 +116,7 @@ def test_a_budget_ends_a_climb_only_after_what_is_named_was_added(campaign):
     assert [rung.added for rung in ladder.rungs] == [None, "gravity_tilt"] and ladder.rungs[1].grade == "named"
 
 
+@pytest.mark.study
 def test_power_study_foretells_what_is_found(campaign):
     """Twice the least strength is named; a quarter of it is not called missing."""
     recordings, actuator = campaign()
@@ -125,6 +127,7 @@ def test_power_study_foretells_what_is_found(campaign):
     assert (strong.verdict, weak.verdict) == ("missing", "complete")
 
 
+@pytest.mark.study
 def test_a_member_of_a_pair_that_has_a_twin_is_tied_with_it(campaign):
     """Rest curvature and the zero of the sensor are one torque: beside another effect no less than alone."""
     hidden = (("rest_curvature.angle", 0.03), ("stiffness_profile.a1", 0.12))
@@ -133,6 +136,7 @@ def test_a_member_of_a_pair_that_has_a_twin_is_tied_with_it(campaign):
     assert [set(tie.effects) for tie in diagnosis.tied] == [{"rest_curvature", "pressure_offset"}]
 
 
+@pytest.mark.study
 def test_a_rest_curvature_that_varies_is_found_behind_its_twin(campaign):
     """The zero of the sensor fits alone as well as the rest curvature; its profile is found from either."""
     hidden = (("rest_curvature.angle", 0.2), ("rest_curvature_profile.a1", 0.3))
@@ -142,6 +146,7 @@ def test_a_rest_curvature_that_varies_is_found_behind_its_twin(campaign):
     assert [set(tie.effects) for tie in diagnosis.tied] == [{"rest_curvature", "pressure_offset"}]
 
 
+@pytest.mark.study
 def test_a_tube_that_widens_is_told_though_the_base_model_is_bent_out_of_shape(tmp_path):
     """The base model swallows it in values from which neither a linear step nor a refit finds back."""
     options = TwinOptions(

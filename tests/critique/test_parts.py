@@ -103,6 +103,7 @@ def test_a_claim_about_a_better_model_is_weighed_against_the_model_without_effec
     assert better.present.errors.held < 0.2 * better.base.held
 
 
+@pytest.mark.study
 def test_a_score_test_that_fails_for_all_at_once_is_run_in_halves(campaign, monkeypatch):
     problem = make_problem(*campaign((("maxwell.k1", 0.1), ("maxwell.T", 0.5))))
     fitted = fit(problem, FitOptions(segments=4, starts=0))

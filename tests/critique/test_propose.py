@@ -71,6 +71,7 @@ def test_no_law_is_proposed_for_noise():
     assert regress(terms, _parts(terms, courses, noise)) == []
 
 
+@pytest.mark.study
 def test_a_soft_ring_is_found_in_the_motion_of_the_tube(campaign, tmp_path, monkeypatch):
     """The twin's kink: a tenth of the tube is softer by a half, at a third of its length."""
     file = tmp_path / "ring.py"

@@ -32,6 +32,7 @@ def test_the_load_is_weighed_and_the_held_out_run_met(beam, capsys):
     assert found.experiments["gravity_b"].tip_rmse_mm < 0.6
 
 
+@pytest.mark.study
 def test_the_load_is_named(beam):
     """Of what could make a beam sag more and swing slower it is the mass, and nothing of a pressure that there is not."""
     work = open_campaign(beam)

@@ -21,6 +21,7 @@ def coarse(complete_campaign):
     return problem, fit(problem, FitOptions(segments=SEGMENTS))
 
 
+@pytest.mark.study
 def test_the_interval_of_a_coarse_chain_covers_the_tube(coarse, complete_campaign):
     """Six bodies for a tube of 48: noise alone explains none of the error in stiffness, the drift does."""
     problem, fitted = coarse

@@ -56,6 +56,7 @@ def test_the_recipe_reports_path_and_study(campaign):
     assert results["report"].is_file() and set(results["compare"]) == {"paper-2dof", "paper-8dof"}
 
 
+@pytest.mark.study
 def test_the_command_line_takes_what_is_known(campaign):
     work, _, _ = campaign
     words = "--segments 8 --joints start --name known --fix r_hyd=3.5644mm --prior modulus=6.7MPa±0.5MPa"

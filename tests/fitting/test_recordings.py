@@ -132,6 +132,7 @@ def late(data):
     return data.isel(time=data["time"].values >= start, log_time=data["log_time"].values >= start - 0.05)
 
 
+@pytest.mark.study
 def test_a_run_that_begins_in_motion(runs):
     recordings, actuator, truth = runs
     two = {name: recording for name, recording in recordings.items() if not name.startswith("steps")}

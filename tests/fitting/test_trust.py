@@ -31,7 +31,7 @@ def fitted(exact):
     return problem, fit(problem, OPTIONS)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.8])
+@pytest.mark.parametrize("correlation", [pytest.param(0.0, marks=pytest.mark.study), 0.8])
 def test_intervals_cover_the_truth(exact, correlation):
     """25 draws of the noise: a right 95 % interval misses 3 or more of 25 with probability 0.13, 6 or more with 0.001."""
     runs, actuator, truth = exact

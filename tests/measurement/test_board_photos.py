@@ -45,6 +45,7 @@ def six(tmp_path_factory):
     return taken(tmp_path_factory.mktemp("six"), PLAIN, 6)
 
 
+@pytest.mark.study
 def test_a_wide_lens_is_taken_for_what_it_is(tmp_path):
     files, plane = taken(tmp_path, WIDE, 11, distance=(90, 190), seed=3)
     calibration = calibrate(files, plane, BOARD, tube_length_mm=155.0)
@@ -77,6 +78,7 @@ def test_a_corner_is_found_to_a_hundredth_of_a_pixel(board, tmp_path):
         assert np.abs(off.mean(axis=0)).max() < (0.004 if board is BOARD else 0.015)
 
 
+@pytest.mark.study
 def test_photos_from_one_direction_only_are_said_to_be_so(tmp_path):
     files, plane = taken(tmp_path, PLAIN, 7, turn_rad=0.0)
     warnings = " ".join(calibrate(files, plane, BOARD).quality["warnings"])

@@ -33,6 +33,7 @@ def written(folder, pictures):
     return files
 
 
+@pytest.mark.study
 def test_spoilt_photos_are_left_out_and_named(board_photos, tmp_path):
     pictures = {name: SPOILT[name][0](grey) if name in SPOILT else grey for name, grey in board_photos.items()}
     pictures["left99"] = board_photos["left01"]

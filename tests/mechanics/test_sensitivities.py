@@ -120,6 +120,7 @@ def _symbolic_double_joint(actuator, pressure_law):
     return extended, slope_of
 
 
+@pytest.mark.study
 def test_against_a_symbolic_lagrangian_differentiated_exactly(actuator):
     """Two joints: the Lagrangian derived and differentiated by SymPy, its variational equations run by Radau at 1e-8."""
     par = np.array([0.04, -60.0, 1.2e-3, -1.0, 0.8e-3, -2.0, 0.0036])

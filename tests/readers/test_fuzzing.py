@@ -38,6 +38,7 @@ def test_whatever_a_file_holds_is_read_or_refused_in_a_sentence(tmp_path):
     assert len(became) > 200 and became.count("accepted") > 50 and became.count("refused") > 60
 
 
+@pytest.mark.study
 def test_the_watch_sees_a_process_that_ends_and_goes_on():
     watched, shard = Watched(), Shard("log csv", apart=False, number=0)
     try:

@@ -69,6 +69,7 @@ def _halves(long: Path, root: Path, memory: str) -> Path:
     return root
 
 
+@pytest.mark.study
 def test_carried_memory_explains_the_run_that_follows(one_long_run, tmp_path):
     left = {}
     for memory in ("carried", "fresh"):

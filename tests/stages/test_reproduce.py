@@ -23,7 +23,7 @@ def paper(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_table_figures_and_page(paper):
     files = reproduce(Workspace(load_campaign(paper)), formats=["svg"])
     first = {path: path.read_bytes() for path in files}

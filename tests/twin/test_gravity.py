@@ -10,7 +10,7 @@ from rfea_vision.twin import TwinOptions, simulate
 from rfea_vision.vision.track import gravity_seen_deg, turned
 
 
-@pytest.mark.parametrize("gravity", ["left", "up"])
+@pytest.mark.parametrize("gravity", ["left", pytest.param("up", marks=pytest.mark.study)])
 def test_a_film_of_a_rig_that_does_not_hang(tmp_path, gravity):
     """The picture is level, the tube in it is not: track and fit are as good as those of one that hangs."""
     options = TwinOptions(

@@ -126,6 +126,7 @@ def test_light_and_paint_are_where_they_were_asked_for(plain):
             assert np.hypot(np.mean(columns) - place[0], np.mean(rows) - place[1]) < 6
 
 
+@pytest.mark.study
 def test_an_open_shutter_smears_what_moves_and_nothing_else(plain):
     studio, _ = plain
     arcs = np.full(6, 0.02)
