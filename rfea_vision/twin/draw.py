@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.signal import lfilter
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.campaign.specs import gravity_deg
@@ -161,15 +163,7 @@ class Posture:
 
 def posture_at(plant: Plant, motion: PlantMotion, time_s: FloatArray) -> Posture:
     """Postures at times (frames,) in s between the plant's steps, by cubic Hermite interpolation of angles and speeds."""
-    start, step = motion.time_s[0], motion.time_s[1] - motion.time_s[0]
-    index = np.clip(((time_s - start) / step).astype(int), 0, motion.time_s.size - 2)
-    u = ((time_s - start) / step - index)[:, None]
-    theta = (
-        (1 + 2 * u) * (1 - u) ** 2 * motion.theta[index]
-        + u**2 * (3 - 2 * u) * motion.theta[index + 1]
-        + step * u * (1 - u) ** 2 * motion.rate[index]
-        - step * u**2 * (1 - u) * motion.rate[index + 1]
-    )
+    theta = CubicHermiteSpline(motion.time_s, motion.theta, motion.rate)(time_s)
     angles, lengths = hinge_arcs(theta, plant.actuator.length, plant.layout)
     return Posture(
         angles=angles,
@@ -190,10 +184,5 @@ def misread_plane(points_mm: FloatArray, hidden: dict[str, float]) -> FloatArray
 def noise_like(shape: tuple[int, ...], sigma: float, correlation: float, generator: np.random.Generator) -> FloatArray:
     """Stationary AR(1) noise along the first axis."""
     white = generator.standard_normal(shape)
-    if correlation == 0:
-        return sigma * white
-    noise = np.empty(shape)
-    noise[0] = white[0]
-    for index in range(1, shape[0]):
-        noise[index] = correlation * noise[index - 1] + np.sqrt(1 - correlation**2) * white[index]
-    return sigma * noise
+    white[1:] *= np.sqrt(1 - correlation**2)
+    return sigma * lfilter([1.0], [1.0, -correlation], white, axis=0)

@@ -17,10 +17,11 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.files import write_text
+from rfea_vision.scatter import third_difference_noise
 from rfea_vision.twin.draw import Run, build_plant, move, posture_at
 from rfea_vision.twin.excitation import GRID_S, Programme
 from rfea_vision.twin.options import BaseParameters, TwinOptions
-from rfea_vision.twin.writer import _truth, _write_campaign, _write_experiment, _write_track, whole_campaign
+from rfea_vision.twin.writer import truth_of, whole_campaign, write_campaign, write_experiment, write_track
 
 LEAST_NOISE_MM, LEAST_NOISE_DEG = 1e-3, 1e-3  # of recordings that claim none
 BEFORE_S = 3.0  # log before the first frame that is played
@@ -81,7 +82,7 @@ def simulate_like(
     runs: list[Run] = []
     noises: dict[str, float] = {}
     with whole_campaign(out) as work:
-        _write_campaign(work, options.name or out.name, options, None)
+        write_campaign(work, options.name or out.name, options, None)
         for index, (name, recording) in enumerate(recordings.items()):
             run = _run_like(name, recording, options.hidden)
             given = replace(options, base=base, gravity=_gravity(recording), **_observed(recording))
@@ -91,15 +92,15 @@ def simulate_like(
             posture = posture_at(plant, move(plant, run, options.step_s), times)
             folder = work / name
             folder.mkdir()
-            _write_experiment(folder, run, given)
+            write_experiment(folder, run, given)
             _write_log(folder / "pressure.csv", recording)
             generator = np.random.default_rng([options.seed, 3, index])
-            _write_track(folder / "track.csv", camera_s, posture, dict(options.hidden), given, generator)
+            write_track(folder / "track.csv", camera_s, posture, dict(options.hidden), given, generator)
             noises[name] = given.noise_angle_deg if given.observe == "angle" else given.noise_mm
             runs.append(run)
             if progress is not None:
                 progress(index + 1, len(recordings))
-        truth = {**_truth(options, asdict(base), runs), "noise": noises}
+        truth = {**truth_of(options, asdict(base), runs), "noise": noises}
         truth.pop("noise_mm", None)  # each run has its own
         if options.write_truth:
             write_text(out.with_name(f"{out.name}-truth.json"), json.dumps(truth, indent=1) + "\n")
@@ -139,11 +140,8 @@ def _observed(recording: Recording) -> dict[str, Any]:
 
 
 def noise_of(values: FloatArray) -> float:
-    """Standard deviation of the noise of a smooth series (frames, k), from its fourth differences; taken as white."""
-    good = values[np.all(np.isfinite(values), axis=1)]
-    if len(good) < 20:
-        return 0.0
-    return float(np.sqrt(np.mean(np.diff(good, n=4, axis=0) ** 2) / 70))
+    """Standard deviation of the noise of a smooth series (frames, k), from its third differences; taken as white."""
+    return float(np.sqrt(np.mean(third_difference_noise(values[np.all(np.isfinite(values), axis=1)]) ** 2)))
 
 
 def _write_log(path: Path, recording: Recording) -> None:

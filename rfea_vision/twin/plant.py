@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
+from scipy.signal import lfilter
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator
@@ -88,16 +89,11 @@ class Plant:
         lag = get("pressure_lag.T")
         if lag <= 0:
             return felt
-        # exact response of a first-order line to a piecewise linear input
+        # exact response of a first-order line to a piecewise linear input, at rest before it
         step = time_s[1] - time_s[0]
         decay = np.exp(-step / lag)
         mean = (1 - decay) * lag / step
-        out = np.empty_like(felt)
-        out[0] = felt[0]
-        for index in range(1, felt.size):
-            before, now = felt[index - 1], felt[index]
-            out[index] = decay * out[index - 1] + (mean - decay) * before + (1 - mean) * now
-        return out
+        return lfilter([1 - mean, mean - decay], [1.0, -decay], felt, zi=[mean * felt[0]])[0]
 
     def run(
         self,

@@ -7,7 +7,7 @@ The shutter is instantaneous unless the scene says otherwise. What is left out: 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.twin.camera import Camera
 from rfea_vision.twin.coverage import coverage
 from rfea_vision.twin.draw import Posture
-from rfea_vision.twin.stress import MAINS_HZ
+from rfea_vision.twin.stress import MAINS_HZ, Stress
 
 Picture = NDArray[np.floating]
 
@@ -43,12 +43,8 @@ class Scenery:
     noise : standard deviation of the sensor's noise, grey levels
     pattern : (height, width) grey levels of clutter on the wall, or None
     hose_mm : (k, 2) outline in the plane of motion of what hangs before the tube, or None
-    flicker : amplitude of the lamps' brightness at 100 Hz, as a share
     shade : (height, width) share of the light that a shadow leaves while filming, or None
-    bright : factor of the light while filming
-    shutter : share of the time between frames for which the shutter is open
-    band : where below the clamp a painted band begins, mm; 0 for none
-    sleeve : length in mm of a sleeve on the tube's end
+    stress : what else makes the film hard: flicker, brightness, an open shutter, a band or a sleeve on the tube
     """
 
     wall: float
@@ -61,12 +57,8 @@ class Scenery:
     noise: float
     pattern: Picture | None = None
     hose_mm: FloatArray | None = None
-    flicker: float = 0.0
     shade: Picture | None = None
-    bright: float = 1.0
-    shutter: float = 0.0
-    band: float = 0.0
-    sleeve: float = 0.0
+    stress: Stress = field(default_factory=Stress)
 
 
 def draw_scene(
@@ -154,21 +146,21 @@ def frames(
         hidden = coverage([camera.project_plane(finely(scene.hose_mm))], 0, 0, width, height)
     before = HOSE_LEVEL * light
     still = blurred(sharp + hidden * (before - sharp), scene.blur_px)
-    gain = 1 + scene.flicker * np.sin(2 * np.pi * MAINS_HZ * times_s + generator.uniform(0, 2 * np.pi))
-    gain = gain * scene.bright
+    gain = 1 + scene.stress.flicker * np.sin(2 * np.pi * MAINS_HZ * times_s + generator.uniform(0, 2 * np.pi))
+    gain = gain * scene.stress.bright
     noise = (scene.noise * generator.standard_normal((NOISE_FRAMES, height, width))).astype(np.float32)
-    tube = camera.project_plane(tube_outline_mm(posture, 3.0, sleeve_mm=scene.sleeve))
+    tube = camera.project_plane(tube_outline_mm(posture, 3.0, sleeve_mm=scene.stress.sleeve))
     stripe = camera.project_plane(tube_outline_mm(posture, 3.0, 0.45))
-    bands = camera.project_plane(_band_mm(posture, scene.band)) if scene.band else None
+    bands = camera.project_plane(_band_mm(posture, scene.stress.band)) if scene.stress.band else None
     margin = int(np.ceil(5 * scene.blur_px)) + 2
     order = _noise_order(tube.shape[0], generator)
     for index in range(tube.shape[0]):
-        seen = _while_open(tube, index, scene.shutter)
+        seen = _while_open(tube, index, scene.stress.shutter)
         left, top = np.maximum(np.floor(np.min(seen, axis=(0, 1))).astype(int) - margin, 0)
         right, bottom = np.minimum(np.ceil(np.max(seen, axis=(0, 1))).astype(int) + margin, (width, height))
         size = (int(right - left), int(bottom - top))
         body = _mean_coverage(seen, left, top, size)
-        shine = _mean_coverage(_while_open(stripe, index, scene.shutter), left, top, size)
+        shine = _mean_coverage(_while_open(stripe, index, scene.stress.shutter), left, top, size)
         window = (slice(top, bottom), slice(left, right))
         free = 1 - block[window]
         surface = scene.tube + (scene.highlight - scene.tube) * shine

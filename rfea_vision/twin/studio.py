@@ -90,24 +90,14 @@ def board_poses(
             rotation = turn(*angles)
             depth = distance * generator.uniform(0.6, 1.15)
             pixel = target * [camera.width, camera.height]
-            ray = np.array(
-                [
-                    (pixel[0] - camera.matrix[0, 2]) / camera.matrix[0, 0],
-                    (pixel[1] - camera.matrix[1, 2]) / camera.matrix[1, 1],
-                    1.0,
-                ]
-            )
-            translation = depth * ray - rotation[:, :2] @ middle
-            corners = camera.project_camera_frame(sheet @ rotation[:, :2].T + translation)
+            ray = np.linalg.solve(camera.matrix, [*pixel, 1.0])
+            pose = replace(camera, rotation=rotation, translation=depth * ray - rotation[:, :2] @ middle)
+            corners = pose.project_plane(sheet)
             if np.all(corners > 4) and np.all(corners < [camera.width - 5, camera.height - 5]):
-                poses.append(_pose(camera, rotation, translation))
+                poses.append(pose.project_plane)
                 break
             target = 0.9 * target + 0.05
     return poses
-
-
-def _pose(camera: Camera, rotation: FloatArray, translation: FloatArray) -> Callable[[FloatArray], FloatArray]:
-    return lambda points: camera.project_camera_frame(points @ rotation[:, :2].T + translation)
 
 
 def write_video(
@@ -182,15 +172,7 @@ class Studio:
             towards = 1.0 if scene.wall > scene.tube else -1.0
             scene = replace(scene, highlight=scene.tube + towards * stress.highlight)
         shade = shadow_of(stress.shadow, width, height) if stress.shadow else None
-        return replace(
-            scene,
-            flicker=stress.flicker,
-            shade=shade,
-            bright=stress.bright,
-            shutter=stress.shutter,
-            band=stress.band,
-            sleeve=stress.sleeve,
-        )
+        return replace(scene, stress=stress, shade=shade)
 
     def write_calibration(self, folder: Path) -> dict[str, Any]:
         """Write the photos; return the campaign's ``camera`` section."""

@@ -78,17 +78,17 @@ def simulate(
             postures.append(posture_at(plant, motion, run.offset_s + (1 + run.drift) * camera_s))
         studio = Studio(options, postures) if options.video else None
         camera = studio.write_calibration(work / "calibration") if studio else None
-        _write_campaign(work, options.name or out.name, options, camera)
+        write_campaign(work, options.name or out.name, options, camera)
         for index, (run, posture) in enumerate(zip(runs, postures, strict=True)):
             report(200 * len(runs) + 800 * index, total)
             generator = np.random.default_rng([options.seed, 3, index])
             folder = work / run.name
             folder.mkdir()
-            _write_experiment(folder, run, options)
+            write_experiment(folder, run, options)
             _write_pressure(folder / "pressure.csv", run, options, generator)
             _write_valves(folder / "valves.csv", told[index])
             if studio is None:
-                _write_track(folder / "track.csv", camera_s, posture, hidden, options, generator)
+                write_track(folder / "track.csv", camera_s, posture, hidden, options, generator)
             else:
                 begun = 200 * len(runs) + 800 * index
                 studio.film(
@@ -98,7 +98,7 @@ def simulate(
                 )
             if options.exact_tracks:
                 _write_exact(out.with_name(f"{out.name}-truth") / f"{run.name}.nc", camera_s, posture)
-        truth = _truth(options, asdict(base), runs)
+        truth = truth_of(options, asdict(base), runs)
         if options.write_truth:
             write_text(out.with_name(f"{out.name}-truth.json"), json.dumps(truth, indent=1) + "\n")
     report(total, total)
@@ -123,7 +123,8 @@ def whole_campaign(out: Path) -> Iterator[Path]:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def _truth(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dict[str, Any]:
+def truth_of(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dict[str, Any]:
+    """What `simulate` returns: hidden effects and their parameters (SI), base parameters, noise, and offsets (s) by run."""
     hidden = with_partners(options.hidden)
     return {
         "effects": sorted({key.split(".")[0] for key in hidden}),
@@ -144,7 +145,8 @@ def _noise(options: TwinOptions) -> dict[str, float]:
     return {"noise_mm": options.noise_mm}
 
 
-def _write_campaign(folder: Path, name: str, options: TwinOptions, camera: dict[str, Any] | None) -> None:
+def write_campaign(folder: Path, name: str, options: TwinOptions, camera: dict[str, Any] | None) -> None:
+    """Write campaign.yaml; `camera` is its section of that name, None of a campaign of tracks."""
     tube = options.actuator
     content: dict[str, Any] = {
         "format": "rfea-campaign/1",
@@ -163,7 +165,8 @@ def _write_campaign(folder: Path, name: str, options: TwinOptions, camera: dict[
     write_text(folder / "campaign.yaml", yaml.safe_dump(content, sort_keys=False))
 
 
-def _write_experiment(folder: Path, run: Run, options: TwinOptions) -> None:
+def write_experiment(folder: Path, run: Run, options: TwinOptions) -> None:
+    """Write experiment.yaml of one run."""
     content: dict[str, Any] = {"format": "rfea-experiment/1", "name": run.name, "role": run.role}
     if options.video:
         content["video"] = {"file": "video.mp4"}
@@ -199,7 +202,7 @@ def _write_valves(path: Path, valves: ValveCommands | None) -> None:
         write_text(path, table.astype({"supply": int, "drain": int}).to_csv(index=False, float_format="%.4f"))
 
 
-def _write_track(
+def write_track(
     path: Path,
     camera_s: FloatArray,
     posture: Posture,
@@ -207,6 +210,7 @@ def _write_track(
     options: TwinOptions,
     generator: np.random.Generator,
 ) -> None:
+    """Write what a tracker would have seen at camera times (frames,) in s, with the noise that `options` asks for."""
     if options.observe == "angle":
         angle = np.degrees(posture.line(np.array([1.0]))[1][:, 0])
         noise = noise_like(angle.shape, options.noise_angle_deg, options.noise_correlation, generator)

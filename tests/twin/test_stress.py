@@ -137,7 +137,7 @@ def test_an_open_shutter_smears_what_moves_and_nothing_else(plain):
         next(islice(frames(studio.camera, scene, posture, np.random.default_rng(0), np.arange(3) / 30), 1, 2)).astype(
             float
         )
-        for scene in (studio.scene, replace(studio.scene, shutter=1.0))
+        for scene in (studio.scene, replace(studio.scene, stress=Stress(shutter=1.0)))
     )
     off = np.abs(smeared - still)
     clamp, tip = (studio.camera.project_plane(posture.line(np.array([u]))[0][1])[0] for u in (0.05, 0.95))
