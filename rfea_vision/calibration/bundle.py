@@ -17,8 +17,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.noise import slow_variance
-from rfea_vision.calibration.projection import lens_vector, rotation_matrix
-from rfea_vision.calibration.reprojection import board_pixels, rms_distance, seen
+from rfea_vision.calibration.projection import lens_vector, rms_distance, rotation_matrix
 from rfea_vision.errors import DataError
 
 Pose = tuple[FloatArray, FloatArray]
@@ -29,6 +28,7 @@ MOST_LOOKS = 60
 PRIOR_FREEDOM = 20  # a photo's own noise is pulled towards that of all photos as if by so many residuals
 WIDEST_RAD = 1.48  # between the optical axis and a ray: beyond, a board is seen edge on
 SCALE_LIMIT = 4.0  # between the noise of a photo and that of all photos
+_NO_TURN = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -81,17 +81,21 @@ class Bundle:
         return rms_distance(self.residuals[view])
 
 
-def project_board(lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray) -> FloatArray:
-    """Pixels (n, 2) of board points (n, 2) mm."""
-    return board_pixels(lens.is_fisheye, lens.vector, rotation, translation, board_mm)
+def project_board(
+    lens: Lens, rotation: FloatArray, translation_mm: FloatArray, board_mm: FloatArray, turn: FloatArray = _NO_TURN
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Pixels (n, 2) of board points (n, 2) mm, and their derivatives by the lens (2n, lens parameters) and the pose (2n, 6).
 
-
-def pose_and_lens_jacobians(
-    lens: Lens, rotation: FloatArray, translation: FloatArray, board_mm: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Derivatives of the pixels by lens (2n, lens parameters) and pose (2n, 6)."""
-    move = np.concatenate([np.zeros(3), translation])
-    return seen(lens.is_fisheye, lens.vector, rotation, move, board_mm)[1:]
+    The board is turned by `rotation` (3, 3), then by the rotation vector `turn` (3,), and shifted; the pose is turn and shift.
+    """
+    turned = np.ascontiguousarray(board_mm @ rotation[:, :2].T).reshape(-1, 1, 3)
+    project = cv2.fisheye.projectPoints if lens.is_fisheye else cv2.projectPoints
+    pixels, found = project(turned, turn, translation_mm, lens.matrix, lens.distortion)[:2]
+    pixels, found = np.asarray(pixels, dtype=float).reshape(-1, 2), np.asarray(found, dtype=float)
+    count = lens.distortion.size
+    if lens.is_fisheye:  # OpenCV's order: f, c, distortion, rotation, translation, skew
+        return pixels, found[:, : 4 + count], found[:, 8:14]
+    return pixels, found[:, 6 : 10 + count], found[:, :6]  # rotation, translation, f, c, distortion
 
 
 def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
@@ -122,7 +126,7 @@ def solve_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray, Flo
     rotation, translation = first_pose(lens, view)
 
     def at(move: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        return seen(lens.is_fisheye, lens.vector, rotation, move, view.board_mm)
+        return project_board(lens, rotation, move[3:], view.board_mm, move[:3])
 
     move = least_squares(
         lambda x: (at(x)[0] - view.pixels).ravel(),
@@ -186,7 +190,6 @@ def solve_bundle(
     model: str,
     *,
     joint_view: int | None = None,
-    start: Lens | None = None,
     reweight: bool = True,
 ) -> Bundle:
     """Least squares over lens and poses; each photo counts by its own noise, found in a first round.
@@ -199,7 +202,6 @@ def solve_bundle(
     size : picture width and height in px
     model : one of `LENSES`
     joint_view : view whose pose shares the joint covariance with the lens
-    start : lens to start from
     reweight : estimate the noise of every photo by itself
 
     Raises
@@ -208,11 +210,12 @@ def solve_bundle(
         If the photos do not determine the lens.
     """
     poorer = LENSES[model].richer_than
-    if start is None and poorer is not None:  # a rich model has valleys of its own: start on the plain one
+    if poorer is None:
+        lens = first_lens(views, size, model)
+    else:  # a rich model has valleys of its own: start on the plain one
         plain = solve_bundle(views, size, poorer).lens
         more = np.zeros(LENSES[model].coefficients - plain.distortion.size)
-        start = Lens(model, plain.matrix, np.concatenate([plain.distortion, more]))
-    lens = start or first_lens(views, size, model)
+        lens = Lens(model, plain.matrix, np.concatenate([plain.distortion, more]))
     poses = [first_pose(lens, view) for view in views]
     scales = np.ones(len(views))
     for _ in range(REWEIGHTINGS if reweight else 0):
@@ -223,14 +226,14 @@ def solve_bundle(
 
 
 def _residuals(views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose]) -> list[FloatArray]:
-    return [v.pixels - project_board(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+    return [v.pixels - project_board(lens, r, t, v.board_mm)[0] for v, (r, t) in zip(views, poses, strict=True)]
 
 
 def _blocks(
     views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose], scales: FloatArray
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Derivatives by lens and pose, view by view, divided by the noise."""
-    found = [pose_and_lens_jacobians(lens, r, t, v.board_mm) for v, (r, t) in zip(views, poses, strict=True)]
+    found = [project_board(lens, r, t, v.board_mm)[1:] for v, (r, t) in zip(views, poses, strict=True)]
     return [(a / scale, b / scale) for (a, b), scale in zip(found, scales, strict=True)]
 
 
@@ -246,13 +249,14 @@ def _scales(views: Sequence[BoardView], lens: Lens, poses: Sequence[Pose]) -> Fl
 
 def _descend(views: Sequence[BoardView], lens: Lens, poses: list[Pose], scales: FloatArray) -> tuple[Lens, list[Pose]]:
     """Lens and poses of least squares (MINPACK's Levenberg-Marquardt), each view's residuals divided by its noise."""
-    size, fisheye = lens.vector.size, lens.is_fisheye
+    size = lens.vector.size
     ends = np.cumsum([0, *(view.pixels.size for view in views)])
 
     def each(x: FloatArray) -> Iterator[tuple[slice, slice, FloatArray, FloatArray, FloatArray]]:
+        tried = Lens.from_vector(lens.model, x[:size])
         for k, (view, (rotation, _), scale) in enumerate(zip(views, poses, scales, strict=True)):
             rows, own = slice(ends[k], ends[k + 1]), slice(size + 6 * k, size + 6 * k + 6)
-            pixels, by_lens, by_pose = seen(fisheye, x[:size], rotation, x[own], view.board_mm)
+            pixels, by_lens, by_pose = project_board(tried, rotation, x[own][3:], view.board_mm, x[own][:3])
             yield rows, own, (pixels - view.pixels).ravel() / scale, by_lens / scale, by_pose / scale
 
     def residual(x: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import Lens, solve_bundle, solve_pose
 from rfea_vision.calibration.corners import BoardView, Refused, shown_grid
 from rfea_vision.calibration.photos import Photo, read_photo
-from rfea_vision.calibration.reprojection import rms_distance
+from rfea_vision.calibration.projection import rms_distance
 from rfea_vision.errors import DataError
 
 ASKED_FOR_GRID = 4  # photos, a quarter of a second each: in one of six a stray corner had grown a grid by a row

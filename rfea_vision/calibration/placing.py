@@ -9,9 +9,9 @@ import numpy as np
 
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.board import Board
-from rfea_vision.calibration.bundle import Lens, pose_and_lens_jacobians, solve_pose
+from rfea_vision.calibration.bundle import Lens, project_board, solve_pose
 from rfea_vision.calibration.calibrate import find_plane, plane_of_motion
-from rfea_vision.calibration.reprojection import rms_distance
+from rfea_vision.calibration.projection import rms_distance
 
 
 def place_in_plane(
@@ -38,7 +38,7 @@ def place_in_plane(
     view = find_plane(plane, board, (calibration.image_width, calibration.image_height))
     lens = Lens(calibration.model, calibration.camera_matrix, calibration.distortion)
     rotation, translation, residuals = solve_pose(lens, view)
-    by_lens, by_pose = pose_and_lens_jacobians(lens, rotation, translation, view.board_mm)
+    _, by_lens, by_pose = project_board(lens, rotation, translation, view.board_mm)
     variance = float(np.sum(residuals**2)) / max(residuals.size - 6, 1)
     pull = -np.linalg.pinv(by_pose) @ by_lens  # how an error of the lens moves the pose
     lens_covariance = calibration.intrinsics_covariance

@@ -195,6 +195,11 @@ def _joint_covariance(calibration: Calibration) -> FloatArray:
     return block
 
 
+def rms_distance(residual: FloatArray) -> float:
+    """Root mean square distance between corners and model, as OpenCV counts it, of residuals (n, 2)."""
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
+
+
 def tilt_deg(rotation: FloatArray) -> float:
     """Angle (deg) between the optical axis and the normal of a plane with these axes (3, 3)."""
     return float(np.degrees(np.arccos(np.clip(-rotation[2, 2], -1, 1))))

@@ -15,8 +15,7 @@ from scipy.optimize import least_squares
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
-from rfea_vision.calibration.projection import rotation_matrix, tilt_deg
-from rfea_vision.calibration.reprojection import rms_distance
+from rfea_vision.calibration.projection import rms_distance, rotation_matrix, tilt_deg
 from rfea_vision.errors import InputError
 
 # focal length over the longer side of the picture: 28 mm on 36 mm film, as main cameras of phones have

@@ -185,7 +185,7 @@ def test_every_lens_model_fits_points_made_with_it_and_is_the_same_compiled(mode
     while len(views) < 16:
         rotation = rotation_matrix(rng.uniform(-0.5, 0.5, 3))
         translation = np.array([rng.uniform(-150, 30), rng.uniform(-110, 10), rng.uniform(130, 260)])
-        pixels = project_board(lens, rotation, translation, board.corners_mm)
+        pixels = project_board(lens, rotation, translation, board.corners_mm)[0]
         if pixels.min() < 0 or np.any(pixels.max(axis=0) > [1280, 720]):
             continue
         compiled = project(pack_camera(model, lens_vector(lens.matrix, coefficients), rotation, translation), board.corners_mm)
