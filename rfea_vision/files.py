@@ -10,7 +10,7 @@ import re
 import socket
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -114,24 +114,22 @@ def _is_running(process: int) -> bool:
 
 def is_file(path: Path) -> bool:
     """Whether a plain file lies there; a path that the system cannot even look at is none."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
+    return _is(path.is_file)
 
 
 def is_folder(path: Path) -> bool:
     """Whether a folder lies there."""
-    try:
-        return path.is_dir()
-    except (OSError, ValueError):
-        return False
+    return _is(path.is_dir)
 
 
 def is_link(path: Path) -> bool:
     """Whether a symbolic link lies there, wherever it leads."""
+    return _is(path.is_symlink)
+
+
+def _is(look: Callable[[], bool]) -> bool:
     try:
-        return path.is_symlink()
+        return look()
     except (OSError, ValueError):
         return False
 

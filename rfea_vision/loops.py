@@ -19,16 +19,21 @@ except ImportError:  # Windows: there, two processes may make the same loops at 
     fcntl = None
 
 
+def digest_of_sources(folder: Path) -> str:
+    """Return a hash of all Python files below a folder, with their names."""
+    digest = hashlib.sha256()
+    for source in sorted(folder.rglob("*.py")):
+        digest.update(source.relative_to(folder).as_posix().encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()
+
+
 def forget_stale_loops(room: Path) -> None:
     """Remove what Numba keeps of a room (a folder of the package) unless all of its sources are as they were.
 
     To be called before the first function of the room is compiled. Where the folder cannot be written to, Numba keeps its loops
     elsewhere, by the age of each file; there, nothing is removed.
     """
-    digest = hashlib.sha256()
-    for source in sorted(room.rglob("*.py")):
-        digest.update(source.relative_to(room).as_posix().encode() + b"\0" + source.read_bytes())
-    known, now = room / "__pycache__" / "sources.sha256", digest.hexdigest()
+    known, now = room / "__pycache__" / "sources.sha256", digest_of_sources(room)
     with suppress(OSError):
         if known.is_file() and known.read_text(encoding="ascii") == now:
             return

@@ -48,7 +48,6 @@ _PLAIN_UNITS = {
 }
 #: Signs that people write for a unit and pint does not read.
 _SIGNS = {'"': "in", "\u2033": "in", "\u201d": "in", "''": "in", "'": "ft", "\u2032": "ft"}
-_COMMON_UNITS = tuple(_PLAIN_UNITS)
 
 
 @cache
@@ -72,7 +71,7 @@ def _unit(text: str) -> pint.Unit:
         if isinstance(error, pint.UndefinedUnitError) or text:
             if text in _SIGNS:
                 raise ValueError(f"unknown unit '{text}'; write '{_SIGNS[text]}'") from error
-            lowered = {name.lower(): name for name in _COMMON_UNITS}
+            lowered = {name.lower(): name for name in _PLAIN_UNITS}
             close = difflib.get_close_matches(text.lower(), lowered, n=1, cutoff=0.5)
             hint = f"; did you mean '{lowered[close[0]]}'?" if close else ""
             raise ValueError(f"unknown unit '{text}'{hint}") from error
@@ -130,7 +129,7 @@ def _with_unit(number: str, example: str) -> str:
     def off(unit: str) -> float:
         return abs(math.log(own * conversion_factor(unit, shown[2]) / usual))
 
-    alike = [unit for unit in (shown[2], *_COMMON_UNITS) if _unit(unit).dimensionality == kind]
+    alike = [unit for unit in (shown[2], *_PLAIN_UNITS) if _unit(unit).dimensionality == kind]
     unit = shown[2] if not (own and usual) or off(shown[2]) < _NEAR else min(alike, key=off)
     return f"{number}{' ' if ' ' in example else ''}{unit}"
 

@@ -57,6 +57,8 @@ class Metrics(_Json):
 
 
 class ExperimentScore(Metrics):
+    """Errors of a model on one run; ``nuisance`` holds what the fit left free for this run alone, in SI."""
+
     role: str
     frames_used: int = 0
     step_s: float | None = None  # longest step of the integrator on this run
@@ -169,11 +171,15 @@ class Candidate(_Json):
 
 
 class Tie(_Json):
+    """Effects that the data cannot tell from one another, and what would."""
+
     effects: list[str]
     split_by: str
 
 
 class NextExperiment(_Json):
+    """The run that would tell effects apart; ``pressure`` names a CSV file (time_s, pressure_kPa) beside the diagnosis."""
+
     separates: list[str] = Field(alias="for")
     pressure: str
     sentence: str

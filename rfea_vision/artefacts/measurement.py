@@ -100,6 +100,7 @@ class Actuator:
         return area * outer**2 / (3.0 if self.kind == "rectangle" else 4.0)
 
     def as_dict(self) -> dict[str, Any]:
+        """The fields by name, in SI, as model.json keeps them."""
         return asdict(self)
 
 
@@ -274,8 +275,10 @@ class Recording(_Frames):
 
     @property
     def name(self) -> str:
+        """The experiment that was recorded."""
         return str(self.dataset.attrs["experiment"])
 
     @property
     def role(self) -> str:
+        """What the run is for: train, validate or test."""
         return str(self.dataset.attrs["role"])

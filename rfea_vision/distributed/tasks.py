@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from rfea_vision import __version__
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import storage_sentence
+from rfea_vision.loops import digest_of_sources
 from rfea_vision.readers.apart import isolating
 
 _PATIENCE_S = 60.0  # for a lock that another worker holds
@@ -65,11 +65,7 @@ class BatchResult:
 @cache
 def fingerprint() -> str:
     """The version of this package and a hash of its code: two that differ may differ in their results."""
-    root = Path(__file__).resolve().parent.parent
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return f"{__version__} ({digest.hexdigest()[:12]})"
+    return f"{__version__} ({digest_of_sources(Path(__file__).resolve().parent.parent)[:12]})"
 
 
 def sentence_of(error: BaseException) -> str:

@@ -28,12 +28,9 @@ class Shown:
 
 def errors_of(step: LadderStep, evidence: Evidence) -> Shown:
     """Return what the page shows as the error of this rung."""
-    rung = step.rung
-    tip = (rung.train_tip_rmse_mm, rung.validate_tip_rmse_mm)
-    angle = (rung.train_angle_rmse_deg, rung.validate_angle_rmse_deg)
-    if tip == (None, None) and angle != (None, None):
-        return Shown("deg", "Angle error", *angle, _floor(step, evidence, "noise_floor_deg"))
-    return Shown("mm", "Tip error", *tip, _floor(step, evidence, "noise_floor_mm"))
+    rung, unit = step.rung, step.rung.unit
+    what, floor = "Tip error" if unit == "mm" else "Angle error", _floor(step, evidence, f"noise_floor_{unit}")
+    return Shown(unit, what, rung.error("train"), rung.error("validate"), floor)
 
 
 def _floor(step: LadderStep, evidence: Evidence, key: str) -> float | None:

@@ -123,10 +123,9 @@ class Workspace(Runner):
 
         `asked` are fields of `FitOptions` and of `CritiqueOptions`, in place of `fit` and `critique`.
         """
-        own = {name: value for name, value in asked.items() if not declares(CritiqueOptions, name)}
-        both = {name: value for name, value in asked.items() if declares(FitOptions, name)}
         judged = {name: value for name, value in asked.items() if declares(CritiqueOptions, name)}
-        fit = fit or from_keywords(FitOptions, {**own, **both})
+        fitted = {name: value for name, value in asked.items() if declares(FitOptions, name) or name not in judged}
+        fit = fit or from_keywords(FitOptions, fitted)
         return mechanics.improve(self, fit, critique or from_keywords(CritiqueOptions, judged)).value
 
     def propose(self, model: str | None = None, file: Path | str | None = None) -> Proposal:
