@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Calibration, Hints
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
@@ -12,6 +12,9 @@ from rfea_vision.errors import InputError
 from rfea_vision.progress import Progress
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
+
+if TYPE_CHECKING:
+    from rfea_vision.readers.video import FrameSource
 
 
 def calibration_path(work: Runner, experiment: ExperimentSpec | None) -> Path:
@@ -73,25 +76,25 @@ def _calibrated(
     if size is not None:
         calibration = _scaled(camera, size, length_mm)
         return calibration, str(calibration.quality["note"])
-    placed: dict[str, Any] = {
-        "vertical": camera.vertical if isinstance(camera.vertical, str) else "plumb",
-        "board_offset_mm": camera.board_offset_mm,
-    }
+    vertical, offset_mm = camera.vertical if isinstance(camera.vertical, str) else "plumb", camera.board_offset_mm
     if camera.file is not None:
         calibration = load_calibration(camera.file)
         if camera.plane is not None and camera.board is not None:
-            calibration = place_in_plane(calibration, camera.plane, camera.board, **placed)
+            calibration = place_in_plane(
+                calibration, camera.plane, camera.board, board_offset_mm=offset_mm, vertical=vertical
+            )
         return calibration, f"{calibration.model}, taken from {camera.file.name}"
     assert camera.board is not None
     calibration = calibrate_camera(
         camera.photos,
         camera.plane,
         camera.board,
+        vertical=vertical,
+        board_offset_mm=offset_mm,
         lens=camera.lens,
         clamp_px=camera.hints.clamp,
         tube_length_mm=length_mm,
         progress=progress,
-        **placed,
     )
     used = sum(bool(photo.get("used")) for photo in calibration.photos)
     said = f"{calibration.model}, RMS {calibration.rms_px:.3f} px, {used} of {len(calibration.photos)} photos"
@@ -125,7 +128,7 @@ def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Cali
     return scaled_by_distance(size, line, length_mm, error_mm=TUBE_SPREAD * length_mm)
 
 
-def open_source(video: VideoSpec) -> Any:
+def open_source(video: VideoSpec) -> FrameSource:
     """Open a video or a folder of frames."""
     from rfea_vision.readers.video import open_frames, open_video
 
@@ -136,6 +139,7 @@ def open_source(video: VideoSpec) -> Any:
 
 
 def pictures_of(video: VideoSpec) -> list[Path]:
+    """The files that a video consists of: one, or a folder's pictures and the table of their times."""
     if video.file is not None:
         return [video.file]
     assert video.frames is not None

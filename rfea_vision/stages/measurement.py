@@ -32,6 +32,7 @@ from rfea_vision.stages.warnings import (
 
 if TYPE_CHECKING:
     from rfea_vision.readers.pressure import PressureLog
+    from rfea_vision.readers.video import FrameSource
 
 
 def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
@@ -79,8 +80,10 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
     return tracked
 
 
-def follow(experiment: ExperimentSpec, calibration: Calibration, source: Any, **more: Any) -> Track:
-    """Track the tube through a source of this experiment's pictures, with its hints; `more` as for `track_frames`."""
+def follow(
+    experiment: ExperimentSpec, calibration: Calibration, source: FrameSource, progress: Progress | None = None
+) -> Track:
+    """Track the tube through a source of this experiment's pictures, with its hints."""
     from rfea_vision.vision import track_frames
 
     camera, sync = experiment.camera, experiment.sync
@@ -94,7 +97,7 @@ def follow(experiment: ExperimentSpec, calibration: Calibration, source: Any, **
         hints=camera.hints,
         lamp_box=sync.box if sync.method == "led" else None,
         line_delay_s=camera.line_delay_s,
-        **more,
+        progress=progress,
     )
 
 
@@ -128,7 +131,7 @@ def _clip(
     def make(progress: Progress) -> tuple[None, list[Path], str]:
         from rfea_vision.vision import make_clip
 
-        facts: dict[str, Any] = make_clip(
+        facts = make_clip(
             open_source(video), tracked.value, calibration.value, folder / "clip.mp4", progress=progress
         )
         write_text(folder / "clip.json", json.dumps(facts) + "\n")
@@ -295,10 +298,10 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     )
 
 
-def rig_attributes(experiment: ExperimentSpec) -> dict[str, Any]:
+def rig_attributes(experiment: ExperimentSpec) -> dict[str, str | float]:
     """Return what a recording says of how the run was set up; nothing where it hangs, free from the start, as the paper's."""
     rig = experiment.rig
-    found: dict[str, Any] = {}
+    found: dict[str, str | float] = {}
     if rig.gravity_deg is None:
         found["gravity"] = "none"
     elif rig.gravity_deg and rig.plumb is None:  # by the plumb line it stands in the track

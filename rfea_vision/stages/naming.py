@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields, replace
 from itertools import count
-from typing import Any
 
 from rfea_vision.artefacts import Ladder
 from rfea_vision.errors import InputError
@@ -78,6 +77,6 @@ def _others(
     return [f"{key} {_shown(before, key)}" for key in keys if old.get(key) != new.get(key)]
 
 
-def _shown(options: FitOptions, key: str) -> Any:
+def _shown(options: FitOptions, key: str) -> object:
     value = getattr(options, key)
     return value.name if hasattr(value, "name") else "none" if value in (None, (), {}) else value

@@ -68,7 +68,7 @@ class Recipe(BaseModel):
                 raise ValueError(f"step {number} names {' and '.join(names) or 'no stage'}; give each stage a '-' of its own")
         return self
 
-    def calls(self) -> list[tuple[str, tuple[Any, ...]]]:
+    def calls(self) -> list[tuple[str, tuple[object, ...]]]:
         """Return each step's stage, and what it is told: one object of each of its classes in `STEPS`.
 
         Raises
@@ -88,7 +88,7 @@ class Recipe(BaseModel):
         return schema
 
 
-def _told(name: str, options: Mapping[str, Any]) -> tuple[Any, ...]:
+def _told(name: str, options: Mapping[str, object]) -> tuple[object, ...]:
     known = {option.key for option in asked_by(name, *STEPS[name])}
     for key in options:
         if key not in known:

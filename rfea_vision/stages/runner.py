@@ -181,6 +181,7 @@ class Runner:
         return [item.name for item in self.campaign.experiments if item.role != "ignore"]
 
     def active(self) -> list[ExperimentSpec]:
+        """The experiments that are neither set aside nor have failed in this session."""
         return [item for item in self.campaign.experiments if item.role != "ignore" and item.name not in self.failures]
 
     def each(self, names: Sequence[str], action: Callable[[ExperimentSpec], _Result], verb: str) -> dict[str, _Result]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import pandas as pd
 
@@ -20,7 +20,7 @@ _ROLES = ("train", "validate")
 _RUNG = ("added", "grade", "probability", "share")
 
 
-def campaign_rows(folder: Path) -> list[dict[str, Any]]:
+def campaign_rows(folder: Path) -> list[dict[str, object]]:
     """Read the models of one campaign.
 
     Parameters
@@ -66,7 +66,7 @@ def campaign_rows(folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def write_table(path: Path, rows: Sequence[dict[str, Any]], kind: str) -> list[str]:
+def write_table(path: Path, rows: Sequence[dict[str, object]], kind: str) -> list[str]:
     """Write rows as ``parquet`` or ``csv`` and return the names of the columns; what a row lacks is empty.
 
     Raises
@@ -89,7 +89,7 @@ def write_table(path: Path, rows: Sequence[dict[str, Any]], kind: str) -> list[s
     return [str(name) for name in frame.columns]
 
 
-def _facts(model: ModelFit, diagnosis: Diagnosis | None) -> dict[str, Any]:
+def _facts(model: ModelFit, diagnosis: Diagnosis | None) -> dict[str, object]:
     errors = {
         f"{role}_{error}": getattr(model.metrics[role], error) if role in model.metrics else None
         for role in _ROLES
@@ -108,9 +108,9 @@ def _facts(model: ModelFit, diagnosis: Diagnosis | None) -> dict[str, Any]:
     }
 
 
-def _parameters(model: ModelFit) -> dict[str, Any]:
+def _parameters(model: ModelFit) -> dict[str, object]:
     """Value, 95 % interval, standard error and unit of every parameter."""
-    found: dict[str, Any] = {}
+    found: dict[str, object] = {}
     for name, parameter in model.parameters.items():
         low, high = parameter.interval_95 or (None, None)
         found |= {
