@@ -3,7 +3,7 @@
 A term is a product of the tube's angle, rate, pressure, memories or the time with the place along the tube. Each is played as a
 torque on the joints of the fitted model, and how the model then moves, as the camera would see it, is a column of the regression:
 exact where the term is small, and nothing measured is differentiated. What the base parameters and clocks could take up is projected
-out. Terms are added one at a time while runs that were left out of the regression are foretold better (the idea of Brunton,
+out. Terms are added one at a time while runs that were left out of the regression are predicted better (the idea of Brunton,
 Proctor and Kutz 2016, doi:10.1073/pnas.1517384113, on a residual instead of the whole; Kaheman, Kutz and Brunton 2020,
 doi:10.1098/rspa.2020.0279). The best law is written as an effect file, such as people write by hand.
 """
@@ -26,7 +26,7 @@ from rfea_vision.critique.diagnosis import refit_artefact
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, errors_of, matters, structure
 from rfea_vision.critique.screening import swallowable
-from rfea_vision.critique.terms import Course, Term, effect_source, library, listed
+from rfea_vision.critique.terms import Term, Trajectory, effect_source, library, listed
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
@@ -167,7 +167,7 @@ def played(problem: Problem, fitted: Fitted) -> tuple[list[Term], list[FloatArra
     before = evaluate(fitted.model, fitted.par, items, free, clocks)
     if before is None:
         raise DataError("a training run cannot be simulated with steps of twice the usual length")
-    terms = library([_course(fitted, item) for item in items])
+    terms = library([_trajectory(fitted, item) for item in items])
     columns = [_answer(fitted, items, term, SMALL * float(fitted.par[0]), before) for term in terms]
     basis, _ = np.linalg.qr(swallowable(before, fitted, len(free)))
     wide = np.column_stack([*columns, -before.residual])
@@ -175,14 +175,14 @@ def played(problem: Problem, fitted: Fitted) -> tuple[list[Term], list[FloatArra
     return terms, [wide[rows].T @ wide[rows] for rows in _parts(items, before)]
 
 
-def _course(fitted: Fitted, item: Observed) -> Course:
+def _trajectory(fitted: Fitted, item: Observed) -> Trajectory:
     excitation = item.excitation
     time = excitation.start_s + excitation.step_s * np.arange(excitation.pressure.size, dtype=np.float64)
     motion = as_it_stood(fitted.model, fitted.par, item, time[:-1])
     if not motion.ok:
         raise DataError(f"experiment {item.name}: {motion.message}")
     phi, rate = (np.concatenate([values, values[-1:]]) for values in (motion.phi, motion.rate))
-    return Course(time, np.diff(phi, axis=1), np.diff(rate, axis=1), excitation.pressure)
+    return Trajectory(time, np.diff(phi, axis=1), np.diff(rate, axis=1), excitation.pressure)
 
 
 def _answer(fitted: Fitted, items: Sequence[Observed], term: Term, torque: float, before: Evaluation) -> FloatArray:

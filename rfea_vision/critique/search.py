@@ -23,7 +23,7 @@ from rfea_vision.critique.measures import (
 from rfea_vision.critique.refinement import SEGMENTS
 from rfea_vision.critique.rule import RULE, Rule
 from rfea_vision.critique.screening import Screened, available, screened_rows, sensitivities
-from rfea_vision.critique.subsets import MOST_TOGETHER, Combinations, Proposal
+from rfea_vision.critique.subsets import MOST_TOGETHER, CandidateSet, Combinations
 from rfea_vision.critique.trials import Trial, Trials, plain
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, forms_of
@@ -215,7 +215,7 @@ class Search:
         for _, name, values in sorted(looks, key=lambda look: look[:2])[:most]:
             self.trials.refit(self.present, (name,), values)
 
-    def _worth(self, centre: Trial, proposal: Proposal) -> bool:
+    def _worth(self, centre: Trial, proposal: CandidateSet) -> bool:
         """Whether a refit could earn its price: if it left nothing at all, and if it did twice as well as its linear step.
 
         In a wide search: or whether it could lower the error by what matters.

@@ -22,7 +22,7 @@ BEAM = 60
 
 
 @dataclass(frozen=True)
-class Proposal:
+class CandidateSet:
     """A set of effects with the values of a linear step; `fall` is the share of the squared error that it would remove."""
 
     effects: tuple[str, ...]
@@ -67,12 +67,12 @@ class Combinations:
         self._hessian = wide.T @ wide
         self._cost = float(rows[0].residual @ rows[0].residual) if rows else 1.0
 
-    def best(self, present: frozenset[str], size: int, most: int) -> list[list[Proposal]]:
+    def best(self, present: frozenset[str], size: int, most: int) -> list[list[CandidateSet]]:
         """The best proposals of every size up to `size`, at most `most` sets of each; of a set its best point of the grids."""
-        found: list[list[Proposal]] = []
+        found: list[list[CandidateSet]] = []
         beam: list[tuple[int, ...]] = [()]
         for step in range(size):
-            tried: dict[tuple[int, ...], Proposal] = {}
+            tried: dict[tuple[int, ...], CandidateSet] = {}
             for picks in beam:
                 taken = {self._columns[i].effect for i in picks}
                 for k, column in enumerate(self._columns):
@@ -84,7 +84,7 @@ class Combinations:
             ranked = sorted(tried.items(), key=lambda pair: -pair[1].fall)
             # All pairs are looked at, also those of which one alone would have the wrong sign.
             beam = [picks for picks, _ in ranked[:BEAM]] if step else [(k,) for k in range(len(self._columns))]
-            sets: dict[frozenset[str], Proposal] = {}
+            sets: dict[frozenset[str], CandidateSet] = {}
             for picks, proposal in ranked:
                 needed = {one for i in picks for one in self._columns[i].needs}
                 if needed <= {*present, *proposal.effects}:
@@ -94,7 +94,7 @@ class Combinations:
             found.append(list(sets.values()))
         return found
 
-    def _step(self, picks: tuple[int, ...]) -> Proposal | None:
+    def _step(self, picks: tuple[int, ...]) -> CandidateSet | None:
         """The joint step, within its bounds; None where an effect would have the wrong sign: the set without it is as good."""
         columns = [self._columns[i] for i in picks]
         place = np.concatenate([column.place for column in columns])
@@ -109,7 +109,7 @@ class Combinations:
         start = {name: value for column in columns for name, value in column.grid.items()}
         names = [name for column in columns for name in column.names]
         start |= dict(zip(names, (absent + step).tolist(), strict=True))
-        return Proposal(tuple(column.effect for column in columns), start, fall / self._cost)
+        return CandidateSet(tuple(column.effect for column in columns), start, fall / self._cost)
 
 
-__all__ = ["MOST_TOGETHER", "Combinations", "Proposal"]
+__all__ = ["MOST_TOGETHER", "CandidateSet", "Combinations"]

@@ -33,7 +33,7 @@ class Term:
 
 
 @dataclass(frozen=True)
-class Course:
+class Trajectory:
     """How the model goes through one run, on the grid of its pressure: s (grid,), rad and rad/s (grid, n), Pa (grid,)."""
 
     time: FloatArray
@@ -42,9 +42,9 @@ class Course:
     pressure: FloatArray
 
 
-def library(courses: Sequence[Course]) -> list[Term]:
+def library(trajectories: Sequence[Trajectory]) -> list[Term]:
     """All terms: a quantity, alone and with the place along the tube."""
-    each = [_quantities(course) for course in courses]
+    each = [_quantities(trajectory) for trajectory in trajectories]
     places = {
         "": ("", np.ones_like),
         " * (1 - s)": (" near the clamp", lambda place: 1 - place),
@@ -56,19 +56,19 @@ def library(courses: Sequence[Course]) -> list[Term]:
     for law, (words, _) in each[0].items():
         for factor, (where, shape) in places.items():
             values = []
-            for quantities, course in zip(each, courses, strict=True):
-                n = course.theta.shape[1]
+            for quantities, trajectory in zip(each, trajectories, strict=True):
+                n = trajectory.theta.shape[1]
                 values.append(quantities[law][1] * shape((np.arange(n) + 0.5) / n))
             terms.append(Term(law + factor, words + where, tuple(values)))
     return terms
 
 
-def _quantities(course: Course) -> dict[str, tuple[str, FloatArray]]:
+def _quantities(trajectory: Trajectory) -> dict[str, tuple[str, FloatArray]]:
     """Law and words of every quantity with its values (grid, n): a, r, p, t, m, z and h stand for what `effect_source` declares."""
-    n = course.theta.shape[1]
-    a, r = n * course.theta, n * course.rate
-    p = np.broadcast_to(course.pressure[:, None] / 1e5, a.shape)
-    t = np.broadcast_to((course.time - course.time[0])[:, None], a.shape)
+    n = trajectory.theta.shape[1]
+    a, r = n * trajectory.theta, n * trajectory.rate
+    p = np.broadcast_to(trajectory.pressure[:, None] / 1e5, a.shape)
+    t = np.broadcast_to((trajectory.time - trajectory.time[0])[:, None], a.shape)
     most = np.maximum.accumulate(np.abs(a), axis=0)
     out: dict[str, tuple[str, FloatArray]] = {
         "1": ("a constant torque", np.ones_like(a)),
@@ -89,7 +89,7 @@ def _quantities(course: Course) -> dict[str, tuple[str, FloatArray]]:
         "t * a": ("the angle times the time into the run", t * a),
     }
     for k, period in enumerate(MEMORIES_S):
-        z = _relaxed(course.time, a, period)
+        z = _relaxed(trajectory.time, a, period)
         out[f"(a - z{k})"] = (f"the angle less its memory of {period:g} s", a - z)
     for k, width in enumerate(LOOPS_RAD):
         out[f"h{k}"] = (f"a loop of rubbing over {width:g} rad", _rubbed(a, width))
@@ -216,4 +216,4 @@ def _sympy(law: str) -> str:
     return re.sub(r"\b(tanh|cos|exp|Abs)\b", r"sp.\1", f"({law})" if "-" in law or "+" in law else law)
 
 
-__all__ = ["Course", "Term", "effect_source", "library", "listed"]
+__all__ = ["Term", "Trajectory", "effect_source", "library", "listed"]

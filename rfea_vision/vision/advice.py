@@ -19,7 +19,7 @@ from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.body.begin import hinted_lines, scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.still import StillView
-from rfea_vision.vision.edges.fitted import new_workspace
+from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene, begin, line_of
 
 TRIED = 60  # frames: two seconds of a phone's film
@@ -107,7 +107,7 @@ def scale_doubt(length_check: str) -> str:
 def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]]:
     """Hints that the first frame itself suggests, and their words."""
     if scene.clamp_px is None or scene.tip_px is None:
-        found = begin(source.frame(0), scene, new_workspace())
+        found = begin(source.frame(0), scene, new_buffers())
         if isinstance(found, str):
             return
         line = line_of(found.state)
@@ -149,7 +149,7 @@ def _untried(scene: Scene, reasons: list[str]) -> str:
         if reasons and reasons[0] == OTHER_LENGTH:
             return (
                 "check the board's square (or camera.scale), actuator.outer_radius and actuator.length, by which the tube's "
-                f"size in the picture is foretold; or {hints}"
+                f"size in the picture is predicted; or {hints}"
             )
         return hints
     if len(scene.hints.centre_line) < 2:

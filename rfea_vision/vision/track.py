@@ -95,7 +95,7 @@ def track_frames(
         for done, (time_s, luma) in enumerate(frames):
             reason = follower.next(luma, time_s)
             if follower.good < rows.good:
-                rows.disown()
+                rows.reject_all()
             rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
             if follower.start is None and done >= GIVE_UP_AFTER:
                 break

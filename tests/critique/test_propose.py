@@ -9,7 +9,7 @@ import pytest
 
 from rfea_vision.critique import propose
 from rfea_vision.critique.propose import regress
-from rfea_vision.critique.terms import Course, effect_source, library
+from rfea_vision.critique.terms import Trajectory, effect_source, library
 from rfea_vision.effects.catalogue import load_effect_file
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
@@ -17,7 +17,7 @@ from rfea_vision.fitting import fit_model
 from rfea_vision.options import FitOptions
 
 
-def _course(seed: int) -> Course:
+def _trajectory(seed: int) -> Trajectory:
     """A run of made-up motion of eight joints."""
     rng = np.random.default_rng(seed)
     time = np.arange(0, 4, 0.02)
@@ -26,34 +26,34 @@ def _course(seed: int) -> Course:
         * np.linspace(0.9, 1.1, 8)
         / 8
     )
-    return Course(time, angle, np.gradient(angle, time, axis=0), 1e5 * rng.uniform(0, 1, 20).repeat(10))
+    return Trajectory(time, angle, np.gradient(angle, time, axis=0), 1e5 * rng.uniform(0, 1, 20).repeat(10))
 
 
-def _parts(terms, courses, residual):
+def _parts(terms, trajectories, residual):
     """Normal equations of each run, of what angle and rate can make nothing."""
     basis, _ = np.linalg.qr(
-        np.stack([np.concatenate([getattr(c, key).ravel() for c in courses]) for key in ("theta", "rate")], axis=1)
+        np.stack([np.concatenate([getattr(c, key).ravel() for c in trajectories]) for key in ("theta", "rate")], axis=1)
     )
     columns = [np.concatenate([values.ravel() for values in term.values]) for term in terms]
     wide = np.column_stack([*columns, np.concatenate([values.ravel() for values in residual])])
     wide -= basis @ (basis.T @ wide)
-    return [part.T @ part for part in np.split(wide, len(courses))]
+    return [part.T @ part for part in np.split(wide, len(trajectories))]
 
 
 @pytest.mark.parametrize(
     "law", ["r * Abs(r)", "(a - z1)", "a**3 * s", "m * a", "p**2", "t * a * exp(-((s - 0.5) / 0.1)**2)", "h1"]
 )
 def test_the_law_that_made_a_torque_is_proposed_and_its_file_is_an_effect(tmp_path, law):
-    courses = [_course(seed) for seed in (1, 2, 3)]
-    terms = library(courses)
+    trajectories = [_trajectory(seed) for seed in (1, 2, 3)]
+    terms = library(trajectories)
     rng = np.random.default_rng(0)
     truth = next(term for term in terms if term.law == law)
     size = 2e-4 / np.std(np.concatenate(truth.values))
     residual = [
-        size * values + 3e-3 * course.theta + 1e-5 * rng.standard_normal(values.shape)
-        for values, course in zip(truth.values, courses, strict=True)
+        size * values + 3e-3 * trajectory.theta + 1e-5 * rng.standard_normal(values.shape)
+        for values, trajectory in zip(truth.values, trajectories, strict=True)
     ]
-    best = regress(terms, _parts(terms, courses, residual))[0]
+    best = regress(terms, _parts(terms, trajectories, residual))[0]
     assert [term.law for term in best.terms] == [law]
     assert best.coefficients[0] == pytest.approx(size, rel=0.05) and best.r2 > 0.9
     file = tmp_path / "own.py"
@@ -64,11 +64,11 @@ def test_the_law_that_made_a_torque_is_proposed_and_its_file_is_an_effect(tmp_pa
 
 
 def test_no_law_is_proposed_for_noise():
-    courses = [_course(seed) for seed in (1, 2)]
+    trajectories = [_trajectory(seed) for seed in (1, 2)]
     rng = np.random.default_rng(1)
-    noise = [1e-4 * rng.standard_normal(course.theta.shape) for course in courses]
-    terms = library(courses)
-    assert regress(terms, _parts(terms, courses, noise)) == []
+    noise = [1e-4 * rng.standard_normal(trajectory.theta.shape) for trajectory in trajectories]
+    terms = library(trajectories)
+    assert regress(terms, _parts(terms, trajectories, noise)) == []
 
 
 @pytest.mark.study

@@ -19,7 +19,7 @@ from rfea_vision.vision.body.model import SHARES, STATIONS
 from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.derive.rows import Rows
-from rfea_vision.vision.edges.fitted import new_workspace
+from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of
 from rfea_vision.vision.track import make_scene, too_few
 from testing.phone import Arm, Room, clear_scene, film, scene
@@ -206,7 +206,7 @@ def test_a_body_under_a_microscope_has_ends_too(length_mm):
     calibration = scaled_by_distance((260, 240), [[60, 120], [200, 120]], length_mm)
     actuator = Actuator(outer_radius=0.0571e-3 * length_mm, inner_radius=0.01e-3 * length_mm, length=length_mm / 1e3)
     hints = Hints(clamp=((60.0, 112.0), (60.0, 128.0)), tip=(200.0, 120.0))
-    found = begin(picture, make_scene(calibration, actuator, "image", hints, (260, 240)), new_workspace())
+    found = begin(picture, make_scene(calibration, actuator, "image", hints, (260, 240)), new_buffers())
     assert not isinstance(found, str), found
     assert abs(length_of(found.state) / length_mm - 1.0) < 0.1
     assert f"{0.33:.{digits_of(length_mm)}f}" == f"{0.33:.{2 if length_mm < 1 else 1}f}"

@@ -73,7 +73,7 @@ def foretold(angles, dt=1 / 240, noise=0.0):
     return max(off[len(off) // 2 :])
 
 
-def test_a_swing_is_foretold_better_than_by_going_on_evenly():
+def test_a_swing_is_predicted_better_than_by_going_on_evenly():
     angles = 0.8 + 0.6 * np.sin(2 * np.pi * 3 * np.arange(60) / 240)
     even = max(np.abs(2 * swung(b) - swung(a) - swung(c)).max() for a, b, c in zip(angles, angles[1:], angles[2:]))  # noqa: B905
     assert foretold(angles) < 0.3 * even

@@ -48,7 +48,7 @@ def test_a_tube_with_bands_all_along_it(small_lens):
 
 
 @pytest.mark.parametrize("swing_deg", [12.0, 25.0])
-def test_a_start_faster_than_foretold_loses_no_frame(swing_deg, small_lens):
+def test_a_start_faster_than_predicted_loses_no_frame(swing_deg, small_lens):
     angles = np.concatenate([np.full(5, 2.0), 2.0 + swing_deg * np.arange(1, 4), np.full(4, 2.0 + 3 * swing_deg)])
     pictures, times, shapes = film(small_lens, replace(LIGHT, flicker=0.2), angles, rate_Hz=120)
     track = tracked(pictures, times, small_lens)
@@ -119,7 +119,7 @@ def test_a_round_end_is_no_sleeve(scale):
 @pytest.mark.parametrize(("right_from", "refused"), [(0.72, True), (0.83, False), (2.0, False)])
 def test_one_edge_beside_what_hides_the_tube_does_not_count(right_from, refused):
     """The left edge is not seen from 0.55 to 0.86 of the length, the right one from `right_from` on."""
-    work, numbers = fitted.new_workspace(), np.zeros(fitted.NUMBERS)
+    work, numbers = fitted.new_buffers(), np.zeros(fitted.NUMBERS)
     u = np.tile((np.arange(640) + 0.5) / 640, 2)
     side = np.repeat([1.0, -1.0], 640)
     work.stations[:1280, U], work.stations[:1280, SIDE] = u, side

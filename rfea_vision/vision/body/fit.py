@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.equations import add_edges, add_skin, arc_length, at_stations
-from rfea_vision.vision.body.marks import Seen, place_of
+from rfea_vision.vision.body.marks import SeenMark, place_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
     ALONG_BASIS,
@@ -43,10 +43,10 @@ CLAMP_PX = 0.4  # along the body, where it begins stays where it was pointed at,
 CLAMP_SHARE = 0.05
 CLAMP_TURNS = 0.2  # rad, 1 s.d.: it leaves squarely; in films of silicone held by tape it turned by 0.3 there
 CLAMP_SWELLS = 0.05  # of the half width, 1 s.d.: what holds the body keeps its width
-# Second differences of what a frame moves across the body beyond what its skin foretold: in three films of silicone that
+# Second differences of what a frame moves across the body beyond what its skin predicted: in three films of silicone that
 # swells, rims and glare folded the line at 1.5, and all were read at 0.3; at 0.15 one was lost.
 SHAPE_PX = 0.3
-POINTED_SHAPE_PX = 1.5  # where a few points were clicked, nothing has foretold the shape
+POINTED_SHAPE_PX = 1.5  # where a few points were clicked, nothing has predicted the shape
 BENDS_GRADUALLY = 0.06  # third differences of the line, over the spacing of its coefficients
 SWELLS = 0.15  # of the half width, 1 s.d.: edges that are seen easily outweigh it
 STRETCHES_GRADUALLY = 0.02  # second differences of the places along it, likewise
@@ -101,7 +101,7 @@ class Fit:
     end: FloatArray
     beside: FloatArray
     beyond: float
-    material: Sequence[Seen]
+    material: Sequence[SeenMark]
     standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     marks: FloatArray | None = None
 
@@ -122,7 +122,7 @@ def fit_body(
     rest_half: FloatArray,
     reach: float,
     *,
-    marks: Sequence[Seen] = (),
+    marks: Sequence[SeenMark] = (),
     outline: bool = True,
 ) -> Fit:
     """Fit the body to a picture.
@@ -145,8 +145,8 @@ def fit_body(
     total = np.zeros(UNKNOWNS)
     normal_matrix = np.eye(UNKNOWNS)
     shape = BENDING / (POINTED_SHAPE_PX if skin is None else SHAPE_PX) ** 2
-    foretold = np.linalg.inv(prior)[ALONG, ALONG] if skin is not None else np.zeros((6, 6))
-    slips = np.sqrt(np.einsum("si,ij,sj->s", ALONG_BASIS, foretold, ALONG_BASIS))  # px that it may have slipped along itself
+    predicted = np.linalg.inv(prior)[ALONG, ALONG] if skin is not None else np.zeros((6, 6))
+    slips = np.sqrt(np.einsum("si,ij,sj->s", ALONG_BASIS, predicted, ALONG_BASIS))  # px that it may have slipped along itself
     swells = SWELLS * float(np.median(rest_half))
     moved, backing = 0.0, np.ones(STATIONS)
     for turn in range(TURNS):
@@ -276,7 +276,7 @@ def _add_marks(
     matrix: FloatArray,
     vector: FloatArray,
     body: SeenBody,
-    marks: Sequence[Seen],
+    marks: Sequence[SeenMark],
     tangents: FloatArray,
     normals: FloatArray,
 ) -> None:

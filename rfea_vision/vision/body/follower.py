@@ -53,9 +53,9 @@ from rfea_vision.vision.curve import (
     turning,
     vertices_of,
 )
-from rfea_vision.vision.derive.doubts import PROFILE_SHARE
+from rfea_vision.vision.derive.picture_errors import PROFILE_SHARE
 from rfea_vision.vision.edges import fitted
-from rfea_vision.vision.find.begin import Begin, Scene, allowed_pixels, off_hints
+from rfea_vision.vision.find.begin import Initialisation, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
@@ -108,8 +108,8 @@ class BodyFollower:
         self.line = (scene.line_px + 0.5) * scale - 0.5
         self.foot = np.array([self.clamp.mean(axis=0), leaving(self.clamp, self.line)])
         self.state: fitted.State | None = None
-        self.work = fitted.new_workspace()
-        self.start: Begin | None = None
+        self.work = fitted.new_buffers()
+        self.start: Initialisation | None = None
         self.good, self.missed = 0, 0
         self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was
         self.refusal = ""
@@ -137,10 +137,10 @@ class BodyFollower:
             # Compressed pictures of a body at rest may be alike, too.
             return "duplicate" if self.moved_px > MOVING_PX else ""
         else:
-            fit = self._fit(lab, *self._foretold(lab, self.last), 0.8 if self.missed == 0 else 1.5)
+            fit = self._fit(lab, *self._predicted(lab, self.last), 0.8 if self.missed == 0 else 1.5)
             if self.doubted is not None:
                 # A frame that is no measurement may still show the way from the last one that was.
-                again = self._fit(lab, *self._foretold(lab, self.doubted), 0.8, covariance=self.doubted.covariance)
+                again = self._fit(lab, *self._predicted(lab, self.doubted), 0.8, covariance=self.doubted.covariance)
                 fit = self._better(lab, fit, again)
             if guided is not None:
                 body = self.body.copy()
@@ -231,7 +231,7 @@ class BodyFollower:
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
         pointed = POINTED_PX / self.scene.px_per_mm
-        self.start = Begin(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
+        self.start = Initialisation(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
 
     def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float) -> tuple[SeenBody, float]:
         """The outline around a line that was pointed at, and how well it is seen and hinted at."""
@@ -289,7 +289,7 @@ class BodyFollower:
             marks=marks_in(lab, self.marks, predicted, self.wall) if skin else (),
         )
 
-    def _foretold(self, lab: Picture, last: Sight) -> tuple[SeenBody, FloatArray]:
+    def _predicted(self, lab: Picture, last: Sight) -> tuple[SeenBody, FloatArray]:
         """The body of an earlier frame, moved as its skin has moved since, and the covariance of this movement."""
         skin = last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]
         near = self._flown(lab, last)

@@ -18,7 +18,7 @@ from rfea_vision.vision.body.wall import Wall
 LEAST_PX = 12  # of a mark in the scaled picture: fewer are noise of a compressed picture's colours
 LIKE = 0.5  # of the way from the body's colour to the mark's: nearer is the mark
 SIZES = (0.5, 1.8)  # area over that of the first frame: less is half covered, more runs into another mark
-REACH = 2.0  # half widths around its foretold place; faster than that no skin is recognised either
+REACH = 2.0  # half widths around its predicted place; faster than that no skin is recognised either
 MARK_PX = 0.4  # standard error of a mark's middle: its colours have half the picture's resolution,
 MARK_SHARE = 0.1  # and glare and folds take this share of its radius
 HINTED = 30.0  # of a or b in 8 bits: a mark's colour from the one that is named
@@ -43,7 +43,7 @@ class Mark:
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenMark:
     """A mark in a frame: what it is, the middle (2,) px of its colour, and the standard error of this in px."""
 
     mark: Mark
@@ -103,19 +103,19 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None) -> l
     return marks
 
 
-def marks_in(picture: Picture, marks: list[Mark], body: SeenBody, wall: Wall) -> list[Seen]:
+def marks_in(picture: Picture, marks: list[Mark], body: SeenBody, wall: Wall) -> list[SeenMark]:
     """The marks of the first frame that are seen near where the body would carry them."""
     found = []
     for mark in marks:
         reach = REACH * float(np.median(body.half))
         middle, area = _middle(picture[..., 1:], mark.around, mark.colour, place_of(mark, body), reach, wall)
         if middle is not None and SIZES[0] < area / mark.area < SIZES[1]:
-            found.append(Seen(mark, middle, MARK_PX + MARK_SHARE * float(np.sqrt(area / np.pi))))
+            found.append(SeenMark(mark, middle, MARK_PX + MARK_SHARE * float(np.sqrt(area / np.pi))))
     return found
 
 
 def along_line(
-    found: Sequence[Seen], body: SeenBody, points_mm: FloatArray, px_per_mm: float
+    found: Sequence[SeenMark], body: SeenBody, points_mm: FloatArray, px_per_mm: float
 ) -> dict[float, tuple[float, float]]:
     """Where marks lie along the line of stations `points_mm` (S, 2) on the plane, and the standard error in mm, by their share."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1))])

@@ -153,7 +153,7 @@ class Rows:
             "joint": slice(2 * n + 1, None),
         }[name]
 
-    def disown(self) -> None:
+    def reject_all(self) -> None:
         """What was followed so far was not the tube."""
         self.reasons = [reason or "no_tube" for reason in self.reasons]
         self.good, self.covariance_sum[:] = 0, 0.0

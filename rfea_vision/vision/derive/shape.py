@@ -14,9 +14,9 @@ from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import project
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
-from rfea_vision.vision.derive.doubts import ORIGIN_PX, Doubts, doubts
 from rfea_vision.vision.derive.elongation import angles, elongation_of
 from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
+from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, picture_errors
 from rfea_vision.vision.derive.rows import Block, Rows
 from rfea_vision.vision.derive.shutter import Shutter, at_one_instant
 from rfea_vision.vision.derive.smooth import Smoothed, smooth
@@ -61,10 +61,10 @@ def build_dataset(
     to_rig = np.array([[-down[1], down[0]], [-down[0], -down[1]]])  # rows: camera-right, up
     calibrated = CalibrationError(calibration, scene.camera, coefficients, origin)
     half_mm = float(np.median(rows.good_ones("width")[:, 1:-1]))
-    doubted = doubts(numbers, scene.half_mm, scene.px_per_mm)
+    from_picture = picture_errors(numbers, scene.half_mm, scene.px_per_mm)
     start_variance = smoothed.variance_factor[0] * rows.good_ones("shift_variance", 0)
     started = _start_stderr(coefficients, start_variance, scene.px_per_mm)
-    doubted = doubted.with_camera_moved(_start_across(coefficients), np.sqrt(start_variance))
+    from_picture = from_picture.with_camera_moved(_start_across(coefficients), np.sqrt(start_variance))
     origin_sigma = _clamp_stderr(*clamp_stderr_mm, inflation * np.median(numbers[:, fitted.TIP_VARIANCE]))
     view = View(
         origin,
@@ -74,8 +74,8 @@ def build_dataset(
         half_mm,
         calibrated,
         origin_sigma,
-        float(np.hypot(doubted.shared_across, started)),
-        doubted,
+        float(np.hypot(from_picture.shared_across, started)),
+        from_picture,
     )
     time, lamp = rows.of_all("time"), rows.of_all("lamp")
     profile = rows.good_ones("profile") if rows.marked else None
@@ -87,7 +87,7 @@ def build_dataset(
     elif any(rows.material):
         errors = np.sqrt(numbers[:, fitted.TIP_VARIANCE])
         headings = angles(coefficients, sign, np.linspace(0, 1, HEADINGS))
-        marked = elongation_between(rows.material, data["length"][1], errors, headings, doubted.across, rows.segments)
+        marked = elongation_between(rows.material, data["length"][1], errors, headings, from_picture.across, rows.segments)
     if marked is not None:
         marks = marked.attributes
         data["marker_elongation"] = (("time", "segment"), marked.elongation)
@@ -198,7 +198,7 @@ class View:
     calibrated: CalibrationError
     origin_sigma: float
     lateral_sigma: float
-    doubted: Doubts
+    from_picture: PictureErrors
 
 
 def _clamp_stderr(seen: float, scatter: float | None, variance: float) -> float:
@@ -258,8 +258,8 @@ def _derive(rows: Rows, block: Block, smoothed: Smoothed, part: slice, view: Vie
     variances = smoothed.variance_factor * block["shift_variance"]
     variance = {name: variances[:, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
     nodes = np.linspace(0, 1, rows.nodes)
-    doubted = view.doubted
-    doubted = Doubts(doubted.across[part], doubted.smear[part], doubted.beyond[part])
+    from_picture = view.from_picture
+    from_picture = PictureErrors(from_picture.across[part], from_picture.smear[part], from_picture.beyond[part])
     points = np.matmul(basis_matrix(nodes, COEFFICIENTS), coefficients)
     slope = np.matmul(basis_matrix(nodes, COEFFICIENTS, 1), coefficients)
     second = np.matmul(basis_matrix(nodes, COEFFICIENTS, 2), coefficients)
@@ -273,8 +273,8 @@ def _derive(rows: Rows, block: Block, smoothed: Smoothed, part: slice, view: Vie
     by_calibration = calibrated.displacement(points, left)
     node_sigma = np.sqrt(
         node_noise**2
-        + doubted.across[:, None] ** 2
-        + (doubted.smear[:, None] * nodes) ** 2
+        + from_picture.across[:, None] ** 2
+        + (from_picture.smear[:, None] * nodes) ** 2
         + np.sum(by_calibration**2, axis=0)
         + origin_sigma**2 * left[..., 1] ** 2
         + lateral**2 * left[..., 0] ** 2
@@ -296,7 +296,7 @@ def _derive(rows: Rows, block: Block, smoothed: Smoothed, part: slice, view: Vie
         node_noise[:, -1],
         calibrated,
         (origin_sigma, lateral),
-        doubted,
+        from_picture,
     )
     inner, outer = points - sign * half[..., None] * left, points + sign * half[..., None] * left
     rig = lambda p: (p - origin) @ to_rig.T  # noqa: E731
@@ -341,7 +341,7 @@ def _bend(coefficients, to_rig, sign, variance, length, calibrated):
     return angle[:, -1], noise, np.sqrt(noise**2 + systematic)
 
 
-def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, calibrated, start, doubted):
+def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, calibrated, start, from_picture):
     axial = np.sqrt(inflation * numbers[:, fitted.TIP_VARIANCE])
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
 
@@ -355,7 +355,7 @@ def _tip(tip_plane, tangent, origin, to_rig, inflation, numbers, normal_noise, c
 
     noise = seen_in_rig(axial, normal_noise)
     moved = np.stack([calibrated.displacement(tip_plane, axis) for axis in to_rig], axis=-1)
-    doubtful = seen_in_rig(np.hypot(doubted.beyond, doubted.smear), np.hypot(doubted.across, doubted.smear))
+    doubtful = seen_in_rig(np.hypot(from_picture.beyond, from_picture.smear), np.hypot(from_picture.across, from_picture.smear))
     total = noise + doubtful + np.sum(moved**2, axis=0)
     total[:, 1] += start[0] ** 2
     total[:, 0] += start[1] ** 2

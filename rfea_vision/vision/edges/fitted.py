@@ -14,7 +14,7 @@ from rfea_vision.vision.edges.step import Steps, steps
 
 
 class FrameFit(NamedTuple):
-    """What comes out of a frame, field by field what `Workspace.numbers` holds: lengths in mm, blurs in px, the rest shares.
+    """What comes out of a frame, field by field what `Buffers.numbers` holds: lengths in mm, blurs in px, the rest shares.
 
     Compiled code writes the numbers by the constants below; everything else reads them by these names.
     """
@@ -74,7 +74,7 @@ class State(NamedTuple):
     clamp: FloatArray
 
 
-class Workspace(NamedTuple):
+class Buffers(NamedTuple):
     """Arrays that every frame uses again."""
 
     u: FloatArray
@@ -95,10 +95,10 @@ class Workspace(NamedTuple):
     steps: Steps
 
 
-def new_workspace() -> Workspace:
+def new_buffers() -> Buffers:
     """Allocate a workspace."""
     size = COEFFICIENTS + WIDTH_COEFFICIENTS
-    return Workspace(
+    return Buffers(
         VERTEX_U.copy(),
         np.empty((VERTICES, 2)),
         np.empty((VERTICES, 2)),

@@ -20,7 +20,7 @@ from rfea_vision.vision.curve import (
     vertices_of,
 )
 from rfea_vision.vision.edges.cap import cap_levels, measure_cap
-from rfea_vision.vision.edges.fitted import State, Workspace
+from rfea_vision.vision.edges.fitted import Buffers, State
 from rfea_vision.vision.edges.sides import fit_sides, measure_sides, move_state, update_levels
 from rfea_vision.vision.find.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates, light_at_end
 from rfea_vision.vision.find.locate import Path, cut_at, find_paths, hinted_paths
@@ -67,7 +67,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Begin:
+class Initialisation:
     """A fitted first frame: its state, and how the clamp and the tip were found."""
 
     state: State
@@ -81,7 +81,7 @@ class Begin:
 OTHER_LENGTH = "no_tube: what has the tube's width is not of its length"
 
 
-def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | str:
+def begin(picture: NDArray[np.uint8], scene: Scene, work: Buffers) -> Initialisation | str:
     """Find and fit the tube in one picture; a sentence where there is none."""
     near = scene.line_px if len(scene.line_px) else None
     length_px = scene.length_mm * scene.px_per_mm
@@ -90,7 +90,7 @@ def begin(picture: NDArray[np.uint8], scene: Scene, work: Workspace) -> Begin | 
     if scene.clamp_px is not None and scene.tip_px is not None:
         ends = scene.line_px[[0, -1]]
         paths = [cut_at(path, ends, length_px) for path in paths] + hinted_paths(scene.line_px)
-    best: Begin | None = None
+    best: Initialisation | None = None
     reason = "no_tube: no ribbon of the tube's width and length is in the picture"
     for path in paths[:6]:
         if best is not None and path.score < 0.6 * best.score:
@@ -185,7 +185,7 @@ def oriented(path_mm: FloatArray, scene: Scene) -> FloatArray:
     return path_mm if falls > 0 else path_mm[::-1]
 
 
-def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Workspace, path: Path) -> Begin | str:
+def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Buffers, path: Path) -> Initialisation | str:
     """Fit edges, clamp and tip to a candidate."""
     points = unproject(scene.camera, path.points)
     points = points[np.isfinite(points).all(axis=1)]
@@ -225,10 +225,10 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Workspace, path: Pa
         * float(np.exp(-0.5 * (np.log(ratio) / 0.12) ** 2))
         * float(np.exp(-0.5 * (np.log(half / scene.half_mm) / 0.15) ** 2))
     )
-    return Begin(state, base, tip, path.polarity, score)
+    return Initialisation(state, base, tip, path.polarity, score)
 
 
-def _learn_cap(picture: NDArray[np.uint8], scene: Scene, state: State, work: Workspace) -> None:
+def _learn_cap(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers) -> None:
     """Shape of the tube's end, flat, slanted or round, before the first fit takes its corners for edges."""
     nothing = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
     limit = 4.0 / scene.px_per_mm
@@ -241,7 +241,7 @@ def _learn_cap(picture: NDArray[np.uint8], scene: Scene, state: State, work: Wor
 
 
 def _both_ends(
-    picture: NDArray[np.uint8], scene: Scene, state: State, work: Workspace, half: float, contrast: float
+    picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers, half: float, contrast: float
 ) -> tuple[End, End]:
     """Clamp and tip along the curve: the steps in the light whose distance is the tube's length."""
     reach = REACH_SHARE * scene.length_mm
@@ -303,7 +303,7 @@ def move_ends(state: State, before_mm: float, beyond_mm: float) -> None:
     move_state(state, solution, beyond_mm - 8.0 * np.sign(beyond_mm) * (abs(beyond_mm) // 8))
 
 
-def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Workspace, turns: int) -> float:
+def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers, turns: int) -> float:
     """Fit the edges away from the ends a few times; the share of stations that agree."""
     kept = 0.0
     px_per_vertex = max(length_of(state) * scene.px_per_mm / (VERTICES - 1), 0.2)

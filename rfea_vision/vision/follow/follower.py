@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.curve import point_and_tangent
-from rfea_vision.vision.derive.doubts import ORIGIN_PX
 from rfea_vision.vision.derive.markers import SAMPLES, has_texture, light_along
+from rfea_vision.vision.derive.picture_errors import ORIGIN_PX
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.edges.cap import CAP_VERTICES
-from rfea_vision.vision.find.begin import Begin, Scene, begin, off_hints
+from rfea_vision.vision.find.begin import Initialisation, Scene, begin, off_hints
 from rfea_vision.vision.find.ends import find_end
 from rfea_vision.vision.follow.bump import CameraWatch
 from rfea_vision.vision.follow.coarse import bend_search
@@ -24,7 +24,7 @@ from rfea_vision.vision.follow.motion import CurvePredictor
 SEARCH_PX = 12.0
 WIDEST_SWING_RAD = 1.2  # more bend or less than in the last frame seen
 CLAMP_NEAR_MM = 1.0  # how far from the first one the clamp is believed in later frames
-TRIES = 3  # at a tube that was far from where it was foretold,
+TRIES = 3  # at a tube that was far from where it was predicted,
 WHOLE = 0.85  # of whose edges so much is seen
 LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
 PATIENCE = 24  # bad frames after fewer good ones than that, before something else is looked for
@@ -41,13 +41,13 @@ class Follower:
     scene: Scene
 
     def __post_init__(self) -> None:
-        self.work = fitted.new_workspace()
+        self.work = fitted.new_buffers()
         self.searched = 0  # frames looked through for a tube in vain
         self._begin_anew()
 
     def _begin_anew(self) -> None:
         """Nothing is known of the tube yet, or what was taken for it was not the tube."""
-        self.start: Begin | None = None
+        self.start: Initialisation | None = None
         self.judge = Judge(self.scene)
         self.state: fitted.State | None = None
         self.motion = CurvePredictor()
@@ -231,7 +231,7 @@ class Follower:
         return self._fit(luma, saved, SEARCH_PX * min(1 + self.missed, 3))
 
     def _look_elsewhere(self, luma: NDArray[np.uint8], reason: str) -> str:
-        """Look for a tube that is not where it was foretold; the reason for which it was not found there, or nothing."""
+        """Look for a tube that is not where it was predicted; the reason for which it was not found there, or nothing."""
         reasons = [reason]
         for look in (self._swing_and_fit, self._find_again):
             reasons.append(look(luma))

@@ -82,7 +82,7 @@ def _learn(past, times, known, missed_by, coefficients, time_s):
 
 
 class CurvePredictor:
-    """The last curves of the tube, and how well each order of extrapolation has foretold them lately."""
+    """The last curves of the tube, and how well each order of extrapolation has predicted them lately."""
 
     def __init__(self) -> None:
         self.past = np.zeros((ORDERS, COEFFICIENTS, 2))

@@ -28,14 +28,14 @@ SATURATED_BLURS = 0.3  # an edge that is cut off at the brightest level moves by
 
 
 @dataclass(frozen=True)
-class Doubts:
+class PictureErrors:
     """Standard errors in mm: `across` (t,) all along the tube, `smear` (t,) at its end, `beyond` (t,) of the end itself."""
 
     across: FloatArray
     smear: FloatArray
     beyond: FloatArray
 
-    def with_camera_moved(self, start_mm: FloatArray, stderr_mm: FloatArray) -> Doubts:
+    def with_camera_moved(self, start_mm: FloatArray, stderr_mm: FloatArray) -> PictureErrors:
         """With what a clamp that is elsewhere than in most frames, `start_mm` (t,) across the tube, tells of the camera.
 
         The clamp does not move: where it seems to, by more than its error allows, all of the picture has moved, and in
@@ -43,7 +43,7 @@ class Doubts:
         """
         off = np.abs(start_mm - np.median(start_mm))
         moved = np.where(off > UNLIKELY_MOVE * np.maximum(stderr_mm, ORIGIN_MOVE_MM), off, 0.0)
-        return Doubts(np.hypot(self.across, moved), self.smear, np.hypot(self.beyond, moved))
+        return PictureErrors(np.hypot(self.across, moved), self.smear, np.hypot(self.beyond, moved))
 
     @property
     def shared_across(self) -> float:
@@ -51,8 +51,8 @@ class Doubts:
         return float(np.median(self.across))
 
 
-def doubts(numbers: FloatArray, half_mm: float, px_per_mm: float) -> Doubts:
-    """Read the doubts from the numbers of the fits (t, NUMBERS); `half_mm` is what the tube's half width should be."""
+def picture_errors(numbers: FloatArray, half_mm: float, px_per_mm: float) -> PictureErrors:
+    """Read them from the numbers of the fits (t, NUMBERS); `half_mm` is what the tube's half width should be."""
     too_wide = np.abs(numbers[:, fitted.WIDTH] / 2 - half_mm)
     # A highlight as light as the wall, or a shadow as dark: one edge is elsewhere, and the middle by half as much.
     one_edge = np.sqrt(np.maximum(too_wide**2 - (WIDTH_SHARE * half_mm) ** 2, 0.0))
@@ -64,7 +64,7 @@ def doubts(numbers: FloatArray, half_mm: float, px_per_mm: float) -> Doubts:
     rim = rounded * (too_wide + NOT_A_PARABOLA * half_mm)
     smear = SMEAR_SHARE * numbers[:, fitted.SMEAR] / px_per_mm * np.maximum(wide_blur, 1.0) ** 2
     continued = np.maximum(numbers[:, fitted.END_GAP] - CONTINUED_FREELY, 0.0) * numbers[:, fitted.LENGTH]
-    return Doubts(
+    return PictureErrors(
         np.hypot(PROFILE_SHARE * numbers[:, fitted.PROFILE] / px_per_mm, one_edge),
         np.hypot(smear, CONTINUED_SHARE * continued),
         np.hypot(cut_off, rim),
