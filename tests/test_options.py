@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record, from_record, options_of, read, read_flags, written
-from rfea_vision.options.given import read_conditions, read_fixed
+from rfea_vision.options.given import read_conditions, read_values
 from rfea_vision.stages.recipes import Recipe, load_recipe
 
 RECIPE: dict[str, Any] = {
@@ -46,7 +46,7 @@ def test_pure_numbers_need_no_unit_and_are_finite():
     assert read_conditions({"pressure_gain": "98 %"}) == {"pressure_gain.g": pytest.approx(0.98)}
     for text in ("nan", "inf", "1e999"):
         with pytest.raises(InputError, match=f"'{text}' is no finite number"):
-            read_fixed([f"pressure_gain.g={text}"], {"pressure_gain.g": "1"})
+            read_values("--fix", [f"pressure_gain.g={text}"], {"pressure_gain.g": "1"})
 
 
 def test_what_was_asked_for_is_written_as_it_is_read():

@@ -41,6 +41,7 @@ class Lens:
 
     @property
     def is_fisheye(self) -> bool:
+        """Whether the lens projects by the angle of a ray, and not as a pinhole does."""
         return LENSES[self.model].fisheye
 
     @property
@@ -50,7 +51,7 @@ class Lens:
 
     @staticmethod
     def from_vector(model: str, vector: FloatArray) -> Lens:
-        """Inverse of `vector`."""
+        """The lens of a model whose `vector` (4 + coefficients,) this is."""
         fx, fy, cx, cy = vector[:4]
         return Lens(model, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), np.array(vector[4:]))
 

@@ -89,7 +89,10 @@ def _find_checkerboard(grey: NDArray[np.uint8], grid: tuple[int, int]) -> NDArra
 def refine_corners(
     grey: NDArray[np.uint8], corners: NDArray[np.float64], board: NDArray[np.float64], half_px: int, smoothing_px: float
 ) -> NDArray[np.float64]:
-    """Sub-pixel corners from the grey levels within `half_px`; `board` are their places on the board, in any unit."""
+    """Sub-pixel corners (n, 2) px from the grey levels (rows, columns) within `half_px` of `corners` (n, 2) px.
+
+    `board` (n, 2) are their places on the board, in any unit; `smoothing_px` is the standard deviation of the blur before the fit.
+    """
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
     start = np.ascontiguousarray(corners, dtype=np.float32).reshape(-1, 1, 2)
     near = cv2.cornerSubPix(grey, start, (half_px, half_px), (-1, -1), criteria)
@@ -190,7 +193,7 @@ def _shown_board(grey: NDArray[np.uint8]) -> tuple[NDArray[np.float64], tuple[in
 
 
 def shown_grid(grey: NDArray[np.uint8]) -> tuple[int, int] | None:
-    """Inner corners, the larger number first, of the largest checkerboard in the picture; None where there is none."""
+    """Inner corners, the larger number first, of the largest checkerboard in a picture (rows, columns); None without one."""
     found = _shown_board(grey)
     return None if found is None else _larger_first(found[1])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,12 +17,9 @@ from rfea_vision.options.asking import CLOSED, Asked, effect_file_paths, quantit
 from rfea_vision.options.given import (
     known_values,
     read_bounds,
-    read_fixed,
     read_priors,
-    read_start,
-    write_bounds,
-    write_fixed,
-    write_priors,
+    read_values,
+    write_values,
 )
 
 Observe = Literal["tip_y", "tip", "midline", "angle"]
@@ -76,15 +74,19 @@ class FitOptions:
     )
     effect_files: EffectFiles = ()
     seed: Seed = 0
-    fixed: Annotated[Mapping[str, float], known_values(read_fixed), Asked(_MODEL, "NAME=VALUE", write=write_fixed)] = (
-        Field(
-            default_factory=dict,
-            validation_alias=AliasChoices("fix", "fixed"),
-            description="Hold a parameter, as in r_hyd=3.6mm; may be repeated.",
-        )
+    fixed: Annotated[
+        Mapping[str, float],
+        known_values(partial(read_values, "--fix")),
+        Asked(_MODEL, "NAME=VALUE", write=write_values),
+    ] = Field(
+        default_factory=dict,
+        validation_alias=AliasChoices("fix", "fixed"),
+        description="Hold a parameter, as in r_hyd=3.6mm; may be repeated.",
     )
     start: Annotated[
-        Mapping[str, float], known_values(read_start), Asked(("fit",), "NAME=VALUE", write=write_fixed)
+        Mapping[str, float],
+        known_values(partial(read_values, "--start")),
+        Asked(("fit",), "NAME=VALUE", write=write_values),
     ] = Field(
         default_factory=dict,
         description="Begin here alone, as in k_ref=0.3N*m/rad; what is left out begins as in the paper; may be repeated.",
@@ -92,7 +94,7 @@ class FitOptions:
     priors: Annotated[
         Mapping[str, tuple[float, float]],
         known_values(read_priors),
-        Asked(_MODEL, "NAME=VALUE±SD", write=write_priors),
+        Asked(_MODEL, "NAME=VALUE±SD", write=partial(write_values, between="±")),
     ] = Field(
         default_factory=dict,
         validation_alias=AliasChoices("prior", "priors"),
@@ -101,7 +103,7 @@ class FitOptions:
     bounds: Annotated[
         Mapping[str, tuple[float, float]],
         known_values(read_bounds),
-        Asked(_MODEL, "NAME=LOW..HIGH", write=write_bounds),
+        Asked(_MODEL, "NAME=LOW..HIGH", write=partial(write_values, between="..")),
     ] = Field(
         default_factory=dict,
         validation_alias=AliasChoices("bound", "bounds"),

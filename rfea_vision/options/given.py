@@ -77,45 +77,21 @@ def read_conditions(given: Mapping[str, object]) -> dict[str, float]:
     return found
 
 
-def write_fixed(values: Mapping[str, float], options: Any) -> list[str]:
-    """Write values of parameters as `read_fixed` reads them."""
-    return _write(values, options, "")
-
-
-def write_priors(values: Mapping[str, tuple[float, float]], options: Any) -> list[str]:
-    """Write values and standard errors as `read_priors` reads them."""
-    return _write(values, options, "±")
-
-
-def write_bounds(values: Mapping[str, tuple[float, float]], options: Any) -> list[str]:
-    """Write bounds as `read_bounds` reads them."""
-    return _write(values, options, "..")
-
-
-def _write(values: Mapping[str, Any], options: Any, between: str) -> list[str]:
+def write_values(values: Mapping[str, Any], options: Any, between: str = "") -> list[str]:
+    """Write parameters in SI with their unit, as they are read: a pair with `between` (``±`` or ``..``) in the middle."""
     if not values:
         return []  # the units of all effects take a second to load
     units = {**units_of(options.effect_files), MODULUS: "Pa"}
     out = []
     for name, value in values.items():
         unit = _unit(name, units).replace(" ", "*").removesuffix("1")
-        out.append(
-            f"{name}={between.join(f'{x:.9g}{unit}' for x in (value if isinstance(value, tuple) else (value,)))}"
-        )
+        numbers = value if isinstance(value, tuple) else (value,)
+        out.append(f"{name}={between.join(f'{number:.9g}{unit}' for number in numbers)}")
     return out
 
 
-def read_fixed(items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Read ``r_hyd=3.6mm``."""
-    return _read_values("--fix", items, units)
-
-
-def read_start(items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Read what a fit begins from, written as what it holds."""
-    return _read_values("--start", items, units)
-
-
-def _read_values(option: str, items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
+def read_values(option: str, items: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
+    """Read ``r_hyd=3.6mm``, written behind `option`."""
     return {name: _value(option, item, text, _unit(name, units)) for item, name, text in _split(option, items, units)}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
 
 from latex2mathml.converter import convert
@@ -54,14 +55,8 @@ def unit_text(unit: str) -> str:
     """A unit as printed: ``N·m/rad^2`` becomes ``N m/rad²``; that of a pure ratio is none."""
     if unit in ("1", "dimensionless"):
         return ""
-    out, rest = "", unit.replace("**", "^").replace("*", " ").replace("·", " ")
-    while "^" in rest:
-        head, rest = rest.split("^", 1)
-        power = ""
-        while rest and (rest[0].isdigit() or (rest[0] == "-" and not power)):
-            power, rest = power + rest[0], rest[1:]
-        out += head + (_raised(int(power)) if power.strip("-") else power)
-    return out + rest
+    plain = unit.replace("**", "^").replace("*", " ").replace("·", " ")
+    return re.sub(r"\^(-?\d+)", lambda power: _raised(int(power[1])), plain)
 
 
 def law(latex: str) -> Markup:

@@ -33,7 +33,7 @@ def outside_gaps(times: FloatArray, gaps: FloatArray, reach_s: float) -> NDArray
 
 
 def log_notes(log_time_s: FloatArray, gaps: FloatArray) -> list[str]:
-    """What is to be said of the log's clock."""
+    """Sentences about the log's clock: times (samples,) in s, and its gaps (k, 2) as `gaps_of` finds them."""
     notes = []
     if len(gaps):
         lengths = gaps[:, 1] - gaps[:, 0]

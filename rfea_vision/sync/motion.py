@@ -217,7 +217,7 @@ def band(values: FloatArray, rate: float, high: float) -> FloatArray:
 
 
 def without_slow(values: FloatArray, use: NDArray[np.bool_], rate: float) -> FloatArray:
-    """Take off the weighted mean of the samples of `use` about each, and return those samples.
+    """The samples of `use` (samples,) out of (samples, ...), less the weighted mean of those samples about each.
 
     Nothing outside of `use` enters, so that whatever holds between columns sample by sample holds between the results:
     beyond the ends of a film the log goes on and the film does not.

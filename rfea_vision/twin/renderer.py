@@ -185,6 +185,7 @@ def _noise_order(count: int, generator: np.random.Generator) -> NDArray[np.int64
 
 
 def blurred(picture: Picture, sigma: float) -> Picture:
+    """A picture (rows, columns) as a lens with a Gaussian blur of standard deviation `sigma` px shows it."""
     size = 2 * int(np.ceil(4 * sigma)) + 1
     blurred = cv2.GaussianBlur(picture, (size, size), sigma, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(blurred, dtype=np.float32)
