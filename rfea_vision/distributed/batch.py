@@ -25,9 +25,8 @@ if TYPE_CHECKING:
 _AHEAD = 4  # campaigns begun per worker: enough to keep all busy, few enough for a scheduler with 10,000 to come
 _LOOK_EVERY_S = 2.0  # between looks at workers
 _WITHOUT_WORKERS_S = 30.0  # after which it is said that those of a scheduler elsewhere have gone
-_WITHOUT_OWN_WORKERS_S = (
-    600.0  # those of this machine: they are started again, but a busy machine takes its time for it
-)
+# those of this machine: they are started again, but a busy machine takes its time for it
+_WITHOUT_OWN_WORKERS_S = 600.0
 
 
 @dataclass
@@ -213,9 +212,9 @@ class _Batch:
         start_again(self.client)
         if self._workers():
             self.seen_workers = time.monotonic()
-        elif time.monotonic() - self.seen_workers > (
-            _WITHOUT_WORKERS_S if self.client.cluster is None else _WITHOUT_OWN_WORKERS_S
-        ):
+            return
+        patience_s = _WITHOUT_WORKERS_S if self.client.cluster is None else _WITHOUT_OWN_WORKERS_S
+        if time.monotonic() - self.seen_workers > patience_s:
             raise DataError(
                 "all workers have gone; start them and run the same command again: what was finished is kept"
             )

@@ -175,9 +175,8 @@ def _check_workers(client: Client, scheduler: str, needed: Sequence[Path]) -> No
             raise InputError(f"--scheduler {scheduler}: it has no workers; start some with 'dask worker {scheduler}'")
         time.sleep(0.1)
 
-    def look() -> tuple[
-        str, list[str]
-    ]:  # a local function: it is sent by value, as the worker may know another version
+    # a local function: it is sent by value, as the worker may know another version
+    def look() -> tuple[str, list[str]]:
         import os
 
         try:

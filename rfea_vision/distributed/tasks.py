@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -147,18 +147,11 @@ def _working(folder: str, out: str | None, settings: Settings, part: str | None)
         for problem in reading.problems:
             if problem.severity == "error" and problem.experiment is not None:
                 work.failures.setdefault(problem.experiment, InputError(str(problem)))
-        with locked(work.cache.lock, shared=part is not None, patience_s=_PATIENCE_S), _alone(work, part, locked):
+        lock = work.cache.lock
+        alone = nullcontext() if part is None else locked(lock.with_name(f"lock@{part}"), patience_s=_PATIENCE_S)
+        with locked(lock, shared=part is not None, patience_s=_PATIENCE_S), alone:
             yield work
             work.cache.save_hashes()
-
-
-@contextmanager
-def _alone(work: Any, part: str | None, locked: Callable[..., Any]) -> Iterator[None]:
-    if part is None:
-        yield
-        return
-    with locked(work.cache.lock.with_name(f"lock@{part}"), patience_s=_PATIENCE_S):
-        yield
 
 
 def _one_thread() -> None:

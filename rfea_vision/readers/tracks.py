@@ -75,10 +75,7 @@ def read_track(
         )
     if nodes is not None:  # some tools write 0 or 9999 everywhere where they saw no tube
         nodes[(np.diff(nodes, axis=1) == 0).all(axis=(1, 2))] = np.nan
-    columns: list[FloatArray] = []
-    columns += [nodes.reshape(len(time_s), -1)] if nodes is not None else []
-    columns += [tip] if tip is not None else []
-    columns += [angle[:, None]] if angle is not None else []
+    columns = [values.reshape(len(time_s), -1) for values in (nodes, tip, angle) if values is not None]
     valid = np.asarray(np.isfinite(np.concatenate(columns, axis=1)).all(axis=1))
     if np.count_nonzero(valid) < 2:
         blank = [name for name, values in table.columns.items() if len(values) and np.all(pd.isna(values))]

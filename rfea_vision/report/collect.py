@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +16,7 @@ from rfea_vision.files import dataset_groups, read_dataset
 from rfea_vision.report.camera import read_camera
 
 _ROLE_ORDER = {"train": 0, "validate": 1, "test": 2}  # as runs are shown
-_Artefact = TypeVar("_Artefact")
+_Read = TypeVar("_Read")
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def collect(folder: Path, runs: Collection[str] | None = None) -> Evidence:
     return Evidence(folder, experiments, steps, ladder, camera, absent, photos)
 
 
-def _load(reader: Any, path: Path, key: str, absent: dict[str, str]) -> Any:
+def _load(reader: Callable[[Path], _Read], path: Path, key: str, absent: dict[str, str]) -> _Read | None:
     """`reader(path)`, or None with the reason filed under `key`."""
     try:
         return reader(path)
