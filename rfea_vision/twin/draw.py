@@ -185,4 +185,4 @@ def noise_like(shape: tuple[int, ...], sigma: float, correlation: float, generat
     """Stationary AR(1) noise along the first axis."""
     white = generator.standard_normal(shape)
     white[1:] *= np.sqrt(1 - correlation**2)
-    return sigma * lfilter([1.0], [1.0, -correlation], white, axis=0)
+    return sigma * np.asarray(lfilter([1.0], [1.0, -correlation], white, axis=0))

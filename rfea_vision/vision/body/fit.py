@@ -145,8 +145,8 @@ def fit_body(
     total = np.zeros(UNKNOWNS)
     normal_matrix = np.eye(UNKNOWNS)
     shape = BENDING / (POINTED_SHAPE_PX if skin is None else SHAPE_PX) ** 2
-    predicted = np.linalg.inv(prior)[ALONG, ALONG] if skin is not None else np.zeros((6, 6))
-    slips = np.sqrt(np.einsum("si,ij,sj->s", ALONG_BASIS, predicted, ALONG_BASIS))  # px that it may have slipped along itself
+    freedom = np.linalg.inv(prior)[ALONG, ALONG] if skin is not None else np.zeros((6, 6))
+    slips = np.sqrt(np.einsum("si,ij,sj->s", ALONG_BASIS, freedom, ALONG_BASIS))  # px that it may have slipped along itself
     swells = SWELLS * float(np.median(rest_half))
     moved, backing = 0.0, np.ones(STATIONS)
     for turn in range(TURNS):
