@@ -45,7 +45,7 @@ def build_dataset(
     valid = rows.valid
     numbers = rows.good_ones("numbers")
     inflation = float(np.clip(np.nanmedian(numbers[:, fitted.INFLATION]), 1.0, 50.0))
-    sign = 1.0 if scene.actuator.bends == "left" else -1.0
+    sign = scene.actuator.mirror
     turning = rows.good_ones("shift_variance", rows.part("tip_slope").start)
     beyond = _beyond_noise(numbers, turning, inflation, -sign * scene.half_mm)
     smoothed = smooth(rows, inflation)

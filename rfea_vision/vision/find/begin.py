@@ -59,11 +59,18 @@ class Scene:
 
     @property
     def half_mm(self) -> float:
+        """Half the tube's width at rest."""
         return 1000.0 * self.actuator.outer_radius
 
     @property
     def length_mm(self) -> float:
+        """Length of the centre line at rest."""
         return 1000.0 * self.actuator.length
+
+    @property
+    def turn_sign(self) -> float:
+        """Of the turning of a bend to the actuator's side: walking down, one to the camera's left turns clockwise."""
+        return -self.actuator.mirror
 
 
 @dataclass(frozen=True)
@@ -180,7 +187,7 @@ def oriented(path_mm: FloatArray, scene: Scene) -> FloatArray:
     falls = float(first @ scene.down / np.linalg.norm(first) - last @ scene.down / np.linalg.norm(last))
     if abs(falls) < 0.4:
         right = np.array([-scene.down[1], scene.down[0]])
-        side = float((path_mm[0] - path_mm[-1]) @ right) * (1 if scene.actuator.bends == "left" else -1)
+        side = float((path_mm[0] - path_mm[-1]) @ right) * scene.actuator.mirror
         return path_mm if side > 0 else path_mm[::-1]
     return path_mm if falls > 0 else path_mm[::-1]
 
@@ -258,9 +265,8 @@ def _both_ends(
         x, y, tx, ty, _ = point_and_tangent(curve, 1.0)
         along = float((given[0] - x) * tx + (given[1] - y) * ty)
         tips = [(end, share) for end, share in tips if abs(end.along_mm - along) < 4 * half] or tips
-    sign = -1.0 if scene.actuator.bends == "left" else 1.0
     vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
-    hinge = length_of(state) - half * sign * turning(work.normal)
+    hinge = length_of(state) - half * scene.turn_sign * turning(work.normal)
     return choose_ends(bases, tips, hinge, scene.length_mm)
 
 

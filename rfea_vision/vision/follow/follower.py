@@ -253,7 +253,7 @@ class Follower:
                 gain,
                 0.35,
                 self.judge.hinge_mm,
-                self.judge.bend_sign,
+                self.scene.turn_sign,
                 self.noise,
             )
             on_its_way = self.work.numbers[fitted.LAST_STEP] > SETTLED_PX

@@ -65,12 +65,12 @@ def _margin_px(camera, state, u, px_per_mm):
 
 @compiled
 def fit_frame(
-    picture, camera, state, work, px_per_mm, reach_px, shape_gain, least_contrast, hinge_mm, bend_sign, noise
+    picture, camera, state, work, px_per_mm, reach_px, shape_gain, least_contrast, hinge_mm, turn_sign, noise
 ):
     """Fit one frame; `state` holds the prediction and becomes the result. Numbers land in `work.numbers`.
 
     `hinge_mm` is the length of the inextensible side so far (0 where it is not known yet): the search for the end
-    starts where it puts the end. `bend_sign` is that of a bend towards the actuator's side. `noise` is that of the last
+    starts where it puts the end. `turn_sign` is that of a bend towards the actuator's side. `noise` is that of the last
     frame, in grey levels.
     """
     numbers = work.numbers
@@ -110,7 +110,7 @@ def fit_frame(
             largest = max(largest, abs(value_at(solution[: state.coefficients.shape[0]], k / 32.0)))
         move_state(state, solution, 0.0)
         if turn == 0 or cap_used <= 0.3 or cap_contrast(state) < LEAST_CAP_CONTRAST:
-            _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, bend_sign)
+            _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, turn_sign)
         looks = 2 if turn == 0 else 1  # the first look reads the light of this frame, the second the place
         moved, cap_used = _fit_end(
             picture, camera, state, work, px_per_mm, noise, shape_gain * whole, blur_limit, looks
@@ -139,12 +139,12 @@ def fit_frame(
 
 
 @compiled
-def _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, bend_sign):
+def _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, turn_sign):
     """Bring the end of the curve near the end of the tube: by the length it should have, then by the light."""
     nothing = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
     if hinge_mm > 0.0:
         length, turned = length_and_turning(state.coefficients)
-        missing = hinge_mm + value_at(state.width, 1.0) * bend_sign * turned - length
+        missing = hinge_mm + value_at(state.width, 1.0) * turn_sign * turned - length
         if abs(missing) > max(0.02 * hinge_mm, 1.5 / px_per_mm):
             move_state(state, nothing, missing)
     beyond = coarse_cap(picture, camera, state, reach_px, px_per_mm)

@@ -150,7 +150,7 @@ class Judge:
 
     def _length(self, fit: FrameFit) -> str:
         """The inextensible side keeps its length: centre line minus half width times the bend."""
-        hinge = fit.length - self.scene.half_mm * self.bend_sign * fit.bend
+        hinge = fit.length - self.scene.half_mm * self.scene.turn_sign * fit.bend
         seen = len(self.hinge_lengths)
         limit = LENGTH_OFF if seen >= 5 else FIRST_LENGTHS_OFF if seen else GIVEN_LENGTH_OFF
         if abs(hinge / self.expected_mm - 1) > limit:
@@ -175,11 +175,6 @@ class Judge:
         jumps = abs(hinge - middle) > limit and not middle < hinge < self.recent[-1] + limit
         self._jumped += jumps
         return jumps
-
-    @property
-    def bend_sign(self) -> float:
-        """Of the turning towards the actuator's side: walking down, a bend to the camera's left turns clockwise."""
-        return -1.0 if self.scene.actuator.bends == "left" else 1.0
 
     @property
     def hinge_mm(self) -> float:
