@@ -80,12 +80,10 @@ def visited(calibration: Calibration, track: Track, length_mm: float) -> dict[st
         return None
     origin = np.array([dataset.attrs["clamp_plane_x_mm"], dataset.attrs["clamp_plane_y_mm"]])
     down = np.array([dataset.attrs["down_plane_x"], dataset.attrs["down_plane_y"]])
-    chosen = np.flatnonzero(track.valid)
-    chosen = (
-        chosen[np.linspace(0, len(chosen) - 1, min(MOST_FRAMES, len(chosen))).astype(int)] if len(chosen) else chosen
-    )
-    if len(chosen) == 0:
+    valid = np.flatnonzero(track.valid)
+    if len(valid) == 0:
         return None
+    chosen = valid[np.linspace(0, len(valid) - 1, min(MOST_FRAMES, len(valid))).astype(int)]
     line = dataset["midline"].values[chosen][:, 2::3].reshape(-1, 2)
     axes = np.array([[-down[1], down[0]], [-down[0], -down[1]]])  # camera-right and up on the plane
     return over_region(calibration, origin + line @ axes, origin, length_mm)
@@ -96,9 +94,8 @@ def reach_of(calibration: Calibration, clamp_px: FloatArray, length_mm: float) -
     origin = pixels_to_plane_mm(calibration, np.mean(np.asarray(clamp_px, dtype=float).reshape(-1, 2), axis=0))
     radius, angle = np.meshgrid(length_mm * np.array([0.4, 0.7, 1.0]), np.radians(np.linspace(-180, 0, 13)))
     places = origin + np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1).reshape(-1, 2)
-    pixels = plane_mm_to_pixels(calibration, places)
-    seen = np.all((pixels >= 0) & (pixels <= [calibration.image_width - 1, calibration.image_height - 1]), axis=1)
-    return (places[seen] if seen.any() else places), origin
+    seen = _in_picture(calibration, places)
+    return (seen if len(seen) else places), origin
 
 
 def middle_of(calibration: Calibration, length_mm: float) -> tuple[FloatArray, FloatArray]:
@@ -107,6 +104,12 @@ def middle_of(calibration: Calibration, length_mm: float) -> tuple[FloatArray, F
     centre = pixels_to_plane_mm(calibration, size / 2)
     offsets = 0.5 * length_mm * np.stack(np.meshgrid([-1.0, -0.5, 0, 0.5, 1], [-1.0, -0.5, 0, 0.5]), axis=-1)
     places = centre + offsets.reshape(-1, 2)
+    seen = _in_picture(calibration, places)
+    return (seen if len(seen) else centre[None]), centre + np.array([0.0, 0.5 * length_mm])
+
+
+def _in_picture(calibration: Calibration, places: FloatArray) -> FloatArray:
+    """Those of the places (n, 2) mm on the plane that the camera sees."""
     pixels = plane_mm_to_pixels(calibration, places)
-    seen = np.all((pixels >= 0) & (pixels <= size - 1), axis=1)
-    return (places[seen] if seen.any() else centre[None]), centre + np.array([0.0, 0.5 * length_mm])
+    last = [calibration.image_width - 1, calibration.image_height - 1]
+    return places[np.all((pixels >= 0) & (pixels <= last), axis=1)]

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.artefacts import ModelFit
+from rfea_vision.artefacts import Actuator, ModelFit
 from rfea_vision.dynamics.parameters import PAPER_UNITS, PUBLISHED
 from rfea_vision.errors import DataError
 from rfea_vision.figures import FORMATS, Lines, Plate, Series, save_plates
@@ -163,19 +163,14 @@ def _joint(fits: Mapping[str, ModelFit], modelled: Mapping[str, xr.Dataset]) -> 
     spring: list[Series | None] = []
     damper: list[Series | None] = []
     for (column, fit), role in zip(fits.items(), ("coarse", "modelled"), strict=True):
-        values = {key: item.value for key, item in fit.parameters.items()}
+        values = {key: item.value / fit.segments for key, item in fit.parameters.items()}
         theta = np.linspace(0.0, np.deg2rad(float(np.nanmax(modelled[column]["theta"].values))), 60)
         grown = _radius_mm(fit, theta) * 1e-3 - fit.actuator["inner_radius"]
         whole_deg = np.rad2deg(theta) * fit.segments
-
-        def law(
-            ref: str, grown: FloatArray = grown, values: Mapping[str, float] = values, n: int = fit.segments
-        ) -> FloatArray:
-            return (values[f"{ref}_ref"] + values[f"{ref}_slope"] * grown) / n
-
-        spring.append(Series(column, role, whole_deg, law("k")))  # type: ignore[arg-type]
-        for ref, sense in (("b_pos", "+"), ("b_neg", "-")):
-            damper.append(Series(f"{column}, b{sense}", role if sense == "+" else "other", whole_deg, 1e3 * law(ref)))  # type: ignore[arg-type]
+        k, b_pos, b_neg = (values[f"{law}_ref"] + values[f"{law}_slope"] * grown for law in ("k", "b_pos", "b_neg"))
+        spring.append(Series(column, role, whole_deg, k))  # type: ignore[arg-type]
+        damper.append(Series(f"{column}, b+", role, whole_deg, 1e3 * b_pos))  # type: ignore[arg-type]
+        damper.append(Series(f"{column}, b-", "other", whole_deg, 1e3 * b_neg))
     bend = Axis("bend of the whole tube", "deg")
     return [
         *lines(
@@ -192,8 +187,6 @@ def _joint(fits: Mapping[str, ModelFit], modelled: Mapping[str, xr.Dataset]) -> 
 
 
 def _radius_mm(fit: ModelFit, theta: FloatArray) -> FloatArray:
-    from rfea_vision.artefacts import Actuator
-
     actuator = Actuator(**fit.actuator)
     return 1e3 * inner_radius(actuator, theta, actuator.length / fit.segments)
 

@@ -104,10 +104,6 @@ class Table:
         return numbers
 
 
-def _any_file(path: Path) -> bool:
-    return True
-
-
 @dataclass(frozen=True)
 class Kind:
     """A kind of file.
@@ -125,7 +121,7 @@ class Kind:
     title: str
     endings: tuple[str, ...]
     read: Callable[[Path], Table]
-    is_mine: Callable[[Path], bool] = _any_file
+    is_mine: Callable[[Path], bool] = lambda path: True
     apart: bool = False
     extra: str = ""
 
@@ -164,15 +160,29 @@ def hdf5(path: Path) -> Generator[Any]:
         yield file
 
 
-def has_members(path: Path, *names: str) -> bool:
-    """Say whether an HDF5 file holds all of these datasets or groups."""
-    import h5py
+def begins_with(mark: bytes, within: int = 0) -> Callable[[Path], bool]:
+    """Return what says whether a file begins with `mark`, or has it among its first `within` bytes."""
 
-    try:
-        with h5py.File(path, "r") as file:
-            return all(file.get(name, getlink=True) is not None for name in names)
-    except Exception:  # of a damaged file h5py raises whatever HDF5 stumbled over
-        return False
+    def is_mine(path: Path) -> bool:
+        with path.open("rb") as stream:
+            return mark in stream.read(max(within, len(mark)))
+
+    return is_mine
+
+
+def has_members(*names: str) -> Callable[[Path], bool]:
+    """Return what says whether an HDF5 file holds all of these datasets or groups."""
+
+    def is_mine(path: Path) -> bool:
+        import h5py
+
+        try:
+            with h5py.File(path, "r") as file:
+                return all(file.get(name, getlink=True) is not None for name in names)
+        except Exception:  # of a damaged file h5py raises whatever HDF5 stumbled over
+            return False
+
+    return is_mine
 
 
 AXIS = re.compile(r"^(?P<name>.*?)[._ ]?(?P<axis>[xyzXYZ])(?:[_ ]*[\[(]?(?P<unit>px|um|µm|mm|cm|m)[\])]?)?$")

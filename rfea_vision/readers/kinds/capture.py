@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers.kinds.base import Kind, Points, Table, distinct, points_table
+from rfea_vision.readers.kinds.base import Kind, Points, Table, begins_with, distinct, points_table
 from rfea_vision.readers.kinds.text import decoded
 
 
@@ -44,11 +44,6 @@ def read_c3d(path: Path) -> Table:
 _MOTIVE_UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inches": "inch", "feet": "foot"}
 
 
-def _is_motive(path: Path) -> bool:
-    with path.open("rb") as stream:
-        return b"Format Version," in stream.read(20)
-
-
 def read_motive(path: Path) -> Table:
     """Read the positions of markers and rigid bodies; above the data stand, line by line, kinds, names, ids and quantities."""
     rows = [row for row in csv.reader(decoded(path).splitlines()) if any(map(str.strip, row))]
@@ -74,6 +69,6 @@ def read_motive(path: Path) -> Table:
 
 
 KINDS = (
-    Kind("Motive", (".csv",), read_motive, _is_motive),
+    Kind("Motive", (".csv",), read_motive, begins_with(b"Format Version,", within=20)),
     Kind("c3d", (".c3d",), read_c3d, apart=True, extra="capture"),
 )

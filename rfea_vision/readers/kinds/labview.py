@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers.kinds.base import Kind, Table, distinct
+from rfea_vision.readers.kinds.base import Kind, Table, begins_with, distinct
 from rfea_vision.readers.kinds.text import decoded
 
-_MARK = "LabVIEW Measurement"
+_MARK = b"LabVIEW Measurement"
 _END = "***End_of_Header***"
 
 
@@ -79,9 +79,4 @@ def _until_empty(lines: list[str]) -> list[str]:
     return list(takewhile(str.strip, dropwhile(lambda line: not line.strip(), lines)))
 
 
-def _is_lvm(path: Path) -> bool:
-    with path.open("rb") as stream:
-        return _MARK.encode() in stream.read(len(_MARK) + 3)
-
-
-KINDS = (Kind("LabVIEW measurement file", (".lvm",), read_lvm, _is_lvm),)
+KINDS = (Kind("LabVIEW measurement file", (".lvm",), read_lvm, begins_with(_MARK, within=len(_MARK) + 3)),)

@@ -13,12 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rfea_vision.readers.kinds.base import Kind, Table, distinct, hdf5, refuse_too_much
-
-
-def _is_hdf5(path: Path) -> bool:
-    with path.open("rb") as stream:
-        return b"MATLAB 7.3" in stream.read(32)
+from rfea_vision.readers.kinds.base import Kind, Table, begins_with, distinct, hdf5, refuse_too_much
 
 
 def read_mat(path: Path) -> Table:
@@ -118,6 +113,6 @@ def _several(node: Any, file: Any) -> list[Any]:
 
 
 KINDS = (
-    Kind("MATLAB 7.3", (".mat",), read_mat73, _is_hdf5, apart=True),
+    Kind("MATLAB 7.3", (".mat",), read_mat73, begins_with(b"MATLAB 7.3", within=32), apart=True),
     Kind("MATLAB", (".mat",), read_mat, apart=True),  # SciPy 1.17 ends with a segmentation fault on some
 )

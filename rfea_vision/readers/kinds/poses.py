@@ -12,14 +12,9 @@ from typing import Any
 import numpy as np
 
 from rfea_vision.errors import InputError
-from rfea_vision.readers.kinds.base import Kind, Points, Table, has_members, hdf5, points_table
+from rfea_vision.readers.kinds.base import Kind, Points, Table, begins_with, has_members, hdf5, points_table
 
 _DLC_COORDINATES = ("x", "y", "likelihood")
-
-
-def _is_dlc_text(path: Path) -> bool:
-    with path.open("rb") as stream:
-        return stream.read(7) == b"scorer,"
 
 
 def read_dlc_text(path: Path) -> Table:
@@ -29,10 +24,6 @@ def read_dlc_text(path: Path) -> Table:
     heads = [row for row in rows[:4] if row and row[0] in ("scorer", "individuals", "bodyparts", "coords")]
     data = np.array([[float(cell) if cell else np.nan for cell in row[1:]] for row in rows[len(heads) :]])
     return _dlc(path, list(zip(*[row[1:] for row in heads], strict=True)), data)
-
-
-def _is_dlc(path: Path) -> bool:
-    return has_members(path, "df_with_missing")
 
 
 class _PlainText(pickle.Unpickler):
@@ -78,10 +69,6 @@ def _dlc(path: Path, names: Sequence[Sequence[str]], data: np.ndarray) -> Table:
     return points_table(str(path), found)
 
 
-def _is_sleap(path: Path) -> bool:
-    return has_members(path, "tracks", "node_names")
-
-
 def read_sleap(path: Path) -> Table:
     """Read SLEAP's analysis file: tracks (individual, xy, node, frame)."""
     with hdf5(path) as file:
@@ -105,7 +92,7 @@ _TIERPSY = ("coordinates/skeletons", "skeleton", "skeletons")
 
 
 def _is_tierpsy(path: Path) -> bool:
-    return any(has_members(path, name) for name in _TIERPSY)
+    return any(has_members(name)(path) for name in _TIERPSY)
 
 
 def read_tierpsy(path: Path) -> Table:
@@ -169,9 +156,9 @@ def _text(value: object) -> str:
 
 
 KINDS = (
-    Kind("DeepLabCut", (".csv",), read_dlc_text, _is_dlc_text),
-    Kind("DeepLabCut", (".h5", ".hdf5"), read_dlc, _is_dlc, apart=True),
-    Kind("SLEAP analysis", (".h5", ".hdf5"), read_sleap, _is_sleap, apart=True),
+    Kind("DeepLabCut", (".csv",), read_dlc_text, begins_with(b"scorer,")),
+    Kind("DeepLabCut", (".h5", ".hdf5"), read_dlc, has_members("df_with_missing"), apart=True),
+    Kind("SLEAP analysis", (".h5", ".hdf5"), read_sleap, has_members("tracks", "node_names"), apart=True),
     Kind("Tierpsy", (".h5", ".hdf5"), read_tierpsy, _is_tierpsy, apart=True),
     Kind("movement", (".nc",), read_movement, apart=True),
 )
