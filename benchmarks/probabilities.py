@@ -10,7 +10,7 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from benchmarks._commit import commit
 from benchmarks.probability_sweep import sweep
 from benchmarks.probability_tables import DOCUMENT, diagram, document
 from benchmarks.probable_campaigns import Case, draw, recordings_of
+from rfea_vision.artefacts import Actuator, Recording
 from rfea_vision.critique.diagnosis import Judgement, judge
 from rfea_vision.critique.trials import Trial
 from rfea_vision.errors import RfeaError
@@ -33,10 +34,12 @@ RESULTS = FOLDER / "results.jsonl"
 CALIBRATED, UNSEEN = range(1301, 1341), range(1850, 2100)
 
 
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(
+    case: Case, made: Callable[[Case], tuple[dict[str, Recording], Actuator]] = recordings_of
+) -> dict[str, Any]:
     """Make one campaign, diagnose its base model, and note what was said beside the truth."""
     started, processor = time.perf_counter(), time.process_time()
-    recordings, actuator = recordings_of(case)
+    recordings, actuator = made(case)
     problem = make_problem(recordings, actuator)
     judgement = judge(problem, fit(problem, FitOptions(segments=8, starts=0)))
     return {
@@ -63,6 +66,7 @@ def _said(judgement: Judgement) -> dict[str, Any]:
         "tied": [tie.effects for tie in diagnosis.tied],
         "sufficient": diagnosis.sufficient,
         "floors": round(now.errors.held / search.floor, 3),
+        "left": round(judgement.verdict.best.errors.held / search.floor, 3),
         "share": judgement.verdict.share,
         "probability": {name: round(p, 5) for name, p in judgement.verdict.probability.items()},
         "untried": [
