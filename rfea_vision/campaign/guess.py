@@ -204,7 +204,7 @@ def _pressure(
     )
     found = columns.moving(columns.measured([name for name in dict.fromkeys(by_word + by_unit) if name not in ambient]))
     if chambers := _chambers(columns, found):
-        return tuple((*time, *said, *_column(table, name, ambient)) for name, said in chambers.items())
+        return tuple((*time, *said, *_column(table, name, ambient, tuple(chambers))) for name, said in chambers.items())
     bare = not found and len(names) == 1 and len(table.columns) == 2
     found = names if bare else found
     if not found:
@@ -219,11 +219,12 @@ def _pressure(
     return ((*time, Key("pressure", name, "" if name == "pressure_kPa" else why), *_column(table, name, ambient)),)
 
 
-def _column(table: Table, name: str, ambient: list[str]) -> tuple[Key, ...]:
-    """Unit and reference of a pressure."""
+def _column(table: Table, name: str, ambient: list[str], beside: Sequence[str] = ()) -> tuple[Key, ...]:
+    """Unit and reference of a pressure; sensors `beside` it that say the same unit are of its kind."""
     unit = said_unit(table, name, "kPa")
     guessed, why = _unit_by_size(table.columns[name])
-    return (() if unit else (Key("unit", guessed, why),)) + _reference(table, name, unit or guessed, ambient)
+    alike = [name, *(one for one in beside if said_unit(table, one, "kPa") == unit)]
+    return (() if unit else (Key("unit", guessed, why),)) + _reference(table, alike, unit or guessed, ambient)
 
 
 def _unit_by_size(values: np.ndarray) -> tuple[str, str]:
@@ -265,19 +266,19 @@ def _chambers(columns: _Columns, names: list[str]) -> dict[str, tuple[Key, ...]]
     return out
 
 
-def _reference(table: Table, name: str, unit: str, ambient: list[str]) -> tuple[Key, ...]:
-    """Absolute, where the unit does not say it, if what is lowest is the air's pressure."""
+def _reference(table: Table, alike: list[str], unit: str, ambient: list[str]) -> tuple[Key, ...]:
+    """Absolute, where the unit does not say it, if what is lowest of all sensors of one kind is the air's pressure."""
     bare, said = pressure_unit(unit)
-    if said == "gauge":
-        return ()
-    lowest_kPa = float(np.nanmin(table.columns[name])) * conversion_factor(bare, "kPa")
-    airy, why = _is_air(lowest_kPa), f"its lowest value is {lowest_kPa:.1f} kPa, that of air"
+    lowest_kPa = min(float(np.nanmin(table.columns[one])) for one in alike) * conversion_factor(bare, "kPa")
+    airy, why = _is_air(lowest_kPa), f"the lowest value is {lowest_kPa:.1f} kPa, that of air"
     for other in ambient[:1]:  # a line that is never open is told by the air's pressure beside it
         air_kPa = float(np.nanmin(table.columns[other])) * conversion_factor(
             pressure_unit(said_unit(table, other, "kPa") or unit)[0], "kPa"
         )
         if not airy and _is_air(air_kPa) and lowest_kPa > air_kPa:
             airy, why = True, f"it is never below that of the air, which '{other}' keeps"
+    if said == "gauge":
+        return ()
     keys = [] if said or not airy else [Key("reference", "absolute", why)]
     if ambient and (said == "absolute" or airy):
         keys.append(Key("ambient", ambient[0], "its header says so"))

@@ -229,6 +229,16 @@ def test_pressures_that_are_called_chambers_are_written_as_such(tmp_path, header
     assert sum(".sign: " in item for item in written.guesses) == len(chambers)
 
 
+@pytest.mark.parametrize(("lowest", "references"), [((100.0, 109.0), {"absolute"}), ((0.0, 100.0), {None})])
+def test_sensors_of_one_rig_are_all_absolute_or_none(tmp_path, lowest, references):
+    """One reads a little above the air's pressure at rest; in another rig a chamber is never open."""
+    columns = {f"{side}_pressure": low + PRESSURE_kPa for side, low in zip(("left", "right"), lowest, strict=True)}
+    pd.DataFrame({"t": TIME_S, **columns, "angle_deg": ANGLE_deg}).to_csv(tmp_path / "run.csv", index=False)
+    write_campaign_from(tmp_path / "tube", [tmp_path / "run.csv"])
+    text = next((tmp_path / "tube").glob("*/experiment.yaml")).read_text()
+    assert {chamber.get("reference") for chamber in yaml.safe_load(text)["pressure"]} == references
+
+
 @pytest.mark.parametrize("headers", [("p1", "p2"), ("p_left_kPa", "p_2_kPa"), ("p chamber [kPa]", "p chamber (kPa)")])
 def test_pressures_that_nothing_calls_chambers_are_asked_for(tmp_path, headers):
     pd.DataFrame({"t": TIME_S, headers[0]: PRESSURE_kPa, headers[1]: PRESSURE_kPa}).to_csv(
