@@ -238,7 +238,8 @@ class Search:
         """Members of the best set in their other forms, one at a time: where it leaves something, or stands at a bound.
 
         Another form of one may also do for two: it is tried without each of the others, and, where the set leaves nothing, without
-        those that the effect is said to be mistaken for.
+        those that the effect is said to be mistaken for. And before more effects are believed than a smaller set has, that set is tried
+        in its other forms where a fault of its form alone could leave as much as it does.
         """
         for own in self.weigh()[0].added:
             best = self.weigh()[0]
@@ -249,11 +250,21 @@ class Search:
                 [one for one in rest if plain(one) not in alike],
                 *([[o for o in rest if o != one] for one in rest] * left),
             ]
-            values = dict(zip(best.trial.fitted.model.names, best.trial.fitted.par.tolist(), strict=True))
             for others in [rest] * left + [others for others in fewer if len(others) < len(rest)]:
-                start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, others)}
-                for form in forms_of(own):
-                    self.trials.refit(self.present, (*others, form), start)
+                self._in_other_forms(best.trial, own, others)
+        best, faults = self.weigh()[0], (LENIENT * self.rule.form) ** 2
+        for item in self.weigh():
+            if len(item.added) < len(best.added) and item.share >= 1 - faults:
+                for own in item.added:
+                    rest = [one for one in item.trial.effects - self.present.effects if plain(one) != own]
+                    self._in_other_forms(item.trial, own, rest)
+
+    def _in_other_forms(self, trial: Trial, own: str, others: Sequence[str]) -> None:
+        """Refit an effect of a set in each of its other forms, with others of that set as they stand in it."""
+        values = dict(zip(trial.fitted.model.names, trial.fitted.par.tolist(), strict=True))
+        start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, others)}
+        for form in forms_of(own):
+            self.trials.refit(self.present, (*others, form), start)
 
     def _rivals(self) -> None:
         """Nobody is named without its rivals refitted in its place: those said to be mistaken for it, and those that look like it.
