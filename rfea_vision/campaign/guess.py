@@ -353,7 +353,7 @@ def _poses(
     order = _order(points)
     keys.append(order)
     axes, actuator = _hanging(points, order)
-    if points.positions.shape[2] == 3:
+    if points.positions.shape[2] == 3 or axes.value not in (None, ["x", "y"]):
         keys.append(axes)
     if points.unit in ("px", "pixels", ""):
         keys.append(Key("scale", None, "0.25 mm: the length of one pixel; or a camera in campaign.yaml"))
@@ -367,7 +367,7 @@ def _hanging(points: Points, order: Key) -> tuple[Key, tuple[Key, ...]]:
     unknown = Key(
         "axes", None, "[x, -z]: the file's axes that point to the camera's right, and up along the hanging tube"
     )
-    if points.positions.shape[2] != 3 or order.why != _BY_NAME:
+    if points.y_down or order.why != _BY_NAME:
         return unknown, ()
     ends = [[group] if isinstance(group, str) else group for group in (order.value[0], order.value[-1])]
     clamp, tip = (points.positions[:, [points.names.index(name) for name in end]].mean(axis=1) for end in ends)
@@ -375,7 +375,7 @@ def _hanging(points: Points, order: Key) -> tuple[Key, tuple[Key, ...]]:
     if not len(way):
         return unknown, ()
     along = int(np.argmax(np.abs(np.median(way, axis=0))))
-    right = max((axis for axis in range(3) if axis != along), key=lambda axis: float(np.ptp(way[:, axis])))
+    right = max((axis for axis in range(way.shape[1]) if axis != along), key=lambda axis: float(np.ptp(way[:, axis])))
     up = f"-{'xyz'[along]}" if np.median(way[:, along]) > 0 else "xyz"[along]
     seen = f"from the clamp the tip lies along {'xyz'[along]}, and moves most along {'xyz'[right]}"
     axes = Key("axes", ["xyz"[right], up], seen)

@@ -112,6 +112,17 @@ def test_columns_beside_a_clock_of_another_name_are_points(tmp_path):
     np.testing.assert_allclose(read_pressure(run.pressure).pressure_kPa, PRESSURE_kPa, atol=1e-9)
 
 
+def test_points_of_a_picture_in_a_table_tell_how_the_tube_hangs(tmp_path):
+    """Nothing in a table of bare numbers says that y counts downwards, but that the tip hangs below the clamp."""
+    hanging = tip_track("right")
+    frame = pd.DataFrame({"time": TIME_S, "base_pos_x": 560.0, "base_pos_y": 340.0, "tip_pos_x": 560 + hanging["tip_x_mm"]})
+    frame["tip_pos_y"] = 340 - hanging["tip_y_mm"]
+    frame.to_csv(tmp_path / "run.csv", index=False)
+    write_campaign_from(tmp_path / "tube", [tmp_path / "run.csv"])
+    text = next((tmp_path / "tube").glob("*/experiment.yaml")).read_text()
+    assert yaml.safe_load(text)["track"]["axes"] == ["x", "-y"] and "the tip lies along y" in text
+
+
 def test_points_in_space_tell_how_the_tube_hangs(tmp_path):
     """The file's y points down, and its z away from where the tube bends; the clamp stands at another place than 0."""
     hanging = tip_track("left")
