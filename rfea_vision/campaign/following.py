@@ -22,6 +22,9 @@ _STILL = 0.05
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
 # s by which slow rubber, a long line, or a log on another clock is behind; of a run no more than a fifth, or anything follows anything
 _LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
+# Of what chambers push with, each by itself, what their signs leave: a pair that works against each other is driven by its difference,
+# which leaves all; of a real finger, whose two chambers are blown up together and bend it to one side, opposite signs left 0.06.
+_CANCELLED = 0.2
 _HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
 
 
@@ -52,6 +55,13 @@ def of_pair(
     swing_kPa = float(np.ptp(pressure_kPa))
     if swing_kPa > _LOW_KPA and (still := _stillness(motion[seen], "mm" if "tip" in track else "deg")):
         return [f"goes by {swing_kPa:.3g} kPa and {still}; is it the right tube? 'rfea open' lets you point at it"]
+    each_kPa = sum(float(np.ptp(push)) for push in (pushes_kPa or {}).values())
+    unit = "mm" if "tip" in track else "deg"
+    if each_kPa > _LOW_KPA and swing_kPa < _CANCELLED * each_kPa and not _stillness(motion[seen], unit):
+        return [
+            f"the chambers push with {each_kPa:.3g} kPa in all, of which their signs leave {swing_kPa:.2g}, and the tube moves; "
+            "do they bend it to the same side? Then give them the same sign"
+        ]
     moved_s = time_s[seen]
     share, _, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, _LAGS_S)
     if share is None:

@@ -161,6 +161,18 @@ def test_a_run_that_is_right_is_not_doubted(tmp_path, monkeypatch):
     assert "warning" not in rfea("fit", folder).err
 
 
+@pytest.mark.parametrize(("right", "told"), [(0.9, True), (-1.0, False)])
+def test_chambers_that_are_blown_up_together_do_not_bend_apart(right, told):
+    """A finger with two chambers side by side, said to pull against each other: their signs leave a tenth of what bends it."""
+    time_s = np.arange(0, 6, 0.03)
+    push = 30 * (0.5 - 0.5 * np.cos(2 * time_s))
+    pushes = {"left": push, "right": -(50 + right * push)}
+    track = xr.Dataset({"tip": (("time", "xy"), np.stack([-push, -120 + 0 * push], axis=1))}, {"time": time_s})
+    said = of_pair(track, time_s, time_s, sum(pushes.values()), pushes)
+    assert any("of which their signs leave 3" in text for text in said) == told
+
+
+
 @pytest.mark.parametrize(
     ("levers", "signs", "says"),
     [
