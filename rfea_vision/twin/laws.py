@@ -177,7 +177,7 @@ FOLDED, NEGATIVE = 1, 2  # why there is no torque
 
 
 @njit(cache=True)
-def _inner_area(tube: Constants, theta: float, p: float) -> float:
+def _inner_area(tube, theta, p):
     """Inner area pi r_i^2 (m^2) of a joint, or of many: the rubber keeps its volume (eq. InnerRadius)."""
     outer = tube.outer_radius * (1 + tube.radial_expansion_c * p)
     rubber = (tube.outer_radius**2 - tube.inner_radius**2) * (1 - tube.compressibility_c * p)
