@@ -119,18 +119,12 @@ def _counts(title: str, lines: Sequence[Line], each: Mapping[str, Sequence[Claim
         ]
         out.append(f"| {kind} | {len(own)} | {' | '.join(figures)} |")
     nothing = [line for line in lines if line["kind"] == "nothing"]
-    outside = [line for line in lines if line["kind"] == "outside" and not any(right for *_, right in each[line["key"]])]
-    rings = [line for line in lines if line["kind"] == "outside" and line not in outside]
+    outside = [line for line in lines if line["kind"] == "outside"]
     out.append(
         f"\nNothing hidden: {sum(line['verdict'] == 'complete' for line in nothing)} of {len(nothing)} called complete, "
         f"{sum(bool(line['named']) for line in nothing)} given a name. "
         f"Outside of the catalogue: {sum(bool(line['named']) for line in outside)} of {len(outside)} given a name.\n"
     )
-    if rings:
-        out.append(
-            f"A weak ring (`kink`) is drawn as if the catalogue had it not, and its law is that of `stiffness_profile:spot`: named in "
-            f"{sum(right and p >= 0.5 for line in rings for _, p, right in each[line['key']])} of {len(rings)}.\n"
-        )
     return "\n".join(out)
 
 

@@ -58,9 +58,7 @@ def _hidden(line: Line) -> list[tuple[str, ...]]:
     """For each law that was hidden the effects that it may be called."""
     if line["plant"] == "other":
         return [LAWS[law][0] for law in line["hidden"] if law in LAWS]
-    # The twin's weak ring is drawn as what no catalogue has, and its very law is `stiffness_profile:spot`, as is that of `spot` above.
-    ring = [("stiffness_profile",)] if any(name.startswith("kink.") for name in line["hidden"]) else []
-    return [*((name,) for name in line["right"]), *ring]
+    return [(name,) for name in line["right"]]
 
 
 def calibration_error(found: Sequence[Claim]) -> float:
