@@ -142,13 +142,13 @@ EXPORTED = (
 
 
 def of_report(name: str) -> Response:
-    """The report's style sheet, and its scripts as one module."""
-    text_of = loaded("report.page").static
+    """The report's style sheet, and its scripts as one module; for these the report itself is not loaded."""
+    folder = resources.files("rfea_vision").joinpath("report", "static")
     if name == "style.css":
-        return Response(str(text_of(name)), media_type="text/css")
+        return Response(folder.joinpath(name).read_bytes(), media_type="text/css")
     if name != "report.js":
         raise HTTPException(404)
-    parts = [str(text_of(f"{script}.js")) for script in REPORT_SCRIPTS]
+    parts = [folder.joinpath(f"{script}.js").read_text(encoding="utf-8") for script in REPORT_SCRIPTS]
     return Response("\n".join([*parts, f"export {{{', '.join(EXPORTED)}}};"]), media_type="text/javascript")
 
 

@@ -58,9 +58,10 @@ def test_every_command_has_help_json_and_debug(name):
     ("done", "heavy"),
     [
         ("from rfea_vision.cli.root import run; run(['-h'])", {"cv2", "numba", "av", "xarray", "distributed"}),
+        ("from rfea_vision.workbench.routes import of_report; of_report('report.js')", {"cv2", "numba", "sympy", "xarray"}),
         ("import rfea_vision.workbench.answers, rfea_vision.workbench.bench", {"cv2", "numba", "sympy", "distributed"}),
     ],
-    ids=["help", "first page of the workbench"],
+    ids=["help", "scripts of the workbench", "first page of the workbench"],
 )
 def test_what_comes_first_is_quick_to_load(done, heavy):
     # the libraries that take seconds to import are not needed to read the help, or to see a campaign
