@@ -20,6 +20,10 @@ from rfea_vision.files import read_dataset, write_dataset
 if TYPE_CHECKING:  # quarter of a second of import that a simulation does not need
     import xarray as xr
 
+#: Pa, of what soft actuators are cast and printed of, from the softest silicones (Marechal et al. 2021, doi:10.1089/soro.2019.0115)
+#: to soft thermoplastic polyurethanes; rounded outwards, as what is beyond is told and not refused.
+ELASTOMER_MODULUS = (0.05e6, 50.0e6)
+
 
 def bend_sign(bends: str) -> float:
     """+1 of a tube that bends to the camera's left, as in the dynamics, -1 of one that bends right, which is mirrored there."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from rfea_vision.campaign import following, plausibility
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
-from rfea_vision.campaign.tubes import of_stretch, of_tube
+from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_stretch, of_tube, of_weight
 from rfea_vision.errors import RfeaError
 
 
@@ -21,6 +21,18 @@ class CheckedCampaign:
     experiments: dict[str, str]
     problems: tuple[FileProblem, ...]
     unpressed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What is kept of each run, to look at all of them together: by name the highest pressure (kPa), how far it and the tube go, the
+    modulus (Pa) that goes with it, and angles alone.
+    """
+
+    highest_kPa: dict[str, float] = field(default_factory=dict)
+    responses: dict[str, plausibility.Response] = field(default_factory=dict)
+    moduli: dict[str, float | None] = field(default_factory=dict)
+    angles: dict[str, following.AngleRun] = field(default_factory=dict)
 
 
 def check_campaign(
@@ -46,18 +58,21 @@ def check_campaign(
         problems += _camera_problems(camera, campaign, experiment)
         if progress is not None:
             progress(done + 1, total)
-    highest, responses = dict[str, float](), dict[str, plausibility.Response]()
-    angles = dict[str, following.AngleRun]()
+    seen = _Seen()
     for done, experiment in enumerate(active, start=len(cameras)):
-        said = any(p.experiment == experiment.name and p.key.startswith("pressure") for p in problems)
-        problems += _experiment_problems(experiment, highest, responses, angles, pressure_said=said)
+        said = any(
+            p.experiment in (None, experiment.name) and (p.key.startswith("pressure") or p.meant == "pressure") for p in problems
+        )
+        problems += _experiment_problems(experiment, seen, pressure_said=said)
         if progress is not None:
             progress(done + 1, total)
     for experiment in active:
-        odd = plausibility.beside_others(experiment.name, highest)
-        if text := odd or plausibility.of_response(experiment.name, responses):
+        odd = plausibility.beside_others(experiment.name, seen.highest_kPa)
+        if text := odd or plausibility.of_response(experiment.name, seen.responses):
             problems.append(_warning(experiment, "pressure", text))
-    if text := following.together(list(angles.values())):
+    sized = any(p.key == "pressure" or p.key.startswith("actuator") for p in problems)
+    together = "" if sized else _odd_pressures(active, seen)
+    if text := together or following.together(list(seen.angles.values())):
         problems.append(FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning"))
     for experiment, key, text in plausibility.alike(active):
         problems.append(_warning(experiment, key, text))
@@ -70,6 +85,18 @@ def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FilePro
     """Doubt dimensions that are right in form and unlikely in size: above all, diameters given as radii."""
     tubes = dict.fromkeys((campaign.actuator, *(item.actuator for item in active)))
     return [_odd(campaign, key, text) for tube in tubes for key, text in of_tube(tube)]
+
+
+def _odd_pressures(active: list[ExperimentSpec], seen: _Seen) -> str:
+    """Doubt the pressures of all runs of one tube together; empty where there is no doubt."""
+    if len({item.actuator for item in active}) != 1:
+        return ""
+    gravities = {item.rig.gravity_deg for item in active}
+    highest = max(seen.highest_kPa.values(), default=None)
+    text = of_moduli(seen.moduli.values())
+    if text or highest is None or len(gravities) != 1:
+        return text
+    return of_weight(highest, active[0].actuator, gravities.pop())
 
 
 def _odd(campaign: Campaign, key: str, text: str) -> FileProblem:
@@ -133,13 +160,11 @@ def _some(names: list[str]) -> str:
 
 def _experiment_problems(
     experiment: ExperimentSpec,
-    highest: dict[str, float],
-    responses: dict[str, plausibility.Response],
-    angles: dict[str, following.AngleRun],
+    seen: _Seen,
     *,
     pressure_said: bool,
 ) -> list[FileProblem]:
-    """Read what belongs to a run; its highest pressure (kPa), how far both go, and angles alone are kept."""
+    """Read what belongs to a run, and keep of it what is looked at together with the others."""
     file = experiment.file
     problems: list[FileProblem] = []
     pictures_s = track_s = track = None
@@ -159,6 +184,7 @@ def _experiment_problems(
             if source is not None:
                 pictures_s = source.times_s()
                 said = plausibility.of_end(float(pictures_s[-1]), source.announced_s) if len(pictures_s) else []
+                said += plausibility.of_gaps(pictures_s)
                 problems += [_warning(experiment, "video", text) for text in said]
                 if text := _unlike_photos(experiment.camera, source.size):
                     problems.append(FileProblem(file, text, "video", experiment=experiment.name))
@@ -173,6 +199,7 @@ def _experiment_problems(
                 to_rig_mm=(lambda pixels: pixels) if by_camera else None,  # lengths are not what is looked at here
             )
             track_s = track.time_s
+            problems += [_warning(experiment, "track", text) for text in plausibility.of_gaps(track_s)]
             said = [] if by_camera else plausibility.of_track(track.dataset, 1e3 * experiment.actuator.length)
             said = said or ([] if by_camera else of_stretch(track.dataset, experiment.actuator))
             problems += [_warning(experiment, "track", text) for text in said]
@@ -191,15 +218,13 @@ def _experiment_problems(
     except RfeaError as error:
         problems.append(FileProblem(file, str(error), "pressure", experiment=experiment.name))
         return problems
-    highest[experiment.name] = float(abs(log.pressure_kPa).max())
+    seen.highest_kPa[experiment.name] = float(abs(log.pressure_kPa).max())
     said = plausibility.of_pressure(log.pressure_kPa, log.chambers)
-    if (
-        track is not None
-        and not by_camera
-        and not said
-        and (moved := plausibility.response(track.dataset, log.pressure_kPa))
-    ):
-        responses[experiment.name] = moved
+    if track is not None and not by_camera and not said:
+        if moved := plausibility.response(track.dataset, log.pressure_kPa):
+            seen.responses[experiment.name] = moved
+        gravity_deg = experiment.rig.gravity_deg
+        seen.moduli[experiment.name] = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, gravity_deg)
     seconds = pictures_s if pictures_s is not None else track_s
     if seconds is not None and len(seconds):
         filmed = experiment.video is not None and experiment.video.file is not None and experiment.video.rate_Hz is None
@@ -208,7 +233,7 @@ def _experiment_problems(
             apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
             shifted = track.time_s + apart_s + (experiment.sync.value_s or 0.0)
             if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
-                angles[experiment.name] = following.AngleRun(
+                seen.angles[experiment.name] = following.AngleRun(
                     track.dataset["bend_angle"].values, shifted, log.time_s, log.pressure_kPa
                 )
             said += following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)

@@ -141,7 +141,7 @@ def _read_folder(reach: Reach, out: Path) -> Reading:
         if parsed.camera is not None:
             camera, found = resolve_camera(parsed.camera, reach, (root,), (shared,))
             problems += found
-    said = {_part(problem) for problem in problems} | (set() if shared.content else {"actuator", "camera"})
+    said = _parts(problems) | (set() if shared.content else {"actuator", "camera"})
     # What is wrong in the campaign is said once, and the experiments are looked through without it.
     shared = replace(shared, content={key: value for key, value in shared.content.items() if key not in said})
     experiments: list[ExperimentSpec] = []
@@ -228,7 +228,12 @@ def _part(problem: FileProblem) -> str:
 
 def _about(problem: FileProblem, problems: list[FileProblem]) -> bool:
     """Say whether the part of the file that a problem is about is among those complained of already."""
-    return _part(problem) in {_part(other) for other in problems}
+    return _part(problem) in _parts(problems)
+
+
+def _parts(problems: list[FileProblem]) -> set[str]:
+    """The parts of the file that are complained of: a misspelt one stands for the one that was meant."""
+    return {_part(problem) for problem in problems} | {problem.meant for problem in problems if problem.meant}
 
 
 def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) -> list[FileProblem]:

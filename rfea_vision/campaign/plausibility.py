@@ -42,6 +42,8 @@ _REACH = 1.15
 _FEW_PICTURES = 10
 # s and share of a film by which its last picture may come before the announced end: a few pictures, and what sound goes on for
 _TAIL_S, _TAIL = 0.25, 0.02
+# a step so many times the usual one is a gap in the times of pictures; where more than this share are, the rate itself varies
+_GAP_STEPS, _GAPS = 4.0, 0.1
 # of the tube's length, by which its centre line may seem longer or shorter: soft arms stretch, and markers stand a little off
 _OTHER_LENGTH = 0.2
 # lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
@@ -237,6 +239,20 @@ def of_end(last_s: float, announced_s: float | None) -> list[str]:
     return [
         f"the last picture that can be read is at {last_s:.2f} s, and the file announces {announced_s:.2f} s; was it cut off, or "
         "its end damaged? Copy it again, or go on with what is there"
+    ]
+
+
+def of_gaps(pictures_s: FloatArray) -> list[str]:
+    """Doubt pictures (frames,) of which some are missing in the middle: dropped while filming, or not copied."""
+    steps = np.diff(pictures_s)
+    gaps = np.flatnonzero(steps > _GAP_STEPS * np.median(steps)) if len(steps) >= _FEW_PICTURES else np.empty(0, dtype=int)
+    if not 0 < len(gaps) < _GAPS * len(steps):
+        return []
+    longest = gaps[np.argmax(steps[gaps])]
+    many = f"{len(gaps)} times, for {steps[gaps].sum():.2f} s together, the longest " if len(gaps) > 1 else ""
+    return [
+        f"pictures are missing {many}from {pictures_s[longest]:.2f} to {pictures_s[longest + 1]:.2f} s; copy them again if they are "
+        "elsewhere, or go on: nothing is made up in between"
     ]
 
 

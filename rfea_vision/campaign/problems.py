@@ -24,6 +24,7 @@ class FileProblem:
     line: int | None = None
     severity: Literal["error", "warning"] = "error"
     experiment: str | None = None
+    meant: str = ""  # the key that an unknown one probably stands for
 
     def __post_init__(self) -> None:
         # it may quote a name or a value of the file, and YAML takes line breaks of many kinds
@@ -62,7 +63,11 @@ def validation_problems(
     for item in found:
         keys = _keys_as_written(item["loc"], files, keep_last=item["type"] == "missing")
         file, line = _locate(files, keys)
-        problem = FileProblem(file.path, _explain(item, model), ".".join(map(str, keys)), line, "error", experiment)
+        unknown = item["type"] == "extra_forbidden" and len(item["loc"]) == 1
+        meant = closest(str(item["loc"][-1]), model.model_fields) if unknown else ""
+        problem = FileProblem(
+            file.path, _explain(item, model), ".".join(map(str, keys)), line, "error", experiment, meant
+        )
         problems.setdefault(keys, problem)
     return list(problems.values())
 
@@ -120,10 +125,14 @@ def unknown_key(name: str, known: Iterable[str]) -> str:
     """Say that a key is unknown, and which one was probably meant."""
     if (plain := "".join(" " if sign in ODD_SPACES else sign for sign in name).strip()) != name:
         return f"'{plain}' has a blank beside it that is none to YAML, as web pages and word processors write it; type it anew"
-    known = sorted(known)
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    remedy = f"did you mean '{close[0]}'?" if close else f"known here: {', '.join(known)}"
+    close = closest(name, known)
+    remedy = f"did you mean '{close}'?" if close else f"known here: {', '.join(sorted(known))}"
     return f"unknown key '{name}'; {remedy}"
+
+
+def closest(name: str, known: Iterable[str]) -> str:
+    """The known key that was probably meant; empty where none is near."""
+    return next(iter(difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.6)), "")
 
 
 def _known_keys(model: type[BaseModel], location: tuple[str | int, ...]) -> list[str]:

@@ -1,20 +1,32 @@
-"""Dimensions of a tube that are right in form and unlikely: above all, diameters given as radii."""
+"""Dimensions of a tube that are right in form and unlikely, as diameters given as radii are; and pressures that do not go with them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from math import cos, radians, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rfea_vision.artefacts import Actuator
+from rfea_vision.artefacts.measurement import ELASTOMER_MODULUS, bend_sign
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from rfea_vision.arrays import FloatArray
 
 #: Short actuators are about three times as long as thick; one given by its diameters, or in cm, falls below this.
 _LEAST_SLENDER = 2.0
 #: A length in cm that is called mm is a tenth of 3 diameters or more; one in m a thousandth of 100 at most.
 _IN_M = 0.1
+#: Of the outer radius, below which a bore is taken for a slip of ten: hoses and actuators have a third and more.
+_NARROW = 0.1
+#: m/s^2
+_GRAVITY = 9.81
+#: Rad of bend that the highest pressure of a campaign must be able to hold: else the tip goes sideways by less than an eighth of the
+#: length. Chosen, as is the least swing that tells a modulus: below it the shape at rest and noise have too large a part.
+_LEAST_HELD, _LEAST_SWING = 0.25, 0.1
 #: kg/m^3: osmium, the densest solid, and the lightest foams (CRC Handbook of Chemistry and Physics).
 _DENSEST, _LIGHTEST = 22_600.0, 10.0
 #: kg/m^3: silicones and natural rubbers begin at 900; four times the area, as diameters make of it, leaves at most 400.
@@ -40,6 +52,9 @@ def of_tube(tube: Actuator) -> list[tuple[str, str]]:
         doubts.append(("outer_radius", text))
     elif text := _too_light(tube):
         doubts.append(("outer_radius", text))
+    if tube.kind == "tube" and inner < _NARROW * outer:
+        text = f"a bore of {inner:g} mm radius in a tube of {outer:g} mm is {100 * (inner / outer) ** 2:.2g} % of its section; "
+        doubts.append(("inner_radius", text + "is the unit right, and the place of the decimal point?"))
     for key in ("density", "fluid_density"):
         value = getattr(tube, key)
         if value > _DENSEST or (key == "density" and value < _LIGHTEST):
@@ -84,3 +99,57 @@ def of_stretch(track: xr.Dataset, tube: Actuator) -> list[str]:
         f"its line lengthens by {slope_mm:.2g} mm for each rad of bend, and the middle of a tube by its outer radius, given as "
         f"{radius_mm:g} mm; are actuator.outer_radius and inner_radius diameters?"
     ]
+
+
+def modulus_of(track: xr.Dataset, pressure_kPa: FloatArray, tube: Actuator, gravity_deg: float | None) -> float | None:
+    """Young's modulus (Pa) of a wall that bends so far by so much pressure (samples,), as an arc at rest; None where nothing tells.
+
+    At the clamp the pressure's moment is held by the wall and by the weight of the tube. That of an arc of a `bend` is the tube's
+    times the mean distance of the arc from the clamp, across gravity. Whatever the clocks, the widest swings of both go together.
+    """
+    if tube.kind != "tube" or not ("bend_angle" in track or "tip" in track):
+        return None
+    if "bend_angle" in track:
+        bend = np.radians(track["bend_angle"].values)
+    else:  # an arc's chord has half of its bend
+        across, down = -bend_sign(tube.bends) * track["tip"].values[:, 0], -track["tip"].values[:, 1]
+        bend = 2 * np.arctan2(across, down)
+    low, high = np.percentile(bend[np.isfinite(bend)], (1, 99)) if np.isfinite(bend).sum() >= 20 else (0.0, 0.0)
+    pushed = np.pi * tube.inner_radius**2 * tube.outer_radius * 1e3 * np.ptp(np.percentile(pressure_kPa, (1, 99)))
+    if high - low < _LEAST_SWING or pushed <= 0:
+        return None
+    weighed = 0.0 if gravity_deg is None else weight_moment(high, tube, gravity_deg) - weight_moment(low, tube, gravity_deg)
+    return float((pushed - weighed) * tube.length / (tube.bending_moment_of_area * (high - low)))
+
+
+def weight_moment(bend: float, tube: Actuator, gravity_deg: float) -> float:
+    """Moment (N m) about the clamp, against the bend (rad), of the weight of a tube that is bent to an arc."""
+    small = abs(bend) < 1e-3  # the series keeps the digits that the difference loses
+    across = bend / 6 if small else (bend - sin(bend)) / bend**2
+    along = 0.5 if small else (1 - cos(bend)) / bend**2
+    turn = radians(gravity_deg)
+    return _GRAVITY * tube.linear_density * tube.length**2 * (across * cos(turn) - along * sin(turn))
+
+
+def of_moduli(found: Iterable[float | None]) -> str:
+    """Doubt pressures and radii by the moduli (Pa) of all runs together; empty where an elastomer may have the middle one."""
+    known = [modulus for modulus in found if modulus is not None]
+    low, high = ELASTOMER_MODULUS
+    if not known or low <= (middle := float(np.median(known))) <= high:
+        return ""
+    wall = f"like one with a wall of {middle / 1e6:.2g} MPa" if middle > 0 else "by less pressure than its own weight takes"
+    return (
+        f"the tube bends {wall}, and soft elastomers have {low / 1e6:g} to {high / 1e6:g} MPa; is pressure.unit right in every run "
+        "(one psi is 6.9 kPa, one bar 100, one mbar 0.1), and are the radii?"
+    )
+
+
+def of_weight(highest_kPa: float, tube: Actuator, gravity_deg: float | None) -> str:
+    """Doubt the highest pressure of all runs where it could not even hold the weight of a hanging tube; empty where it could."""
+    pushed = np.pi * tube.inner_radius**2 * tube.outer_radius * 1e3 * highest_kPa
+    if tube.kind != "tube" or gravity_deg != 0.0 or pushed >= weight_moment(_LEAST_HELD, tube, 0.0):
+        return ""
+    return (
+        f"no run goes beyond {highest_kPa:.3g} kPa, which cannot bend this tube by {np.degrees(_LEAST_HELD):.0f} deg against its own "
+        "weight, however soft it is; is the log in bar or MPa? pressure.unit says which unit it is in"
+    )

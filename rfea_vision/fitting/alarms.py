@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rfea_vision.artefacts.measurement import Actuator
+from rfea_vision.artefacts.measurement import ELASTOMER_MODULUS, Actuator
 from rfea_vision.fitting.coordinates import base_reference, stiffness_per_modulus
 from rfea_vision.fitting.refit import Fitted, carried
 from rfea_vision.units import rounded
@@ -11,9 +11,6 @@ from rfea_vision.units import rounded
 PDMS_MODULUS = (1.3e6, 3.0e6)
 #: By what factor the modulus may lie beside it: the inextensible side and the pressure in the wall stiffen the tube.
 MODULUS_FACTOR = 5.0
-#: Pa, of what soft actuators are cast and printed of, from the softest silicones (Marechal et al. 2021, doi:10.1089/soro.2019.0115)
-#: to soft thermoplastic polyurethanes; rounded outwards, as what is beyond is told and not refused.
-ELASTOMER_MODULUS = (0.05e6, 50.0e6)
 RUBBER_DENSITY = (700.0, 2500.0)
 #: Times the published value, scaled to the tube's size, at which k or b have run away; bounds end at 50.
 RUNAWAY = 45.0

@@ -30,6 +30,20 @@ def numbered_pictures(folder: Path, endings: tuple[str, ...] = PICTURES) -> tupl
     )
 
 
+def places_in_series(files: Sequence[Path]) -> NDArray[np.float64]:
+    """Which picture of its series each is, the first 0: numbers that are missing in their names count as pictures that are.
+
+    Where names tell no such series, each comes after the one before.
+    """
+    found = [re.split(r"(\d+)(?=\D*$)", path.stem) for path in files]
+    if len(files) > 2 and all(len(parts) == 3 for parts in found) and len({(a, b) for a, _, b in found}) == 1:
+        steps = np.diff([int(number) for _, number, _ in found])
+        usual = int(np.median(steps))
+        if usual > 0 and np.all(steps > 0) and np.all(steps % usual == 0):
+            return np.concatenate([[0.0], np.cumsum(steps / usual)])
+    return np.arange(len(files), dtype=float)
+
+
 def read_grey(path: Path, *, as_stored: bool = False, bits: int = 16) -> Picture | None:
     """Read a picture, turned as its file says or, `as_stored`, as the sensor saw it; None if it cannot be read.
 

@@ -27,6 +27,7 @@ from rfea_vision.readers.pictures import (
     bits_of,
     numbered_pictures,
     pages_of,
+    places_in_series,
     read_colour,
     read_grey,
     scaled,
@@ -306,7 +307,7 @@ def open_frames(
     if missing is not None:
         raise InputError(f"{missing}: named in {(times_csv or folder).name} but not there; copy it or remove the row")
     if rate_Hz is not None:
-        seconds = np.arange(len(files)) / rate_Hz
+        seconds = places_in_series(files) / rate_Hz
     if seconds is None:
         raise InputError(f"{where}: says no times; give a table with columns file,time_s, or 'rate: 240 Hz'")
     if not np.all(np.isfinite(seconds)) or np.any(np.diff(seconds) < 0):

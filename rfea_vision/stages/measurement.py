@@ -12,7 +12,7 @@ import numpy as np
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
 from rfea_vision.campaign import ExperimentSpec, plausibility
 from rfea_vision.campaign.tubes import of_stretch
-from rfea_vision.errors import DataError, InputError
+from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
 from rfea_vision.stages.cameras import calibration_of, calibration_path, open_source, pictures_of
@@ -51,7 +51,8 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         work.tell(compiling("vision"))
         source = open_source(video)
         found = follow(experiment, calibration.value, source, progress=progress)
-        found.dataset.attrs["doubts"] = "; ".join(plausibility.of_end(float(found.time_s[-1]), source.announced_s))
+        doubts = plausibility.of_end(float(found.time_s[-1]), source.announced_s) + plausibility.of_gaps(found.time_s)
+        found.dataset.attrs["doubts"] = "; ".join(doubts)
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)
         found.save(path)
@@ -187,10 +188,10 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
             gravity_deg, bends = experiment.rig.gravity_deg or 0.0, experiment.actuator.bends
             to_rig_mm = rig_axes_mm(calibration, camera.vertical, gravity_deg, bends)
         found = read_track(source.file, bends=experiment.actuator.bends, spec=source, to_rig_mm=to_rig_mm)
+        doubts, tube = plausibility.of_gaps(found.time_s), experiment.actuator
         if camera is None:
-            tube = experiment.actuator
-            doubts = plausibility.of_track(found.dataset, 1e3 * tube.length) or of_stretch(found.dataset, tube)
-            found.dataset.attrs["doubts"] = "; ".join(doubts)
+            doubts += plausibility.of_track(found.dataset, 1e3 * tube.length) or of_stretch(found.dataset, tube)
+        found.dataset.attrs["doubts"] = "; ".join(doubts)
         found.save(path)
         say_warnings(work, experiment, found)
         return found, [path], f"{describe_track(found)}; noise {found.dataset.attrs['sigma_source']}"
@@ -257,17 +258,17 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
                 repeat_of=experiment.repeat_of,
                 gravity_deg=tracked.value.dataset.attrs.get("gravity_deg", experiment.rig.gravity_deg),
             )
-        except DataError as error:
+        except RfeaError as error:
             if few := few_frames(tracked.value):  # the clocks are not what is wrong
                 raise DataError(f"{experiment.name}: track: {few}") from error
             if doubt := next((text for text in log_doubts(used, tracked.value.time_s) if "?" in text), ""):
-                raise DataError(f"{experiment.name}: pressure: {doubt}") from error
+                raise InputError(f"{experiment.name}: pressure: {doubt}") from error
             raise
         seen_s = recording.time_s
         if np.mean((seen_s >= used.time_s[0]) & (seen_s <= used.time_s[-1])) < LEAST_MEASURED and (
             doubt := next((text for text in log_doubts(used, seen_s) if "?" in text), "")
         ):
-            raise DataError(f"{experiment.name}: pressure: {doubt}")  # hardly a frame has a pressure, and it says why
+            raise InputError(f"{experiment.name}: pressure: {doubt}")  # hardly a frame has a pressure, and it says why
         recording = with_earlier_pressure(recording, work.campaign, experiment)
         recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else log_warnings(recording, used))
         recording.save(path)

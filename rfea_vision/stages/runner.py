@@ -206,5 +206,5 @@ def _as_one_error(failures: dict[str, RfeaError], total: int, verb: str) -> Rfea
     rest = total - len(failures)
     kept = f" ({rest} of {total} experiments were {verb})" if rest else ""
     more = f"; also failed: {', '.join(list(failures)[1:])}" if len(failures) > 1 else ""
-    kind = InputError if isinstance(first, InputError) else DataError
+    kind = InputError if any(isinstance(error, InputError) for error in failures.values()) else DataError
     return kind(f"{first}{more}{kept}")

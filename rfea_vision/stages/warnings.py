@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.campaign import ExperimentSpec, following, plausibility
-from rfea_vision.campaign.tubes import of_tube
+from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_tube
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -79,13 +79,17 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
     for tube in dict.fromkeys(item.actuator for item in experiments):
         for key, text in of_tube(tube):
             work.tell(f"warning: actuator.{key}: {text}")
-    responses = dict[str, plausibility.Response]()
+    responses, moduli = dict[str, plausibility.Response](), list[float | None]()
     for experiment in experiments:
         recording = recordings[experiment.name].value
         say_warnings(work, experiment, recording)
         if not experiment.pressure.constant and not recording.dataset.attrs.get("pressure_doubts"):
-            moved = plausibility.response(recording.dataset, recording.dataset["pressure"].values)
+            data, pressure_kPa = recording.dataset, recording.dataset["pressure"].values
+            moved = plausibility.response(data, pressure_kPa)
             responses |= {} if moved is None else {experiment.name: moved}
+            moduli.append(modulus_of(data, pressure_kPa, experiment.actuator, experiment.rig.gravity_deg))
+    if text := of_moduli(moduli):
+        work.tell(f"warning: pressure: {text}")
     for experiment in experiments:
         if text := plausibility.of_response(experiment.name, responses):
             work.tell(f"warning: {experiment.name}: pressure: {text}")

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.errors import DataError
+from rfea_vision.errors import DataError, InputError
 
 GAP_STEPS = 4.0  # a step so many times the usual one is a gap,
 LEAST_GAP_S = 0.03  # and no shorter than a frame at 33 Hz
@@ -119,13 +119,13 @@ def check_direction(bend_rad: FloatArray, pressure_kPa: FloatArray, *, experimen
 
     Raises
     ------
-    DataError
+    InputError
         If the bend falls as the pressure rises.
     """
     if len(bend_rad) < 10 or np.ptp(bend_rad) == 0 or np.ptp(pressure_kPa) == 0:
         return
     if float(np.corrcoef(bend_rad, pressure_kPa)[0, 1]) < -0.5:
-        raise DataError(
+        raise InputError(
             f"{experiment}: sync: the tube's bend falls as the pressure rises; actuator.bends says '{bends}': correct "
             "it, the sign of pressure.pressure, or video.rate where the film runs too fast or too slow"
         )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track
-from rfea_vision.errors import DataError
+from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.scatter import scatter
 from rfea_vision.sync.motion import Alignment
 
@@ -72,14 +72,16 @@ def align_by_trigger(
 
     Raises
     ------
+    InputError
+        If there is no pulse.
     DataError
-        If there is no pulse, or pulses and frames do not belong together.
+        If pulses and frames do not belong together.
     """
     times, kinds = switch_times(log_time_s, signal)
     pulses, frames = times[kinds > 0], track.time_s
     step = float(np.median(np.diff(log_time_s)))
     if len(pulses) == 0:
-        raise DataError(f"{experiment}: sync: the trigger column never switches; check sync.channel")
+        raise InputError(f"{experiment}: sync: the trigger column never switches; check sync.channel")
     if len(pulses) < 0.5 * len(frames) or len(frames) <= 3:
         if len(pulses) > 1:
             apart = float(np.min(np.diff(pulses)))
@@ -156,7 +158,7 @@ def _pulses_before(
         return None
     try:
         moved = by_motion()
-    except DataError:
+    except RfeaError:
         return None
     apart = float(np.median(np.diff(pulses)))
     share = (moved.offset_s - found.offset_s) / apart
@@ -172,19 +174,21 @@ def align_by_lamp(track: Track, log_time_s: FloatArray, signal: FloatArray, *, e
 
     Raises
     ------
+    InputError
+        If the lamp is not seen to switch, or the patterns differ.
     DataError
-        If the lamp is not seen to switch, the patterns differ, or the pattern repeats and fits at several places.
+        If the pattern repeats and fits at several places.
     """
     if "lamp" not in track.dataset:
-        raise DataError(
+        raise InputError(
             f"{experiment}: sync: the track has no lamp brightness; give sync.box, the lamp's box in pixels, and track again"
         )
     seen, seen_kinds = switch_times(track.time_s, track.dataset["lamp"].values.astype(float))
     logged, logged_kinds = switch_times(log_time_s, signal)
     if len(seen) == 0:
-        raise DataError(f"{experiment}: sync: the lamp never switches in the picture; check sync.box")
+        raise InputError(f"{experiment}: sync: the lamp never switches in the picture; check sync.box")
     if len(logged) == 0:
-        raise DataError(f"{experiment}: sync: the lamp never switches in the log; check sync.channel")
+        raise InputError(f"{experiment}: sync: the lamp never switches in the log; check sync.channel")
     # Either clock knows a switch to its own step.
     frame = float(max(np.median(np.diff(track.time_s)), np.median(np.diff(log_time_s))))
     best: tuple[float, float, int] | None = None
@@ -206,7 +210,7 @@ def align_by_lamp(track: Track, log_time_s: FloatArray, signal: FloatArray, *, e
     near = distance[np.arange(len(seen)), nearest] < 1.5 * frame
     within = int(np.sum((shifted > log_time_s[0]) & (shifted < log_time_s[-1])))
     if near.sum() < max(0.5 * within, 1 if within == len(seen) else FEWEST_SEEN):
-        raise DataError(f"{experiment}: sync: lamp and log do not switch in the same pattern; check sync.channel")
+        raise InputError(f"{experiment}: sync: lamp and log do not switch in the same pattern; check sync.channel")
     return _line(seen[near], logged[nearest[near]], frame)
 
 

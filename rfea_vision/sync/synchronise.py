@@ -47,7 +47,7 @@ def synchronise(
     Raises
     ------
     InputError
-        If the method is unknown or lacks its value.
+        If the method is unknown or lacks its value, or no frame lies within the log by the clocks that were declared.
     DataError
         If the log is flat or too short, or the two do not belong together.
     """
@@ -60,7 +60,8 @@ def synchronise(
     shifted = track.time_s * (1 + 1e-6 * alignment.drift_ppm) + alignment.offset_s
     covered = (shifted >= log_time[0]) & (shifted <= log_time[-1])
     if not np.any(covered & track.valid):
-        raise DataError(
+        kind = InputError if method in ("common_clock", "offset") else DataError  # what was declared, or what was found
+        raise kind(
             f"{experiment}: sync: no frame lies within the log after aligning; check sync.value or the log's times"
         )
     if np.mean(covered) < 0.98:

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.campaign.tubes import of_stretch, of_tube
+from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_stretch, of_tube, of_weight, weight_moment
 from rfea_vision.errors import DataError
 from tests.cli.console import rfea
 
@@ -65,3 +65,38 @@ def test_check_and_fit_say_it(tmp_path, monkeypatch):
 
     monkeypatch.setattr("rfea_vision.stages.mechanics._fitted", far_enough)
     assert rfea("fit", folder).err.count("warning: actuator.outer_radius: the tube weighs 3.1 g") == 1
+
+
+def test_a_bore_ten_times_too_narrow_is_doubted():
+    ((key, text),) = of_tube(replace(TUBE, inner_radius=0.00035))
+    assert key == "inner_radius" and "a bore of 0.35 mm radius in a tube of 5 mm is 0.49 % of its section" in text
+
+
+def held_kPa(bend: np.ndarray, modulus: float, tube: Actuator, gravity_deg: float) -> np.ndarray:
+    """The pressure that holds each bend (rad) against wall and weight."""
+    weight = np.array([weight_moment(angle, tube, gravity_deg) for angle in bend])
+    wall = modulus * tube.bending_moment_of_area / tube.length * bend
+    return (wall + weight) / (1e3 * np.pi * tube.inner_radius**2 * tube.outer_radius)
+
+
+@pytest.mark.parametrize("gravity_deg", [0.0, 180.0, 90.0])
+@pytest.mark.parametrize("seen", ["angle", "tip"])
+def test_bend_and_pressure_tell_the_modulus_of_the_wall(seen, gravity_deg):
+    bend = np.linspace(0.3, 1.2, 50)
+    pressure_kPa = held_kPa(bend, 2e6, TUBE, gravity_deg)
+    track = xr.Dataset({"bend_angle": ("time", np.degrees(bend))})
+    if seen == "tip":
+        chord_mm = 155 * np.sin(bend / 2) / (bend / 2)
+        tip = np.column_stack([-np.sin(bend / 2), -np.cos(bend / 2)]) * chord_mm[:, None]
+        track = xr.Dataset({"tip": (("time", "xy"), tip)})
+    assert modulus_of(track, pressure_kPa, TUBE, gravity_deg) == pytest.approx(2e6, rel=0.03)
+    assert of_moduli([modulus_of(track, pressure_kPa, TUBE, gravity_deg)]) == ""
+    if gravity_deg == 0.0:  # a weight that helps to bend may do it alone
+        in_bar = of_moduli([modulus_of(track, pressure_kPa / 100, TUBE, gravity_deg)])
+        assert "by less pressure than its own weight takes" in in_bar and "is pressure.unit right in every run" in in_bar
+    assert modulus_of(track, pressure_kPa, replace(TUBE, kind="rod"), gravity_deg) is None
+
+
+def test_a_pressure_that_cannot_lift_the_tube_is_doubted():
+    assert "no run goes beyond 2.7 kPa" in of_weight(2.7, TUBE, 0.0)
+    assert of_weight(270.0, TUBE, 0.0) == of_weight(2.7, TUBE, 180.0) == of_weight(2.7, replace(TUBE, kind="rod"), 0.0) == ""

@@ -114,6 +114,28 @@ def nodes_from_the_tip(folder):
     pd.DataFrame({"time_s": table["time_s"], **line}).to_csv(folder / "steps" / "track.csv", index=False)
 
 
+def hole_in_the_track(folder):
+    path = folder / "steps" / "track.csv"
+    table = pd.read_csv(path)
+    table[(table["time_s"] < 0.2) | (table["time_s"] > 0.3)].to_csv(path, index=False)
+
+
+def hole_in_the_frames(folder):
+    """Pictures that are numbered through, of which some were not copied."""
+    text("track: {file: track.csv}", "frames: {folder: frames, rate: 100 Hz}", RUN)(folder)
+    (folder / "steps" / "frames").mkdir()
+    for number in [*range(20), *range(40, 60)]:
+        cv2.imwrite(str(folder / "steps" / "frames" / f"f_{number:03d}.png"), np.full((48, 64), 90, np.uint8))
+    with (folder / "campaign.yaml").open("a") as file:
+        file.write(f"camera: {{{SCALE}}}\n")
+
+
+def every_log_in_bar(folder):
+    for name in ("steps", "sine"):
+        table = pd.read_csv(folder / name / "pressure.csv")
+        table.assign(pressure_kPa=table["pressure_kPa"] / 100).to_csv(folder / name / "pressure.csv", index=False)
+
+
 def column_without_numbers(folder):
     table = pd.read_csv(folder / "steps" / "track.csv")
     table.assign(tip_y_mm=np.nan).to_csv(folder / "steps" / "track.csv", index=False)
@@ -135,6 +157,7 @@ def thousands(rows):
 
 
 RUN = "steps/experiment.yaml"
+SCALE = "scale: {points: [[2, 8], [2, 40]], distance: 155 mm}"
 IN_FILES = [
     ("length without unit", text("length: 155 mm", "length: 155"), 2, "actuator.length: 155 has no unit"),
     ("length in cm as mm", text("length: 155 mm", "length: 15.5 mm"), 0, "is the length in cm"),
@@ -188,6 +211,11 @@ IN_FILES = [
     ("column without numbers", column_without_numbers, 2, "column 'tip_y_mm' holds no number in any row"),
     ("link that leads nowhere", link_to_itself, 2, "is a link that leads to no file"),
     ("separators of thousands", log(thousands), 2, "export it without separators of thousands"),
+    ("rows missing", hole_in_the_track, 0, "pictures are missing from 0.20 to 0.30 s"),
+    ("frames missing", hole_in_the_frames, 0, "pictures are missing from 0.19 to 0.40 s"),
+    ("every log in bar", every_log_in_bar, 0, "by less pressure than its own weight takes"),
+    ("bore in another place", text("inner_radius: 3 mm", "inner_radius: 0.3 mm"), 0, "is 0.56 % of its section"),
+    ("pressure misspelt", text("pressure:", "presure:", RUN), 2, "unknown key 'presure'; did you mean 'pressure'?"),
     ("film copied", copied_film, 2, "the same film, byte by byte, as that of 'sine'; was it copied by mistake?"),
 ]  # fmt: skip
 IN_COMMANDS = [
@@ -249,6 +277,7 @@ def test_a_mistake_in_a_file_is_told_with_its_remedy(campaign, spoil, code, says
     told = [line for line in answer.out.splitlines() if line.startswith(("error: ", "warning: "))]
     assert answer.code == code, answer.out
     assert len([line for line in told if says in line and str(campaign) in line]) == 1, told
+    assert len(told) == 1 or "did you mean" not in says, told  # a misspelt key is not also a missing one
     assert answer.out.splitlines()[-1].startswith("next: rfea ") and "Traceback" not in answer.err
 
 

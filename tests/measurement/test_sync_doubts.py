@@ -6,7 +6,7 @@ import xarray as xr
 
 from rfea_vision.artefacts import Track
 from rfea_vision.campaign.specs import PressureSpec
-from rfea_vision.errors import DataError
+from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog, read_pressure
 from rfea_vision.readers.tracks import read_track
 from rfea_vision.sync import synchronise
@@ -79,7 +79,7 @@ def test_uneven_samples_and_lost_frames_do_no_harm(run):
 def test_the_wrong_direction_is_named(run):
     track, log = run
     opposite = Track(track.dataset.assign(bend_angle=-track.dataset["bend_angle"]))
-    with pytest.raises(DataError, match=r"bend falls as the pressure rises; actuator\.bends says 'left'"):
+    with pytest.raises(InputError, match=r"bend falls as the pressure rises; actuator\.bends says 'left'"):
         sync(opposite, log)
 
 
@@ -155,7 +155,7 @@ def test_a_lamp_that_blinks_evenly_or_not_at_all_is_said():
         sync(*lamp_run(0, even=True), method="led")
     track, log = lamp_run(0)
     dark = Track(track.dataset.assign(lamp=("time", 60 + np.random.default_rng(0).normal(0, 4, len(track.time_s)))))
-    with pytest.raises(DataError, match=r"never switches in the picture; check sync\.box"):
+    with pytest.raises(InputError, match=r"never switches in the picture; check sync\.box"):
         sync(dark, log, method="led")
 
 
@@ -210,7 +210,7 @@ def test_short_flashes_are_seen_and_noise_is_not_taken_for_them():
     flashed = PressureLog(log.time_s, log.pressure_kPa, channels={"led": logged})
     found = sync(Track(track.dataset.assign(lamp=("time", lit))), flashed, method="led")
     assert abs(found["offset_s"] - 0.2) < 0.003
-    with pytest.raises(DataError, match="never switches in the picture"):
+    with pytest.raises(InputError, match="never switches in the picture"):
         sync(Track(track.dataset.assign(lamp=("time", dark))), flashed, method="led")
 
 
