@@ -164,6 +164,8 @@ def _why_no_checkerboard(path: Path, grey: NDArray[np.uint8], grid: tuple[int, i
     if shown is not None and sorted(shown) != sorted(grid):
         if all(a <= b for a, b in zip(sorted(shown), sorted(grid), strict=True)):
             reason = f"incomplete: only {shown[0]} x {shown[1]} of its {columns} x {rows} corners are seen"
+            if shown == (columns - 1, rows - 1):
+                reason += "; inner_corners are those between squares, one fewer than squares each way"
             return Refused(path, reason, shown)
         reason = f"another board: {shown[0]} x {shown[1]} inner corners are seen, {columns} x {rows} were looked for"
         return Refused(path, reason, shown)

@@ -12,6 +12,7 @@ from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
 from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_stretch, of_tube, of_weight
 from rfea_vision.errors import RfeaError
+from rfea_vision.files import sha256_of
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,9 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
             problems.append(FileProblem(file, message, key, experiment=name))
             continue
         found = find_corners(photo, grey, camera.board)
+        if key == "camera.plane" and (twin := _same_picture(photo, camera.photos)):
+            message = f"{photo.name} is {twin} once more; photograph the board lying in the plane in which the tube moves"
+            problems.append(FileProblem(file, message, key, severity="warning", experiment=name))
         if not isinstance(found, Refused):
             seen += key == "camera.photos"
         elif key == "camera.plane":
@@ -151,6 +155,13 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
         message = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
         problems.append(FileProblem(file, message, "camera.photos", experiment=name))
     return problems
+
+
+def _same_picture(photo: Path, others: tuple[Path, ...]) -> str:
+    """The name of another photo that is this one, byte by byte; empty where there is none."""
+    size = photo.stat().st_size
+    alike = (item for item in others if item != photo and item.stat().st_size == size)
+    return next((item.name for item in alike if sha256_of(item) == sha256_of(photo)), "")
 
 
 def _some(names: list[str]) -> str:
@@ -231,6 +242,8 @@ def _experiment_problems(
         said += plausibility.of_times(log.time_s, seconds, filmed=filmed)
         if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
             apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
+            if experiment.sync.method == "common_clock" and (text := log.zero_doubt(track.dataset.attrs.get("clock_zero_s"))):
+                problems.append(_warning(experiment, "sync", text))
             shifted = track.time_s + apart_s + (experiment.sync.value_s or 0.0)
             if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
                 seen.angles[experiment.name] = following.AngleRun(

@@ -49,7 +49,11 @@ def of_pair(
     )
     if motion is None:
         return []
-    seen = np.isfinite(motion).all(axis=1) & (time_s >= log_s[0]) & (time_s <= log_s[-1])
+    within = (time_s >= log_s[0]) & (time_s <= log_s[-1])
+    if not within.any():
+        both = f"its pictures are from {time_s[0]:.6g} to {time_s[-1]:.6g} s and its log from {log_s[0]:.6g} to {log_s[-1]:.6g} s"
+        return [f"{both} by the clocks that are declared, and never meet; correct sync.value, or write sync.method: motion"]
+    seen = np.isfinite(motion).all(axis=1) & within
     if seen.sum() < 20:
         return []
     swing_kPa = float(np.ptp(pressure_kPa))

@@ -226,6 +226,9 @@ def _part(problem: FileProblem) -> str:
     return problem.key.split(".")[0]
 
 
+_SOURCES = {"video", "frames", "track"}  # parts of which a run has one
+
+
 def _about(problem: FileProblem, problems: list[FileProblem]) -> bool:
     """Say whether the part of the file that a problem is about is among those complained of already."""
     return _part(problem) in _parts(problems)
@@ -233,7 +236,8 @@ def _about(problem: FileProblem, problems: list[FileProblem]) -> bool:
 
 def _parts(problems: list[FileProblem]) -> set[str]:
     """The parts of the file that are complained of: a misspelt one stands for the one that was meant."""
-    return {_part(problem) for problem in problems} | {problem.meant for problem in problems if problem.meant}
+    found = {_part(problem) for problem in problems} | {problem.meant for problem in problems if problem.meant}
+    return found | _SOURCES if found & _SOURCES else found
 
 
 def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) -> list[FileProblem]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts.measurement import bend_sign
 from rfea_vision.campaign.specs import ExperimentSpec
 from rfea_vision.files import sha256_of
 
@@ -38,12 +39,16 @@ _LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
 _OTHERWISE = 4.0
 # lengths of the tube that its tip may be from the clamp: a soft arm may stretch a little, and markers stand a little off
 _REACH = 1.15
+# of its length, by which a tube that is driven goes to its side; a third of it to the other side may be how it hangs. Chosen.
+_ASIDE = 0.2
 # pictures: with fewer no motion can be told from noise, whatever the run
 _FEW_PICTURES = 10
 # s and share of a film by which its last picture may come before the announced end: a few pictures, and what sound goes on for
 _TAIL_S, _TAIL = 0.25, 0.02
 # a step so many times the usual one is a gap in the times of pictures; where more than this share are, the rate itself varies
 _GAP_STEPS, _GAPS = 4.0, 0.1
+#: What a track is in that is so many times shorter than mm: what its line measures tells to a fifth.
+_SHORTER = {"cm": 10.0, "inches": 25.4, "m": 1000.0}
 # of the tube's length, by which its centre line may seem longer or shorter: soft arms stretch, and markers stand a little off
 _OTHER_LENGTH = 0.2
 # lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
@@ -137,6 +142,9 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             ]
         if text := _of_length(track, far, length_mm):
             return [text]
+        outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * tip[:, 0] / length_mm
+        if -np.percentile(outwards, 5) > max(_ASIDE, 2 * np.percentile(outwards, 95)):
+            return ["the tip goes to the other side than actuator.bends says; is that right, or is the track mirrored?"]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
             return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
         if above_mm > 0.5 * length_mm:
@@ -164,6 +172,9 @@ def _of_length(track: xr.Dataset, far_mm: float, length_mm: float) -> str:
         if abs(along / length_mm - 1) <= _OTHER_LENGTH:
             return ""
         both = f"the centre line is {along:.4g} mm long, and the tube {length_mm:.4g} mm"
+        for unit, times in _SHORTER.items():
+            if abs(times * along / length_mm - 1) <= _OTHER_LENGTH:
+                return f"{both}; is the track in {unit}? Write its columns in mm"
         return f"{both}; is actuator.length that of the part that bends?"
     if far_mm >= _CURLED * length_mm:
         return ""

@@ -58,8 +58,9 @@ def validation_problems(
     """Turn pydantic's findings into problems, one per key."""
     files = tuple(files)
     problems: dict[KeyPath, FileProblem] = {}
-    # a misspelt key is also a missing one: the misspelling is what to mend
-    found = sorted(error.errors(include_url=False), key=lambda item: item["type"] != "extra_forbidden")
+    # a misspelt key is also a missing one, and a number without its unit no word: the first of each is what to mend
+    order = ("extra_forbidden", "value_error")
+    found = sorted(error.errors(include_url=False), key=lambda item: (*order, item["type"]).index(item["type"]))
     for item in found:
         keys = _keys_as_written(item["loc"], files, keep_last=item["type"] == "missing")
         file, line = _locate(files, keys)
@@ -107,6 +108,8 @@ def _explain(item: Any, model: type[BaseModel]) -> str:
             )
         case "string_type":
             return f"found {found!r}; one text is needed" + (f", such as '{found[0]}'" if _is_of_one(found) else "")
+        case "tuple_type" | "list_type":
+            return f"found {found!r}; a list is needed, as in [9, 6]"
         case "value_error":
             return str(item["ctx"]["error"])
         case "model_type" | "dict_type" | "model_attributes_type":

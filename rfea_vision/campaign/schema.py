@@ -82,6 +82,13 @@ def _camera_profile(value: object) -> object:
     return value
 
 
+def _gravity(value: object) -> object:
+    """Say how an angle is written where it stands alone."""
+    if isinstance(value, int | float) or (isinstance(value, str) and re.match(r"[+-]?[.\d]", value)):
+        raise ValueError(f"found {value}; an angle from down is written {{angle: {split_quantity(value)[0]:g} deg}}")
+    return value
+
+
 def _named_board(value: object) -> object:
     """Let ``board: checkerboard-9x6-12mm`` name a file of calib/boards."""
     if not isinstance(value, str):
@@ -130,6 +137,7 @@ Angle = Annotated[float, _quantity("deg", "30 deg"), _shown("30 deg")]
 Pressure = Annotated[float, _quantity("kPa", "0 kPa"), _shown("0 kPa")]
 Density = Annotated[float, _quantity("kg/m^3", "965 kg/m^3", positive=True), _shown("965 kg/m^3")]
 Duration = Annotated[float, _quantity("s", "12 ms"), _shown("12 ms")]
+Moment = Annotated[float, _quantity("s", "0.8 s"), _shown("0.8 s")]
 Rate = Annotated[float, _quantity("Hz", "240 Hz", positive=True), _shown("240 Hz")]
 Text = Annotated[str, BeforeValidator(_text)]
 Rgb = Annotated[tuple[int, int, int], BeforeValidator(_colour)]
@@ -181,7 +189,9 @@ class RigPart(_Part):
     With ``{plumb: ...}`` it is read from the picture, and `camera.vertical` is then the axis of the rig.
     """
 
-    gravity: Literal["down", "up", "left", "right", "none"] | RigAnglePart | PlumbPart = "down"
+    gravity: Annotated[
+        Literal["down", "up", "left", "right", "none"] | RigAnglePart | PlumbPart, BeforeValidator(_gravity)
+    ] = "down"
 
 
 class StartPart(_Part):
@@ -194,7 +204,7 @@ class StartPart(_Part):
     shape: Literal["measured"] = "measured"
     force: Force | None = None
     direction: Angle = 90.0
-    held_until: Literal["auto"] | Duration = "auto"
+    held_until: Literal["auto"] | Moment = "auto"
 
 
 class ActuatorPart(_Part):

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _LEAST_SLENDER = 2.0
 #: A length in cm that is called mm is a tenth of 3 diameters or more; one in m a thousandth of 100 at most.
 _IN_M = 0.1
+#: Of the fluid's mass: a tube that weighs less was given in mg for g, which no radius mends.
+_GRAMS_IN_MG = 0.05
 #: Of the outer radius, below which a bore is taken for a slip of ten: hoses and actuators have a third and more.
 _NARROW = 0.1
 #: m/s^2
@@ -50,8 +52,8 @@ def of_tube(tube: Actuator) -> list[tuple[str, str]]:
     elif (outer, inner) == _PAPER_DIAMETERS_MM:
         text = f"{outer:g} and {inner:g} mm are the diameters that the paper prints; its radii are 4 and 3 mm"
         doubts.append(("outer_radius", text))
-    elif text := _too_light(tube):
-        doubts.append(("outer_radius", text))
+    elif said := _of_mass(tube):
+        doubts.append(said)
     if tube.kind == "tube" and inner < _NARROW * outer:
         text = f"a bore of {inner:g} mm radius in a tube of {outer:g} mm is {100 * (inner / outer) ** 2:.2g} % of its section; "
         doubts.append(("inner_radius", text + "is the unit right, and the place of the decimal point?"))
@@ -63,17 +65,20 @@ def of_tube(tube: Actuator) -> list[tuple[str, str]]:
     return doubts
 
 
-def _too_light(tube: Actuator) -> str:
-    """Why the mass of a tube does not go with its radii; empty where it does, or was not weighed."""
+def _of_mass(tube: Actuator) -> tuple[str, str] | None:
+    """The key and why the mass of a tube does not go with its radii; None where it does, or was not weighed."""
     if tube.kind != "tube" or tube.mass_per_length is None:
-        return ""
+        return None
     mass_g = 1e3 * tube.mass_per_length * tube.length
     fluid_g = 1e3 * np.pi * tube.inner_radius**2 * tube.fluid_density * tube.length
     wall = 1e-3 * (mass_g - fluid_g) / (tube.solid_area * tube.length)
-    if wall >= _LIGHTEST_RUBBER:
-        return ""
+    if _LIGHTEST_RUBBER <= wall <= _DENSEST:
+        return None
+    if wall > _DENSEST or mass_g < _GRAMS_IN_MG * fluid_g:
+        text = f"the tube would weigh {mass_g:.3g} g, and the fluid in it {fluid_g:.3g} g; is the unit right?"
+        return "mass", text
     left = f"leaves {wall:.0f} kg/m^3 for the wall, less than a rubber's" if wall > 0 else "is more than all of it"
-    return (
+    return "outer_radius", (
         f"the tube weighs {mass_g:.3g} g, and the fluid in a bore of {1e3 * tube.inner_radius:g} mm radius {fluid_g:.3g} g, which "
         f"{left}; are the radii diameters, or was it weighed empty?"
     )

@@ -71,7 +71,7 @@ def read_conditions(given: Mapping[str, object]) -> dict[str, float]:
             hint = f"; did you mean '{near[0]}'?" if near else "; 'rfea effects' lists them"
             raise InputError(f"'{name}' is no parameter of an effect{hint}")
         try:
-            found[full] = _number(str(value), units[full])
+            found[full] = _number(f"{value:g}" if isinstance(value, float) else str(value), units[full])
         except ValueError as error:
             raise InputError(f"{name}: {error}") from error
     return found

@@ -75,6 +75,16 @@ class PressureLog:
         """Return at what time of this log another clock's zero lies; 0 unless both name dates: the zeros are then one."""
         return 0.0 if other_s is None or self.clock_zero_s is None else other_s - self.clock_zero_s
 
+    def zero_doubt(self, other_s: float | None) -> str:
+        """Doubt a common clock where only one of two tells the time of the day; empty where both do, none, or nothing changes."""
+        if (other_s is None) == (self.clock_zero_s is None) or not np.ptp(self.pressure_kPa):
+            return ""
+        has, other = ("log", "track") if other_s is None else ("track", "log")
+        return (
+            f"the {has} has the time of the day and the {other} has not, so their zeros are taken for one instant; if they are not, "
+            "use sync.method motion or offset"
+        )
+
 
 def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
     """Read a log as its specification says; those of several chambers at the times of the first, where all have them.

@@ -62,7 +62,8 @@ def synchronise(
     if not np.any(covered & track.valid):
         kind = InputError if method in ("common_clock", "offset") else DataError  # what was declared, or what was found
         raise kind(
-            f"{experiment}: sync: no frame lies within the log after aligning; check sync.value or the log's times"
+            f"{experiment}: sync: no frame lies within the log: by '{method}' they go from {shifted[0]:.6g} to {shifted[-1]:.6g} s, "
+            f"and the log from {log_time[0]:.6g} to {log_time[-1]:.6g} s; correct sync.value, or use sync.method motion"
         )
     if np.mean(covered) < 0.98:
         notes.append(f"{100 * np.mean(~covered):.0f} % of the frames lie outside the log")
@@ -126,7 +127,7 @@ def _align(
         return align_by_motion(track, log_time, pressure, experiment=experiment, bends=bends, gravity_deg=gravity_deg)
 
     if method == "common_clock":
-        return Alignment(apart_s, 0.0, 0.0, 0.0, 1.0, nothing, "")
+        return Alignment(apart_s, 0.0, 0.0, 0.0, 1.0, nothing, log.zero_doubt(track.dataset.attrs.get("clock_zero_s")))
     if method == "offset":
         if value_s is None:
             raise InputError(f"{experiment}: sync.value is missing; give log clock minus camera clock, such as 12 ms")
