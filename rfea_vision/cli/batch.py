@@ -102,7 +102,7 @@ def batch_command(
     else:
         _print_batch(results)
         click.echo(f"index: {index}")
-        say_next("open", index, why="every campaign in one table, with links to the reports")
+        say_next("open in a browser:", index, why="every campaign in one table, with links to the reports")
     return DataError.exit_code if failed else 0
 
 

@@ -67,7 +67,7 @@ def report_command(
     else:
         for path in files.values():
             click.echo(str(path))
-        say_next("open", files.get("compare", files["file"]), why="in a browser; it needs no network")
+        say_next("open in a browser:", files.get("compare", files["file"]), why="it needs no network")
 
 
 def _report_group(campaigns: tuple[Path, ...], page: Path, force: bool, as_json: bool) -> None:
@@ -86,7 +86,7 @@ def _report_group(campaigns: tuple[Path, ...], page: Path, force: bool, as_json:
             {"file": str(page), "campaigns": [str(path) for path in campaigns], "figures": [str(p) for p in files[1:]]}
         )
     else:
-        say_next("open", page, why="in a browser; it needs no network")
+        say_next("open in a browser:", page, why="it needs no network")
 
 
 @click.command("run")
@@ -114,6 +114,6 @@ def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_j
         print_metrics(models)
     if "report" in results:
         click.echo(f"report: {results['report']}")
-        say_next("open", results["report"], why="in a browser; it needs no network")
+        say_next("open in a browser:", results["report"], why="it needs no network")
     else:
         say_next("rfea report", campaign)

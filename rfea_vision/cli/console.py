@@ -137,7 +137,8 @@ def _print_lines(title: str, columns: Sequence[str], cells: Sequence[Sequence[st
         say(title)
     for first, *others in cells:
         click.echo(first)
-        say(", ".join(f"{name} {cell}" for name, cell in zip(columns[1:], others, strict=True)), indent="  ")
+        told = (f"{name} {cell}" for name, cell in zip(columns[1:], others, strict=True) if cell != "-")
+        say(", ".join(told), indent="  ")
 
 
 def shown(value: Any) -> str:

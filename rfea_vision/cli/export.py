@@ -64,7 +64,7 @@ def export_command(
         else:
             say(f"{target}: {', '.join(path.name for path in files)}")
             if crate:
-                say_next("open", files[0], why="the list of what the crate holds, an RO-Crate 1.1")
+                say_next("look into", files[0], why="the list of what the crate holds, an RO-Crate 1.1")
             else:
                 shown = f"import xarray; print(xarray.open_dataset({str(files[0])!r}))"
                 say_next("python -c", shown, why="movement opens it, too")

@@ -104,7 +104,7 @@ def improve_command(
             tied = next(i for i, rung in enumerate(ladder.rungs) if rung.tied)
             say_next("rfea diagnose", campaign, ladder.rungs[tied - 1].model, why="which run would split the tie")
         else:
-            say_next("open", report, why="in a browser; 'rfea export' takes the model along")
+            say_next("open in a browser:", report, why="'rfea export' takes the model along")
 
 
 def print_comparison(name: str, comparison: Comparison) -> None:

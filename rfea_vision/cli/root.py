@@ -56,6 +56,12 @@ class _LazyGroup(click.Group):
         module = import_module(f"rfea_vision.cli.{_HOME_OF[cmd_name]}")
         return getattr(module, f"{cmd_name}_command")
 
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write what each command is for in full: click would cut it off at the width of a narrow terminal."""
+        commands = [(name, self.get_command(ctx, name)) for name in COMMANDS]
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, item.get_short_help_str(limit=200)) for name, item in commands if item])
+
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:

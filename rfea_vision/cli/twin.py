@@ -243,4 +243,4 @@ def demo_command(place: Path | None, folder: Path, options: CritiqueOptions, for
     if truth is not None:
         say(f"what the example hides: {', '.join(truth)}")
     click.echo(f"report: {report.resolve()}")
-    say_next("open", report.resolve(), why="in a browser; then 'rfea init DIR' for your own tube")
+    say_next("open in a browser:", report.resolve(), why="then 'rfea init DIR' for your own tube")

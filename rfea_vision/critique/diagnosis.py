@@ -101,10 +101,8 @@ def _left_out(problem: Problem) -> list[str]:
     names = in_another_unit(problem)
     if not names:
         return []
-    unit = "an angle" if problem.train[0].has_tip else "a tip"
-    return [
-        f"{', '.join(names)}: fitted, but no judge here: of these runs {unit} was measured, unlike of {problem.train[0].name}"
-    ]
+    has, unit = ("an angle", "mm") if problem.train[0].has_tip else ("a tip", "deg")
+    return [f"{', '.join(names)}: fitted, but not used to judge: only {has} was measured, and errors are compared in {unit}"]
 
 
 def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, Any]]) -> Diagnosis:

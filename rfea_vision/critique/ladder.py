@@ -67,7 +67,7 @@ def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool, b
         if name not in dropped:
             return of(name, "named")
     if diagnosis.named:
-        return Step(why="what is named had been dropped before: it does not earn its place")
+        return Step(why="the effect that is named now was dropped before, as the fit did as well without it")
     if stand_ins and not diagnosis.sufficient:
         for name in (*begun, *diagnosis.stand_ins):
             if name not in dropped:

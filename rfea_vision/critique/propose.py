@@ -94,7 +94,7 @@ def propose(
     laws = regress(terms, parts)
     if not laws:
         raise DataError(
-            f"model {model.name}: no term of the library foretells what is left of runs that it was not regressed on; "
+            f"model {model.name}: no term of the library predicts what is left of runs to which it was not fitted; "
             "'rfea compare' says where and when it is large"
         )
     tried = []

@@ -138,7 +138,8 @@ def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[dict[str,
     if verdict.sufficient:
         sentence = f"What is left, {told} {unit}, is at the floor ({rounded(search.floor)} {unit})."
     else:
-        sentence = f"{100 * left:.0f} % of the squared error above the floor is left: {told} {unit} on runs that judge."
+        runs = "held-out runs" if search.trials.problem.validate else "the training runs"
+        sentence = f"{100 * left:.0f} % of the squared error above the floor is left: {told} {unit} on {runs}."
         if goes_with:
             sentence += f" {100 * goes_with[0]['r2']:.0f} % of its torque goes with {goes_with[0]['what']}."
     return Remainder(share=left, goes_with=list(goes_with), sentence=sentence, **{f"rmse_{unit}": held})  # type: ignore[arg-type]

@@ -182,7 +182,7 @@ def _sentences(
     for group in ties:
         listed = f"{', '.join(group[:-1])} and {group[-1]}" if len(group) > 1 else group[0]
         if len(group) == 1:
-            out.append(f"{listed} leaves no trace in these data: no interval is given; hold it fixed or give a prior.")
+            out.append(f"{listed} has no effect on these data: no interval is given; hold it fixed or give a prior.")
         else:
             out.append(
                 f"{listed} cannot be told apart by these data: only their combination is determined, no intervals are "
@@ -198,7 +198,7 @@ def _sentences(
     for name, parameter in parameters.items():
         if "bound" in parameter.note:
             bound = parameter.lower if "lower" in parameter.note else parameter.upper
-            told = "the data pull it out of what physics allows"
+            told = "the data ask for a value beyond what physics allows"
             if name in absent and absent[name] == bound:
                 told = "there the effect is absent; these data do not ask for it"
             out.append(f"{name} ended {parameter.note.split(':')[0]}: {told}.")
@@ -230,7 +230,7 @@ def _about_coarseness(
         return []
     count = fitted.options.segments
     return [
-        f"The intervals of {', '.join(wide)} hold more for the {count} bodies that stand for the tube than for the noise; "
+        f"The intervals of {', '.join(wide)} come more from the {count} bodies that stand for the tube than from the noise; "
         f"with `--segments {2 * count}` they are narrower."
     ]
 

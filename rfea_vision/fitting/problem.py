@@ -90,7 +90,7 @@ def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
     highest = max(float(np.max(np.abs(item.excitation.pressure))) for item in train)
     if highest > BURSTS_PA:
         raise DataError(
-            f"the pressure of the training runs reaches {highest / 1e6:.3g} MPa, at which no soft tube holds; "
+            f"the pressure of the training runs reaches {highest / 1e6:.3g} MPa, more than any soft tube bears; "
             "check the unit of the pressure log"
         )
     if not pushed(train) and all(item.held is None for item in train):

@@ -115,7 +115,7 @@ def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted])
             "correlation_time_s": time,
             "sentence": "the residual is white"
             if white
-            else f"the residual remembers itself for {time * 1e3:.0f} ms: it is not noise alone",
+            else f"the residual is correlated over {time * 1e3:.0f} ms: it is not noise alone",
         }
     }
     stacked = np.concatenate(residuals)

@@ -136,6 +136,23 @@ def every_log_in_bar(folder):
         table.assign(pressure_kPa=table["pressure_kPa"] / 100).to_csv(folder / name / "pressure.csv", index=False)
 
 
+def nodes_in_cm(folder):
+    y_mm = {f"y{k:02d}_mm": np.linspace(-3.8 * k, -3.9 * k, 120) for k in range(5)}
+    line = {f"x{k:02d}_mm": np.full(120, -0.1 * k) for k in range(5)}
+    pd.DataFrame({"time_s": np.arange(120) / 240, **line, **y_mm}).to_csv(folder / "steps" / "track.csv", index=False)
+
+
+def mirrored_track(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    table.assign(tip_x_mm=-table["tip_x_mm"]).to_csv(folder / "steps" / "track.csv", index=False)
+
+
+def log_by_the_time_of_the_day(folder):
+    table = pd.read_csv(folder / "steps" / "pressure.csv")
+    date = pd.Timestamp("2026-03-01 10:00") + pd.to_timedelta(table["time_s"], unit="s")
+    table.assign(time_s=date).to_csv(folder / "steps" / "pressure.csv", index=False)
+
+
 def column_without_numbers(folder):
     table = pd.read_csv(folder / "steps" / "track.csv")
     table.assign(tip_y_mm=np.nan).to_csv(folder / "steps" / "track.csv", index=False)
@@ -216,6 +233,16 @@ IN_FILES = [
     ("every log in bar", every_log_in_bar, 0, "by less pressure than its own weight takes"),
     ("bore in another place", text("inner_radius: 3 mm", "inner_radius: 0.3 mm"), 0, "is 0.56 % of its section"),
     ("pressure misspelt", text("pressure:", "presure:", RUN), 2, "unknown key 'presure'; did you mean 'pressure'?"),
+    ("track misspelt", text("track:", "trak:", RUN), 2, "unknown key 'trak'; did you mean 'track'?"),
+    ("actuator misspelt", text("actuator:", "actuater:"), 2, "unknown key 'actuater'; did you mean 'actuator'?"),
+    ("mass in kg for g", text("density: 965 kg/m^3", "mass: 7.5 kg"), 0, "actuator.mass: the tube would weigh 7.5e+03 g"),
+    ("mass in mg for g", text("density: 965 kg/m^3", "mass: 7.5 mg"), 0, "actuator.mass: the tube would weigh 0.0075 g"),
+    ("angle alone", text("name: tube-A", "name: tube-A\nrig: {gravity: 30}"), 2, "is written {angle: 30 deg}"),
+    ("held without unit", text("role: train", "role: train\nstart: {held_until: 2}", RUN), 2, "write for example '2 s'"),
+    ("track in cm", nodes_in_cm, 0, "is the track in cm?"),
+    ("track mirrored", mirrored_track, 0, "is that right, or is the track mirrored?"),
+    ("offset in s for ms", text("{method: common_clock}", "{method: offset, value: 12 s}", RUN), 0, "and never meet"),
+    ("times of the day", log_by_the_time_of_the_day, 0, "the log has the time of the day and the track has not"),
     ("film copied", copied_film, 2, "the same film, byte by byte, as that of 'sine'; was it copied by mistake?"),
 ]  # fmt: skip
 IN_COMMANDS = [
