@@ -9,6 +9,7 @@ import click
 
 from rfea_vision.cli.console import print_json, print_table, say, say_next
 from rfea_vision.cli.options import ask, campaign_options, opened
+from rfea_vision.errors import InputError
 from rfea_vision.options import FitOptions
 from rfea_vision.units import rounded
 
@@ -29,6 +30,11 @@ def fit_command(
     as_json: bool,
 ) -> None:
     """Fit one model, and score it on held-out runs."""
+    parts = {effect.partition(":")[0].partition("@")[0] for effect in options.effects}
+    for name in (*options.fixed, *options.start, *options.priors, *options.bounds, *options.profile):
+        effect = name.partition(".")[0].partition("@")[0]
+        if "." in name and effect not in parts:
+            raise InputError(f"{name}: is no parameter of this model, which is fitted without {effect}; add it: --add {effect}")
     with opened(campaign, out, force=("fit",) if force else ()) as work:
         model = work.fit(options)
     if as_json:

@@ -7,6 +7,7 @@ truth; those under `OUTSIDE` are in no catalogue: a critique that names one of i
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -230,7 +231,9 @@ def unknown_parameter(key: str) -> str:
     effect = key.split(".")[0]
     own = [name for name in HIDDEN if name.startswith(f"{effect}.")]
     known = own or sorted({name.split(".")[0] for name in HIDDEN})
-    return f"--hidden {key}: not known to the twin; known are {', '.join(known)}"
+    close = difflib.get_close_matches(key, HIDDEN, n=1, cutoff=0.8)
+    hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+    return f"--hidden {key}: not known to the twin; {hint}"
 
 
 def parse_hidden(items: Iterable[str]) -> dict[str, float]:

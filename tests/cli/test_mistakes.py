@@ -254,6 +254,8 @@ IN_COMMANDS = [
     (("fit", "CAMPAIGN", "--segments", "many"), "is no whole number"),
     (("fit", "CAMPAIGN", "--add", "coulomb@40"), "must be a whole number from 1 to 16"),
     (("fit", "CAMPAIGN", "--fix", "stiffness=3N*m/rad"), "the base model's are k_ref"),
+    (("fit", "CAMPAIGN", "--prior", "payload.m=2g±0.1g"), "is no parameter of this model, which is fitted without payload"),
+    (("simulate", "CAMPAIGN-new", "--hidden", "maxwel.k1=0.1"), "did you mean 'maxwell.k1'?"),
     (("fit", "CAMPAIGN", "--start", "r_hyd=3.6kg"), "--start r_hyd=3.6kg: 'kg' is not a unit of the right kind"),
     (("fit", "CAMPAIGN", "--effect-file", "CAMPAIGN/steps/track.csv"), "not a Python file"),
     (("improve", "CAMPAIGN", "--effect-file", "CAMPAIGN/steps/track.csv"), "not a Python file"),
