@@ -183,10 +183,8 @@ def _report_twin(out: Path, truth: dict[str, Any], as_json: bool) -> None:
     if as_json:
         print_json({"folder": str(out), "truth": truth})
         return
-    from rfea_vision.twin.options import HIDDEN
-
-    values = truth["parameters"].items()
-    hidden = ", ".join(f"{name}={value:g} {HIDDEN[name].unit}".removesuffix(" 1") for name, value in values) or "nothing"
+    values, units = truth["parameters"].items(), truth["units"]
+    hidden = ", ".join(f"{name}={value:g} {units[name]}".removesuffix(" 1") for name, value in values) or "nothing"
     say(f"{out}: {counted(len(truth['experiments']), 'experiment')}; hidden: {hidden}")
     say_next("rfea improve", out)
 
