@@ -24,6 +24,8 @@ _IN_M = 0.1
 _GRAMS_IN_MG = 0.05
 #: Of the outer radius, below which a bore is taken for a slip of ten: hoses and actuators have a third and more.
 _NARROW = 0.1
+#: Names of materials whose moduli are those of elastomers; one that is not named is taken for one.
+_ELASTOMERS = ("", "PDMS", "SILICONE", "RUBBER")
 #: m/s^2
 _GRAVITY = 9.81
 #: Rad of bend that the highest pressure of a campaign must be able to hold: else the tip goes sideways by less than an eighth of the
@@ -112,7 +114,8 @@ def modulus_of(track: xr.Dataset, pressure_kPa: FloatArray, tube: Actuator, grav
     At the clamp the pressure's moment is held by the wall and by the weight of the tube. That of an arc of a `bend` is the tube's
     times the mean distance of the arc from the clamp, across gravity. Whatever the clocks, the widest swings of both go together.
     """
-    if tube.kind != "tube" or not ("bend_angle" in track or "tip" in track):
+    elastic = tube.kind == "tube" and tube.material.upper() in _ELASTOMERS
+    if not elastic or not ("bend_angle" in track or "tip" in track):
         return None
     if "bend_angle" in track:
         bend = np.radians(track["bend_angle"].values)
@@ -144,8 +147,8 @@ def of_moduli(found: Iterable[float | None]) -> str:
         return ""
     wall = f"like one with a wall of {middle / 1e6:.2g} MPa" if middle > 0 else "by less pressure than its own weight takes"
     return (
-        f"the tube bends {wall}, and soft elastomers have {low / 1e6:g} to {high / 1e6:g} MPa; is pressure.unit right in every run "
-        "(one psi is 6.9 kPa, one bar 100, one mbar 0.1), and are the radii?"
+        f"the tube bends {wall}, and soft elastomers have {low / 1e6:g} to {high / 1e6:g} MPa; unless it is reinforced or folded, "
+        "is pressure.unit right in every run (one psi is 6.9 kPa, one bar 100, one mbar 0.1), and are the radii?"
     )
 
 
