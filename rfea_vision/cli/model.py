@@ -149,7 +149,7 @@ def _print_candidates(diagnosis: Diagnosis) -> None:
     for name in ("predicted", "train", "validate"):
         columns[f"{name} {unit}"] = lambda c, key=f"{name}_rmse_{unit}": getattr(c, key)
     columns["delta BIC"] = lambda c: None if c.delta_bic is None else f"{c.delta_bic:.0f}"
-    columns["matters"] = lambda c: "yes" if c.matters else "no" if c.refitted else "not refitted"
+    columns["matters"] = lambda c: "yes" if c.matters else "no" if c.refitted else "unknown"
     columns = {
         name: cell
         for name, cell in columns.items()
