@@ -165,7 +165,7 @@ def _print_floors(diagnosis: Diagnosis) -> None:
     known = {name: getattr(floors, name) for name in ("measurement", "irreproducible", "calibration")}
     parts = [f"{name} {rounded(value)} {floors.unit}" for name, value in known.items() if value is not None]
     if parts:
-        say(f"floors, under which an error tells nothing of the model: {', '.join(parts)}")
+        say(f"noise floors, below which an error says nothing about the model: {', '.join(parts)}")
 
 
 def _percent(share: float | None) -> str | None:

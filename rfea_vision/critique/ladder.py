@@ -351,7 +351,7 @@ def _findings(
         fall = f"fell from {rounded(test[f'first_model_{key}'])} to {rounded(test[key])} {unit}"
         out.append(f"On test runs, on which nothing was chosen, it {fall}.")
     if floor:
-        out.append(f"The floor, under which an error tells nothing of the model, is {rounded(floor)} {unit}.")
+        out.append(f"The noise floor is {rounded(floor)} {unit}: an error below it says nothing about the model.")
     out += doubts
     out.append(f"Stopped because {stopped}")
     return out

@@ -14,7 +14,6 @@ from rfea_vision.report.shown import errors_of
 # The headline names the effects, the tiles the noise floor, and the diagnosis tells why the search ended: once is enough.
 _SAID_ELSEWHERE = (
     "The noise floor is",
-    "The floor below which",
     "Stopped because",
     "Missing from the paper's model, and added",
 )
@@ -274,5 +273,5 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
             source = "from the high frequencies that the best fit leaves"
         reached = shown.validate if shown.validate is not None else shown.train
         if reached is not None and reached < shown.floor:
-            source = f"{source}; errors below it tell nothing"
+            source = f"{source}; an error below it says nothing about the model"
         yield Tile("Noise floor", with_unit(shown.floor, shown.unit), note=source, section="trust")

@@ -75,7 +75,7 @@ def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves():
     climb = _Climb(SimpleNamespace(), (), SimpleNamespace())  # type: ignore[arg-type]
     climb.note(model, Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9))
     said = _findings(climb.rungs, [], None, climb.floor, "deg", "so", climb.doubts)
-    assert said[0] == "The floor, under which an error tells nothing of the model, is 22.9 deg."
+    assert said[0] == "The noise floor is 22.9 deg: an error below it says nothing about the model."
     assert said[1].startswith("a: the model is farther from the track than a tube that never moves") and len(said) == 3
 
 
