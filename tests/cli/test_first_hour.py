@@ -311,7 +311,7 @@ def test_a_run_of_which_hardly_a_frame_has_a_pressure_does_not_end_as_done(tmp_p
     table["time_s"] *= 1000
     table.to_csv(folder / "steps" / "track.csv", index=False)
     answer = rfea("sync", folder, "-e", "steps")
-    assert answer.code == 1 and "next:" not in answer.out
+    assert answer.code == 2 and "next:" not in answer.out
     assert answer.err.strip().splitlines()[-1].endswith("is the time of the pictures in ms?")
 
 
