@@ -19,7 +19,7 @@ from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import next_hint, scale_doubt
 from rfea_vision.vision.body.begin import scale_for
-from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.follower import FIRST_TRIES, BodyFollower
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
@@ -99,7 +99,8 @@ def track_frames(
             rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
             if follower.start is None and done >= GIVE_UP_AFTER:
                 break
-            if pointed and too_few(len(rows), rows.good, rows.copies):
+            not_there = follower.start is None and done + 1 >= FIRST_TRIES
+            if pointed and (not_there or too_few(len(rows), rows.good, rows.copies)):
                 break
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))

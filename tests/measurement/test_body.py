@@ -14,13 +14,14 @@ from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.begin import first_body, hinted_lines
 from rfea_vision.vision.body.fit import Fit, looks_around
-from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.follower import FIRST_TRIES, BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS
 from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of
+from rfea_vision.vision.follow.follower import Follower
 from rfea_vision.vision.track import make_scene, too_few
 from testing.phone import Arm, Room, clear_scene, film, scene
 
@@ -190,11 +191,10 @@ def test_a_line_that_strays_to_the_border_is_no_tip_that_left_the_picture():
     lab, body = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), np.uint8), follower.body.copy()
     body.points = body.points + np.linspace(0, 1, STATIONS)[:, None] * np.array([-40.0, 119.0])
     seen, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    around = looks_around(lab, follower.wall, body)
-    stray = Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.zeros(STATIONS), rays, *around, ())
+    stray = Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.zeros(STATIONS), rays, ())
     told = []
     for follower.missed, follower.refusal in ((0, ""), (4, "no_fit: folded"), (4, "touches_border: the tip")):
-        told.append(follower._refused(lab, stray).split(":")[0])
+        told.append(follower._judged(lab, stray).reason.split(":")[0])
     assert told == ["touches_border", "no_tube", "touches_border"]
 
 
@@ -239,8 +239,17 @@ def test_edges_are_given_up_once_they_must_be_and_not_later_for_what_they_missed
     assert not too_few(40, 20, 20), "copies do not count"
 
 
+def test_edges_that_find_nothing_where_it_was_pointed_at_leave_the_film_to_the_body(monkeypatch, tmp_path):
+    """After as many frames as the body is looked for there, not after seven."""
+    looked = []
+    monkeypatch.setattr(Follower, "next", lambda *_: looked.append(1) or "no_tube")
+    truth = film(tmp_path / "film.mp4", Arm(), SMALL, LEFT[:5])
+    assert tracked(tmp_path / "film.mp4", truth).dataset.attrs["followed_by"] == "body"
+    assert len(looked) == FIRST_TRIES == 3
+
+
 def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
-    first = First(100.0, np.ones(65), 1.0, np.ones(1), (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool))
+    first = First(100.0, np.ones(65), 1.0, np.ones(1), (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool), np.zeros(2))
     assert first.allowed is not None
     line = np.column_stack([np.full(50, 60.0), np.linspace(10.0, 110.0, 50)])
     first.allowed[:, 40:80] = False
@@ -336,12 +345,12 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     wide[80:150, 68:130] = (200, 120, 140)
     line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
     body, wall = first_body(narrow, line, 12.0), Wall(narrow.shape)
-    first = First(180.0, body.half, 1.0, np.ones(5), narrow.shape[:2], 100.0, 1.8, None)
+    first = First(180.0, body.half, 1.0, np.ones(5), narrow.shape[:2], 100.0, 1.8, None, np.array([0.0, 1.0]))
 
     def said(picture, seen, end=0.0, out=(1.0, 1.0, 1.0, 1.0, 1.0)):
         rays = np.array([np.nan, np.nan, end, end, end, end, np.nan])
         around = looks_around(picture, wall, body)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), rays, *around, (), np.array(out)))
+        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), rays, (), *around, np.array(out)))
 
     everywhere = np.ones((STATIONS, 2), bool)
     assert said(narrow, everywhere) == said(wide, everywhere) == "", "where an edge is seen, the tube ends"
@@ -370,6 +379,8 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     )
     body.half = np.where(SHARES > 0.95, 1.0, 0.8) * first.half
     assert said(narrow, everywhere) == "", "drawn out, it is thinner all along"
+    body.points[1:3] = body.points[0] + [[1.5, -1.0], [2.5, 1.0]]
+    assert said(narrow, everywhere) == "no_fit: the line that fits is folded", "it runs back into its clamp"
 
 
 def test_what_covers_the_arm_is_called_so(tmp_path):

@@ -64,9 +64,9 @@ def test_rubber_that_swells_to_one_side_leaves_its_material_where_the_marks_are(
     grey = swollen[30, 60].copy()
     swollen[24:180, 70:74] = grey
     clamp = np.array([body.points[0], [0.0, 1.0]])
-    prior = np.eye(UNKNOWNS) * 1e-2
+    covariance = np.eye(UNKNOWNS) * 1e2
     for _ in range(3):
         seen = marks_in(swollen, marks, body, wall)
-        body = fit_body(swollen, wall, body, None, None, prior, clamp, np.full(STATIONS, 10.0), 8.0, marks=seen).body
+        body = fit_body(swollen, wall, body, None, None, covariance, clamp, np.full(STATIONS, 10.0), 8.0, marks=seen).body
     assert np.median(body.points[20:60, 0]) - 59.5 == pytest.approx(aside, abs=1.0)
     assert np.median(body.half[20:60]) == pytest.approx(12.0, abs=0.7)

@@ -22,6 +22,7 @@ from rfea_vision.vision.body.model import (
     SeenBody,
     frame_of,
     learn_colours,
+    middle,
 )
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix, fit_curve
@@ -154,16 +155,16 @@ def _likeness(picture: Picture, line_px: FloatArray, inwards: FloatArray, half_p
     back = back / np.linalg.norm(back)
     seeds = [line_px[0] + k * half_px * inwards for k in (0.7, 1.2)]
     seeds += [line_px[-1] + k * half_px * back for k in (0.6, 1.0)]
-    likeness = np.zeros(picture.shape[:2])
+    planes = [channel / np.float32(spread) for channel, spread in zip(cv2.split(picture), ALIKE, strict=True)]
+    apart = np.full(picture.shape[:2], np.inf, dtype=np.float32)
     for seed in [*seeds, *line_px[1:-1]]:
         disc = np.zeros(picture.shape[:2], dtype=np.uint8)
         cv2.circle(disc, (round(seed[0]), round(seed[1])), max(round(0.5 * half_px), 1), 1, -1)
-        colours = picture[disc > 0].astype(np.float32)
-        if len(colours) == 0:
-            continue
-        off = (picture.astype(np.float32) - np.median(colours, axis=0)) / np.array(ALIKE, dtype=np.float32)
-        likeness = np.maximum(likeness, np.exp(-0.5 * np.sum(off**2, axis=-1)))
-    return likeness
+        colours = picture[disc > 0]
+        if len(colours):
+            own = (np.median(colours, axis=0) / ALIKE).astype(np.float32)
+            apart = np.minimum(apart, sum((plane - there) ** 2 for plane, there in zip(planes, own, strict=True)))
+    return np.exp(-0.5 * apart)
 
 
 def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatArray:
@@ -218,11 +219,11 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> FloatArray
     """
     strip = np.empty((STATIONS, len(SECTION), 3))
     read_strip(picture, body.points, frame_of(body.points)[1], np.full(STATIONS, half_px), SECTION, strip)
-    profile = np.median(strip[: PIECES * (STATIONS // PIECES)].reshape(PIECES, -1, *strip.shape[1:]), axis=1)
+    profile = middle(strip.reshape(PIECES, -1, *strip.shape[1:]).transpose(0, 2, 3, 1))
     around = profile[:, np.abs(SECTION) > BESIDE]
-    middle = np.median(around, axis=1, keepdims=True)
+    own = np.median(around, axis=1, keepdims=True)
     around_it = scatter(np.swapaxes(around, 0, 1))[:, None] + np.array(NOISE)
-    clear = np.max(np.abs(profile - middle) / around_it, axis=2) > CLEAR
+    clear = np.max(np.abs(profile - own) / around_it, axis=2) > CLEAR
     return np.mean(clear[:, np.abs(SECTION) < 1.0], axis=1)
 
 

@@ -53,6 +53,16 @@ def arc_length(points, along):
 
 
 @lean
+def add_row(matrix, vector, first, row, value, stderr):
+    """Add one equation: the unknowns from `first` on, weighted by `row`, come to `value`, which is known to `stderr`."""
+    weight = 1.0 / (stderr * stderr)
+    for a in range(row.shape[0]):
+        vector[first + a] += weight * row[a] * value
+        for b in range(row.shape[0]):
+            matrix[first + a, first + b] += weight * row[a] * row[b]
+
+
+@lean
 def add_skin(matrix, vector, information, pull, share, first, value):
     """Add `share` (S,) of the skin's `information` (S, 6) nn, nt, tt, nw, tw, ww and `pull` (S, 3)."""
     for s in range(share.shape[0]):

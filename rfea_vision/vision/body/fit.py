@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.scatter import scatter
-from rfea_vision.vision.body.equations import add_edges, add_skin, arc_length, at_stations
+from rfea_vision.scatter import NORMAL as QUARTILE
+from rfea_vision.vision.body.equations import add_edges, add_row, add_skin, arc_length, at_stations
 from rfea_vision.vision.body.marks import SeenMark, place_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
@@ -28,6 +29,7 @@ from rfea_vision.vision.body.model import (
     Picture,
     SeenBody,
     frame_of,
+    middle,
 )
 from rfea_vision.vision.body.sampling import RAYS, match_skin, measure_edges, measure_end, support
 from rfea_vision.vision.body.wall import Wall
@@ -57,7 +59,6 @@ THIRD_OF, THIRD_TWICE = THIRD @ TO_NORMAL, THIRD.T @ THIRD
 SECOND_OF, SECOND_TWICE = SECOND.T @ SECOND @ TO_ALONG, SECOND.T @ SECOND
 BENDING = np.diff(np.eye(11), n=2, axis=0).T @ np.diff(np.eye(11), n=2, axis=0)
 MIDDLES = np.round(np.linspace(0, STATIONS - 1, NORMAL_BASIS.shape[1] - 3)).astype(int)
-WIDTHS = np.arange(WIDTH.start, WIDTH.stop)
 # Share of what skin and end rays say along the body that is to be believed: over eleven clear scenes of testing/phone.py the
 # end was off by 1.6 to 13 times (5.4 in the middle) their standard error.
 TRUSTED = 1.0 / 5.4**2
@@ -86,11 +87,15 @@ class Fit:
     seen : (S, 2) whether each side's edge was found
     backing : (S,) share of the inside that looks like the body
     end : (RAYS,) px how far the end lies beyond where the rays had it, NaN where it was not found
+    material : the coloured marks that it was held by
+
+    and when it is judged
+
     beside : (S, 2) share of what is beside it, to either side, that surely looks like the body
     beyond : share of what is beyond its end that does
-    material : the coloured marks that it was held by
-    standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length, and
-    marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none; both when it is judged
+    standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
+    marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none
+    reason : why it is no measurement; empty where it is one
     """
 
     body: SeenBody
@@ -99,11 +104,12 @@ class Fit:
     seen: NDArray[np.bool_]
     backing: FloatArray
     end: FloatArray
-    beside: FloatArray
-    beyond: float
     material: Sequence[SeenMark]
+    beside: FloatArray = field(default_factory=lambda: np.zeros((STATIONS, 2)))
+    beyond: float = 0.0
     standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     marks: FloatArray | None = None
+    reason: str = ""
 
     @property
     def likeness(self) -> float:
@@ -117,7 +123,7 @@ def fit_body(
     predicted: SeenBody,
     skin: tuple[FloatArray, FloatArray, float] | None,
     end_offsets: FloatArray | None,
-    prior: FloatArray,
+    covariance: FloatArray,
     clamp: FloatArray,
     rest_half: FloatArray,
     reach: float,
@@ -132,7 +138,7 @@ def fit_body(
     predicted : where the flow has put it
     skin : colours (S, V, 3) of an earlier frame, their variances, and how much counts of what they say along the body; None at first
     end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
-    prior : (25, 25) information of the prediction
+    covariance : (25, 25) px^2 of the prediction
     clamp : (2, 2) px where the body begins, and the unit vector in which it leaves
     rest_half : (S,) px half width in the first frame
     reach : px to either side in which edges are looked for
@@ -142,12 +148,12 @@ def fit_body(
     body, cleared = predicted.copy(), wall.cleared(picture)
     information, pull, alike = np.zeros((STATIONS, 6)), np.zeros((STATIONS, 3)), np.zeros(STATIONS)
     edges = np.full((STATIONS, 2, 2), np.inf)
-    total = np.zeros(UNKNOWNS)
-    normal_matrix = np.eye(UNKNOWNS)
+    prior, total = np.linalg.inv(covariance), np.zeros(UNKNOWNS)
+    matrix = prior
     shape = BENDING / (POINTED_SHAPE_PX if skin is None else SHAPE_PX) ** 2
-    freedom = np.linalg.inv(prior)[ALONG, ALONG] if skin is not None else np.zeros((6, 6))
-    slips = np.sqrt(np.einsum("si,ij,sj->s", ALONG_BASIS, freedom, ALONG_BASIS))  # px that it may have slipped along itself
-    swells = SWELLS * float(np.median(rest_half))
+    # px that it may have slipped along itself
+    slips = np.sqrt(np.sum((ALONG_BASIS @ covariance[ALONG, ALONG]) * ALONG_BASIS, axis=1))
+    rest = float(middle(rest_half))
     moved, backing = 0.0, np.ones(STATIONS)
     for turn in range(TURNS):
         tangents, normals = frame_of(body.points)
@@ -160,9 +166,9 @@ def fit_body(
         vector = -prior @ total
         matrix[NORMAL, NORMAL] += shape
         vector[NORMAL] -= shape @ total[NORMAL]
-        _add_shape(matrix, vector, body, normals, rest_half, swells)
+        _add_shape(matrix, vector, body, normals, rest_half, rest)
         if outline:
-            leans = LEANS * float(np.median(body.half)) if marks else 0.0
+            leans = LEANS * float(middle(body.half)) if marks else 0.0
             _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0), leans)
         if skin is not None:
             strip = cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin[:2]
@@ -184,18 +190,16 @@ def fit_body(
         limit = np.minimum(1.0, 1.5 * span / np.maximum(np.linalg.norm(shift, axis=1, keepdims=True), 1e-9))
         body.points = body.points + shift * limit
         body.half = np.maximum(body.half + WIDTH_BASIS @ step[WIDTH], 0.4 * predicted.half)
-        normal_matrix = matrix
         moved = float(np.abs(shift).max())
         if turn and moved < 0.05:
             break
     return Fit(
         body,
-        np.asarray(np.linalg.inv(normal_matrix), dtype=float),
-        TRUSTED * (normal_matrix[ALONG, ALONG] - prior[ALONG, ALONG]),
+        np.asarray(np.linalg.inv(matrix), dtype=float),
+        TRUSTED * (matrix[ALONG, ALONG] - prior[ALONG, ALONG]),
         np.isfinite(edges[:, :, 1]),
         backing,
         end,
-        *(looks_around(picture, wall, body) if outline else (np.zeros((STATIONS, 2)), 0.0)),
         marks,
     )
 
@@ -229,19 +233,20 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
 
 
 def _add_shape(
-    matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, rest_half: FloatArray, swells: float
+    matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, rest_half: FloatArray, rest: float
 ) -> None:
-    """Rubber bends and stretches gradually, and swells within limits (`swells` px).
+    """Rubber bends and stretches gradually, and swells within limits; `rest` is the median of its half width before.
 
     Third differences across and second differences along are small, and so is what the half width has gained.
     """
-    matrix[WIDTHS, WIDTHS] += 1.0 / swells**2
+    swells = SWELLS * rest
+    matrix[WIDTH, WIDTH] += np.eye(8) / swells**2
     vector[WIDTH] -= TO_WIDTH @ (body.half - rest_half) / swells**2
     steps = np.empty(STATIONS)
     length = arc_length(body.points, steps)
     spacing = length / (NORMAL_BASIS.shape[1] - 3)
     # No body bends anew within its own half width: in a short one the splines lie closer than that.
-    sigma = BENDS_GRADUALLY * spacing * min(1.0, spacing / float(np.median(rest_half))) ** 3
+    sigma = BENDS_GRADUALLY * spacing * min(1.0, spacing / rest) ** 3
     wiggle = np.sum((THIRD_OF @ body.points) * normals[MIDDLES], axis=1)
     matrix[NORMAL, NORMAL] += THIRD_TWICE / sigma**2
     vector[NORMAL] -= THIRD.T @ wiggle / sigma**2
@@ -251,45 +256,28 @@ def _add_shape(
 
 
 def _add_clamp(
-    matrix: FloatArray,
-    vector: FloatArray,
-    body: SeenBody,
-    clamp: FloatArray,
-    tangent: FloatArray,
-    rest_half: FloatArray,
+    matrix: FloatArray, vector: FloatArray, body: SeenBody, clamp: FloatArray, tangent: FloatArray, rest_half: FloatArray
 ) -> None:
     """The body begins where it was pointed at, squarely and as wide as it was: around a clamp there is tape, and a bracket."""
     normal = np.array([-tangent[1], tangent[0]])
     off = clamp[0] - body.points[0]
     turn = float(np.arctan2(normal @ clamp[1], tangent @ clamp[1]))
-    for part, row, value, sigma in (
-        (NORMAL, NORMAL_BASIS[0], off @ normal, CLAMP_SHARE * rest_half[0]),
-        (ALONG, ALONG_BASIS[0], off @ tangent, CLAMP_PX),
-        (NORMAL, TURN_ROW, turn * body.length, CLAMP_TURNS * body.length),
-        (WIDTH, WIDTH_BASIS[0], rest_half[0] - body.half[0], CLAMP_SWELLS * rest_half[0]),
-    ):
-        matrix[part, part] += row[:, None] * (row / sigma**2)
-        vector[part] += row * (float(value) / sigma**2)
+    length, gains = body.length, rest_half[0] - body.half[0]
+    add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[0], off @ normal, CLAMP_SHARE * rest_half[0])
+    add_row(matrix, vector, ALONG.start, ALONG_BASIS[0], off @ tangent, CLAMP_PX)
+    add_row(matrix, vector, NORMAL.start, TURN_ROW, turn * length, CLAMP_TURNS * length)
+    add_row(matrix, vector, WIDTH.start, WIDTH_BASIS[0], gains, CLAMP_SWELLS * rest_half[0])
 
 
 def _add_marks(
-    matrix: FloatArray,
-    vector: FloatArray,
-    body: SeenBody,
-    marks: Sequence[SeenMark],
-    tangents: FloatArray,
-    normals: FloatArray,
+    matrix: FloatArray, vector: FloatArray, body: SeenBody, marks: Sequence[SeenMark], tangents: FloatArray, normals: FloatArray
 ) -> None:
     """Marks hold the material where they are seen; along the body they are on the scale of what claims too much there."""
     for seen in marks:
         near = round(seen.mark.share * (STATIONS - 1))
         off = seen.place - place_of(seen.mark, body)
-        for part, basis, direction, share in (
-            (NORMAL, NORMAL_BASIS, normals, 1.0),
-            (ALONG, ALONG_BASIS, tangents, TRUSTED),
-        ):
-            matrix[part, part] += np.outer(basis[near], basis[near]) / (share * seen.stderr**2)
-            vector[part] += basis[near] * float(off @ direction[near]) / (share * seen.stderr**2)
+        add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[near], off @ normals[near], seen.stderr)
+        add_row(matrix, vector, ALONG.start, ALONG_BASIS[near], off @ tangents[near], TRUSTED**0.5 * seen.stderr)
 
 
 def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_seen: FloatArray, leans: float) -> None:
@@ -311,12 +299,10 @@ def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_
 
 def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray) -> None:
     """The end of the body moves with the last station."""
-    found = end[np.isfinite(end)]
+    found = end[np.isfinite(end)].tolist()
     if len(found) < RAYS // 2:
         return
-    middle = float(np.median(found))
-    spread = float(scatter(found)) + END_PX
-    sigma = 1.25 * spread * np.sqrt(2.0 / len(found))  # of the median; two rays next to each other see the same
-    row = ALONG_BASIS[-1] / sigma
-    matrix[ALONG, ALONG] += np.outer(row, row)
-    vector[ALONG] += row * middle / sigma
+    place = median(found)
+    spread = median(abs(ray - place) for ray in found) / QUARTILE + END_PX
+    sigma = 1.25 * spread * (2.0 / len(found)) ** 0.5  # of the median; two rays next to each other see the same
+    add_row(matrix, vector, ALONG.start, ALONG_BASIS[-1], place, sigma)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -21,7 +22,7 @@ from rfea_vision.vision.body.begin import (
     spaced,
     standing_out,
 )
-from rfea_vision.vision.body.fit import ALONG, NORMAL, TRUSTED, UNKNOWNS, WIDTH, Fit, end_rays, fit_body
+from rfea_vision.vision.body.fit import ALONG, NORMAL, TRUSTED, UNKNOWNS, WIDTH, Fit, end_rays, fit_body, looks_around
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
@@ -39,20 +40,14 @@ from rfea_vision.vision.body.model import (
     lab_of,
     learn_colours,
     marks_found,
+    middle,
     robust_displacement,
     skin_of,
 )
 from rfea_vision.vision.body.rules import SURELY_BESIDE, First, elsewhere, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
-from rfea_vision.vision.curve import (
-    COEFFICIENTS,
-    WIDTH_COEFFICIENTS,
-    basis_matrix,
-    fit_curve,
-    turning,
-    vertices_of,
-)
+from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, turning, vertices_of
 from rfea_vision.vision.derive.picture_errors import PROFILE_SHARE
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Initialisation, Scene, allowed_pixels, off_hints
@@ -65,19 +60,17 @@ FLOW_WINDOW = (17, 17)
 FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
 FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
-# Of the lengths that the body has had: what is followed from frame to frame lags behind where the skin is smooth, up to so much.
-LAGS = 0.25
-# Grey levels by which the same skin differs from that of the first frame, and of the last one.
-SKIN_SCATTER, FLOW_SCATTER = 5.0, 4.0
+LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
+SKIN_SCATTER, FLOW_SCATTER = 5.0, 4.0  # grey levels: how skin differs from the first frame's, and from the last one's
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
-# Half widths: an end so near the hint is believed in; farther off it is a line behind the body, or a shadow.
-END_NEAR = 0.45
+END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
+LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
 MOVING_PX = 0.5  # from frame to frame: a body that moves so and then not at all was written twice
 POINTED_PX = 1.0  # how well a person points, in px of the film
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
-# Of the half width: rims, glare and shadows move an edge alike in many frames. Over eleven clear scenes of testing/phone.py
-# the line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
+# Of the half width: rims, glare and shadows move an edge alike in many frames. Over eleven clear scenes of testing/phone.py the
+# line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
 SYSTEMATIC = 0.1
 FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
 SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond its last shape
@@ -85,7 +78,8 @@ SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond
 _LINEAR = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(_LINEAR, _LINEAR)
 _TO_COEFFICIENTS = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS)) @ NORMAL_BASIS
-_TO_WIDTH = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS)) @ WIDTH_BASIS
+_WIDTH_OF = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS))
+_TO_WIDTH = _WIDTH_OF @ WIDTH_BASIS
 
 
 class BodyFollower:
@@ -121,53 +115,57 @@ class BodyFollower:
         self.marks: list[Mark] = []
         self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
         self.colour = None if scene.hints.colour is None else lab_of(scene.hints.colour)
-        self.first = First(1.0, np.ones(STATIONS), None, np.zeros(1), (0, 0), scene.length_mm, self.px_per_mm, None)
+        size, leaves = (scene.length_mm, self.px_per_mm), self.foot[1]
+        self.first = First(1.0, np.ones(STATIONS), None, np.zeros(1), (0, 0), *size, None, leaves)
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
-        lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
         self.frame += 1
+        if self.hopeless():
+            return self.refusal
+        if self.good and self.missed == 0 and np.array_equal(picture, self.seen):
+            return "duplicate" if self.moved_px > MOVING_PX else ""  # of a body at rest they may be alike, too
+        lab = self._lab(picture)
         guided = self._guided()
         if self.good == 0:
-            if self.hopeless():
-                return self.refusal
             self._begin(lab, guided)
-            fit = self._fit(lab, self.body, self._spread(), 0.8)
-        elif self.missed == 0 and np.array_equal(lab, self.last.lab):
-            # Compressed pictures of a body at rest may be alike, too.
-            return "duplicate" if self.moved_px > MOVING_PX else ""
+            fits = [self._fit(lab, self.body, self._spread(), 0.8)]
         else:
-            fit = self._fit(lab, *self._predicted(lab, self.last), 0.8 if self.missed == 0 else 1.5)
+            fits = [self._fit(lab, *self._predicted(lab, self.last), 0.8 if self.missed == 0 else 1.5)]
             if self.doubted is not None:
                 # A frame that is no measurement may still show the way from the last one that was.
-                again = self._fit(lab, *self._predicted(lab, self.doubted), 0.8, covariance=self.doubted.covariance)
-                fit = self._better(lab, fit, again)
+                fits.append(self._fit(lab, *self._predicted(lab, self.doubted), 0.8, covariance=self.doubted.covariance))
             if guided is not None:
-                body = self.body.copy()
-                body.points = guided
-                fit = self._better(lab, fit, self._fit(lab, body, self._spread(), 0.8))
-        reason = self._refused(lab, fit)
-        if self.good and reason and self.missed and self.missed % 5 == 0:
-            fit = self._fit(lab, self._swung(lab), self._spread(), 1.2)
-            reason = self._refused(lab, fit)
+                fits.append(self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8))
+        fit = max((self._judged(lab, fit) for fit in fits), key=lambda found: (not found.reason, found.likeness))
+        if self.good and fit.reason and self.missed and self.missed % 5 == 0:
+            fit = self._judged(lab, self._fit(lab, self._swung(lab), self._spread(), 1.2))
+        reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
         self.refusal = reason
         self.missed += bool(reason)
         if not reason:
             self._accept(lab, fit)
+            self.seen = picture
         elif self.good:
             self.doubted = Sight(fit.body, fit.covariance, lab, skin_of(self.wall.cleared(lab), fit.body))
         return reason
 
-    def _better(self, lab: Picture, *fits: Fit) -> Fit:
-        return max(fits, key=lambda found: (not self._refused(lab, found), found.likeness))
+    def _lab(self, picture: NDArray[np.uint8]) -> Picture:
+        """CIELAB of a picture around where the body was, or of all of it where the body is looked for."""
+        if self.good == 0:
+            self.wall = Wall(picture.shape)
+            return self.wall.look(picture, np.zeros((1, 2)), np.inf)
+        places = np.vstack([self.body.points, self.first_body.points]) if self.coloured.any() else self.body.points
+        known = self.missed == 0 and self.guide is None
+        return self.wall.look(picture, places, LOOKED_AT * float(middle(self.body.half)) if known else np.inf)
 
-    def _refused(self, lab: Picture, fit: Fit) -> str:
-        """Why a fit is no measurement: it leaves the hints, or breaks a rule."""
-        fit.standing_out = standing_out(
-            lab, fit.body, self.pointed_half() * float(np.median(fit.body.half / self.first.half))
-        )
+    def _judged(self, lab: Picture, fit: Fit) -> Fit:
+        """A fit with the reason for which it is no measurement: it leaves the hints, or breaks a rule."""
+        fit.beside, fit.beyond = looks_around(lab, self.wall, fit.body)
+        half = self.pointed_half() * float(middle(fit.body.half / self.first.half))
+        fit.standing_out = standing_out(lab, fit.body, half)
         if self.good and self.guide is None:  # where another program leads, its ends are off by as much as a mark
             fit.marks = np.full(STATIONS, np.nan)
             if self.coloured.any():
@@ -175,7 +173,8 @@ class BodyFollower:
                 fit.marks = marks_found(self.skin[0], self.coloured, skin, left)
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
-        return refused(self.first, fit, lost=lost) or off_hints(line_mm, self.scene, first=self.good == 0)
+        fit.reason = refused(self.first, fit, lost=lost) or off_hints(line_mm, self.scene, first=self.good == 0)
+        return fit
 
     def hopeless(self) -> bool:
         """Whether it was not where it was pointed at, in any frame in which it is looked for there."""
@@ -203,7 +202,6 @@ class BodyFollower:
         """Outline, colours, texture and end in the first frame."""
         self.first.shape = lab.shape[:2]
         self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)
-        self.wall = Wall(lab.shape)
         half = self.pointed_half()
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
@@ -258,7 +256,7 @@ class BodyFollower:
 
     def _spread(self) -> FloatArray:
         """Covariance (25, 25) px^2 of what the body may have moved since it was last seen."""
-        half, frames = float(np.median(self.body.half)), 1.0 + self.missed
+        half, frames = float(middle(self.body.half)), 1.0 + self.missed
         spread = np.zeros((UNKNOWNS, UNKNOWNS))
         for part, sigma in ((NORMAL, NORMAL_SPREAD), (ALONG, SLIP_PX), (WIDTH, GAIN_SHARE * half)):
             spread[part, part] += frames * sigma**2 * np.eye(part.stop - part.start)
@@ -275,14 +273,14 @@ class BodyFollower:
         skin: bool = True,
         covariance: FloatArray | None = None,
     ) -> Fit:
-        half = float(np.median(predicted.half))
+        half = float(middle(predicted.half))
         return fit_body(
             lab,
             self.wall,
             predicted,
             self.skin if skin else None,
             self.end_offsets if skin else None,
-            np.asarray(np.linalg.inv((self.covariance if covariance is None else covariance) + spread), dtype=float),
+            (self.covariance if covariance is None else covariance) + spread,
             self.foot,
             self.first.half,
             max(reach * half, 5.0),
@@ -291,19 +289,19 @@ class BodyFollower:
 
     def _predicted(self, lab: Picture, last: Sight) -> tuple[SeenBody, FloatArray]:
         """The body of an earlier frame, moved as its skin has moved since, and the covariance of this movement."""
-        skin = last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]
-        near = self._flown(lab, last)
-        prior = np.asarray(np.linalg.inv(self._spread()), dtype=float)
-        moved = fit_body(lab, self.wall, near, skin, None, prior, self.foot, self.first.half, 5.0, outline=False)
+        skin, spread = (last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]), self._spread()
+        near, rest = self._flown(lab, last), self.first.half
+        moved = fit_body(lab, self.wall, near, skin, None, spread, self.foot, rest, 5.0, outline=False)
         return moved.body, moved.covariance
 
     def _flown(self, lab: Picture, last: Sight) -> SeenBody:
         """The body of an earlier frame, moved by sparse flow: near enough for its skin to be recognised."""
         tangents, normals = frame_of(last.body.points)
         places = [last.body.points + v * last.body.half[:, None] * normals for v in FLOW_ACROSS]
-        before = np.vstack(places).astype(np.float32)[:, None]
+        window = self.wall.window
+        before = (np.vstack(places) - [window[1].start, window[0].start]).astype(np.float32)[:, None]
         options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
-        seen, grey = (self.wall.cleared(picture)[:, :, 0].copy() for picture in (last.lab, lab))
+        seen, grey = (cv2.extractChannel(self.wall.cleared(picture)[window], 0) for picture in (last.lab, lab))
         after, there, _ = cv2.calcOpticalFlowPyrLK(seen, grey, before, before.copy(), **options)
         back, again, _ = cv2.calcOpticalFlowPyrLK(grey, seen, after, after.copy(), **options)
         kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
@@ -326,10 +324,9 @@ class BodyFollower:
         steps = np.diff(self.body.points, axis=0) @ (1.0, 1.0j)
         fits = []
         for swing in SWINGS:
-            body = self.body.copy()
             line = np.cumsum([0.0, *steps * np.exp(1j * swing * (SHARES[1:] - 0.5 / STATIONS))])
-            body.points = self.body.points[0] + np.column_stack([np.real(line), np.imag(line)])
-            fits.append(self._fit(lab, body, self._spread(), 1.2))
+            points = self.body.points[0] + np.column_stack([np.real(line), np.imag(line)])
+            fits.append(self._fit(lab, replace(self.body, points=points), self._spread(), 1.2))
         return max(fits, key=lambda found: found.likeness).body
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
@@ -360,7 +357,7 @@ class BodyFollower:
             np.linalg.norm(np.gradient(points, axis=0), axis=1), 1e-9
         )
         steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        width, *_ = np.linalg.lstsq(basis_matrix(steps / steps[-1], WIDTH_COEFFICIENTS), body.half / scale, rcond=None)
+        width = _WIDTH_OF @ np.interp(SHARES, steps / steps[-1], body.half / scale)
         blank = np.ones((3, self.work.centre.shape[0]))
         return fitted.State(
             fit_curve(points), width, np.zeros((*blank.shape, 2)), blank, blank.copy(), np.zeros(2), np.zeros(4)
@@ -379,11 +376,11 @@ class BodyFollower:
         numbers[fitted.WIDTH] = 2.0 * self.scene.half_mm
         numbers[fitted.ONE_SIDED] = float(np.mean(fit.seen[:, 0] != fit.seen[:, 1]))
         mm2 = self.px_per_mm**-2
-        half = float(np.median(fit.body.half))
+        half = float(middle(fit.body.half))
         floor = (FLOOR * half) ** 2 * mm2
         # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to
         # noise the curves would be smoothed, and the clamp's place with them.
-        mistaken = float(np.median(self.first.half)) - self.pointed_half()
+        mistaken = float(middle(self.first.half)) - self.pointed_half()
         numbers[fitted.PROFILE] = float(np.hypot(SYSTEMATIC * half, mistaken)) / self.scale / PROFILE_SHARE
         k = COEFFICIENTS
         work.covariance[:] = 0.0

@@ -84,12 +84,14 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None) -> l
     )
     inside = np.zeros(picture.shape[:2], dtype=np.uint8)
     cv2.fillPoly(inside, [np.round(outline).astype(np.int32)], 1)
-    hue = picture[..., 1:].astype(float)
-    own = np.median(hue[inside > 0], axis=0) if inside.any() else np.zeros(2)
-    other = (np.max(np.abs(hue - own), axis=-1) > MARKED) & (inside > 0)
+    hue, there = picture[..., 1:], inside > 0
+    seen = hue[there].astype(float)
+    own = np.median(seen, axis=0) if len(seen) else np.zeros(2)
+    other = np.max(np.abs(seen - own), axis=-1) > MARKED
     if hinted is not None:
-        other &= np.max(np.abs(hue - hinted[1:]), axis=-1) < HINTED
-    count, labels, _, _ = cv2.connectedComponentsWithStats(other.astype(np.uint8))
+        other &= np.max(np.abs(seen - hinted[1:]), axis=-1) < HINTED
+    inside[there] = other
+    count, labels, _, _ = cv2.connectedComponentsWithStats(inside)
     marks = []
     for patch in (labels == k for k in range(1, count)):
         colour = np.median(hue[patch], axis=0)
@@ -134,15 +136,16 @@ def _middle(
     if np.any(high <= low):
         return None, 0.0
     window = np.s_[low[1] : high[1], low[0] : high[0]]
-    along = (hue[window].astype(float) - own) @ (colour - own) / float((colour - own) @ (colour - own))
-    like = along > LIKE
+    a, b = hue[window].transpose(2, 0, 1).astype(float)
+    towards = (colour - own) / float((colour - own) @ (colour - own))
+    like = a * towards[0] + b * towards[1] > LIKE + own @ towards
     if wall is not None:  # what hangs on the wall in that colour is no mark
-        hung = np.max(np.abs(wall.colour[window][..., 1:] - colour), axis=-1) < MARKED
-        like &= ~(hung & (wall.times[window] >= SEEN))
-    count, labels, _, middles = cv2.connectedComponentsWithStats(like.astype(np.uint8))
+        a, b = (np.abs(wall.colour[window][..., 1 + k] - colour[k]) for k in (0, 1))
+        like &= (a >= MARKED) | (b >= MARKED) | (wall.times[window] < SEEN)
+    count, _, stats, middles = cv2.connectedComponentsWithStats(like.astype(np.uint8))
     if count < 2:
         return None, 0.0
-    sizes = np.bincount(labels.ravel(), minlength=count)[1:]
+    sizes = stats[1:, cv2.CC_STAT_AREA]
     apart = np.linalg.norm(middles[1:] + low - at, axis=1) + np.where(sizes < LEAST_PX, np.inf, 0.0)
     best = int(np.argmin(apart))
     if not np.isfinite(apart[best]):

@@ -85,7 +85,7 @@ def follow_colours(cleared: Picture, picture: Picture, body: SeenBody, backing: 
     One that has left the body would else take the wall's colour for its own; where `backing` (S,) says that it has not,
     its own colour counts a little.
     """
-    off = _colours(cleared, body, ACROSS_INSIDE, LEAST_VARIANCE)[:, 0] - body.inside[:, 0]
+    off = middle(_near(cleared, body, ACROSS_INSIDE)) - body.inside[:, 0]
     alike = backing >= BACKED
     if np.any(alike):
         light = np.median(off[alike], axis=0)
@@ -129,16 +129,21 @@ def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
 
 def _colours(picture: Picture, body: SeenBody, across: FloatArray, least: FloatArray) -> FloatArray:
     """Mean and variance (S, 2, 3) of the colours at `across` half widths, neighbouring stations taken together."""
+    near = _near(picture, body, across)
+    colour = middle(near)  # glare and marks are few
+    spread = middle(np.abs(near - colour[..., None])) / NORMAL
+    return np.stack([colour, spread**2 + least], axis=1)
+
+
+def _near(picture: Picture, body: SeenBody, across: FloatArray) -> FloatArray:
+    """Colours (S, 3, V) at `across` half widths of every station and its neighbours."""
     strip = np.empty((STATIONS, len(across), 3))
     read_strip(picture, body.points, frame_of(body.points)[1], body.half, across, strip)
-    near = strip[NEAR].transpose(0, 3, 1, 2).reshape(STATIONS, 3, -1)
-    middle = _middle(near)  # glare and marks are few
-    spread = _middle(np.abs(near - middle[..., None])) / NORMAL  # `scatter` takes twice as long, in every frame
-    return np.stack([middle, spread**2 + least], axis=1)
+    return strip[NEAR].transpose(0, 3, 1, 2).reshape(STATIONS, 3, -1)
 
 
-def _middle(values: FloatArray) -> FloatArray:
-    """Median over the last axis, of an odd number of values."""
+def middle(values: FloatArray) -> FloatArray:
+    """Median over the last axis, of an odd number of values: NumPy's takes five times as long for a few, in every frame."""
     half = values.shape[-1] // 2
     return np.partition(values, half, axis=-1)[..., half]
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.body.fit import ALONG, Fit
-from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, STATIONS
+from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, STATIONS, middle
 from rfea_vision.vision.find.begin import digits_of
 
 # Limits of the table at the end, set on the even scenes of testing/phone.py,
@@ -52,7 +53,8 @@ class First:
 
     `seen` is None while the first frame itself is judged; `standing_out` is the share of it that differs from what is
     around it, piece by piece of its length; `shape` is that of the picture, `length_mm` the tube's; `allowed` (h, w)
-    says where the hints let it be (None: everywhere); `beside` (S, 2) is where something beside it looks like it.
+    says where the hints let it be (None: everywhere); `leaves` (2,) is the direction in which it leaves its clamp; `beside`
+    (S, 2) is where something beside it looks like it.
     """
 
     length: float
@@ -63,6 +65,7 @@ class First:
     length_mm: float
     px_per_mm: float
     allowed: NDArray[np.bool_] | None
+    leaves: FloatArray
     beside: NDArray[np.bool_] | bool = False
 
 
@@ -84,7 +87,7 @@ def _elsewhere(first: First, fit: Fit) -> str:
 
 def _beyond(first: First, fit: Fit) -> str:
     """The end is measured only where the body reaches to it."""
-    count = max(round(2.0 * float(np.median(fit.body.half)) / fit.body.length * STATIONS), 3)
+    count = max(round(2.0 * float(middle(fit.body.half)) / fit.body.length * STATIONS), 3)
     share = float(np.mean(fit.backing[-count:]))
     if share < END_UNLIKE:
         return f"{100 * share:.0f} % of the last body width looks like the tube"
@@ -128,8 +131,8 @@ def _goes_on(first: First, fit: Fit) -> str:
 
 def _short(first: First, fit: Fit) -> str:
     """The body does not go on beyond the line, up to where the rays find its end."""
-    off = float(np.nanmedian(fit.end)) if np.any(np.isfinite(fit.end)) else 0.0
-    if off <= END_OFF * float(np.median(fit.body.half)) or fit.beyond <= GOES_ON:
+    off = median(fit.end[np.isfinite(fit.end)].tolist() or [0.0])
+    if off <= END_OFF * float(middle(fit.body.half)) or fit.beyond <= GOES_ON:
         return ""
     return f"the tube goes on beyond the line's end, by {off / first.px_per_mm:.{digits_of(first.length_mm) + 1}f} mm or more"
 
@@ -137,7 +140,8 @@ def _short(first: First, fit: Fit) -> str:
 def _longest(where: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Stations of the longest piece in which something holds."""
     found = np.flatnonzero(where)
-    return max(np.split(found, np.flatnonzero(np.diff(found) > 1) + 1), key=len)
+    breaks = np.flatnonzero(np.diff(found) > 1) + 1
+    return max(np.split(found, breaks), key=len) if len(breaks) else found
 
 
 def _stretch(first: First, stations: NDArray[np.int64]) -> str:
@@ -157,7 +161,7 @@ def _edges(first: First, fit: Fit) -> str:
 
 
 def _width(first: First, fit: Fit) -> str:
-    share = float(np.median(fit.body.half / first.half))
+    share = float(middle(fit.body.half / first.half))
     if not WIDTHS[0] <= share <= WIDTHS[1]:
         return f"{share:.2f} times as wide as in the first frame"
     narrow = _longest(fit.body.half < NARROWED * first.half)
@@ -173,16 +177,17 @@ def _length(first: First, fit: Fit) -> str:
 
 
 def _folded(first: First, fit: Fit) -> str:
-    """A body does not bend within its own width, nor gather in one place."""
+    """A body does not bend within its own width, nor gather in one place, nor run back into what holds it."""
     step = fit.body.length / (STATIONS - 1)
-    half = float(np.median(fit.body.half))
+    half = float(middle(fit.body.half))
     span = int(np.clip(half / step, 2, STATIONS // 4))
     chords = fit.body.points[span:] - fit.body.points[:-span]  # half a width long: shorter ones wiggle
     heading = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     bend = np.abs(heading[span:] - heading[:-span]) / (span * step)
     sharpest = float(np.max(bend * fit.body.half[span:-span]))
     gathered = float(np.linalg.norm(chords, axis=1).min()) / (span * step)
-    return "" if sharpest < SHARPEST and gathered > 0.4 else "the line that fits is folded"
+    back = bool(np.any(np.diff(fit.body.points[: span + 1], axis=0) @ first.leaves < 0.0))
+    return "" if sharpest < SHARPEST and gathered > 0.4 and not back else "the line that fits is folded"
 
 
 def _marks(first: First, fit: Fit) -> str:
@@ -207,7 +212,7 @@ def _border(first: First, fit: Fit) -> str:
 
 def _vague(first: First, fit: Fit) -> str:
     error = float(np.sqrt(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]))
-    limit = WIDEST_ERROR * float(np.median(fit.body.half))
+    limit = WIDEST_ERROR * float(middle(fit.body.half))
     return "" if error <= limit else f"the end is known to {error / first.px_per_mm:.{digits_of(first.length_mm) + 1}f} mm only"
 
 

@@ -229,10 +229,10 @@ def match_skin(picture, points, normals, half, across, skin, variance, slips, in
 
 
 @compiled
-def learn_wall(picture, mask, wall, times):
-    """Average the wall wherever the body is not (`mask` is 0); slowly once it is known, so that light may change."""
-    for i in range(picture.shape[0]):
-        for j in range(picture.shape[1]):
+def learn_wall(picture, mask, wall, times, top, bottom, left, right):
+    """Average the wall in a window wherever the body is not (`mask` is 0); slowly once it is known, so that light may change."""
+    for i in range(top, bottom):
+        for j in range(left, right):
             if mask[i, j] == 0:
                 n = times[i, j] + 1
                 gain = max(1.0 / n, 0.05)

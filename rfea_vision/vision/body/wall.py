@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision.body.model import ACROSS_INSIDE, STATIONS, Picture, SeenBody, frame_of
+from rfea_vision.arrays import FloatArray
+from rfea_vision.vision.body.model import ACROSS_INSIDE, STATIONS, Picture, SeenBody, frame_of, middle
 from rfea_vision.vision.body.sampling import SEEN, learn_wall, read_strip
 
 AROUND = 1.15, 2.5  # half widths, and px beyond: what may still be the body
@@ -23,6 +24,7 @@ class Wall:
     """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
+        self.window = slice(0, shape[0]), slice(0, shape[1])  # rows and columns of pictures that are looked at
         self.colour = np.zeros(shape, dtype=np.float32)
         self.times = np.zeros(shape[:2], dtype=np.int32)
         self.relief = np.zeros(shape, dtype=np.float32)
@@ -31,11 +33,22 @@ class Wall:
         self._seen: Picture | None = None  # the picture that was cleared last, and what it is then
         self._clear: Picture = np.empty((0, 0, 3), dtype=np.uint8)
 
+    def look(self, picture: Picture, places: FloatArray, reach: float) -> Picture:
+        """CIELAB of a picture in BGR, in a window that holds all within `reach` px of `places` (n, 2); nothing elsewhere."""
+        size = picture.shape[1::-1]
+        left, top = np.clip(places.min(axis=0) - reach, 0, size).astype(int).tolist()
+        right, bottom = np.clip(places.max(axis=0) + reach, 0, size).astype(int).tolist()
+        self.window = slice(top, bottom), slice(left, right)
+        lab = np.zeros_like(picture)
+        lab[self.window] = cv2.cvtColor(picture[self.window], cv2.COLOR_BGR2LAB)
+        return lab
+
     def cleared(self, picture: Picture) -> Picture:
         """The picture without what shows through the body."""
         if self._seen is not picture:
             self._seen = picture
-            self._clear = np.asarray(cv2.subtract(picture, self.relief, dtype=cv2.CV_8U), dtype=np.uint8)
+            self._clear = np.zeros_like(picture)
+            self._clear[self.window] = cv2.subtract(picture[self.window], self.relief[self.window], dtype=cv2.CV_8U)
         return self._clear
 
     def learn(self, picture: Picture, body: SeenBody) -> None:
@@ -52,26 +65,26 @@ class Wall:
         beyond = body.points[-1:] + tangents[-1:] * (body.half[-1] + 3.0)
         outline = np.vstack([body.points + reach * normals, beyond, (body.points - reach * normals)[::-1]])
         cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1)
-        learn_wall(picture, mask, self.colour, self.times)
+        rows, columns = within = self.window
+        learn_wall(picture, mask, self.colour, self.times, rows.start, rows.stop, columns.start, columns.stop)
         if self._frames % RENEWED == 0:
-            known = (self.times >= SEEN).astype(np.float32)[..., None]
-            near, share = slow_part(self.colour * known, known[..., 0], float(np.median(body.half)))
-            self._lines = (self.colour - near / np.maximum(share, 1e-3)[..., None]) * known
-            self.relief = (min(self._together / self._alone, 1.0) * self._lines).astype(np.float32)
+            known = np.asarray(self.times[within] >= SEEN, dtype=np.uint8)
+            slow = slow_part(self.colour[within], known, float(middle(body.half)))
+            self._lines[within] = cv2.subtract(self.colour[within], slow, mask=known)
+            self.relief[within] = min(self._together / self._alone, 1.0) * self._lines[within]
             self._seen = None
         self._frames += 1
 
 
-def slow_part(
-    colour: NDArray[np.float32], known: NDArray[np.float32], sigma: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What of a wall (h, w, 3) and of where it is known (h, w) is left of a blur of `sigma` px, worked out in a smaller picture."""
+def slow_part(colour: NDArray[np.float32], known: NDArray[np.uint8], sigma: float) -> NDArray[np.float32]:
+    """What is left of a wall (h, w, 3) by a blur of `sigma` px over where it is `known` (h, w), worked out in a smaller picture."""
     less = max(int(sigma / SLOW_PX), 1)
     size = colour.shape[1::-1]
     small = max(size[0] // less, 1), max(size[1] // less, 1)
 
-    def blurred(part: NDArray[np.float32]) -> NDArray[np.float32]:
-        slow = cv2.GaussianBlur(cv2.resize(part, small, interpolation=cv2.INTER_AREA), (0, 0), sigma / less)
-        return np.asarray(cv2.resize(slow, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-
-    return blurred(colour), blurred(known)
+    there, share = (
+        cv2.GaussianBlur(cv2.resize(part, small, interpolation=cv2.INTER_AREA), (0, 0), sigma / less)
+        for part in (cv2.copyTo(colour, known), known.astype(np.float32))
+    )
+    slow = there / np.maximum(share, 1e-3)[..., None]
+    return np.asarray(cv2.resize(slow, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32)
