@@ -148,8 +148,8 @@ def fit_body(
     body, cleared = predicted.copy(), wall.cleared(picture)
     information, pull, alike = np.zeros((STATIONS, 6)), np.zeros((STATIONS, 3)), np.zeros(STATIONS)
     edges = np.full((STATIONS, 2, 2), np.inf)
-    prior, total = np.linalg.inv(covariance), np.zeros(UNKNOWNS)
-    matrix = prior
+    prior: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+    matrix, total = prior, np.zeros(UNKNOWNS)
     shape = BENDING / (POINTED_SHAPE_PX if skin is None else SHAPE_PX) ** 2
     # px that it may have slipped along itself
     slips = np.sqrt(np.sum((ALONG_BASIS @ covariance[ALONG, ALONG]) * ALONG_BASIS, axis=1))
