@@ -85,6 +85,8 @@ def from_repeats(problem: Problem, fitted: Fitted) -> float | None:
 
     What the model foretells of the difference (a pressure that was not quite the same) is taken out first.
     """
+    if not any(item.repeat_of for item in problem.with_roles("train", "validate")):
+        return None
     residuals = {item.name: (item, gap) for item, gap in _gaps(problem, fitted)}
     residuals |= {item.name: (item, gap) for item, gap in _held_gaps(problem, fitted)}
     squares = []

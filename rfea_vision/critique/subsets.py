@@ -72,27 +72,54 @@ class Combinations:
         found: list[list[CandidateSet]] = []
         beam: list[tuple[int, ...]] = [()]
         for step in range(size):
-            tried: dict[tuple[int, ...], CandidateSet] = {}
-            for picks in beam:
-                taken = {self._columns[i].effect for i in picks}
-                for k, column in enumerate(self._columns):
-                    key = tuple(sorted((*picks, k)))
-                    if column.effect not in taken and key not in tried:
-                        proposal = self._step(key)
-                        if proposal is not None:
-                            tried[key] = proposal
-            ranked = sorted(tried.items(), key=lambda pair: -pair[1].fall)
+            ranked = self._ranked(beam, present, most)
             # All pairs are looked at, also those of which one alone would have the wrong sign.
             beam = [picks for picks, _ in ranked[:BEAM]] if step else [(k,) for k in range(len(self._columns))]
             sets: dict[frozenset[str], CandidateSet] = {}
             for picks, proposal in ranked:
-                needed = {one for i in picks for one in self._columns[i].needs}
-                if needed <= {*present, *proposal.effects}:
+                if len(sets) < most and self._whole(picks, proposal, present):
                     sets.setdefault(frozenset(proposal.effects), proposal)
-                if len(sets) >= most:
-                    break
             found.append(list(sets.values()))
         return found
+
+    def _ranked(
+        self, beam: Sequence[tuple[int, ...]], present: frozenset[str], most: int
+    ) -> list[tuple[tuple[int, ...], CandidateSet]]:
+        """Sets of the beam with one effect more, best first; without those that even unbounded would be none of the best."""
+        keys = dict[tuple[int, ...], None]()
+        for picks in beam:
+            taken = {self._columns[i].effect for i in picks}
+            keys |= {tuple(sorted((*picks, k))): None for k, c in enumerate(self._columns) if c.effect not in taken}
+        ceilings = dict(zip(keys, self._ceilings(list(keys)), strict=True))
+        tried: dict[tuple[int, ...], CandidateSet] = {}
+        for place, key in enumerate(sorted(keys, key=lambda key: -ceilings[key])):
+            if place % BEAM == 0:
+                above = {picks: one for picks, one in tried.items() if one.fall >= ceilings[key]}
+                whole = {frozenset(one.effects) for picks, one in above.items() if self._whole(picks, one, present)}
+                if len(above) >= BEAM and len(whole) >= most:
+                    break
+            proposal = self._step(key)
+            if proposal is not None:
+                tried[key] = proposal
+        return sorted(((key, tried[key]) for key in keys if key in tried), key=lambda pair: -pair[1].fall)
+
+    def _whole(self, picks: tuple[int, ...], proposal: CandidateSet, present: frozenset[str]) -> bool:
+        """Whether a set has with each effect what that goes with."""
+        return {one for i in picks for one in self._columns[i].needs} <= {*present, *proposal.effects}
+
+    def _ceilings(self, keys: Sequence[tuple[int, ...]]) -> list[float]:
+        """The share of the squared error that each set would remove if nothing bounded it."""
+        out = np.zeros(len(keys))
+        places = [np.concatenate([self._columns[i].place for i in key]) for key in keys]
+        for count in {place.size for place in places}:
+            rows = [k for k, place in enumerate(places) if place.size == count]
+            at = np.array([places[k] for k in rows])
+            size = np.sqrt(np.maximum(np.diag(self._hessian)[at], 1e-300))
+            normed = self._hessian[at[:, :, None], at[:, None, :]] / (size[:, :, None] * size[:, None, :])
+            slope = (self._gradient[at] / size)[:, :, None]
+            fall = np.sum(slope * np.linalg.solve(normed + 1e-9 * np.eye(count), slope), axis=(1, 2)) * (1 + 1e-9)
+            out[rows] = fall / self._cost
+        return out.tolist()
 
     def _step(self, picks: tuple[int, ...]) -> CandidateSet | None:
         """The joint step, within its bounds; None where an effect would have the wrong sign: the set without it is as good."""

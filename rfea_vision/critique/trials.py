@@ -172,7 +172,7 @@ class Trials:
         try:
             return refit(
                 self.problem, options, values, like.options.segments, like.solution.clocks,
-                most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN,
+                most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN, newton=FINE_NEWTON,
             )  # fmt: skip
         except DataError:
             return None

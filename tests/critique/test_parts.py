@@ -201,6 +201,21 @@ def test_a_pair_is_found_whose_members_are_too_weak_alone():
     assert pairs[0].start["payload.m"] == pytest.approx(1e-3, rel=1e-3)
 
 
+def test_sets_that_could_not_be_among_the_best_are_passed_over_and_no_others(monkeypatch):
+    rng, made = np.random.default_rng(3), []
+    shared = rng.standard_normal((300, 6))
+    item: Any = SimpleNamespace(observe="angle", time=np.arange(300) / 100)
+    for effect in find_effects(sorted(catalogue())):
+        slopes = np.column_stack([shared @ rng.standard_normal(6) for _ in effect.amplitudes()])
+        made.append(Sensitivity(effect, {}, list(effect.amplitudes()), slopes, shared[:, 0], (item,), (slice(0, 300),)))
+    step, solved = Combinations._step, []
+    monkeypatch.setattr(Combinations, "_step", lambda self, picks: solved.append(picks) or step(self, picks))
+    monkeypatch.setattr("rfea_vision.critique.subsets.BEAM", 10)
+    found, few = Combinations(made).best(frozenset(), 3, 3), len(solved)
+    monkeypatch.setattr(Combinations, "_ceilings", lambda self, keys: [np.inf] * len(keys))
+    assert found == Combinations(made).best(frozenset(), 3, 3) and few < (len(solved) - few) / 3
+
+
 def test_a_linear_step_sets_out_from_where_an_effect_is_absent():
     """A gain is absent at one: a step of two hundredths starts at 1.02, not at the lowest that physics allows."""
     (gain,) = find_effects(("pressure_gain",))
