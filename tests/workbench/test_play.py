@@ -45,7 +45,11 @@ def test_a_log_with_noise_is_looked_at_in_longer_steps_that_the_noise_does_not_s
     quick = quickened(noisy)
     assert quick.excitation.step_s == pytest.approx(LONGEST_STEP_S) and clean.step_s == pytest.approx(1e-3)
     par = np.array([base.parameters[name].value for name in model.names])
-    tips = [predict_observed(model, par, one, (), 0.0, TIP).points[:, -1] / MM for one in (noisy, quick)]
+    tips = []
+    for one in (noisy, quick):
+        seen = predict_observed(model, par, one, (), 0.0, TIP)
+        assert seen is not None
+        tips.append(seen.points[:, -1] / MM)
     assert np.sqrt(np.mean((tips[0] - tips[1]) ** 2)) < 0.01
 
 
