@@ -125,7 +125,7 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, A
         explained_fraction=verdict.share if verdict.named else None,
         warnings=[
             *(swallowed(search.trials.problem, fitted, best, verdict.named) if verdict.named else []),
-            *to_rule_out(search.effects, verdict.named),
+            *to_rule_out(search.effects, verdict.named, best.values),
             *_left_out(search.trials.problem),
         ],
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -78,13 +78,18 @@ def effect_parameters(problem: Problem, fitted: Fitted, name: str) -> dict[str, 
     return {key: value for key, value in found.items() if key.partition(".")[0] == plain(name)}
 
 
-def to_rule_out(effects: Sequence[Effect], named: Sequence[str]) -> list[str]:
-    """What a named fault of the measurement is easily mistaken for: a look at the files may settle what no fit can."""
-    return [
-        f"{effect.id} is easily mistaken for {effect.mistaken_for}: rule that out first."
-        for effect in effects
-        if effect.kind == "measurement" and effect.id in map(plain, named)
-    ]
+def to_rule_out(effects: Sequence[Effect], named: Sequence[str], values: Mapping[str, float]) -> list[str]:
+    """What a named fault of the measurement is easily mistaken for, with its `values` in SI: a look at the files may settle it."""
+    out = []
+    for effect in effects:
+        if effect.kind == "measurement" and effect.id in map(plain, named):
+            units = {key: spec.unit for key, spec in effect.parameters.items() if f"{effect.id}.{key}" in values}
+            told = ", ".join(
+                f"{key} = {values[f'{effect.id}.{key}']:.3g} {unit}".removesuffix(" 1") for key, unit in units.items()
+            )
+            fitted = f" ({told})" if told else ""
+            out.append(f"{effect.id}{fitted} is easily mistaken for {effect.mistaken_for}: rule that out first.")
+    return out
 
 
 def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:

@@ -389,8 +389,8 @@ def test_a_second_branch_without_the_first_is_no_claim_of_its_own():
 def test_a_named_fault_of_the_measurement_says_what_to_rule_out():
     """Logs in psi called kPa in every run: the scale of the sensor was named, and not the key to look at."""
     names = ["coulomb", "pressure_gain"]
-    (said,) = to_rule_out(find_effects(names), names)
-    assert said.startswith("pressure_gain is easily mistaken for") and "a wrong pressure.unit" in said
+    (said,) = to_rule_out(find_effects(names), names, {"pressure_gain.g": 6.8948, "coulomb.w": 0.1})
+    assert said.startswith("pressure_gain (g = 6.89) is easily mistaken for") and "a wrong pressure.unit" in said
 
 
 def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
