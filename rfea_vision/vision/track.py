@@ -137,10 +137,8 @@ def track_frames(
 
 
 def too_few(frames: int, good: int, copies: int) -> bool:
-    """Whether the edges read less than `EDGES_ALONE` of the frames that are no copies: after `EDGES_TRIED`, or once it is sure."""
-    if frames < EDGES_TRIED:
-        return frames - copies - good > (1.0 - EDGES_ALONE) * EDGES_TRIED
-    return good < EDGES_ALONE * max(frames - copies, 1)
+    """Whether the edges read less than `EDGES_ALONE` of the frames that are no copies, of `EDGES_TRIED` at least."""
+    return frames - copies - good > (1.0 - EDGES_ALONE) * max(frames - copies, EDGES_TRIED)
 
 
 def wrong_side(bend_deg: FloatArray, bends: str) -> str:
