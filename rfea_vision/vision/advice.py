@@ -117,15 +117,12 @@ def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]
         hints = replace(scene.hints, clamp=(_pixel(left), _pixel(right)), tip=_pixel(tip))
         yield hints, f"camera.clamp: [{_words(left)}, {_words(right)}] and camera.tip: {_words(tip)}"
     elif len(scene.hints.centre_line) < 2:
-        scale = scale_for(scene, source.size)
-        with closing(source.colours(scale)) as pictures:
+        seen = BodyFollower(scene, scale_for(scene, source.size))
+        with closing(source.colours(seen.scale)) as pictures:
             _, picture = next(pictures)
         lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
-        half = 0.5 * scale * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
-        length = scene.length_mm * scene.px_per_mm * scale
-        clamp, ends = ((places + 0.5) * scale - 0.5 for places in (scene.clamp_px, scene.line_px))
-        for line in hinted_lines(lab, clamp, ends, half, length):
-            points = np.round((line[[16, 32, 48]] + 0.5) / scale - 0.5, 1)
+        for line in hinted_lines(lab, seen.clamp, seen.line, seen.pointed_half(), scene.length_mm * seen.px_per_mm):
+            points = np.round((line[[16, 32, 48]] + 0.5) / seen.scale - 0.5, 1)
             hints = replace(scene.hints, centre_line=tuple(_pixel(point) for point in points))
             yield hints, f"camera.centre_line: [{', '.join(map(_words, points))}]"
 
