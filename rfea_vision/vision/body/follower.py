@@ -115,8 +115,8 @@ class BodyFollower:
         self.marks: list[Mark] = []
         self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
         self.colour = None if scene.hints.colour is None else lab_of(scene.hints.colour)
-        size, leaves = (scene.length_mm, self.px_per_mm), self.foot[1]
-        self.first = First(1.0, np.ones(STATIONS), None, np.zeros(1), (0, 0), *size, None, leaves)
+        size, unknown = (scene.length_mm, self.px_per_mm), np.zeros(2)
+        self.first = First(1.0, np.ones(STATIONS), None, np.zeros(1), (0, 0), *size, None, unknown)
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
@@ -228,6 +228,9 @@ class BodyFollower:
         self.foot[0], self.first_body = self.body.points[0], self.body.copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
+        # Squarely, to the side to which the line goes: of a body that bends far round, the tip may be on the other one.
+        side = np.sign((self.body.points[STATIONS // 8] - self.body.points[0]) @ self.foot[1])
+        self.first.leaves = side * self.foot[1]
         pointed = POINTED_PX / self.scene.px_per_mm
         self.start = Initialisation(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
 
