@@ -63,9 +63,12 @@ def _announce(server: uvicorn.Server, desk: Desk, ready: Callable[[str], None], 
     if server.started:
         ready(address)
         loaded("workbench.answers")  # while the browser opens
+        soon = ["play", "pointing"]
         if desk.single:
             with suppress(RfeaError, OSError):  # said to the page when it asks
-                desk.bench(0).evidence()
+                if not desk.bench(0).evidence()[0].steps:  # nothing to play yet: one looks at the films
+                    soon.reverse()
         desk.seen.wait()  # before the first page nothing is loaded that it does not show
-        loaded("workbench.play")
+        for name in soon:
+            loaded(f"workbench.{name}")
         desk.worker.warm()
