@@ -231,7 +231,7 @@ def unknown_parameter(key: str) -> str:
     effect = key.split(".")[0]
     own = [name for name in HIDDEN if name.startswith(f"{effect}.")]
     known = own or sorted({name.split(".")[0] for name in HIDDEN})
-    close = difflib.get_close_matches(key, HIDDEN, n=1, cutoff=0.8)
+    close = [] if own else difflib.get_close_matches(key, HIDDEN, n=1, cutoff=0.8)
     hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
     return f"--hidden {key}: not known to the twin; {hint}"
 

@@ -82,4 +82,9 @@ def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
             return _step("add", f"Nothing that matters is missing, and the report is written: open {report}", "")
         return _step("add", "Nothing that matters is missing.", "Write the report", "report")
     say = "Something is left that no effect in the catalogue explains: a law can be looked for, or written by you."
-    return _step("law", say, "Propose a law", "propose", model=name)
+    if report is not None:
+        return _step("law", f"{say} The report is written: open {report}", "Propose a law", "propose", model=name)
+    # A law is not always found, so there is a way on.
+    return _step("law", say, "Propose a law", "propose", model=name) | {
+        "otherwise": _step("law", say, "Write the report", "report")
+    }

@@ -57,6 +57,13 @@ def test_a_report_that_is_written_is_said_with_its_place():
     assert "rfea/report/index.html" in step["say"] and step["do"] is None and not step["label"]
 
 
+def test_where_no_law_is_found_either_there_is_a_way_on():
+    step = next_step([run()], [model(verdict="unexplained")])
+    assert step["do"] == "propose" and step["otherwise"]["do"] == "report"
+    written = next_step([run()], [model(verdict="unexplained")], "rfea/report/index.html")
+    assert "rfea/report/index.html" in written["say"] and "otherwise" not in written
+
+
 @pytest.mark.parametrize(
     ("item", "panel", "says"),
     [
