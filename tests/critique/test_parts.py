@@ -1,4 +1,4 @@
-"""The parts of the critique on their own: what matters, the noise floor, the search, the rule."""
+"""The parts of the critique on their own: what matters, the search, the rule."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import xarray as xr
 from scipy.optimize import lsq_linear
 
-from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit, Recording
+from rfea_vision.artefacts import Candidate, Diagnosis, ModelFit
 from rfea_vision.critique import screening
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.evidence import effect_parameters, to_rule_out
-from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.critique.ladder import _look_back
 from rfea_vision.critique.measures import Errors, RunErrors, matters, share, structure
 from rfea_vision.critique.rule import RULE
@@ -27,7 +25,6 @@ from rfea_vision.critique.trials import Trials
 from rfea_vision.critique.verdict import _likely, _unexplained, decide
 from rfea_vision.effects.catalogue import catalogue, find_effects
 from rfea_vision.fitting.fit import fit, make_problem
-from rfea_vision.fitting.noise import noise_floor_mm
 from rfea_vision.fitting.refit import refit_from
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions
@@ -56,33 +53,6 @@ def test_no_error_on_training_runs_is_told_as_one_on_validation_runs():
     assert (
         trained.held == pytest.approx(0.2) and trained.validate is None and _errors(0.3).validate == pytest.approx(0.3)
     )
-
-
-def _fake(noise: np.ndarray, sigma_mm: float) -> tuple[SimpleNamespace, SimpleNamespace]:
-    """A problem and a fit of which only the tip's residual is looked at."""
-    time = np.arange(noise.shape[0]) / 240.0
-    item = SimpleNamespace(
-        origin_sigma=0.0,
-        name="run", role="train", repeat_of=None, has_tip=True, time=time, frame=np.arange(time.size),
-        points=noise[:, None, :] * 1e-3, tip_noise_mm=0.0,
-    )  # fmt: skip
-    predicted = SimpleNamespace(points=np.zeros((time.size, 1, 2)))
-    tip_sigma = SimpleNamespace(values=np.full((time.size, 2), sigma_mm))
-    recordings = {"run": SimpleNamespace(dataset={"tip_sigma": tip_sigma})}
-    problem = SimpleNamespace(train=(item,), with_roles=lambda *_: (item,), recordings=recordings)
-    return problem, SimpleNamespace(solution=SimpleNamespace(evaluation=SimpleNamespace(predicted=(predicted,))))
-
-
-def test_the_floor_sees_noise_that_lasts_over_frames_but_no_motion():
-    rng = np.random.default_rng(1)
-    noise = rng.standard_normal((3000, 2))
-    for k in range(1, 3000):
-        noise[k] = 0.6 * noise[k - 1] + 0.8 * noise[k]
-    true = 0.06 * np.sqrt(2)
-    understated = measurement(*_fake(0.06 * noise, 0.03))
-    assert understated == pytest.approx(true, rel=0.15)
-    slow = 0.5 * np.sin(2 * np.pi * 2.0 * np.arange(3000) / 240.0)[:, None]
-    assert measurement(*_fake(0.06 * noise + slow, 0.03)) == pytest.approx(understated, rel=0.05)
 
 
 def test_looking_back_drops_what_earns_nothing(campaign):
@@ -251,37 +221,6 @@ def test_a_fit_of_thinned_runs_is_carried_over_to_all_frames_without_their_slope
     found = effect_parameters(problem, one.fitted, "gravity_tilt")["gravity_tilt.angle"]
     wanted = effect_parameters(problem, exact, "gravity_tilt")["gravity_tilt.angle"]
     assert found.stderr == pytest.approx(wanted.stderr, rel=0.02)
-
-
-def test_repeats_give_the_irreproducible_floor(campaign):
-    """Two runs of one excitation that differ by a slow wander of known size: no model is promised less."""
-    recordings, actuator = campaign()
-    (name, run), *_ = recordings.items()
-    again = run.dataset.copy(deep=True)
-    wander = 0.5 * np.sin(2 * np.pi * again["time"].values / 1.7)
-    for key in ("midline", "tip"):
-        again[key] = again[key] + xr.DataArray(wander, dims="time") * xr.DataArray([1.0, 0.0], dims="xy")
-    again.attrs |= {"experiment": "again", "repeat_of": name}
-    problem = make_problem({**recordings, "again": Recording(again)}, actuator)
-    floors = floors_of(problem, fit(problem, FitOptions(segments=4, starts=0)))
-    expected = np.sqrt(np.mean(wander**2) / 2)
-    assert floors.irreproducible == pytest.approx(expected, rel=0.25) and floors.measurement < 0.5 * expected
-    assert binding(floors) == floors.irreproducible
-
-
-def test_the_floor_leaves_out_what_all_frames_share():
-    """Where the clamp was seen is found along with the fit: its error is not noise that a model could be left with."""
-    frames = np.arange(10)
-    item = SimpleNamespace(
-        name="run", repeat_of=None, has_tip=True, frame=frames, tip_noise_mm=0.004, origin_sigma=3e-4
-    )
-    attributes = {"origin_sigma_along_mm": 0.02, "origin_sigma_across_mm": 0.01}
-    sigma = np.full((frames.size, 2), np.sqrt((0.02**2 + 0.01**2 + 0.006**2) / 2))
-    data = xr.Dataset({"tip_sigma": (("time", "xy"), sigma)}, attrs=attributes)
-    floor, source = noise_floor_mm([item], {"run": SimpleNamespace(dataset=data)})
-    assert floor == pytest.approx(0.006) and "standard errors" in source
-    item.origin_sigma = 0.0  # a track that is in the rig frame by somebody's word is taken at that word
-    assert noise_floor_mm([item], {"run": SimpleNamespace(dataset=data)})[0] == pytest.approx(0.0232, abs=1e-4)
 
 
 def test_a_rung_of_an_unfinished_ladder_tells_how_sure_its_effect_was():
