@@ -65,7 +65,7 @@ def of_pressure(pressure_kPa: FloatArray, chambers: Mapping[str, FloatArray]) ->
         text = f"reaches {highest:.6g} kPa, in {high.sum()} of {len(pressure_kPa)} rows only"
         return [f"{text}; is it how the logger marks what it missed? Take these rows out"]
     if highest > _HIGH_KPA:
-        return [f"reaches {highest:.6g} kPa; is it in Pa? pressure.unit says which unit it is in"]
+        return [f"reaches {highest:.6g} kPa; is it in Pa? Or in kPa, where bar or MPa is declared? pressure.unit says which"]
     if span == 0:
         return ["is flat: nothing can be synchronised or fitted on it; is it the right column?"]
     if highest < _LOW_KPA:

@@ -89,6 +89,7 @@ SLIPS = pytest.mark.parametrize(
     ("spoil", "says"),
     [
         (_scaled("pressure_kPa", 1000.0), "is it in Pa?"),
+        (_scaled("pressure_kPa", 100.0), "Or in kPa, where bar or MPa is declared?"),
         (_scaled("pressure_kPa", 0.001), "is it in bar or MPa?"),
         (_scaled("pressure_kPa", -3.0), "below vacuum; is its sign turned in the log?"),
         (_scaled("time_s", 1000.0), "is the time of the log in ms?"),
