@@ -80,6 +80,33 @@ def test_every_number_with_a_name_says_what_it_is(root: Path, room: str) -> None
     assert [found for path in (root / "rfea_vision" / room).rglob("*.py") for found in _unexplained(path)] == []
 
 
+def _undocumented(root: Path) -> Iterator[str]:
+    """Public classes, functions and methods without a docstring, but methods that a class of the package declares with one."""
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted((root / "rfea_vision").rglob("*.py"))}
+    classes = {node.name: node for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+
+    def declared(kind: ast.ClassDef, name: str) -> bool:
+        bases = [classes[base] for base in map(ast.unparse, kind.bases) if base in classes]
+        own = (part for base in bases for part in base.body if getattr(part, "name", "") == name)
+        return any(map(ast.get_docstring, own)) or any(declared(base, name) for base in bases)  # type: ignore[arg-type]
+
+    def of(node: ast.Module | ast.ClassDef, where: str) -> Iterator[str]:
+        for part in node.body:
+            if not isinstance(part, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) or part.name.startswith("_"):
+                continue
+            if not ast.get_docstring(part) and not (isinstance(node, ast.ClassDef) and declared(node, part.name)):
+                yield f"{where}:{part.lineno} {part.name}"
+            if isinstance(part, ast.ClassDef):
+                yield from of(part, where)
+
+    for path, tree in trees.items():
+        yield from of(tree, str(path.relative_to(root)))
+
+
+def test_everything_public_says_what_it_is(root: Path) -> None:
+    assert list(_undocumented(root)) == []
+
+
 def _pins(root: Path) -> list[str]:
     files = ("requirements.txt", "requirements-dev.txt")
     return [line for file in files for line in (root / file).read_text(encoding="utf-8").splitlines()]

@@ -23,6 +23,7 @@ class Finder:
         self.problems: list[FileProblem] = []
 
     def complain(self, key: str, message: str) -> None:
+        """Note a problem under the dotted `key` of the YAML files; nothing is raised."""
         self.problems.append(problem_at(self.files, key, message, experiment=self.experiment))
 
     def file(self, key: str, name: str | None, *, folder: bool = False) -> Path | None:

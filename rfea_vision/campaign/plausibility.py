@@ -192,6 +192,7 @@ class Response:
 
     @property
     def per_kPa(self) -> float:
+        """Swing in `unit` per kPa of the pressure's swing."""
         return self.swing / self.swing_kPa
 
 

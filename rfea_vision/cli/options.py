@@ -33,6 +33,7 @@ class Quantity(click.ParamType):
         self.unit, self.example = unit, example
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number in the unit of the option; click's BadParameter where a text is no such quantity."""
         if isinstance(value, float):
             return value
         try:
@@ -41,6 +42,7 @@ class Quantity(click.ParamType):
             self.fail(str(error), param, ctx)
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        """Return what stands for the value in the help."""
         return "QUANTITY"
 
 

@@ -54,6 +54,7 @@ class Errors:
 
     @property
     def train(self) -> float:
+        """Root mean square error of the tip, or the angle, on training runs; 0 where none could be simulated."""
         return self._rms(("train",), "tip") or 0.0
 
     @property
@@ -68,6 +69,7 @@ class Errors:
 
     @property
     def held_midline(self) -> float | None:
+        """Root mean square error of the centre line (mm) on the runs that judge; None where it was not seen."""
         return self._rms(self.judges, "midline")
 
     def excess(self, floor: float) -> dict[str, float]:

@@ -362,6 +362,7 @@ class Search:
         return matters(without.errors.on(names), best.trial.errors.on(names), self.floor)
 
     def structure(self, trial: Trial) -> float:
+        """What a trial leaves above the floor, in floors."""
         return structure(trial.errors, self.floor)
 
 

@@ -112,4 +112,5 @@ class Chain:
 
     @property
     def bodies(self) -> int:
+        """How many bodies there are, and so joints."""
         return self.length.size

@@ -81,6 +81,7 @@ class CompiledLaw:
 
     @property
     def columns(self) -> int:
+        """How many values and derivatives the joint law gives for each joint; their order is told in `system`."""
         return FIXED + 5 * self.state_count + self.state_count**2
 
 

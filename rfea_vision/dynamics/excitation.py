@@ -72,6 +72,7 @@ class Excitation:
 
     @property
     def end_s(self) -> float:
+        """Time of the last point of the grid in s."""
         return self.start_s + self.step_s * (self.pressure.size - 1)
 
     @property

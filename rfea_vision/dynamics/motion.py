@@ -34,6 +34,7 @@ class Motion:
 
     @property
     def ok(self) -> bool:
+        """Whether the run came to its end; else its arrays are not to be used."""
         return self.status == OK
 
     @property

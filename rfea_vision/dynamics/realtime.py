@@ -108,6 +108,7 @@ class Moment:
 
     @property
     def settled(self) -> bool:
+        """Whether the last Newton iteration changed angles by less than `SETTLED` rad."""
         return self.last_change_rad < SETTLED
 
 

@@ -95,6 +95,7 @@ class Model:
 
     @cached_property
     def law(self) -> CompiledLaw:
+        """The compiled law of these effects; InputError for one that cannot be derived."""
         return compile_law(self.effects)
 
     @cached_property
@@ -120,6 +121,7 @@ class Model:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names of the parameters (p,), in the order of their vector."""
         return self.law.parameters
 
     @cached_property

@@ -94,18 +94,22 @@ class Joint:
 
     @property
     def tube_angle(self) -> sp.Expr:
+        """Angle (rad) that the whole tube would have at this curvature."""
         return self.count * self.theta
 
     @property
     def tube_rate(self) -> sp.Expr:
+        """Its rate (rad/s)."""
         return self.count * self.rate
 
     @property
     def outer_radius(self) -> sp.Expr:
+        """Outer radius (m) under pressure."""
         return self.expressions["outer_radius"]
 
     @property
     def inner_radius(self) -> sp.Expr:
+        """Inner radius (m) under pressure."""
         return self.expressions["inner_radius"]
 
     @property
@@ -115,10 +119,12 @@ class Joint:
 
     @property
     def stiffness(self) -> sp.Expr:
+        """Spring coefficient (N m/rad) that the stiffness hooks left; known where torques are asked for."""
         return self.expressions["stiffness"]
 
     @property
     def damping(self) -> sp.Expr:
+        """Damper coefficient (N m s/rad) that the damping hooks left; known where torques are asked for."""
         return self.expressions["damping"]
 
 

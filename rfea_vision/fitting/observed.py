@@ -106,10 +106,12 @@ class Observed:
 
     @property
     def has_midline(self) -> bool:
+        """Whether points of the centre line beside the tip are compared."""
         return self.fractions.size > 1
 
     @property
     def has_tip(self) -> bool:
+        """Whether positions are compared; else only an angle was measured."""
         return self.fractions.size > 0
 
     def thinned(self, step: int) -> Observed:

@@ -36,9 +36,11 @@ class Problem:
 
     @property
     def mirror(self) -> float:
+        """-1 where the tube bends right in the recordings, which are then mirrored; else 1; of all runs the same."""
         return self.train[0].mirror
 
     def with_roles(self, *roles: str) -> tuple[Observed, ...]:
+        """Runs with one of these roles: training, then validation, then test."""
         return tuple(o for o in (*self.train, *self.validate, *self.test) if o.role in roles)
 
 

@@ -338,6 +338,7 @@ class Evaluation:
 
     @property
     def cost(self) -> float:
+        """Sum of the squared residuals, each in standard deviations."""
         return float(self.residual @ self.residual)
 
 

@@ -57,14 +57,17 @@ class Option:
 
     @property
     def flag(self) -> str:
+        """Its name on the command line."""
         return self.asked.flag or f"--{self.key.replace('_', '-')}"
 
     @property
     def default(self) -> Any:
+        """What holds where it is not given."""
         return self.info.get_default(call_default_factory=True)
 
     @property
     def is_switch(self) -> bool:
+        """Whether it is either there or not, without a value."""
         return self.info.annotation is bool
 
 

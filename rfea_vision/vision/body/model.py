@@ -47,6 +47,7 @@ class SeenBody:
     outside: FloatArray
 
     def copy(self) -> SeenBody:
+        """One that shares no array with this."""
         return SeenBody(self.points.copy(), self.half.copy(), self.inside.copy(), self.outside.copy())
 
     @property

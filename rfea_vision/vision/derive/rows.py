@@ -126,6 +126,7 @@ class Rows:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
+        """Which frames (frames,) were measured."""
         return np.array([reason == "" for reason in self.reasons])
 
     @property
@@ -135,6 +136,7 @@ class Rows:
 
     @property
     def any_valid(self) -> bool:
+        """Whether one was."""
         return any(reason == "" for reason in self.reasons)
 
     @property
