@@ -187,8 +187,9 @@ def _experiment_problems(
             video = experiment.video
             source = None
             if video.file is not None:
-                source = open_video(video.file, video.rate_Hz)
-                said = plausibility.of_rate(video.rate_Hz, open_video(video.file).rate_Hz)
+                source, own = open_video(video.file, video.rate_Hz), open_video(video.file)
+                said = plausibility.of_rate(video.rate_Hz, own.rate_Hz)
+                said += [] if video.rate_Hz is None else plausibility.of_gaps(own.times_s(), counted=True)
                 problems += [_warning(experiment, "video.rate", text) for text in said]
             elif video.frames is not None and (video.times is not None or video.rate_Hz is not None):
                 source = open_frames(video.frames, video.times, video.rate_Hz, within=video.within)

@@ -254,17 +254,35 @@ def of_end(last_s: float, announced_s: float | None) -> list[str]:
     ]
 
 
-def of_gaps(pictures_s: FloatArray) -> list[str]:
-    """Doubt pictures (frames,) of which some are missing in the middle: dropped while filming, or not copied."""
+def of_gaps(pictures_s: FloatArray, *, counted: bool = False) -> list[str]:
+    """Doubt pictures (frames,) of which some are missing in the middle: dropped while filming, or not copied.
+
+    `counted`: these are the times of the file's own clock, and those of the run are counted from a rate that was given.
+    """
     steps = np.diff(pictures_s)
     gaps = np.flatnonzero(steps > _GAP_STEPS * np.median(steps)) if len(steps) >= _FEW_PICTURES else np.empty(0, dtype=int)
     if not 0 < len(gaps) < _GAPS * len(steps):
         return []
     longest = gaps[np.argmax(steps[gaps])]
     many = f"{len(gaps)} times, for {steps[gaps].sum():.2f} s together, the longest " if len(gaps) > 1 else ""
+    missing = f"pictures are missing {many}from {pictures_s[longest]:.2f} to {pictures_s[longest + 1]:.2f} s"
+    if counted:
+        return [
+            f"{missing} of the file's own clock, and video.rate counts pictures: all that follow are dated too early; copy the film "
+            "again, or make a run of each part"
+        ]
+    return [f"{missing}; copy them again if they are elsewhere, or go on: nothing is made up in between"]
+
+
+def of_damage(damaged_s: FloatArray) -> list[str]:
+    """Doubt a film in which the decoder met damage (places, 2): from the first wrong picture to the last that is built on it."""
+    if not len(damaged_s):
+        return []
+    places = f"in {len(damaged_s)} places, the longest " if len(damaged_s) > 1 else ""
+    begins, ends = damaged_s[np.argmax(np.ptp(damaged_s, axis=1))]
     return [
-        f"pictures are missing {many}from {pictures_s[longest]:.2f} to {pictures_s[longest + 1]:.2f} s; copy them again if they are "
-        "elsewhere, or go on: nothing is made up in between"
+        f"the film is damaged {places}from {begins:.2f} to {ends:.2f} s, where pictures are lost or wrong in part; copy it again, or "
+        "look at the track there (--preview)"
     ]
 
 

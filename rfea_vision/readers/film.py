@@ -44,6 +44,10 @@ class Film(FrameSource):
         """Frames in colour, scaled by `scale`."""
         return self._decoded(scale=scale)
 
+    def damaged_s(self) -> NDArray[np.float64]:
+        """From and to where pictures were lost or wrong in part, as far as they were decoded."""
+        return ask("film damaged", self.path, **self.given)
+
     def _decoded(self, **asked: float) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
         number = ask("film begin", self.path, asked=asked, **self.given)
         try:

@@ -115,6 +115,8 @@ class _Films:
             return {"size": list(source.size)} | {name: getattr(source, name) for name in names}
         if what == "film times":
             return source.times_s()
+        if what == "film damaged":
+            return source.damaged_s()
         number = next(self.numbers)
         self.running[number] = source.colours(asked["scale"]) if "scale" in asked else source.frames(asked["start"])
         return number

@@ -15,7 +15,7 @@ from pathlib import Path
 import av
 import numpy as np
 from av.container import InputContainer
-from av.error import FFmpegError
+from av.error import FFmpegError, InvalidDataError
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
@@ -79,6 +79,10 @@ class FrameSource(ABC):
     def __iter__(self) -> Iterator[tuple[float, Luma]]:
         return self.frames()
 
+    def damaged_s(self) -> NDArray[np.float64]:
+        """From and to where (places, 2) pictures were lost or wrong in part, in s, as far as they were decoded."""
+        return np.empty((0, 2))
+
     def frame(self, number: int) -> Luma:
         """One frame, copied; raises DataError beyond the end."""
         for _, luma in self.frames(number):
@@ -94,19 +98,25 @@ class VideoSource(FrameSource):
     threads: int = 4  # pictures decoded ahead, so that the decoder does not wait for the tracker
     first_pts_s: float = 0.0
     _cache: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False, compare=False)
+    _damaged: dict[float, float] = field(default_factory=dict, repr=False, compare=False)
 
     def times_s(self) -> NDArray[np.float64]:
-        if "times" not in self._cache:
+        stamps = self._stamps_s()
+        return stamps if self.override_Hz is None else np.arange(len(stamps)) / self.override_Hz
+
+    def _stamps_s(self) -> NDArray[np.float64]:
+        """What the file tells of itself."""
+        if "stamps" not in self._cache:
             with _opened(self.path) as container:
                 stream = container.streams.video[0]
                 base = float(stream.time_base or 0)
                 stamps = sorted(packet.pts for packet in container.demux(stream) if packet.pts is not None)
             times = np.array(stamps, dtype=float) * base
-            times -= times[0] if len(times) else 0.0
-            if self.override_Hz is not None:
-                times = np.arange(len(times)) / self.override_Hz
-            self._cache["times"] = times
-        return self._cache["times"]
+            self._cache["stamps"] = times - (times[0] if len(times) else 0.0)
+        return self._cache["stamps"]
+
+    def damaged_s(self) -> NDArray[np.float64]:
+        return np.array(sorted(self._damaged.items())).reshape(-1, 2)
 
     def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         for time, frame in self._decoded(start_frame):
@@ -120,7 +130,11 @@ class VideoSource(FrameSource):
             yield time, np.ascontiguousarray(np.rot90(small, self.quarter_turns) if self.quarter_turns else small)
 
     def _decoded(self, start_frame: int) -> Generator[tuple[float, av.VideoFrame], None, None]:
-        """Decode from `start_frame` on; a damaged end stops the sequence, so that what came before is kept."""
+        """Decode from `start_frame` on; what is damaged is noted, and ends nothing but where the container itself does.
+
+        A picture that cannot be decoded is left out. Those after it, like those after one that FFmpeg flags, are built on it until
+        the next that stands by itself.
+        """
         with _opened(self.path) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
@@ -129,24 +143,38 @@ class VideoSource(FrameSource):
             number, first, last = 0, None, -np.inf
             base = float(stream.time_base or 0)
             seek_to = self._seek(container, stream, start_frame)
+            fault: FFmpegError | None = None
+            damaged: float | None = None  # since when (s)
             try:
-                for frame in container.decode(stream):
-                    stamp = frame.pts if frame.pts is not None else number
-                    if first is None:
-                        first = self.first_pts_s / base if seek_to is not None and base else stamp
-                        if seek_to is not None:
-                            number = int(np.searchsorted(self.times_s(), (stamp - first) * base - 1e-9))
-                    time = (stamp - first) * base if self.override_Hz is None else number / self.override_Hz
-                    time = max(time, last)
-                    if number >= start_frame:
-                        last = time
-                        yield time, frame
-                    number += 1
+                for packet in container.demux(stream):
+                    try:
+                        pictures = packet.decode()
+                    except InvalidDataError as error:
+                        fault, damaged = error, max(last, 0.0) if damaged is None else damaged
+                        self._damaged.setdefault(damaged, damaged)
+                        continue
+                    for frame in pictures:
+                        stamp = frame.pts if frame.pts is not None else number
+                        if first is None:
+                            first = self.first_pts_s / base if seek_to is not None and base else stamp
+                        if fault is not None or (seek_to is not None and number == 0):
+                            number = int(np.searchsorted(self._stamps_s(), (stamp - first) * base - 1e-9))
+                        time = (stamp - first) * base if self.override_Hz is None else number / self.override_Hz
+                        time = max(time, last)
+                        if frame.is_corrupt:
+                            damaged = time if damaged is None else damaged
+                        elif damaged is not None and frame.key_frame:
+                            damaged = None
+                        if number >= start_frame:
+                            if damaged is not None:
+                                self._damaged[damaged] = time
+                            last = time
+                            yield time, frame
+                        number += 1
             except FFmpegError as error:
-                if number == 0:
-                    raise InputError(
-                        f"{self.path}: the video cannot be decoded ({error}); convert it to H.264"
-                    ) from error
+                fault = error
+            if first is None and fault is not None:
+                raise InputError(f"{self.path}: the video cannot be decoded ({fault}); convert it to H.264") from fault
 
     def _seek(self, container, stream, start_frame: int) -> int | None:
         if start_frame < 50 or self.override_Hz is not None or not stream.time_base:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +52,10 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         work.tell(compiling("vision"))
         source = open_source(video)
         found = follow(experiment, calibration.value, source, progress=progress)
-        doubts = plausibility.of_end(float(found.time_s[-1]), source.announced_s) + plausibility.of_gaps(found.time_s)
+        doubts = plausibility.of_end(float(found.time_s[-1]), source.announced_s) + plausibility.of_damage(source.damaged_s())
+        counted = video.file is not None and video.rate_Hz is not None
+        seen_s = open_source(replace(video, rate_Hz=None)).times_s() if counted else found.time_s
+        doubts += plausibility.of_gaps(seen_s, counted=counted)
         found.dataset.attrs["doubts"] = "; ".join(doubts)
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)

@@ -1,5 +1,6 @@
 """Mistakes of a beginner, each seeded into a campaign that is right: one true sentence names the place and the remedy."""
 
+import av
 import cv2
 import numpy as np
 import pandas as pd
@@ -130,6 +131,21 @@ def hole_in_the_frames(folder):
         file.write(f"camera: {{{SCALE}}}\n")
 
 
+def hole_in_slow_motion(folder):
+    """A film of which 20 pictures were dropped, and whose own times a rate replaces."""
+    text("track: {file: track.csv}", "video: {file: v.mp4, rate: 240 Hz}", RUN)(folder)
+    with av.open(str(folder / "steps" / "v.mp4"), "w") as container:
+        stream = container.add_stream("mpeg4", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for number in [*range(20), *range(40, 90), None]:
+            frame = number if number is None else av.VideoFrame.from_ndarray(np.full((72, 64), 90, np.uint8), "yuv420p")
+            if frame is not None:
+                frame.pts = number
+            container.mux(stream.encode(frame))
+    with (folder / "campaign.yaml").open("a") as file:
+        file.write(f"camera: {{{SCALE}}}\n")
+
+
 def every_log_in_bar(folder):
     for name in ("steps", "sine"):
         table = pd.read_csv(folder / name / "pressure.csv")
@@ -230,6 +246,7 @@ IN_FILES = [
     ("separators of thousands", log(thousands), 2, "export it without separators of thousands"),
     ("rows missing", hole_in_the_track, 0, "pictures are missing from 0.20 to 0.30 s"),
     ("frames missing", hole_in_the_frames, 0, "pictures are missing from 0.19 to 0.40 s"),
+    ("frames missing in slow motion", hole_in_slow_motion, 0, "from 0.63 to 1.33 s of the file's own clock, and video.rate counts"),
     ("every log in bar", every_log_in_bar, 0, "by less pressure than its own weight takes"),
     ("bore in another place", text("inner_radius: 3 mm", "inner_radius: 0.3 mm"), 0, "is 0.56 % of its section"),
     ("pressure misspelt", text("pressure:", "presure:", RUN), 2, "unknown key 'presure'; did you mean 'pressure'?"),

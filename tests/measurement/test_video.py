@@ -1,5 +1,6 @@
 """Time stamps, not frame numbers."""
 
+import re
 from fractions import Fraction
 
 import av
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.campaign.plausibility import of_end
+from rfea_vision.campaign.plausibility import of_damage, of_end
 from rfea_vision.errors import InputError
 from rfea_vision.readers import apart
 from rfea_vision.readers.video import FolderSource, open_frames, open_video
@@ -55,6 +56,27 @@ def test_the_rate_of_a_slow_motion_file_can_be_given(tmp_path):
     write(path, numbered(8), np.arange(8) * 33)
     times = [t for t, _ in open_video(path, 240.0)]
     np.testing.assert_allclose(times, np.arange(8) / 240)
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+@pytest.mark.parametrize("rate_Hz", [None, 500.0])
+def test_damage_inside_a_film_is_told_and_costs_no_picture_after_it(tmp_path, rate_Hz, elsewhere):
+    path = tmp_path / "v.mp4"
+    noise = np.random.default_rng(0).integers(0, 256, (40, 64, 48), dtype=np.uint8)
+    write(path, list(noise), np.arange(40) * 4)
+    with av.open(str(path)) as container:
+        at, size = [(packet.pos, packet.size) for packet in container.demux(video=0)][20]
+    data = bytearray(path.read_bytes())
+    data[at : at + size] = bytes(size)
+    path.write_bytes(data)
+    with apart.isolating(elsewhere):
+        source = open_video(path, rate_Hz)
+        times = [time for time, _ in source]
+        (places,) = source.damaged_s()
+    step = 0.004 if rate_Hz is None else 0.002
+    assert len(times) >= 35 and times[-1] == pytest.approx(39 * step, abs=1e-6)  # dated as if nothing had been lost
+    assert places == pytest.approx([19 * step, 39 * step], abs=2 * step)
+    assert re.search("damaged from 0.0[78] to 0.1[56] s, where", of_damage(np.array([[19 * 0.004, 39 * 0.004]]))[0])
 
 
 def test_reading_can_start_inside(tmp_path):
