@@ -13,6 +13,7 @@ from rfea_vision.calibration.corners import BoardView
 ENOUGH_PHOTOS = 8  # fewer are said to be few
 LEAST_TURN_DEG = 15.0  # between two of the boards' normals; below, focal length and distance look alike
 FOCAL_UNSURE = 0.02  # standard error over value
+TURNED_DEG = 20.0  # photos for the lens are asked for from here on; a camera that looks at a rig seldom stands so far aside
 POOR_PHOTO = 3.0  # times the median residual
 
 _ROWS = ("top", "upper part", "middle", "middle", "lower part", "bottom")
@@ -41,6 +42,16 @@ def largest_turn_deg(bundle: Bundle, count: int) -> float:
     normals = np.array([rotation[:, 2] for rotation in bundle.rotations[:count]])
     cosines = np.clip(np.abs(normals @ normals.T), 0.0, 1.0)
     return float(np.degrees(np.arccos(cosines.min())))
+
+
+def of_plane(file: str, tilt_deg: float) -> list[str]:
+    """Doubt the photo of the plane of motion where the board is turned in it as in photos for the lens."""
+    if tilt_deg < TURNED_DEG:
+        return []
+    return [
+        f"{file} shows the board turned by {tilt_deg:.0f} deg from the picture's plane: did it lie in the plane in which the tube "
+        "moves? If not, photograph it so (camera.plane); if the camera looks at the tube so aslant, all is well"
+    ]
 
 
 def warnings_of(bundle: Bundle, photos: Sequence[BoardView], scores: dict[str, float]) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.lenses import LENSES
+from rfea_vision.calibration.advice import of_plane
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import Bundle, Lens, first_fisheye, solve_bundle, solve_pose
 from rfea_vision.calibration.corners import BoardView, Refused, find_corners
@@ -360,6 +361,7 @@ def _assemble(
         pose, joint = (bundle.rotations[-1], bundle.translations_mm[-1]), bundle.joint_covariance * inflate**2
         plane, described = plane_of_motion(*pose, joint, board_offset_mm)
         quality["plane"] = {"file": plane_view.file.name, "rms_px": bundle.rms_of(-1), **described}
+        quality["warnings"] = [*quality["warnings"], *of_plane(plane_view.file.name, plane["plane_tilt_deg"])]
     return Calibration(
         image_width=size[0],
         image_height=size[1],

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rfea_vision.artefacts import Calibration
+from rfea_vision.calibration.advice import of_plane
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import Lens, project_board, solve_pose
 from rfea_vision.calibration.calibrate import find_plane, plane_of_motion
@@ -47,5 +48,6 @@ def place_in_plane(
     joint = np.block([[lens_covariance, cross], [cross.T, pull @ cross + own]])
     placed, described = plane_of_motion(rotation, translation, joint, board_offset_mm)
     described = {"file": view.file.name, "rms_px": rms_distance(residuals), **described}
-    quality = {**calibration.quality, "plane": described, "board_offset_mm": board_offset_mm}
+    warnings = [*calibration.quality.get("warnings", []), *of_plane(view.file.name, placed["plane_tilt_deg"])]
+    quality = {**calibration.quality, "plane": described, "board_offset_mm": board_offset_mm, "warnings": warnings}
     return replace(calibration, **placed, vertical=vertical, quality=quality)

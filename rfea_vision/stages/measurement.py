@@ -50,6 +50,8 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
         work.tell(compiling("vision"))
+        for doubt in calibration.value.quality.get("warnings", []):
+            work.tell(f"warning: calibration: {doubt}")
         source = open_source(video)
         found = follow(experiment, calibration.value, source, progress=progress)
         doubts = plausibility.of_end(float(found.time_s[-1]), source.announced_s) + plausibility.of_damage(source.damaged_s())

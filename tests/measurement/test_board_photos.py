@@ -1,17 +1,22 @@
 """Photos as people take them: wide lenses, cameras held upright, boards misnamed, all from one direction."""
 
+import shutil
+
 import cv2
 import numpy as np
 import pytest
 import yaml
+from campaign.campaigns import write_campaign
 
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.corners import find_corners
 from rfea_vision.calibration.noise import slow_variance
 from rfea_vision.calibration.photos import read_photo
+from rfea_vision.calibration.placing import place_in_plane
 from rfea_vision.calibration.projection import perturbed_cameras, pixels_to_plane_mm, unproject
 from rfea_vision.calibration.storage import load_calibration, save_ros
+from rfea_vision.campaign.check import check_campaign
 from rfea_vision.errors import DataError
 from testing.board_photos import RayCamera, photo, poses, texture_of
 
@@ -89,6 +94,27 @@ def test_the_right_number_of_corners_is_named(six):
     files, plane = six
     with pytest.raises(DataError, match=r"inner_corners: \[7, 5\] fits 0 of 4 photos, but 4 of them show 9 x 6"):
         calibrate(files[:4], plane, Board("checkerboard", (7, 5), 0.012))
+
+
+def test_squares_that_were_counted_for_corners_are_named(six):
+    refused = find_corners(six[0][0], cv2.imread(str(six[0][0]), cv2.IMREAD_GRAYSCALE), Board("checkerboard", (10, 7), 0.012))
+    assert refused.reason.endswith("inner_corners are those between squares, one fewer than squares each way")
+
+
+def test_a_photo_for_the_lens_is_none_of_the_plane(six, tmp_path):
+    """Its copy is named by its name, and one that is turned as they are is doubted."""
+    files, plane = six
+    folder = write_campaign(tmp_path / "tube-A")
+    with (folder / "campaign.yaml").open("a") as file:
+        file.write("camera:\n  board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}\n")
+        file.write(f"  photos: {files[0].parent}/board_0[012].png\n  plane: plane.png\n")
+    shutil.copy(files[1], folder / "plane.png")
+    said = [problem.message for problem in check_campaign(folder, trust=True).problems if problem.key == "camera.plane"]
+    assert said == ["plane.png is board_01.png once more; photograph the board lying in the plane in which the tube moves"]
+    lens = calibrate(files[:3], None, BOARD)
+    turned = max((place_in_plane(lens, file, BOARD) for file in files), key=lambda found: found.plane_tilt_deg)
+    assert turned.plane_tilt_deg > 20 and "did it lie in the plane in which the tube moves?" in turned.quality["warnings"][-1]
+    assert place_in_plane(lens, plane, BOARD).quality["warnings"] == lens.quality["warnings"]
 
 
 def test_a_part_of_the_board_is_not_taken_for_it(six):
