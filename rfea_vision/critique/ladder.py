@@ -303,7 +303,7 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]
         total = float(np.sqrt(np.nanmean(np.concatenate(squares)))) if squares else None
         return total, {name: getattr(s, key) for name, s in scores.items()}
 
-    before, _ = of(first)
+    before, before_each = of(first)
     after, each = of(last)
     return {
         "model": last.options.name,
@@ -311,6 +311,7 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]
         "first_model": first.options.name,
         f"first_model_{key}": before,
         "experiments": each,
+        "first_model_experiments": before_each,
     }
 
 

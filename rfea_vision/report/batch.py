@@ -100,10 +100,11 @@ def _campaign(evidence: Evidence, name: str, beside: Path | None) -> dict[str, A
 
 
 def _error(step: LadderStep, experiment: str, unit: str, tested: Mapping[str, Any]) -> float | None:
-    """Error of one rung on one run; a test run has one on the last rung only, scored at the end."""
+    """Error of one rung on one run; a test run has one on the first and the last rung only, scored at the end."""
     score = step.fit.experiments.get(experiment)
     if score is None:
-        return (tested.get("experiments") or {}).get(experiment) if step.rung.model == tested.get("model") else None
+        ends = {tested.get("first_model"): "first_model_experiments", tested.get("model"): "experiments"}
+        return (tested.get(ends.get(step.rung.model, "")) or {}).get(experiment)
     return score.tip_rmse_mm if unit == "mm" else score.angle_rmse_deg
 
 

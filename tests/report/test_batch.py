@@ -40,7 +40,7 @@ def test_index_has_a_row_per_experiment_and_a_column_per_rung(tube_a: Path, tmp_
     tested = render_index([run])
     assert ladder["test"]["model"] == RUNGS[-1]
     row = tested.split('<th scope="row">mixed-250kPa')[1].split("</tr>")[0]
-    assert row.count("–") == len(RUNGS) - 1  # scored once, on the last rung
+    assert row.count("–") == len(RUNGS) - 2  # scored once, on the first rung and the last
     assert len(re.findall(r"Rung \d", html)) == 3
     assert 'href="tube-A/rfea/report/index.html"' in html
     assert "tube-B" in html
