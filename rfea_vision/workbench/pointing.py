@@ -150,7 +150,7 @@ def write_hint(campaign: Campaign, experiment: ExperimentSpec, key: str, value: 
 
 def _points(key: str, value: Any) -> Sequence[tuple[float, float]]:
     """Points that have to lie in the picture; of boxes the two corners."""
-    if key == "clamp":
+    if key in ("clamp", "centre_line"):
         return [(float(x), float(y)) for x, y in value]
     if key == "tip":
         x, y = value

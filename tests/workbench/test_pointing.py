@@ -121,6 +121,22 @@ def test_boxes_are_dragged_and_taken_away(film, served, visit):
     assert load_campaign(folder).experiments[0].camera.hints.region is None
 
 
+def test_points_of_the_centre_line_are_clicked_and_taken_away(film, served, visit):
+    folder, _ = film
+    page = visit(served.address + "#/setup")
+    page.click('[data-tool="centre_line"]')
+    for number in range(5):
+        point(page, (250, 100 + 90 * number))
+        if number < 4:
+            page.wait_for_selector(f"#tool-say:has-text('{number + 1} of 5.')")
+    page.wait_for_selector("#hints :text('5 points')")
+    line = load_campaign(folder).experiments[0].camera.hints.centre_line
+    assert [y for _, y in line] == pytest.approx([100, 190, 280, 370, 460], abs=2)
+    page.click('[aria-label="Take Centre line away"]')
+    page.wait_for_selector("#hints b:text('Centre line')", state="detached")
+    assert load_campaign(folder).experiments[0].camera.hints.centre_line == ()
+
+
 def test_a_box_that_is_drawn_before_the_last_one_is_written_stays_beside_it(film, served, visit):
     folder, _ = film
     page = visit(served.address + "#/setup")

@@ -9,6 +9,7 @@ const tools = {
   look: {label: "Look", say: "Is the tube not found, or something else? Choose what to point at; the slider moves through the film."},
   clamp: {label: "Clamp", count: 2, say: "First frame: click both edges of the first cross-section that is seen."},
   tip: {label: "Tip", count: 1, say: "First frame: click the middle of the tube's free end."},
+  centre_line: {label: "Centre line", count: 5, say: "First frame: click five points along the middle of the tube, from the clamp to the free end."},
   region: {label: "Region", box: true, say: "Drag a box around wherever the tube goes."},
   exclude: {label: "Leave out", box: true, many: true, say: "Drag a box over a hose, a hand or a label that is not the tube."},
 };
@@ -121,6 +122,7 @@ export function paint() {
   const tried = seen.tried.get(run().name)?.[seen.frame], line = tried ? tried.line : seen.line;
   if (line) stroke(line, tried ? "#2ec4a0" : "#56b4e9", 2.5);
   if (hints.clamp) { stroke(hints.clamp, "#f0932b", 2); hints.clamp.forEach(point => dot(point, "#f0932b")); }
+  (hints.centre_line ?? []).forEach(point => dot(point, "#56b4e9"));
   if (hints.tip) dot(hints.tip, "#dd9dc2");
   seen.points.forEach(point => dot(point, "#f0e442"));
   if (seen.drag) box(boxOf(seen.drag), "#f0e442");
@@ -162,7 +164,7 @@ function take(key) {
 function point(at) {
   seen.points.push(at);
   const tool = tools[seen.tool];
-  if (seen.points.length < tool.count) return paint();
+  if (seen.points.length < tool.count) { one("#tool-say").textContent = `${tool.say} ${seen.points.length} of ${tool.count}.`; return paint(); }
   const points = seen.points;
   seen.points = [];
   keep(seen.tool, tool.count === 1 ? points[0] : points);
@@ -185,7 +187,7 @@ async function keep(key, value) {
   await guarded(reloadAll);
 }
 function showHints() {
-  const hints = run().hints, words = {clamp: v => `${v[0].join(", ")} to ${v[1].join(", ")} px`, tip: v => `${v.join(", ")} px`, region: v => `${v[2]} × ${v[3]} px at ${v[0]}, ${v[1]}`, exclude: v => v.length === 1 ? "one box" : `${v.length} boxes`};
+  const hints = run().hints, words = {clamp: v => `${v[0].join(", ")} to ${v[1].join(", ")} px`, tip: v => `${v.join(", ")} px`, centre_line: v => `${v.length} points`, region: v => `${v[2]} × ${v[3]} px at ${v[0]}, ${v[1]}`, exclude: v => v.length === 1 ? "one box" : `${v.length} boxes`};
   const there = Object.keys(words).filter(key => hints[key] && (!Array.isArray(hints[key]) || hints[key].length));
   one("#hints").replaceChildren(...there.map(key => h("li", {}, h("b", {}, tools[key].label), " ", h("span", {class: "muted"}, words[key](hints[key])), " ", h("button", {type: "button", class: "plain", aria: {label: `Take ${tools[key].label} away`}, onclick: () => keep(key, null)}, "take away"))),
     ...(there.length ? [] : [h("li", {class: "muted"}, "Nothing: the tube is looked for in the whole picture.")]));
