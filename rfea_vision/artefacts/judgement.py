@@ -290,7 +290,7 @@ class Ladder(_Json):
 
     format: Literal["rfea-ladder/1"] = "rfea-ladder/1"
     rungs: list[Rung]
-    test: dict[str, Any] | None = None  # {"model", "tip_rmse_mm", "experiments": {...}}, all but the first with first_model_ before them, too
+    test: dict[str, Any] | None = None  # {"model", "tip_rmse_mm", "experiments": {...}}; first_model_... of the first
     noise_floor_mm: float | None = None
     noise_floor_deg: float | None = None  # where only an angle was measured
     stopped_because: str = ""
