@@ -43,6 +43,18 @@ def test_the_view_is_that_of_the_wall_and_not_of_what_moves_before_it():
     assert np.abs(back[150:220, 20:180].astype(float) - first[150:220, 20:180]).mean() < 4.0
 
 
+def test_light_that_changes_does_not_move_a_ruled_wall():
+    ruled = np.full((240, 320), 185.0)
+    ruled[::12] -= 14.0
+    ruled[:, ::12] -= 14.0
+    ruled = cv2.GaussianBlur(ruled, (0, 0), 0.9) + np.linspace(-30.0, 30.0, 320)  # lit from one side
+    still, rng = StillView(np.array([[60.0, 120.0], [200.0, 120.0]]), 8.0), np.random.default_rng(0)
+    for frame in range(14):
+        grey = np.clip(ruled * (1.0 + 0.05 * np.sin(0.07 * frame)) + rng.normal(0.0, 1.0, ruled.shape), 0, 255)
+        seen = np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
+        assert still(seen) is seen
+
+
 def test_a_wall_that_shows_nothing_leaves_pictures_as_they_are():
     still = StillView(np.array([[100.0, 20.0], [100.0, 200.0]]), 8.0)
     still(wall(2))

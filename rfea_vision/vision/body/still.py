@@ -17,6 +17,9 @@ AGREE_PX = 1.0
 # Where the view moved most, in pictures in which the body is 24 px wide: in films of a camera that stood still it moved by 1.6 at most.
 # From then on pictures are turned back; earlier it would be noise, which harms.
 LEAST_PX = 2.5
+# Light that drifts by a few grey levels pulls corners along faint lines, by a whole ruling at once: what counts is the difference from
+# the mean over so many px, twice the flow's window.
+LEVELLED_PX = 31
 
 
 class StillView:
@@ -39,7 +42,8 @@ class StillView:
         """The picture (h, w, 3) as it would be, had the camera stayed."""
         if self._seen is not None and len(self._first) < LEAST_CORNERS:
             return picture
-        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
+        grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+        grey = np.asarray(cv2.addWeighted(grey, 1.0, cv2.blur(grey, (LEVELLED_PX, LEVELLED_PX)), -1.0, 128.0), dtype=np.uint8)
         if self._seen is None:
             self._renew(grey)
             return picture
