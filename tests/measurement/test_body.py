@@ -383,6 +383,45 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     assert said(narrow, everywhere) == "no_fit: the line that fits is folded", "it runs back into its clamp"
 
 
+def test_an_arm_that_rolls_up_lies_beside_itself_and_is_no_wider():
+    turn = 2.6 * np.pi * np.linspace(0.0, 1.0, STATIONS)
+    line = 110.0 + (66.0 - 25.0 * turn / (2 * np.pi))[:, None] * np.column_stack([np.sin(turn), np.cos(turn)])
+    rolled = np.full((220, 220, 3), (60, 128, 128), np.uint8)
+    cv2.polylines(rolled, [np.round(line * 16).astype(np.int32)], False, (200, 120, 140), 24, cv2.LINE_AA, 4)
+    body, wall, out = first_body(rolled, line, 12.0), Wall(rolled.shape), np.array([1.0, 1.0, 1.0, 1.0, 0.1])
+    body.outside[:, :, 0] = (60, 128, 128)
+    first = First(body.length, body.half, 1.0, np.ones(5), (220, 220), 100.0, 3.0, None, np.array([1.0, 0.0]))
+
+    def said(beside, beyond):
+        seen = np.nan_to_num(beside, nan=1.0) < 0.5
+        fit = Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), np.full(7, np.nan), (), beside, beyond, out)
+        return refused(first, fit)
+
+    beside, beyond = looks_around(rolled, wall, body)
+    assert np.isnan(beside).any(axis=1).mean() > 0.3 and said(beside, beyond) == ""
+    assert said(np.nan_to_num(beside, nan=1.0), beyond).startswith("no_fit: the tube goes on beside the line")
+
+
+def test_an_arm_that_ends_behind_its_clamp_leaves_it_on_the_side_to_which_it_goes():
+    turn = np.linspace(np.pi, 2.3 * np.pi, 200)
+    line = np.vstack([[[70.0, 130.0]], np.column_stack([120.0 + 50.0 * np.cos(turn), 90.0 + 50.0 * np.sin(turn)])])
+    picture = np.full((200, 240, 3), 60, np.uint8)
+    cv2.polylines(picture, [np.round(line * 16).astype(np.int32)], False, (200, 210, 205), 20, cv2.LINE_AA, 4)
+    picture[120:] = np.where(np.arange(240)[:, None] < 100, 60, picture[120:])  # what holds it
+    scene = make_scene(
+        scaled_by_distance((240, 200), [[0, 0], [100, 0]], 100.0),
+        Actuator(outer_radius=0.010, inner_radius=0.005, length=0.23),
+        "image",
+        Hints(((60.0, 120.0), (80.0, 120.0)), (144.0, 137.0), ((76.0, 67.0), (120.0, 40.0), (167.0, 75.0))),
+        (240, 200),
+    )
+    follower = BodyFollower(scene, 1.2)
+    assert follower.next(cv2.resize(picture, None, fx=1.2, fy=1.2), 0.0) == ""
+    np.testing.assert_allclose(follower.foot[1], [0.0, -1.0], atol=0.01)
+    off = np.linalg.norm((follower.body.points[8:, None] + 0.5) / 1.2 - 0.5 - line[None], axis=2).min(axis=1)
+    assert off[:-4].max() < 1.0, "up to its round end"
+
+
 def test_what_covers_the_arm_is_called_so(tmp_path):
     """A hand over most of the arm in a few frames: they are refused, and the arm is found again behind it."""
     truth = film(tmp_path / "film.mp4", Arm(rgb=(90.0, 150.0, 120.0), marks=3), SMALL, LEFT, hand=(14, 17))

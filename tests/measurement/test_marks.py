@@ -9,7 +9,7 @@ import pytest
 from rfea_vision.vision.body.begin import first_body
 from rfea_vision.vision.body.fit import UNKNOWNS, fit_body
 from rfea_vision.vision.body.marks import find_marks, marks_in, place_of
-from rfea_vision.vision.body.model import STATIONS, lab_of
+from rfea_vision.vision.body.model import STATIONS, coloured, lab_of, skin_of
 from rfea_vision.vision.body.wall import Wall
 
 RED, GREEN, GREY = (200, 40, 40), (40, 150, 60), (130, 145, 165)
@@ -39,6 +39,17 @@ def test_marks_are_found_where_they_are_and_named_ones_alone():
     assert places == [[60.0, 90.0], [63.0, 150.0]]
     (red,) = find_marks(picture(), body, lab_of(RED))
     assert red.share == pytest.approx(130 / 160, abs=0.01)
+
+
+def test_a_mark_that_hangs_over_one_edge_is_not_looked_for_on_the_body():
+    """A spot and a band must stay on the skin; a ball at the edge is beside it as soon as it turns."""
+    rgb = np.full((200, 120, 3), 225, dtype=np.uint8)
+    rgb[20:180, 50:70] = GREY
+    rgb[60:66, 46:74] = RED
+    cv2.circle(rgb, (60, 110), 4, RED, -1)
+    cv2.circle(rgb, (69, 150), 6, RED, -1)
+    found = coloured(skin_of(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)), arm()))
+    assert [int(found[round((y - 20) / 160 * (STATIONS - 1))].sum()) for y in (63, 110, 150)] == [7, 5, 0]
 
 
 @pytest.mark.parametrize("aside", [-12.0, 9.0])

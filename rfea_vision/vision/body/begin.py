@@ -77,7 +77,7 @@ def hinted_lines(
     if len(line_px) >= 4:  # clamp, tip and two between: the person has drawn it
         line = smooth_line(line_px)
         return [line, on_ridge(picture, line, half_px)]
-    inwards = leaving(clamp_px, line_px)
+    inwards = leaving(clamp_px, line_px[:2])
     likeness = _likeness(picture, line_px, inwards, half_px) if colour is None else like_colour(picture, colour)
     if allowed is not None:
         likeness = np.where(allowed, likeness, 0.0)

@@ -91,7 +91,8 @@ class Fit:
 
     and when it is judged
 
-    beside : (S, 2) share of what is beside it, to either side, that surely looks like the body
+    beside : (S, 2) share of what is beside it, to either side, that surely looks like the body; NaN where it is
+        another stretch of it
     beyond : share of what is beyond its end that does
     standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
     marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none
@@ -217,7 +218,8 @@ def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> Floa
 def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, float]:
     """Share of what is around a body that surely looks like it.
 
-    (S, 2) to either side, from 1.2 to 2 half widths off its line; and half a half width beyond its end.
+    (S, 2) to either side, from 1.2 to 2 half widths off its line; and half a half width beyond its end. NaN where it has rolled
+    up and lies beside itself.
     """
     tangents, normals = frame_of(body.points)
     around = wall.colour, wall.times, wall.relief
@@ -226,6 +228,7 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
         points = body.points + (sign * BESIDE * body.half)[:, None] * normals
         outside = np.repeat(body.outside[:, side : side + 1], 2, axis=1)
         support(picture, *around, points, normals, (BESIDE - 1) * body.half, body.inside, outside, SURELY, beside[side])
+        beside[side, body.elsewhere_on(points)] = np.nan
     last, half = slice(-1, None), body.half[-4:].mean(keepdims=True)
     points = body.points[last] + BEYOND * half * tangents[last]
     support(picture, *around, points, normals[last], half, body.inside[last], body.outside[last], SURELY, beyond)

@@ -54,6 +54,7 @@ from rfea_vision.vision.find.begin import Initialisation, Scene, allowed_pixels,
 from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
+SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_WINDOW = (17, 17)
@@ -100,7 +101,7 @@ class BodyFollower:
         self.camera[3:5] = (self.camera[3:5] + 0.5) * scale - 0.5
         self.clamp = (scene.clamp_px + 0.5) * scale - 0.5
         self.line = (scene.line_px + 0.5) * scale - 0.5
-        self.foot = np.array([self.clamp.mean(axis=0), leaving(self.clamp, self.line)])
+        self.foot = np.array([self.clamp.mean(axis=0), leaving(self.clamp, self.line[:2])])
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
         self.start: Initialisation | None = None
@@ -225,12 +226,10 @@ class BodyFollower:
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
         hinted = self.scene.hints.marks
         self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted))
-        self.foot[0], self.first_body = self.body.points[0], self.body.copy()
+        self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
+        self.first.leaves, self.first_body = self.foot[1], self.body.copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
-        # Squarely, to the side to which the line goes: of a body that bends far round, the tip may be on the other one.
-        side = np.sign((self.body.points[STATIONS // 8] - self.body.points[0]) @ self.foot[1])
-        self.first.leaves = side * self.foot[1]
         pointed = POINTED_PX / self.scene.px_per_mm
         self.start = Initialisation(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
 
@@ -238,6 +237,7 @@ class BodyFollower:
         """The outline around a line that was pointed at, and how well it is seen and hinted at."""
         body = first_body(lab, line, half)
         fit, drawn = None, len(self.line) >= 4
+        self.foot[1] = leaving(self.clamp, line[:SQUARE])
         for turn in range(FIRST_TURNS):
             if turn < FIRST_TURNS - 2:
                 body.half[:] = half

@@ -25,6 +25,7 @@ AROUND_VARIANCE = np.array([12.0, 4.0, 4.0]) ** 2  # the wall has lines and shad
 LIGHT_GAIN, OWN_GAIN = 0.08, 0.02  # of the colours of the last frame
 MARKED = 16.0  # of a or b in 8 bits: so far from the body's own colour is a mark
 BACKED = 0.7  # share of a station that looks like the body
+ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is nearer beside itself
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
 
 NEAR = np.clip(np.arange(STATIONS)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1), 0, STATIONS - 1)
@@ -54,6 +55,13 @@ class SeenBody:
     def length(self) -> float:
         """Of the centre line in px."""
         return float(arc_length(self.points, np.empty(len(self.points))))
+
+    def elsewhere_on(self, places: FloatArray) -> NDArray[np.bool_]:
+        """Which places (S, 2) px, one beside each station, lie on another stretch of the body: it rolls up and touches itself."""
+        along = np.empty(len(self.points))
+        arc_length(self.points, along)
+        off = np.linalg.norm(places[:, None] - self.points, axis=2)
+        return np.any((off < self.half) & (np.abs(along[:, None] - along) > ANOTHER_STRETCH * self.half), axis=1)
 
 
 @dataclass
@@ -105,9 +113,15 @@ def skin_of(picture: Picture, body: SeenBody) -> FloatArray:
 
 
 def coloured(first_skin: FloatArray) -> NDArray[np.bool_]:
-    """Where (S, V) the skin of the first frame is of another colour than most of it."""
+    """Where (S, V) the skin of the first frame is of another colour than most of it: bands around it, and spots upon it.
+
+    What hangs over one edge alone, such as a ball or a pin, is beside the body once that turns.
+    """
     off = np.max(np.abs(first_skin - np.median(first_skin, axis=(0, 1)))[..., 1:], axis=-1)
-    return (off > MARKED) & (np.abs(ACROSS_TEXTURE) < 0.7)
+    within = np.flatnonzero(np.abs(ACROSS_TEXTURE) < 0.7)
+    marked = np.zeros(off.shape, dtype=bool)
+    marked[:, within] = off[:, within] > MARKED
+    return marked & (marked[:, within[:1]] == marked[:, within[-1:]])
 
 
 def marks_found(first_skin: FloatArray, marked: NDArray[np.bool_], skin: FloatArray, left: FloatArray) -> FloatArray:

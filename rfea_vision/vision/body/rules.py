@@ -91,6 +91,8 @@ def _beyond(first: First, fit: Fit) -> str:
     share = float(np.mean(fit.backing[-count:]))
     if share < END_UNLIKE:
         return f"{100 * share:.0f} % of the last body width looks like the tube"
+    if np.any(np.isnan(fit.beside[-(STATIONS // len(first.standing_out)) :])):
+        return ""  # it lies beside itself, and does not stand out from that
     before, now = first.standing_out[-1], fit.standing_out[-1]
     if before < LEAST_STANDING_OUT or now >= END_OUT * before:
         return ""
