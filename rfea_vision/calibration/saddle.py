@@ -42,40 +42,28 @@ def fit_corners(
     corners : (n, 2) px; NaN where the fit was lost
     blur_px : (n,) standard deviation of the blur of the edges
     """
-    found, blur = _fit_all(
-        np.ascontiguousarray(grey), np.ascontiguousarray(corners), np.ascontiguousarray(normals_rad), int(half_px)
-    )
+    grey = np.ascontiguousarray(grey)
+    found, blur = np.full(corners.shape, np.nan), np.full(len(corners), np.nan)
+    for k, (column, row) in enumerate(np.floor(corners + 0.5).astype(int).tolist()):
+        if half_px <= row < grey.shape[0] - half_px and half_px <= column < grey.shape[1] - half_px:
+            fitted = _fit_one(grey, row, column, half_px, corners[k], normals_rad[k])
+            found[k], blur[k] = fitted[:2], fitted[4]
     lost = ~(np.linalg.norm(found - corners, axis=1) < limit_px) | ~(blur < 0.7 * half_px)
     found[lost] = np.nan
     return found, blur
 
 
-@njit(cache=True, nogil=True)
-def _fit_all(grey, corners, normals, half):
-    count = corners.shape[0]
-    found = np.full((count, 2), np.nan)
-    blur = np.full(count, np.nan)
-    for k in range(count):
-        column, row = int(np.floor(corners[k, 0] + 0.5)), int(np.floor(corners[k, 1] + 0.5))
-        if row < half or column < half or row + half >= grey.shape[0] or column + half >= grey.shape[1]:
-            continue
-        p = _fit_one(grey, row, column, half, corners[k], normals[k])
-        found[k, 0], found[k, 1], blur[k] = p[0], p[1], p[4]
-    return found, blur
-
-
-@njit(cache=True, nogil=True)
-def _fit_one(grey, row, column, half, corner, normals):
+def _fit_one(
+    grey: NDArray[np.float32], row: int, column: int, half: int, corner: FloatArray, normals: FloatArray
+) -> FloatArray:
     """Damped Gauss-Newton from `corner`; the last accepted parameters."""
-    accepted = np.array([corner[0], corner[1], normals[0], normals[1], _FIRST_BLUR_PX, 0.0, 0.0, 0.0, 0.0])
+    accepted = np.array([*corner, *normals, _FIRST_BLUR_PX, 0.0, 0.0, 0.0, 0.0])
     _level_and_contrast(grey, row, column, half, accepted)
     matrix, right, cost = _normal_equations(grey, row, column, half, accepted)
     damping = 1e-3
     for _ in range(_STEPS):
-        damped = matrix.copy()
-        for a in range(_COUNT):
-            damped[a, a] *= 1 + damping
-            damped[a, a] += 1e-12
+        # in plain Python, as compiling a linear solver takes longer than all corners of a calibration
+        damped = matrix + np.diag(damping * np.diagonal(matrix) + 1e-12)
         trial = accepted + np.linalg.solve(damped, right)
         trial[4] = max(trial[4], _LEAST_BLUR_PX)
         new_matrix, new_right, new_cost = _normal_equations(grey, row, column, half, trial)

@@ -56,7 +56,8 @@ def _angle_gap(model: Model, item: Observed, predicted: Predicted) -> tuple[Floa
     # Sensitivity of the points to each function, exact at the modelled pose.
     from rfea_vision.dynamics.simulation import Motion
 
-    S = np.broadcast_to(phi_basis, (frames, n + 1, shapes)).astype(np.float64)
+    # in the order of a motion's own: another would be compiled for apart
+    S = np.ascontiguousarray(np.broadcast_to(phi_basis, (frames, n + 1, shapes)))
     motion = predicted.motion
     posed = Motion(0, "", motion.phi, motion.rate, motion.states, S, np.arange(shapes), pivot=motion.pivot[:1])
     _, slope = model.centre_line(posed, item.fractions)

@@ -25,7 +25,7 @@ SHARE = {"contact": 0.05, "variable_mass": 0.05}
 
 def seen_and_predicted(hidden: dict[str, float], effects: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Nodes of the centre line (frames, nodes, 2) in mm of the plant, and of the model told the truth."""
-    options = TwinOptions(hidden=hidden, seed=3, joints=JOINTS, duration_s=0.6)
+    options = TwinOptions(hidden=hidden, seed=3, joints=JOINTS, duration_s=0.3)
     plant, base = build_plant(options)
     run = draw_runs(options, highest_pressure(plant, options))[0]
     times = run.offset_s + camera_times(options)

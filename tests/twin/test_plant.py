@@ -19,13 +19,15 @@ from rfea_vision.twin.shape import hinge_arcs, line_at
 TIP = np.array([1.0])
 
 
-def tip_mm(hidden: dict[str, float] | None = None, joints: int = 32, step_s: float = 0.001) -> np.ndarray:
-    return _tip_mm(tuple((hidden or {}).items()), joints, step_s)
+def tip_mm(
+    hidden: dict[str, float] | None = None, joints: int = 32, step_s: float = 0.001, duration_s: float = 1.0
+) -> np.ndarray:
+    return _tip_mm(tuple((hidden or {}).items()), joints, step_s, duration_s)
 
 
 @cache
-def _tip_mm(hidden: tuple[tuple[str, float], ...], joints: int, step_s: float) -> np.ndarray:
-    options = TwinOptions(hidden=dict(hidden), seed=3, joints=joints, step_s=step_s, duration_s=1.0)
+def _tip_mm(hidden: tuple[tuple[str, float], ...], joints: int, step_s: float, duration_s: float) -> np.ndarray:
+    options = TwinOptions(hidden=dict(hidden), seed=3, joints=joints, step_s=step_s, duration_s=duration_s)
     plant, _ = build_plant(options)
     run = draw_runs(options, highest_pressure(plant, options))[0]
     motion = move(plant, run, step_s)
@@ -144,7 +146,7 @@ MEASURED = {"time_offset", "clock_drift", "camera_scale", "plane_tilt"}  # effec
 
 
 def quick_tip_mm(hidden: dict[str, float]) -> np.ndarray:
-    return tip_mm(hidden, joints=16, step_s=0.002)
+    return tip_mm(hidden, joints=8, step_s=0.004, duration_s=0.5)
 
 
 @pytest.fixture(scope="module")
