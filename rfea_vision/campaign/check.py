@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rfea_vision.campaign import following, plausibility
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
 from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_stretch, of_tube, of_weight
-from rfea_vision.errors import RfeaError
+from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import sha256_of
+
+if TYPE_CHECKING:
+    from rfea_vision.readers.pressure import PressureLog
 
 
 @dataclass(frozen=True)
@@ -230,6 +234,7 @@ def _experiment_problems(
     except RfeaError as error:
         problems.append(FileProblem(file, str(error), "pressure", experiment=experiment.name))
         return problems
+    problems += [FileProblem(file, text, key, experiment=experiment.name) for key, text in _unseen_signals(experiment, log)]
     seen.highest_kPa[experiment.name] = float(abs(log.pressure_kPa).max())
     said = plausibility.of_pressure(log.pressure_kPa, log.chambers)
     if track is not None and not by_camera and not said:
@@ -253,6 +258,22 @@ def _experiment_problems(
             said += following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
     problems += [_warning(experiment, "pressure", text) for text in said]
     return problems
+
+
+def _unseen_signals(experiment: ExperimentSpec, log: PressureLog) -> list[tuple[str, str]]:
+    """What `sync.method` needs of film and log, and they have not: keys and why."""
+    sync = experiment.sync
+    if sync.method not in ("led", "trigger"):
+        return []
+    if sync.method == "led" and experiment.video is None:
+        return [("sync.method", "'led' looks for a lamp in the film, and this run has none; take motion, or common_clock")]
+    try:
+        log.signal(sync.method, sync.channel)
+    except InputError as error:
+        return [("sync.channel", str(error))]
+    if sync.method == "led" and sync.box is None:
+        return [("sync.box", "is missing; the method 'led' needs the lamp's box in the picture, [x, y, width, height] in px")]
+    return []
 
 
 def _unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:

@@ -13,6 +13,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import bend_sign
 from rfea_vision.campaign.specs import ExperimentSpec
 from rfea_vision.files import sha256_of
+from rfea_vision.units import counted
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -53,6 +54,8 @@ _SHORTER = {"cm": 10.0, "inches": 25.4, "m": 1000.0}
 _OTHER_LENGTH = 0.2
 # lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
 _CURLED = 0.5
+# from one row to the next, what no tube does: a sensor that counts from 0 to 360 deg jumps by a full turn
+_TURNED_DEG = 180.0
 # lengths of the tube, and the share of rows, beyond which places are those of a slip or of rows without a tube: no tube stretches so
 _OFF, _FEW = 2.0, 0.05
 
@@ -150,7 +153,13 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         if above_mm > 0.5 * length_mm:
             return [f"begins with the tip {above_mm:.3g} mm above the clamp; does y count downwards, as in pictures?"]
     elif "bend_angle" in track:
-        widest = float(np.nanmax(np.abs(track["bend_angle"].values)))
+        angles = track["bend_angle"].values[track["valid"].values.astype(bool)]
+        if turns := int(np.sum(np.abs(np.diff(angles)) > _TURNED_DEG)):
+            return [
+                f"jumps by more than half a turn from row to row, {counted(turns, 'time')}; does the sensor begin anew after a full "
+                "turn? Write the angle on beyond it"
+            ]
+        widest = float(np.nanmax(np.abs(angles)))
         if widest < np.pi:
             return [f"never bends beyond {widest:.3g} deg; are these radians?"]
     return []

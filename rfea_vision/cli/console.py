@@ -117,15 +117,17 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
     """
     cells = [[shown(cell) for cell in row] for row in rows]
     width = shutil.get_terminal_size().columns if sys.stdout.isatty() else _WIDE
-    words = [
-        max((len(word) for cell in column for word in cell.split()), default=0) for column in zip(*cells, strict=True)
+    whole = [index == 0 or index >= left for index in range(len(columns))]  # columns that are not broken
+    needed = [
+        max((len(part) for cell in column for part in ([cell] if kept else cell.split())), default=0)
+        for kept, column in zip(whole, zip(*cells, strict=True), strict=False)
     ]
-    least = sum(max(len(name), word) for name, word in zip(columns, words, strict=False)) + 2 * (len(columns) - 1)
+    least = sum(max(len(name), width) for name, width in zip(columns, needed, strict=False)) + 2 * (len(columns) - 1)
     if least > width:
         return _print_lines(title, columns, cells)
     table = Table(title=title or None, title_justify="left", header_style="bold", box=None, pad_edge=False)
     for index, name in enumerate(columns):
-        table.add_column(name, justify="left" if index < left else "right", no_wrap=index == 0 or index >= left)
+        table.add_column(name, justify="left" if index < left else "right", no_wrap=whole[index])
     for row in cells:
         table.add_row(*row)
     return Console(file=sys.stdout, width=width, highlight=False, markup=False).print(table)

@@ -88,10 +88,10 @@ def with_zeros(item: Observed, options: FitOptions) -> Observed:
 
 
 def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
-    """Refuse what no tube of this length does: a wrong unit, a wrong side, a pressure that never changes."""
+    """Refuse what no tube of this length does: a wrong unit or side (broken input, as in `sync`), a pressure that never changes."""
     highest = max(float(np.max(np.abs(item.excitation.pressure))) for item in train)
     if highest > BURSTS_PA:
-        raise DataError(
+        raise InputError(
             f"the pressure of the training runs reaches {highest / 1e6:.3g} MPa, more than any soft tube bears; "
             "check the unit of the pressure log"
         )
@@ -107,7 +107,7 @@ def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
         tip = item.points[:, -1]
         reach = float(np.percentile(np.linalg.norm(tip, axis=1), 99))
         if not 0.1 * actuator.length < reach < 2.0 * actuator.length:
-            raise DataError(
+            raise InputError(
                 f"experiment {item.name}: its tip comes {reach * 1e3:.3g} mm from the clamp, the tube is "
                 f"{actuator.length * 1e3:.0f} mm long; check the unit and the origin of the track"
             )
@@ -118,7 +118,7 @@ def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
         bends = 2 * np.arctan2(-tip[loaded, 0], -tip[loaded, 1]) * np.sign(pressure[loaded])
         bend = float(np.median(bends))
         if bend < -WRONG_SIDE_RAD:
-            raise DataError(
+            raise InputError(
                 f"experiment {item.name}: under pressure the tip goes to the side that `actuator.bends` does not name; "
                 "change it, or the direction of x in the track"
             )

@@ -47,6 +47,20 @@ class PressureLog:
     signs: Mapping[str, int] = field(default_factory=dict)
     clock_zero_s: float | None = None
 
+    def signal(self, method: str, channel: str | None) -> FloatArray:
+        """The column (n,) by which the clocks are brought together: `channel`, or what `method` is called by.
+
+        Raises
+        ------
+        InputError
+            If the log has none.
+        """
+        named = channel or ("led" if method == "led" else "trigger")
+        if named not in self.channels:
+            there = ", ".join(sorted(self.channels)) or "none"
+            raise InputError(f"the log has no column '{named}' (others: {there}); name the column of the {method}")
+        return np.asarray(self.channels[named], dtype=float)
+
     def __post_init__(self) -> None:
         where = self.source or self.name or "pressure log"
         if self.time_s.shape != self.pressure_kPa.shape or self.time_s.ndim != 1:

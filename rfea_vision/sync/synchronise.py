@@ -134,13 +134,10 @@ def _align(
         return Alignment(apart_s + float(value_s), 0.0, 0.0, 0.0, 1.0, nothing, "")
     if method == "motion":
         return by_motion()
-    named = channel or ("led" if method == "led" else "trigger")
-    if named not in log.channels:
-        there = ", ".join(sorted(log.channels)) or "none"
-        raise InputError(
-            f"{experiment}: sync.channel: the log has no column '{named}' (others: {there}); name the column of the {method}"
-        )
-    signal = np.asarray(log.channels[named], dtype=float)
+    try:
+        signal = log.signal(method, channel)
+    except InputError as error:
+        raise InputError(f"{experiment}: sync.channel: {error}") from error
     if method == "led":
         return align_by_lamp(track, log_time, signal, experiment=experiment)
 

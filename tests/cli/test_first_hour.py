@@ -69,9 +69,11 @@ def test_a_narrow_terminal_breaks_no_word(monkeypatch, capsys):
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     words = ("visco-elastic", "rest_curvature_profile", "unexplained")
     console.print_table("", ["candidate", "validate mm", "verdict"], [[words[1], 0.00651, words[2]]], left=1)
+    console.print_table("", ["parameter", "value", "note"], [["b_neg_slope", 0.1, "at its lower bound: no interval"]])
     console.say(" ".join(words))
     shown = capsys.readouterr().out
     assert all(word in shown for word in words) and "0.0065" in shown
+    assert "b_neg_slope" in shown and "…" not in shown
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     console.print_error(f"there is no effect of this name: {' '.join(words)}", 2, as_json=False)
     told = capsys.readouterr().err.splitlines()

@@ -152,6 +152,12 @@ def every_log_in_bar(folder):
         table.assign(pressure_kPa=table["pressure_kPa"] / 100).to_csv(folder / name / "pressure.csv", index=False)
 
 
+def angle_of_a_full_turn(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    bend_deg = 60 * np.sin(2 * np.pi * table["time_s"] / table["time_s"].max())
+    pd.DataFrame({"time_s": table["time_s"], "angle_deg": (bend_deg + 20) % 360}).to_csv(folder / "steps" / "track.csv", index=False)
+
+
 def nodes_in_cm(folder):
     y_mm = {f"y{k:02d}_mm": np.linspace(-3.8 * k, -3.9 * k, 120) for k in range(5)}
     line = {f"x{k:02d}_mm": np.full(120, -0.1 * k) for k in range(5)}
@@ -227,6 +233,11 @@ IN_FILES = [
     ("time runs back", log(lambda rows: [*rows[:400], *rows[100:]]), 2, "sort the log by time"),
     ("log empty", content("steps/pressure.csv", b""), 2, "steps/pressure.csv"),
     ("log a workbook", content("steps/pressure.csv", b"PK\x03\x04" + bytes(200)), 2, "save the table as CSV"),
+    ("log packed", content("steps/pressure.csv", b"\x1f\x8b\x08" + bytes(200)), 2, "is no text, whatever its name says; unpack it"),
+    ("log of an instrument", content("steps/pressure.csv", bytes(range(256)) * 9), 2, "is no text, whatever its name says"),
+    ("lamp without a film", text("{method: common_clock}", "{method: led}", RUN), 2, "looks for a lamp in the film, and this run has"),
+    ("no column of a trigger", text("{method: common_clock}", "{method: trigger}", RUN), 2, "sync.channel: the log has no column"),
+    ("angle from 0 to 360", angle_of_a_full_turn, 0, "jumps by more than half a turn from row to row, 2 times"),
     ("log copied", copied("pressure.csv"), 0, "the same log, row by row, as that of 'sine'; was it copied by mistake?"),
     ("track copied", copied("track.csv"), 0, "the same track, row by row, as that of 'sine'; was it copied by mistake?"),
     ("blank of a web page", text("name: tube-A", "name: tube-A\n \u00a0note: hangs"), 2, "holds a blank that is none to YAML"),

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from rfea_vision.artefacts import Recording
-from rfea_vision.errors import DataError
+from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.fit import fit, make_model, make_problem
 from rfea_vision.fitting.noise import noise_floor_mm
@@ -262,19 +262,19 @@ def five_frames(data):
 
 
 @pytest.mark.parametrize(
-    ("damage", "says"),
+    ("damage", "kind", "says"),
     [
-        (in_metres, "check the unit and the origin of the track"),
-        (other_side, "actuator.bends"),
-        (in_bar, "check its unit"),
-        (in_pascal, "check the unit of the pressure log"),
-        (constant, "moves no tube"),
-        (five_frames, "only 5 valid frames"),
+        (in_metres, InputError, "check the unit and the origin of the track"),
+        (other_side, InputError, "actuator.bends"),
+        (in_bar, DataError, "check its unit"),
+        (in_pascal, InputError, "check the unit of the pressure log"),
+        (constant, DataError, "moves no tube"),
+        (five_frames, DataError, "only 5 valid frames"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(runs, damage, says):
+def test_what_cannot_be_is_one_sentence(runs, damage, kind, says):
     recordings, actuator, _ = runs
-    with pytest.raises(DataError, match=says) as caught:
+    with pytest.raises(kind, match=says) as caught:
         fit_model(changed(recordings, damage), actuator, OPTIONS)
     assert "\n" not in str(caught.value)
 

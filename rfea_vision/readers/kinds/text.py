@@ -18,6 +18,7 @@ from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import Kind, Table, frame_table, refuse_too_much
 
 _SEPARATORS = (";", "\t", "|", ",", r"\s+")
+_HEAD_BYTES = 4096  # in which a file that is no text shows it: a page of memory, of which text holds no zero byte
 _LOOKED_AT = 200
 """Lines in which the header and the way numbers are written are looked for: more than any instrument writes above."""
 _BYTES_PER_VALUE = 10
@@ -36,6 +37,8 @@ def decoded(path: Path) -> str:
         raise InputError(f"{path}: is a workbook or an archive, whatever its name says; save the table as CSV")
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return raw.decode("utf-16")
+    if b"\0" in raw[:_HEAD_BYTES]:
+        raise InputError(f"{path}: is no text, whatever its name says; unpack it, or export the table as CSV")
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -38,7 +38,7 @@ function showRung() {
     element.setAttribute("aria-checked", index === state.rung); element.tabIndex = index === state.rung ? 0 : -1;
     element.classList.toggle("earlier", state.earlier && index === shown);
   });
-  every(".on-rung").forEach(note => { note.textContent = rung() ? `${rung().ladder ? `rung ${shown + 1} of ${manifest.rungs.filter(r => r.ladder).length}` : "model"}: ${rung().name}` : ""; note.classList.toggle("earlier", state.earlier); });
+  every(".on-rung").forEach(note => { note.textContent = rung() ? `${rung().ladder ? `rung ${shown + 1} of ${manifest.rungs.filter(r => r.ladder).length}: ` : ""}${rung().name}` : ""; note.classList.toggle("earlier", state.earlier); });
   every("tr[data-choose]").forEach(row => row.classList.toggle("on", Number(row.dataset.choose) === shown));
   const said = one("#said"), r = rung();
   if (said && r) said.textContent = `Rung ${shown + 1}, ${r.name}: error ${show(r.validate ?? r.train, 3)} ${r.unit}`;
