@@ -36,6 +36,16 @@ _CARRIED = ("out", "trust", "untrusted")  # parameters that say where to look, a
 _MOST_NAMED = 6  # unchanged stages that are listed by name
 
 
+class WholeHelpGroup(click.Group):
+    """Commands whose help says in full what each is for: click cuts it off at the width of a narrow terminal."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write one line, or as many as it takes, of each command."""
+        commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, item.get_short_help_str(limit=200)) for name, item in commands if item])
+
+
 def print_error(message: str, exit_code: int, *, as_json: bool, quiet: bool = False) -> None:
     """Print one sentence on stderr, and with --json the same as JSON on stdout."""
     if not quiet:

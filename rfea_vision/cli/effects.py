@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 import rfea_vision.data
-from rfea_vision.cli.console import print_json, print_table, say, say_next
+from rfea_vision.cli.console import WholeHelpGroup, print_json, print_table, say, say_next
 from rfea_vision.cli.options import ask, output_options
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
@@ -16,7 +16,7 @@ from rfea_vision.options import CritiqueOptions
 _TEMPLATE = Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt"
 
 
-@click.group("effects", invoke_without_command=True)
+@click.group("effects", cls=WholeHelpGroup, invoke_without_command=True)
 @ask("effects", options=CritiqueOptions)
 @output_options
 @click.pass_context

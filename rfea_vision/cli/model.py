@@ -148,7 +148,7 @@ def _print_candidates(diagnosis: Diagnosis) -> None:
         columns["share"] = lambda c: _percent(c.share)
     for name in ("predicted", "train", "validate"):
         columns[f"{name} {unit}"] = lambda c, key=f"{name}_rmse_{unit}": getattr(c, key)
-    columns["delta BIC"] = lambda c: None if c.delta_bic is None else f"{c.delta_bic:.0f}"
+    columns["delta BIC"] = lambda c: None if c.delta_bic is None else f"{c.delta_bic:z.0f}"
     columns["matters"] = lambda c: "yes" if c.matters else "no" if c.refitted else "unknown"
     columns = {
         name: cell
@@ -197,7 +197,7 @@ def print_ladder(ladder: Ladder) -> None:
         f"validate {unit}": lambda r: r.error("validate"),
         "share": lambda r: _percent(r.share),
         "probability": lambda r: _percent(r.probability),
-        "delta BIC": lambda r: None if r.delta_bic is None else f"{r.delta_bic:.0f}",
+        "delta BIC": lambda r: None if r.delta_bic is None else f"{r.delta_bic:z.0f}",
         "verdict": lambda r: r.verdict,
     }
     always = ("model", "added", "verdict")

@@ -15,7 +15,7 @@ from types import FrameType
 import click
 
 from rfea_vision import __version__
-from rfea_vision.cli.console import print_error
+from rfea_vision.cli.console import WholeHelpGroup, print_error
 from rfea_vision.errors import DataError, RfeaError
 from rfea_vision.files import storage_sentence
 
@@ -44,7 +44,7 @@ COMMANDS = tuple(_HOME_OF)
 _EXTRAS = {"distributed": "batch", "dask": "batch", "sqlalchemy": "database", "mujoco": "twin", "matplotlib": "figures"}
 
 
-class _LazyGroup(click.Group):
+class _LazyGroup(WholeHelpGroup):
     """Loads the file of a command when it is asked for, so that ``rfea --help`` is quick."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -55,12 +55,6 @@ class _LazyGroup(click.Group):
             return None
         module = import_module(f"rfea_vision.cli.{_HOME_OF[cmd_name]}")
         return getattr(module, f"{cmd_name}_command")
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write what each command is for in full: click would cut it off at the width of a narrow terminal."""
-        commands = [(name, self.get_command(ctx, name)) for name in COMMANDS]
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, item.get_short_help_str(limit=200)) for name, item in commands if item])
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

@@ -34,7 +34,7 @@ _DEMO = "hidden-effect"
 )
 @click.option("--experiments", type=click.IntRange(1), help="How many; roles are then train ..., validate, test.")
 @click.option(
-    "--roles", metavar="ROLE,ROLE,...", help="The role of each experiment; default train,train,validate,test."
+    "--roles", metavar="ROLE,ROLE,...", help="The role of each experiment; default train, train, validate, test."
 )
 @click.option("--duration", "duration_s", type=Quantity("s", "6s"), help="Length of each experiment; default 6s.")
 @click.option("--rate", "rate_Hz", type=Quantity("Hz", "240Hz"), help="Frames per second; default 240Hz.")

@@ -180,7 +180,8 @@ def _diagnosed(
     diagnosis, experiment = diagnose_model(
         model, recordings, options, where=compared.where, goes_with=goes_with(compared), progress=progress
     )
-    return diagnosis, save_diagnosis(folder, diagnosis, experiment), diagnosis.sentence or diagnosis.verdict
+    said = ": ".join(filter(None, (diagnosis.verdict, ", ".join(diagnosis.named))))  # why is told by the command, once
+    return diagnosis, save_diagnosis(folder, diagnosis, experiment), said
 
 
 def propose(work: Runner, name: str, file: Path | None) -> Proposal:

@@ -1,6 +1,7 @@
 """Commands that need no data, and what every command has in common."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -52,6 +53,19 @@ def test_every_command_has_help_json_and_debug(name):
     assert answer.code == 0 and "--json" in answer.out and "--debug" in answer.out
     command = root_command.get_command(click.Context(root_command), name)
     assert command is not None and command.get_short_help_str(70).endswith(".")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_breaks_and_cuts_off_no_word_at_a_narrow_terminal(name):
+    command = root_command.get_command(click.Context(root_command), name)
+    others = command.commands.values() if isinstance(command, click.Group) else ()
+
+    def words(item, columns):
+        context = click.Context(item, info_name=f"rfea {name}", terminal_width=columns, max_content_width=columns)
+        return set(re.split(r"[\s-]+", item.get_help(context)))
+
+    for item in (command, *others):
+        assert words(item, 58) <= words(item, 500)
 
 
 @pytest.mark.parametrize(
