@@ -57,7 +57,7 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     best, words = max(tried, key=lambda pair: pair[0], default=(0, ""))
     if best >= before + GAIN * count:
         brings = f"tried, it reads {best} of the first {count} frames, and {before} were read without it"
-        return f"check this against the picture and give it: {words} ({brings})"
+        return f"{_scale_first(reasons)}check this against the picture and give it: {words} ({brings})"
     if scale_off:
         return scale_off
     return _untried(scene, reasons) + (f" ({len(tried)} guesses at it were tried and brought nothing)" if tried else "")
@@ -138,17 +138,22 @@ def _with(scene: Scene, hints: Hints) -> Scene:
     return replace(scene, hints=hints, clamp_px=np.array(hints.clamp), tip_px=np.array(hints.tip))
 
 
+def _scale_first(reasons: list[str]) -> str:
+    """What a hint may make up for in part and does not mend: a tube of another size than was predicted. Empty where it is none."""
+    if not reasons or reasons[0] != OTHER_LENGTH:
+        return ""
+    return (
+        "check the board's square (or camera.scale), actuator.outer_radius and actuator.length, by which the tube's "
+        "size in the picture is predicted; or "
+    )
+
+
 def _untried(scene: Scene, reasons: list[str]) -> str:
     """The hint that has not been given."""
     if scene.clamp_px is None or scene.tip_px is None:
         lacking = [name for name in ("clamp", "tip") if getattr(scene.hints, name) is None]
         hints = f"give {' and '.join(f'camera.{name}' for name in lacking)}, in pixels of the first frame"
-        if reasons and reasons[0] == OTHER_LENGTH:
-            return (
-                "check the board's square (or camera.scale), actuator.outer_radius and actuator.length, by which the tube's "
-                f"size in the picture is predicted; or {hints}"
-            )
-        return hints
+        return _scale_first(reasons) + hints
     if len(scene.hints.centre_line) < 2:
         return "give a few points of the tube in the first frame as camera.centre_line, from the clamp to the tip"
     return (

@@ -61,7 +61,8 @@ def test_help_breaks_and_cuts_off_no_word_at_a_narrow_terminal(name):
     others = command.commands.values() if isinstance(command, click.Group) else ()
 
     def words(item, columns):
-        context = click.Context(item, info_name=f"rfea {name}", terminal_width=columns, max_content_width=columns)
+        settings = {**root_command.context_settings, "terminal_width": columns, "max_content_width": columns}
+        context = click.Context(item, info_name=f"rfea {name}", **settings)
         return set(re.split(r"[\s-]+", item.get_help(context)))
 
     for item in (command, *others):

@@ -70,6 +70,15 @@ def test_a_scale_that_is_far_off_is_advised_on_before_a_hint(reasons, length_che
     assert said.startswith(says)
 
 
+def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch):
+    """Clamp and tip, found in the picture, read half of the frames of a film whose board is of another size."""
+    monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter([(Hints(), "camera.tip: [3, 4]")]))
+    monkeypatch.setattr(advice, "_with", lambda scene, hints: scene)
+    monkeypatch.setattr(advice, "_read", lambda source, scene, count: 2)
+    said = advice.next_hint(None, SimpleNamespace(clamp_px=None, tip_px=None, hints=Hints()), [OTHER_LENGTH] * 4)
+    assert said.startswith("check the board's square (or camera.scale)") and "give it: camera.tip: [3, 4] (tried, it reads 2" in said
+
+
 @pytest.mark.parametrize(("base_px", "wall_px", "says"), [(0.0, 0.0, False), (16.0, 0.0, True), (8.0, 8.0, False)])
 def test_a_base_that_moves_is_said_and_a_camera_that_drifts_is_not(base_px, wall_px, says):
     """No hint mends a clamp that leaves its place; a drift of the whole view is followed. The arm below swings in all three."""
