@@ -187,9 +187,10 @@ def _missing(search: Search, found: Verdict) -> str:
 def _complete(search: Search, found: Verdict) -> str:
     unit = search.floors.unit
     held, floor = rounded(search.held), rounded(search.floor)
+    which = "held-out error" if search.trials.problem.validate else "training error (there are no validation runs)"
     if found.sufficient:
-        return f"Nothing is missing that matters: the held-out error is {held} {unit}, the floor {floor} {unit}."
-    return f"The held-out error ({held} {unit}, floor {floor} {unit}) is not lowered by 10 % by any effect on offer."
+        return f"Nothing is missing that matters: the {which} is {held} {unit}, the floor {floor} {unit}."
+    return f"The {which}, {held} {unit} (floor {floor} {unit}), is not lowered by 10 % by any effect on offer."
 
 
 def _unexplained(search: Search, found: Verdict) -> str:

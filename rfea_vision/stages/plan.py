@@ -34,7 +34,9 @@ class _NotYetError(RfeaError):
 class _Looking(Workspace):
     """A campaign that is looked at: a stage that would run stops here."""
 
-    def run(self, stage: Stage, *, make: Callable[..., Any], load: Callable[[], _Result]) -> Stored[_Result]:
+    def run(
+        self, stage: Stage, *, make: Callable[..., Any], load: Callable[[], _Result], facts: Callable[[_Result], Any] | None = None
+    ) -> Stored[_Result]:
         if not self.has(stage if stage.code is not None else replace(stage, code=make)):
             raise _NotYetError(f"{stage.name} {stage.subject}")
         said = {"stage": stage.name, "subject": stage.subject, "outcome": "unchanged", "sentence": ""}

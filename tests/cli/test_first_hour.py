@@ -18,6 +18,7 @@ from rfea_vision.artefacts import Diagnosis, Ladder, Rung
 from rfea_vision.artefacts.judgement import Remainder
 from rfea_vision.cli import console, model, root
 from rfea_vision.cli.twin import _played
+from rfea_vision.critique import verdict
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.publishing import commands
 from rfea_vision.stages.warnings import warnings_of
@@ -303,6 +304,22 @@ def test_what_is_done_is_told_without_reading_it(tmp_path, command):
     again = subprocess.run([sys.executable, "-c", code, command, folder], capture_output=True, text=True, timeout=120)
     assert again.stderr.strip().endswith("set()")
     assert json.loads(again.stdout) == json.loads(first.out.replace('"done"', '"unchanged"'))
+
+
+def test_a_batch_says_what_is_to_do_before_and_after(tmp_path):
+    folder = write_campaign(tmp_path / "tube")
+    assert [rfea("batch", folder, "--dry-run").code, rfea("sync", folder, "--json").code] == [0, 0]
+    answer = rfea("batch", folder, "--dry-run", "--json")
+    states = {item["stage"]: item["state"] for item in json.loads(answer.out)["plan"][str(folder)]}
+    assert states["sync"] == "unchanged" and states["improve"] == "to do", answer
+
+
+@pytest.mark.parametrize("sufficient", [True, False])
+def test_without_validation_runs_no_error_is_called_held_out(sufficient):
+    problem = SimpleNamespace(trials=SimpleNamespace(problem=SimpleNamespace(validate=())), held=0.0905, floor=0.11)
+    problem.floors = SimpleNamespace(unit="mm")
+    said = verdict._complete(problem, SimpleNamespace(sufficient=sufficient))
+    assert "held-out" not in said and "the training error (there are no validation runs)" in said.lower()
 
 
 def test_a_run_of_which_hardly_a_frame_has_a_pressure_does_not_end_as_done(tmp_path):
