@@ -161,7 +161,7 @@ def _print_plan(folders: tuple[Path, ...], steps: Any, out: Path | None, force: 
         counts = Counter(item.state for item in items)
         to_do = ", ".join(f"{item.stage} {item.subject}".strip() for item in items if item.state == "to do")
         up_to_date = f"{counts['unchanged']} up to date"
-        click.echo(f"{name}: {f'to do: {to_do}; ' if to_do else ''}{up_to_date}")
+        say(f"{name}: {f'to do: {to_do}; ' if to_do else ''}{up_to_date}")
         for item in items:
             if item.state == "broken":
                 say(f"{name}: {item.subject or item.stage}: {item.sentence}")
@@ -176,6 +176,9 @@ def _print_batch(results: list[Any]) -> None:
         rows.append([result.folder, result.status, last.get("model"), last.get("verdict"), _held_out(last)])
     print_table("", ["campaign", "status", "last model", "verdict", "validate"], rows, left=4)
     for result in results:
+        for rung in result.rungs:
+            if rung.get("tied"):
+                say(f"{result.folder}: {rung['added']} cannot be told from {' or '.join(rung['tied'])} by its data")
         for name, sentence in result.errors.items():
             say(f"{result.folder}: {name}: {sentence}")
         if result.report:

@@ -8,7 +8,7 @@ from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rfea_vision import __version__
 from rfea_vision.effects.permission import name_files
@@ -16,6 +16,9 @@ from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import storage_sentence
 from rfea_vision.loops import digest_of_sources
 from rfea_vision.readers.apart import isolating
+
+if TYPE_CHECKING:
+    from rfea_vision.artefacts import Rung
 
 _PATIENCE_S = 60.0  # for a lock that another worker holds
 
@@ -49,7 +52,7 @@ class BatchResult:
     folder : as it was given
     status : ``done``, ``partly`` (some experiments failed, the rest went through) or ``failed``
     errors : experiment (or ``campaign``) -> one sentence
-    rungs : model, validation error in mm and verdict of each rung of the ladder
+    rungs : model, validation error in mm or deg, verdict, what was added and what it cannot be told from, of each rung of the ladder
     report : path of the report, if there is one
     out : where its results are
     """
@@ -113,13 +116,16 @@ def finish(folder: str, out: str | None, failures: Mapping[str, str], settings: 
             page, rungs = work.out / "report" / "index.html", []
             if (work.out / Ladder.FILE).is_file():
                 ladder = Ladder.load(work.out / Ladder.FILE)
-                rungs = [
-                    {"model": rung.model, f"validate_{rung.unit}": rung.error("validate"), "verdict": rung.verdict}
-                    for rung in ladder.rungs
-                ]
+                rungs = [told_of(rung) for rung in ladder.rungs]
     except Exception as error:
         return BatchResult(folder, "failed", {**errors, "campaign": sentence_of(error)})
     return BatchResult(folder, "partly" if errors else "done", errors, rungs, str(page) if page.is_file() else None)
+
+
+def told_of(rung: Rung) -> dict[str, Any]:
+    """What a batch tells of a rung."""
+    told = {"model": rung.model, f"validate_{rung.unit}": rung.error("validate"), "verdict": rung.verdict}
+    return told | {"added": rung.added, "tied": list(rung.tied)}
 
 
 @contextmanager

@@ -16,9 +16,10 @@ from rich.progress import Progress
 
 from rfea_vision.artefacts import Diagnosis, Ladder, Rung
 from rfea_vision.artefacts.judgement import Remainder
-from rfea_vision.cli import console, model, root
+from rfea_vision.cli import batch, console, model, root
 from rfea_vision.cli.twin import _played
 from rfea_vision.critique import verdict
+from rfea_vision.distributed.tasks import BatchResult, told_of
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.publishing import commands
 from rfea_vision.stages.warnings import warnings_of
@@ -312,6 +313,13 @@ def test_a_batch_says_what_is_to_do_before_and_after(tmp_path):
     answer = rfea("batch", folder, "--dry-run", "--json")
     states = {item["stage"]: item["state"] for item in json.loads(answer.out)["plan"][str(folder)]}
     assert states["sync"] == "unchanged" and states["improve"] == "to do", answer
+
+
+def test_a_batch_tells_ties_too(capsys):
+    figures = {"train_tip_rmse_mm": 0.1, "validate_tip_rmse_mm": 0.2, "delta_bic": -9.0}
+    rung = Rung(model="base+drag", added="drag", tied=["payload", "com_offset"], verdict="complete", **figures)
+    batch._print_batch([BatchResult("tube", "done", {}, [told_of(rung)], None)])
+    assert "tube: drag cannot be told from payload or com_offset by its data" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("sufficient", [True, False])
