@@ -33,3 +33,13 @@ def third_difference_noise(values: FloatArray, stride: int = 1) -> FloatArray:
     if third.shape[0] < 8:
         return np.zeros(values.shape[1])
     return scatter(third) / np.sqrt(20.0)
+
+
+def rounding_noise(values: FloatArray) -> float:
+    """Standard deviation that rounding gives to values (time, columns), as the smallest step between any two of a column says.
+
+    Zero where no two differ.
+    """
+    steps = np.abs(np.diff(np.sort(values, axis=0), axis=0))
+    steps = steps[steps > 1e-9 * max(1.0, float(np.abs(values).max()))]
+    return float(steps.min()) / np.sqrt(12.0) if steps.size else 0.0

@@ -30,6 +30,10 @@ def bend_sign(bends: str) -> float:
     return -1.0 if bends == "right" else 1.0
 
 
+#: What the attribute ``sigma_source`` says of a track that came without standard errors.
+ESTIMATED_ERRORS = "estimated from the track's own high frequencies"
+
+
 @dataclass(frozen=True)
 class Actuator:
     """Dimensions and densities of the tube, or beam, at rest, in SI units.

@@ -11,6 +11,7 @@ from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.noise import before_repeat, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import predict_observed
+from rfea_vision.fitting.scoring import left_of
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.scatter import third_difference_noise
 
@@ -29,13 +30,8 @@ BAND, CLEAR = 16, 6.0
 
 def _gaps(problem: Problem, fitted: Fitted) -> list[tuple[Observed, FloatArray]]:
     """Residual of the tip in mm (frames, 2), or of the angle in deg (frames, 1), per training run."""
-    out = []
-    for item, predicted in zip(problem.train, fitted.solution.evaluation.predicted, strict=True):
-        if item.has_tip:
-            out.append((item, (item.points[:, -1] - predicted.points[:, -1]) / MM))
-        else:
-            out.append((item, np.rad2deg(item.angle - predicted.angle)[:, None]))
-    return out
+    seen = zip(problem.train, fitted.solution.evaluation.predicted, strict=True)
+    return [(item, left_of(item, predicted)) for item, predicted in seen]
 
 
 def measurement(problem: Problem, fitted: Fitted) -> float:
@@ -44,12 +40,13 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
     Noise that is correlated over a few frames hides from the track's own high frequencies, where the tube's motion would
     drown it. In the residual the motion is gone, so there third differences may be taken over longer and longer strides.
     """
-    items = problem.with_roles("train", "validate")
-    known, _ = noise_floor_mm(list(items), problem.recordings, repeats=False)
+    gaps = _gaps(problem, fitted)
+    left = {item.name: gap for item, gap in gaps}
+    known, _ = noise_floor_mm(problem.with_roles("train", "validate"), problem.recordings, repeats=False, left=left)
     if not known:
-        known = noise_floor_deg(list(problem.train)) or 0.0
+        known = noise_floor_deg(problem.train, problem.recordings, left=left) or 0.0
     seen = []
-    for item, gap in _gaps(problem, fitted):
+    for item, gap in gaps:
         period = float(np.median(np.diff(item.time)))
         strides = range(1, max(1, int(NOISE_SPAN_S / period + 1e-6)) + 1)
         seen.append(
@@ -107,12 +104,7 @@ def _held_gaps(problem: Problem, fitted: Fitted) -> list[tuple[Observed, FloatAr
             fitted.model, fitted.par, item, (), float(fit_clocks(fitted.model, [item], fitted.par)[0])
         )
         if one is not None and item.has_tip == problem.train[0].has_tip:
-            gap = (
-                (item.points[:, -1] - one.points[:, -1]) / MM
-                if item.has_tip
-                else np.rad2deg(item.angle - one.angle)[:, None]
-            )
-            out.append((item, gap))
+            out.append((item, left_of(item, one)))
     return out
 
 

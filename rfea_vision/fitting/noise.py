@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -9,10 +12,10 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.artefacts.measurement import ESTIMATED_ERRORS, Recording
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.rules import pushed
-from rfea_vision.scatter import third_difference_noise
+from rfea_vision.scatter import rounding_noise, third_difference_noise
 
 #: A repeat may begin so much earlier or later on its log than the run that it repeats: nearest first, in s.
 _STEP_S = 0.01
@@ -22,17 +25,22 @@ LEAST_COMMON = 12
 
 
 def white_noise_mm(tip_mm: FloatArray) -> float:
-    """Noise of a tip track (frames, 2) in the norm of the tip RMSE, from its own high frequencies."""
+    """Noise of a tip track (frames, 2) in the norm of the tip RMSE, from its own high frequencies; of an angle likewise, in deg."""
     return float(np.linalg.norm(third_difference_noise(tip_mm)))
 
 
 def noise_floor_mm(
-    observed: list[Observed], recordings: dict[str, Recording], *, repeats: bool = True
+    observed: Sequence[Observed],
+    recordings: Mapping[str, Recording],
+    *,
+    repeats: bool = True,
+    left: Mapping[str, FloatArray] = MappingProxyType({}),
 ) -> tuple[float | None, str]:
     """Noise floor in the norm of the tip RMSE, and where it comes from.
 
-    Repeats of the same excitation give it directly; else the tracking errors, but never less than the track's own high
-    frequencies show.
+    Repeats of the same excitation give it directly; else the tracking errors, but never less than high frequencies show. Those
+    of the track hold the tube's ringing, too: where a model has been taken from the tip, by name of the run `left` (frames, 2)
+    in mm, the lower of both counts, and other runs are not asked.
     """
     by_name = {o.name: o for o in observed}
     pairs = []
@@ -49,13 +57,17 @@ def noise_floor_mm(
     for item in observed:
         if not item.has_tip:
             continue
-        measured.append(item.tip_noise_mm)
         data = recordings[item.name].dataset
-        if "tip_sigma" in data:
+        estimated = data.attrs.get("sigma_source") == ESTIMATED_ERRORS
+        if not left or item.name in left:
+            seen = white_noise_mm(left[item.name]) if item.name in left else np.inf
+            rounded = np.sqrt(2) * rounding_noise(item.points[:, -1] / MM) if estimated else 0.0
+            measured.append(max(min(item.tip_noise_mm, seen), rounded))
+        if "tip_sigma" in data and not estimated:
             stated.append(
                 float(np.mean(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1))) - _shared(item, data)
             )
-        elif "midline_sigma" in data:
+        elif "midline_sigma" in data and not estimated:
             stated.append(float(2 * np.mean(data["midline_sigma"].values[item.frame, -1] ** 2)) - _shared(item, data))
     if not measured:
         return None, "no tip in the data"
@@ -97,10 +109,26 @@ def before_repeat(item: Observed, other: Observed, seen: FloatArray) -> tuple[ND
     return inside, CubicSpline(other.time, seen)(then[inside])
 
 
-def noise_floor_deg(observed: list[Observed]) -> float | None:
-    """Noise floor of the bend angle, for runs that have no tip: the errors of the angle as stated or as estimated."""
-    errors = [o.angle_sigma for o in observed if not o.has_tip]
-    return float(np.rad2deg(np.median(np.concatenate(errors)))) if errors else None
+def noise_floor_deg(
+    observed: Sequence[Observed],
+    recordings: Mapping[str, Recording],
+    *,
+    left: Mapping[str, FloatArray] = MappingProxyType({}),
+) -> float | None:
+    """Noise floor of the bend angle, for runs that have no tip: its errors as stated, or as the high frequencies show them.
+
+    `left` (frames, 1) in deg is what a model leaves of the angle, as for `noise_floor_mm`.
+    """
+    errors = []
+    for item in observed:
+        if item.has_tip or (left and item.name not in left):
+            continue
+        sigma = np.rad2deg(item.angle_sigma)
+        if item.name in left and recordings[item.name].dataset.attrs.get("sigma_source") == ESTIMATED_ERRORS:
+            seen = max(white_noise_mm(left[item.name]), rounding_noise(np.rad2deg(item.angle[:, None])))
+            sigma = np.minimum(sigma, seen)
+        errors.append(sigma)
+    return float(np.median(np.concatenate(errors))) if errors else None
 
 
 def _shared(item: Observed, data: xr.Dataset) -> float:

@@ -65,6 +65,13 @@ def gaps(item: Observed, predicted: Predicted) -> Gaps:
     return Gaps(tip, x, y, midline, angle, variance)
 
 
+def left_of(item: Observed, predicted: Predicted) -> FloatArray:
+    """What a prediction leaves of the tip in mm (frames, 2), or of the angle in deg (frames, 1) where there is no tip."""
+    if item.has_tip:
+        return (item.points[:, -1] - predicted.points[:, -1]) / MM
+    return np.rad2deg(item.angle - predicted.angle)[:, None]
+
+
 def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
     """Metrics over several experiments, every frame with the same weight."""
     notes: dict[str, str] = {}
@@ -164,8 +171,9 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
     scores, parts, _ = score(problem, best.model, best.par, [*problem.train, *others], clocks)
     found = intervals(fitted, problem.train, problem.actuator, best.par, drift(problem, fitted, best, problem.train))
     measured = list(problem.with_roles("train", "validate"))
-    floor, source = noise_floor_mm(measured, problem.recordings)
-    floor_deg = noise_floor_deg(measured) if floor is None else None
+    left = {o.name: left_of(o, one) for o, one in zip(problem.train, best.predicted, strict=True)}
+    floor, source = noise_floor_mm(measured, problem.recordings, left=left)
+    floor_deg = noise_floor_deg(measured, problem.recordings, left=left) if floor is None else None
     source = "standard errors of the angle" if floor_deg else source
     options = fitted.options
     refused = runaway(fitted, problem.actuator)

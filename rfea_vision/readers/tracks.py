@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
+from rfea_vision.artefacts.measurement import ESTIMATED_ERRORS
 from rfea_vision.errors import InputError
 from rfea_vision.readers.columns import clock_zero_s, in_unit, refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table
 from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
 from rfea_vision.readers.tables import read_table
-from rfea_vision.scatter import third_difference_noise
+from rfea_vision.scatter import rounding_noise, third_difference_noise
 from rfea_vision.units import counted
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def read_track(
         attrs={
             "source": str(path.name),
             "bends": bends,
-            "sigma_source": "given in the track" if given else "estimated from the track's own high frequencies",
+            "sigma_source": "given in the track" if given else ESTIMATED_ERRORS,
         },
     )
     name = (spec and spec.time) or "time_s"
@@ -147,10 +148,7 @@ def noise_of(values: FloatArray) -> float:
     if len(values) < 8:
         return float(np.ptp(values, axis=0).max() / np.sqrt(12.0)) or 1e-3
     spread = float(np.sqrt(np.mean(third_difference_noise(values) ** 2)))
-    steps = np.abs(np.diff(np.sort(values, axis=0), axis=0))
-    steps = steps[steps > 1e-9 * max(1.0, float(np.abs(values).max()))]
-    rounding = float(steps.min()) / np.sqrt(12.0) if steps.size else 1e-3
-    return float(max(spread, rounding, 1e-6))
+    return float(max(spread, rounding_noise(values) or 1e-3, 1e-6))
 
 
 def _time(table: Table, spec: TrackSpec | None) -> FloatArray:
