@@ -83,4 +83,5 @@ def _moved(now: Fitted, step: FloatArray) -> Fitted:
 def _rows_of(part: Observed, whole: Observed, seen: Predicted) -> FloatArray:
     """Residual (rows,) at those frames of a run that a thinned one has."""
     at = np.searchsorted(whole.frame, part.frame)
-    return rows(part, replace(seen, points=seen.points[at], angle=seen.angle[at]), jacobian=False)[0]
+    thin = {name: getattr(seen, name)[at] for name in ("points", "dpoints", "angle", "dangle")}
+    return rows(part, replace(seen, **thin))[0]

@@ -22,7 +22,8 @@ from rfea_vision.critique.verdict import Verdict, decide, remainder_of, sets_of
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
 from rfea_vision.fitting.ratio import lever_free
-from rfea_vision.fitting.scoring import options_of, worse_than_nothing
+from rfea_vision.fitting.refit import in_long_steps
+from rfea_vision.fitting.scoring import options_of, rebuild, worse_than_nothing
 from rfea_vision.options import CritiqueOptions
 
 #: What a bar of progress is told to expect: about so many refits.
@@ -55,6 +56,7 @@ def judge(
     `goes_with` is what the residual torque depends on; `scored` is the held-out error that `model.json` has.
     """
     asked = options or CritiqueOptions()
+    problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
     steps = 0
 
     def step() -> None:
@@ -148,8 +150,16 @@ def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
         ]
     )
     parse_effects(options.effects, options.segments)
-    fitted = refit(problem, options, values, model.segments, clocks, most_evaluations=15)
+    quick = in_long_steps(problem, *rebuild(model), clocks)
+    fitted = refit(quick, options, values, model.segments, clocks, most_evaluations=15)
     return replace(fitted, ratio_only=model.ratio_only)
+
+
+def taken_up(model: ModelFit, recordings: Mapping[str, Recording]) -> tuple[Problem, Fitted]:
+    """Runs in the longest steps that are not felt, and the solved fit behind a `model.json`."""
+    problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
+    fitted = refit_artefact(model, problem)
+    return in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks), fitted
 
 
 def diagnose(
@@ -166,8 +176,7 @@ def diagnose(
 
     Returns the diagnosis and, where it names a tie, the pressure of the next experiment (`pressure` in kPa over `log_time`).
     """
-    problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
-    fitted = refit_artefact(model, problem)
+    problem, fitted = taken_up(model, recordings)
     asked = options or CritiqueOptions()
     asked = replace(asked, effect_files=asked.effect_files or fitted.options.effect_files)
     judgement = judge(
@@ -178,4 +187,4 @@ def diagnose(
     return judgement.diagnosis.model_copy(update={"warnings": said}), judgement.next_pressure
 
 
-__all__ = ["Judgement", "diagnose", "held_of", "judge", "refit_artefact"]
+__all__ = ["Judgement", "diagnose", "held_of", "judge", "refit_artefact", "taken_up"]

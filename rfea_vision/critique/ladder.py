@@ -27,6 +27,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
+from rfea_vision.fitting.refit import in_long_steps
 from rfea_vision.fitting.scoring import as_artefact, score, worse_than_nothing
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
@@ -179,12 +180,13 @@ class _Climb:
         """The model that a step leads to, less what no longer earns its place; None where it could not be fitted."""
         name = str(step.added)
         row = next((row for row in diagnosis.candidates if row.effect == plain(name)), None)
-        found = _with_one_more(self.problem, self.fitted, name, row, self.effect_files)
+        quick = in_long_steps(self.problem, self.fitted.model, self.fitted.par, self.fitted.solution.clocks)
+        found = _with_one_more(quick, self.fitted, name, row, self.effect_files)
         if found is None:
             return None
         # a set of stand-ins helps together: what one of them does alone is no reason to drop it
         if step.grade != "stand-in":
-            found = _look_back(self.problem, found, self.floor, name)
+            found = _look_back(quick, found, self.floor, name)
         return as_artefact(self.problem, found)
 
     def take(self, step: Step, model: ModelFit) -> None:

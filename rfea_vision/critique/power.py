@@ -13,15 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from rfea_vision.artefacts.judgement import ModelFit
-from rfea_vision.artefacts.measurement import Actuator, Recording
-from rfea_vision.critique.diagnosis import refit_artefact
+from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.critique.diagnosis import taken_up
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE
 from rfea_vision.critique.screening import Sensitivity, available, offered, sensitivities
-from rfea_vision.fitting.fit import make_problem
 from rfea_vision.fitting.observed import MM
 from rfea_vision.fitting.ratio import with_lever_free
-from rfea_vision.fitting.scoring import options_of
 
 
 @dataclass(frozen=True)
@@ -58,8 +56,8 @@ def power_study(
     list of Revealed
         One row per amplitude on offer.
     """
-    problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
-    fitted = with_lever_free(problem, refit_artefact(model, problem))
+    problem, fitted = taken_up(model, recordings)
+    fitted = with_lever_free(problem, fitted)
     floor = binding(floors_of(problem, fitted))
     present = {e.id for e in fitted.model.effects}
     effects = available(offered(problem, fitted, candidates, effect_files), present)

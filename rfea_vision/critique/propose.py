@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ModelFit
-from rfea_vision.artefacts.measurement import Actuator, Recording
-from rfea_vision.critique.diagnosis import refit_artefact
+from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.critique.diagnosis import taken_up
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, errors_of, matters, structure
 from rfea_vision.critique.screening import swallowable
@@ -30,11 +30,10 @@ from rfea_vision.critique.terms import Term, Trajectory, effect_source, library,
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
-from rfea_vision.fitting.fit import Fitted, Problem, fit_added, make_problem
+from rfea_vision.fitting.fit import Fitted, Problem, fit_added
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.residuals import Evaluation, as_it_stood, evaluate
-from rfea_vision.fitting.scoring import options_of
 from rfea_vision.fitting.uncertainty import frame_of_row
 from rfea_vision.units import rounded
 
@@ -84,8 +83,8 @@ def propose(
     DataError
         Nothing is left that a law could explain, or no law foretells runs that it was not regressed on.
     """
-    problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
-    fitted = with_lever_free(problem, refit_artefact(model, problem))
+    problem, fitted = taken_up(model, recordings)
+    fitted = with_lever_free(problem, fitted)
     before = errors_of(problem, fitted)
     floor = binding(floors_of(problem, fitted))
     if structure(before, floor) < STRUCTURE_FLOORS:

@@ -40,7 +40,7 @@ def drift(problem: Problem, fitted: Fitted, refined: Refined, items: Sequence[Ob
     seen = evaluate(finer, par, items, (), refined.clocks)
     if seen is None:
         return nowhere
-    here = [rows(item, one, jacobian=False)[0] for item, one in zip(items, refined.predicted, strict=True)]
+    here = [rows(item, one)[0] for item, one in zip(items, refined.predicted, strict=True)]
     change = seen.residual - np.concatenate(here)
     step = gauss_newton_step(fitted, change, np.zeros_like(fitted.solution.prior_residual))
     return np.asarray(TO_THE_LIMIT * (coordinates.matrix @ step[: len(coordinates.free)]), dtype=np.float64)

@@ -18,7 +18,7 @@ from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
 from rfea_vision.fitting.profile import profile
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
-from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, refit, refit_from
+from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, in_long_steps, refit, refit_from
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.rules import under_rules
 from rfea_vision.fitting.scoring import as_artefact
@@ -120,10 +120,10 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
     """
     coarse = options.with_segments(min(options.segments, 6 if options.joints == "middle" else options.segments))
     model = make_model(problem.actuator, coarse, problem.mirror)
-    thin = [o.rough(ROUGH_FRAMES) for o in problem.train]
     plateaus = find_plateaus(problem.train)
     reference = start_vector(model, problem.actuator, coarse.segments)
     reference[:6] *= observed_scale(problem.train, problem.actuator)
+    thin = [o.rough(ROUGH_FRAMES) for o in in_long_steps(problem, model, reference).train]
     coordinates = coordinates_for(problem, coarse, model)
     reference = from_the_release(model, thin, coordinates, reference)
     rng = np.random.default_rng(options.seed)
@@ -171,7 +171,9 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
             "no start could be simulated: at these pressures the model has no steady state with parameters near the paper's; "
             "check the unit of the pressure log and the actuator's dimensions"
         )
-    fitted = _refined(problem, options, model, coarse.segments, solutions)
+    nearest = min(solutions, key=lambda one: one.cost)
+    quick = in_long_steps(problem, model, nearest.par, nearest.clocks)
+    fitted = _refined(quick, options, model, coarse.segments, solutions)
     if progress is not None:
         progress(len(shapes) + 2, len(shapes) + 2)
     return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
@@ -313,8 +315,9 @@ def fit(problem: Problem, options: FitOptions, progress: Progress | None = None)
     if options.start:
         fitted = _without_jumps(problem, refit(problem, options, options.start, options.segments))
     else:
-        fitted = with_lever_held(problem, fit_base(problem, replace(options, effects=()), progress))
-        fitted = _without_jumps(problem, fitted)
+        fitted = fit_base(problem, replace(options, effects=()), progress)
+        problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
+        fitted = _without_jumps(problem, with_lever_held(problem, fitted))
         if options.effects:
             found = lever_free(fitted)
             fitted = fit_added(problem, replace(options, loss=found.loss, fixed=found.fixed), fitted, progress=progress)

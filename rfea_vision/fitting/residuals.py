@@ -64,7 +64,7 @@ def predict_observed(
         return None if one is None else _flat(one.points, one.angle)
 
     def weigh(seen: FloatArray) -> FloatArray:
-        return rows(informative, _unflat(plain, seen[..., None]), jacobian=False)[0]
+        return rows(informative, _unflat(plain, seen[..., None]))[0]
 
     found = eliminate(unknowns.sizes.size, look, weigh)
     if found is None:
@@ -300,7 +300,7 @@ def angle_zero(item: Observed, angle: FloatArray, dangle: FloatArray) -> tuple[f
     return float(weight @ (item.angle - angle)), -weight @ dangle
 
 
-def rows(item: Observed, predicted: Predicted, *, jacobian: bool = True) -> tuple[FloatArray, FloatArray]:
+def rows(item: Observed, predicted: Predicted) -> tuple[FloatArray, FloatArray]:
     """Weighted residual (rows,), measured minus modelled, and its Jacobian (rows, p) for the free parameters and the clock.
 
     midline: the normal distance at every node but the tip, and both coordinates of the tip, each by its own standard error;
@@ -316,13 +316,11 @@ def rows(item: Observed, predicted: Predicted, *, jacobian: bool = True) -> tupl
         return gap[:, -1, 1] / sigma, -predicted.dpoints[:, -1, 1] / sigma[:, None]
     sigma = item.sigma[:, -1:, None]
     tip = (gap[:, -1:] / sigma).reshape(-1)
-    dtip = (-predicted.dpoints[:, -1:] / sigma[..., None]).reshape(-1, p) if jacobian else np.zeros((0, p))
+    dtip = (-predicted.dpoints[:, -1:] / sigma[..., None]).reshape(-1, p)
     if item.observe == "tip" or item.fractions.size == 1:
         return tip, dtip
     normal, sigma = item.normals[:, :-1], item.sigma[:, :-1]
     body = (np.einsum("fma,fma->fm", normal, gap[:, :-1]) / sigma).reshape(-1)
-    if not jacobian:
-        return np.concatenate([body, tip]), dtip
     dbody = (-np.einsum("fma,fmap->fmp", normal, predicted.dpoints[:, :-1]) / sigma[..., None]).reshape(-1, p)
     return np.concatenate([body, tip]), np.concatenate([dbody, dtip])
 

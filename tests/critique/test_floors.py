@@ -11,7 +11,7 @@ import xarray as xr
 from rfea_vision.artefacts import Recording
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.fitting.fit import fit, make_problem
-from rfea_vision.fitting.noise import noise_floor_mm
+from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.options import FitOptions
 
 
@@ -24,8 +24,8 @@ def _fake(noise: np.ndarray, sigma_mm: float) -> tuple[SimpleNamespace, SimpleNa
         points=noise[:, None, :] * 1e-3, tip_noise_mm=0.0,
     )  # fmt: skip
     predicted = SimpleNamespace(points=np.zeros((time.size, 1, 2)))
-    tip_sigma = SimpleNamespace(values=np.full((time.size, 2), sigma_mm))
-    recordings = {"run": SimpleNamespace(dataset={"tip_sigma": tip_sigma})}
+    tip_sigma = np.full((time.size, 2), sigma_mm)
+    recordings = {"run": SimpleNamespace(dataset=xr.Dataset({"tip_sigma": (("time", "xy"), tip_sigma)}))}
     problem = SimpleNamespace(train=(item,), with_roles=lambda *_: (item,), recordings=recordings)
     return problem, SimpleNamespace(solution=SimpleNamespace(evaluation=SimpleNamespace(predicted=(predicted,))))
 
@@ -40,6 +40,18 @@ def test_the_floor_sees_noise_that_lasts_over_frames_but_no_motion():
     assert understated == pytest.approx(true, rel=0.15)
     slow = 0.5 * np.sin(2 * np.pi * 2.0 * np.arange(3000) / 240.0)[:, None]
     assert measurement(*_fake(0.06 * noise + slow, 0.03)) == pytest.approx(understated, rel=0.05)
+
+
+def test_ringing_that_the_model_tells_does_not_raise_the_floor_of_a_slow_track():
+    """Third differences of a tube that rings at 5 Hz before 25 frames/s are its motion; what the model leaves has only the noise."""
+    rng = np.random.default_rng(3)
+    noise = 0.06 * rng.standard_normal((1500, 2))
+    ringing = 2.0 * np.sin(2 * np.pi * 5.0 * np.arange(1500) / 25.0)[:, None]
+    problem, fitted = _fake(noise, 0.06)
+    (item,) = problem.train
+    item.points, item.tip_noise_mm = item.points + ringing[:, None, :] * 1e-3, white_noise_mm(noise + ringing)
+    fitted.solution.evaluation.predicted[0].points = ringing[:, None, :] * 1e-3
+    assert item.tip_noise_mm > 1.0 and measurement(problem, fitted) == pytest.approx(0.06 * np.sqrt(2), rel=0.1)
 
 
 def test_repeats_give_the_irreproducible_floor(campaign):

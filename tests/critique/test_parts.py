@@ -74,6 +74,19 @@ def test_a_claim_about_a_better_model_is_weighed_against_the_model_without_effec
     assert better.present.errors.held < 0.2 * better.base.held
 
 
+@pytest.mark.parametrize("observe", ["angle", "tip_y"])
+def test_a_refit_is_carried_from_thinned_runs_to_all_frames_of_any_kind(campaign, monkeypatch, observe):
+    monkeypatch.setattr("rfea_vision.fitting.refit.ROUGH_FRAMES", 80)
+    problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)), FitOptions(observe=observe))
+    options = FitOptions(segments=4, starts=0, observe=observe)
+    trials = Trials(problem)
+    base = trials.stands(fit(problem, options))
+    assert trials.rough[0].time.size < problem.train[0].time.size
+    found = trials.refit(base, ("gravity_tilt",), {})
+    whole = refit_from(problem, replace(options, effects=("gravity_tilt",)), base.fitted)
+    assert found is not None and found.cost == pytest.approx(whole.solution.cost, rel=0.01)
+
+
 @pytest.mark.study
 def test_a_score_test_that_fails_for_all_at_once_is_run_in_halves(campaign, monkeypatch):
     problem = make_problem(*campaign((("maxwell.k1", 0.1), ("maxwell.T", 0.5))))

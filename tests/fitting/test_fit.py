@@ -14,7 +14,7 @@ from rfea_vision.fitting.fit import fit, fit_base, make_model, make_problem, sta
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
-from rfea_vision.fitting.refit import FELT_SHARE, refit_from, rough_runs
+from rfea_vision.fitting.refit import FELT_SHARE, UNFELT, in_long_steps, refit_from, rough_runs
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.solver import ROUGH_FRAMES
@@ -78,6 +78,23 @@ def test_what_is_far_off_is_met_in_longer_steps(complete_campaign):
     assert before is not None and after is not None
     felt = np.linalg.norm(after.residual - before.residual) / np.linalg.norm(before.residual)
     assert 0 < felt < FELT_SHARE
+
+
+def test_steps_are_as_long_as_nobody_feels(complete_campaign):
+    """Of a slow camera before a log of 1 kHz they grow; what is seen moves by less than a fiftieth of its standard error."""
+    recordings, actuator, _ = complete_campaign
+    slow = {name: Recording(run.dataset.isel(time=slice(None, None, 4))) for name, run in recordings.items()}
+    problem = make_problem(slow, actuator, FitOptions(observe="angle"))
+    model = make_model(actuator, OPTIONS, problem.mirror)
+    par = start_vector(model, actuator, OPTIONS.segments)
+    longer = in_long_steps(problem, model, par)
+    steps = [item.excitation.step_s for item in longer.train]
+    assert min(steps) > problem.train[0].excitation.step_s
+    assert all(item.excitation.step_s <= min(steps) * (1 + 1e-9) for item in longer.validate)
+    before, after = (evaluate(model, par, runs.train, ()) for runs in (problem, longer))
+    assert before is not None and after is not None
+    moved = np.sqrt(np.mean((after.residual - before.residual) ** 2))
+    assert 0 < moved < 3 * UNFELT  # each doubling less than that
 
 
 def test_an_effect_that_the_data_do_not_ask_for_is_called_absent(complete_campaign):
