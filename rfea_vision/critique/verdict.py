@@ -195,8 +195,10 @@ def _complete(search: Search, found: Verdict) -> str:
 
 def _unexplained(search: Search, found: Verdict) -> str:
     unit = search.floors.unit
-    left = max(search.held**2 - search.floor**2, 0.0) ** 0.5
-    text = f"Structure of {rounded(left)} {unit} is left above the floor, and no effect of the catalogue is likely to be its cause."
+    errors = search.present.errors
+    along = " along the tube" if (errors.held_midline or 0.0) > errors.held else ""
+    left = rounded(search.structure(search.present) * search.floor)
+    text = f"Structure of {left} {unit} is left{along} above the floor, and no effect of the catalogue is likely to be its cause."
     nearest = next((item for item in found.weighed if item.added and item.share > 0), None)
     if nearest is not None:
         told = " with ".join(f"{one} (probability {percent(found.probability[one])})" for one in nearest.added)

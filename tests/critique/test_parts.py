@@ -351,12 +351,15 @@ def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
         Weighed(SimpleNamespace(), (name,), 0.0, 0.1, share)  # type: ignore[arg-type]
         for name, share in (("drag", -0.3), ("payload", 0.2))
     ]
-    search: Any = SimpleNamespace(floors=SimpleNamespace(unit="deg"), floor=0.1, held=1.0)
+    search: Any = object.__new__(Search)
+    search.floors, search.floor, search.present = SimpleNamespace(unit="mm"), 0.1, SimpleNamespace(errors=_errors(1.0))
     found: Any = SimpleNamespace(weighed=rows, probability={"drag": 0.03, "payload": 0.1})
     said = _unexplained(search, found)
     assert "payload (probability 10 %), removes 20 %" in said and "drag" not in said
     found.weighed = rows[:1]
     assert "nearest" not in _unexplained(search, found)
+    search.present = SimpleNamespace(errors=_errors(0.09, 0.5))  # at the floor at the tip: what is left is seen along the tube only
+    assert "Structure of 0.490 mm is left along the tube" in _unexplained(search, found)
 
 
 def _asked_in_other_forms(weighed: list[Any], structure: float) -> set[tuple[str, ...]]:
