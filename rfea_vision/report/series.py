@@ -214,6 +214,7 @@ def pack_step(step: LadderStep, evidence: Evidence, pack: Pack, titles: Mapping[
         "model": step.rung.model,
         "name": rung_name(step, titles),
         "ladder": step.on_ladder,
+        "verdict": step.verdict,
         "unit": shown.unit,
         "train": shown.train,
         "validate": shown.validate,

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -238,13 +239,15 @@ def test_prints_every_figure_as_vectors(opened: Browser) -> None:
     assert opened.run("document.querySelectorAll('.rung-on-paper').length") == 0
 
 
-def test_an_address_leads_to_a_rung_a_run_and_an_instant(opened: Browser) -> None:
+def test_an_address_leads_to_a_rung_a_run_and_an_instant(opened: Browser, sample: Path) -> None:
     opened.run("document.querySelector('[data-choose=\"1\"]').click()")
     opened.run("document.querySelectorAll('[data-experiment]')[1].click()")
     opened.run("{ const s = document.querySelector('#scrub'); s.value = 40; s.dispatchEvent(new Event('input')); }")
     opened.run("new Promise(done => setTimeout(done, 400))")
     gap, place = opened.run("document.querySelector('#gap').textContent"), opened.run("location.hash")
     assert "Gap at the tip" in gap and "run=" in place
+    cured = json.loads((sample / "ladder.json").read_text())["rungs"][-1]["verdict"] == "complete"
+    assert (" once cured" if cured else " with the last rung") in gap  # what is unexplained is not cured
     opened.call("Page.reload")
     opened.run("new Promise(done => setTimeout(done, 300))")
     opened.wait("document.documentElement?.dataset.ready === 'yes'")

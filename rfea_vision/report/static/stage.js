@@ -96,7 +96,7 @@ function showGap() {
   if (note) note.hidden = !then;
   if (earlier) earlier.hidden = !predictionBefore();
   const tested = experiment().role === "test" && (now || then) ? " · test run: drawn after the end, scored once" : "";
-  line.textContent = now || then ? `Gap ${what === "tip" ? "at" : "in"} the ${what}, ${state.time.toFixed(2)} s: ${[now, then].filter(Boolean).join(" → ")} ${(prediction() ?? prediction(cured)).unit ?? ""}${then ? " once cured" : ""}${tested}` : prediction()?.why?.prediction?.replaceAll("`", "") ?? "";
+  line.textContent = now || then ? `Gap ${what === "tip" ? "at" : "in"} the ${what}, ${state.time.toFixed(2)} s: ${[now, then].filter(Boolean).join(" → ")} ${(prediction() ?? prediction(cured)).unit ?? ""}${then ? (cured.verdict === "complete" ? " once cured" : " with the last rung") : ""}${tested}` : prediction()?.why?.prediction?.replaceAll("`", "") ?? "";
 }
 
 function tipOf(e, k) {
