@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from datetime import date
@@ -66,7 +67,7 @@ def export_command(
             if crate:
                 say_next("look into", files[0], why="the list of what the crate holds, an RO-Crate 1.1")
             else:
-                shown = f"import xarray; print(xarray.open_dataset({str(files[0])!r}))"
+                shown = f"import xarray; print(xarray.open_dataset({json.dumps(str(files[0]))}))"  # no quotes within those of a shell
                 say_next("python -c", shown, why="movement opens it, too")
         return
     from rfea_vision.artefacts import Recording

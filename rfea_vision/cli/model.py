@@ -120,6 +120,8 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     say(f"{diagnosis.model}: {diagnosis.verdict}{named if diagnosis.named else ''}")
     if diagnosis.sentence:
         say(diagnosis.sentence)
+    if diagnosis.verdict == "unexplained" and diagnosis.where:  # what shows it comes before what it may be
+        say(diagnosis.where[0].sentence)
     _print_candidates(diagnosis)
     _print_floors(diagnosis)
     if diagnosis.remainder and diagnosis.remainder.sentence:

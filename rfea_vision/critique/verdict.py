@@ -204,7 +204,7 @@ def _unexplained(search: Search, found: Verdict) -> str:
         told = " with ".join(f"{one} (probability {percent(found.probability[one])})" for one in nearest.added)
         text += (
             f" The nearest, {told}, removes {100 * nearest.share:.0f} % of the squared error. "
-            "See the residual torque and what it depends on."
+            "The report shows where along the tube and when it is left."
         )
     return text
 

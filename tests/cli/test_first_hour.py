@@ -15,7 +15,7 @@ from campaign.campaigns import write_campaign
 from rich.progress import Progress
 
 from rfea_vision.artefacts import Diagnosis, Ladder, Rung
-from rfea_vision.artefacts.judgement import Remainder
+from rfea_vision.artefacts.judgement import Remainder, WorstPlace
 from rfea_vision.cli import batch, console, model, root
 from rfea_vision.cli.twin import _played
 from rfea_vision.critique import verdict
@@ -101,6 +101,14 @@ def test_the_table_shows_what_ranks_the_candidates(tmp_path, capsys):
     table = capsys.readouterr().out
     assert "score" not in table and " -0 " not in table, table
     assert re.search(r"maxwell +99 % +98 %", table) and re.search(r"drag +1 % +12 %", table), table
+
+
+def test_what_nothing_explains_is_told_with_the_place_that_shows_it(tmp_path, capsys):
+    place = {"experiment": "steps", "from_s": 0.8, "to_s": 1.3, "from_sigma": 0.34, "to_sigma": 0.47, "rmse_mm": 1.0}
+    where = [WorstPlace(**place, phase="hold", sentence="steps: 1 mm RMS, from 34 to 47 % along the tube.")]
+    model.print_diagnosis(Diagnosis(model="base", verdict="unexplained", where=where), tmp_path, tmp_path)
+    said = capsys.readouterr().out
+    assert said.index("34 to 47 % along the tube") < said.index("next: rfea propose")
 
 
 def test_what_is_left_is_said_once(tmp_path, capsys):
