@@ -33,6 +33,7 @@ from rfea_vision.units import counted, rounded
 
 _WIDE = 160  # columns of a table that goes to a file or another program
 _CARRIED = ("out", "trust", "untrusted")  # parameters that say where to look, and at what
+LAWS = "--effect-file"  # without it what was fitted with laws of one's own is refused; the key of files that a command only names
 _MOST_NAMED = 6  # unchanged stages that are listed by name
 
 
@@ -106,14 +107,18 @@ def _carried(command: str) -> list[str]:
         if isinstance(option, click.Option) and option.name in _CARRIED
         and context.get_parameter_source(option.name) is ParameterSource.COMMANDLINE
     ]  # fmt: skip
+    laws = [option for option in context.command.params if LAWS in option.opts]
+    files = [file for option in laws for file in context.params.get(str(option.name)) or context.meta.get(LAWS, ())]
     root = context.find_root()
     following = (
-        root.command.get_command(root, command.split()[1]) if typed and isinstance(root.command, click.Group) else None
+        root.command.get_command(root, command.split()[1])
+        if (typed or files) and isinstance(root.command, click.Group)
+        else None
     )
-    alike = {
-        (option.name, option.help) for option in getattr(following, "params", ()) if isinstance(option, click.Option)
-    }
-    words: list[str] = []
+    options = [option for option in getattr(following, "params", ()) if isinstance(option, click.Option)]
+    alike = {(option.name, option.help) for option in options}
+    taken = files if any(LAWS in option.opts for option in options) else []
+    words = [word for file in taken for word in (LAWS, shlex.quote(str(file)))]
     for option in typed:
         if (option.name, option.help) in alike:
             words += [option.opts[0], *([] if option.is_flag else [shlex.quote(str(context.params[option.name]))])]

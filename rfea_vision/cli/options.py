@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_or
 import click
 from click.core import ParameterSource
 
-from rfea_vision.cli.console import ConsoleListener
+from rfea_vision.cli.console import LAWS, ConsoleListener
 from rfea_vision.options.asking import Option, asked_by, read_flags
 from rfea_vision.units import parse_quantity
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rfea_vision.stages import Workspace
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
-_TRUST, _CODE = "rfea_vision.trust", "rfea_vision.code"
+_TRUST = "rfea_vision.trust"
 
 
 class Quantity(click.ParamType):
@@ -86,10 +86,10 @@ def code_option(command: _Command) -> _Command:
         from rfea_vision.effects.permission import name_files
 
         name_files(value)
-        ctx.meta[_CODE] = value
+        ctx.meta[LAWS] = value
 
     return click.option(
-        "--effect-file",
+        LAWS,
         type=click.Path(path_type=Path),
         multiple=True,
         expose_value=False,
@@ -120,7 +120,7 @@ def refuse_beside(flag: str, odd: Iterable[str], why: str) -> None:
 
 def named_files() -> tuple[Path, ...]:
     """The effect files that the command which runs was given through `code_option`."""
-    return tuple(click.get_current_context().meta.get(_CODE) or ())
+    return tuple(click.get_current_context().meta.get(LAWS) or ())
 
 
 def trusted() -> bool:

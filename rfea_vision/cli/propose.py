@@ -8,10 +8,11 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json, say, say_next
-from rfea_vision.cli.options import campaign_options, opened
+from rfea_vision.cli.options import campaign_options, code_option, opened
 
 
 @click.command("propose")
+@code_option
 @campaign_options
 @click.argument("model", required=False)
 @click.option(

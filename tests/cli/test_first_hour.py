@@ -9,6 +9,7 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import click
 import pandas as pd
 import pytest
 from campaign.campaigns import write_campaign
@@ -239,6 +240,17 @@ def test_the_next_command_can_be_typed_as_it_stands(tmp_path):
     campaign = write_campaign(tmp_path / "my tube's runs")
     next_one = rfea("check", campaign).out.splitlines()[-1].removeprefix("next: ").partition("   (")[0]
     assert shlex.split(next_one)[2] == str(campaign)
+
+
+@pytest.mark.parametrize(("command", "following"), [("improve", "rfea propose"), ("report", "rfea figures"), ("fit", "rfea sync")])
+def test_the_next_command_names_the_laws_without_which_it_would_refuse(tmp_path, monkeypatch, capsys, command, following):
+    law = tmp_path / "my law.py"
+    law.write_text("")
+    found = root.rfea.get_command(click.Context(root.rfea), command)
+    monkeypatch.setattr(found, "callback", lambda **given: console.say_next(following, "tube"))
+    root.rfea.main([command, str(write_campaign(tmp_path / "c")), "--effect-file", str(law)], standalone_mode=False)
+    takes = following != "rfea sync"
+    assert capsys.readouterr().out == f"next: {following} tube" + (f" --effect-file '{law}'" if takes else "") + "\n"
 
 
 def test_a_clock_in_ms_is_named_where_the_clocks_do_not_meet(tmp_path):
