@@ -28,6 +28,7 @@ TRIED = 60  # frames: two seconds of a phone's film
 AROUND_CLAMP, ASIDE = 3.0, 2.0
 BASE_MOVED, BASE_ALIKE, BASE_GONE = 0.5, 0.7, 0.15  # half widths; least correlation there, and by how much it beats that in its place
 LOOKS = 12  # frames in which this is looked at
+READ, BEGUN = 0.95, 12  # share of a film that is read as one; frames, half a second of most films: fewer may be luck
 GAIN = 0.05  # of these frames: less is no reason to point again
 
 
@@ -60,7 +61,21 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
         return f"{_scale_first(reasons)}check this against the picture and give it: {words} ({brings})"
     if scale_off:
         return scale_off
+    if scene.clamp_px is not None and scene.tip_px is not None and (cut := _read_until(reasons)):
+        return cut
     return _untried(scene, reasons) + (f" ({len(tried)} guesses at it were tried and brought nothing)" if tried else "")
+
+
+def _read_until(reasons: list[str]) -> str:
+    """Say up to where a film is read, `READ` of it, and what stands there; empty where it is not read from its beginning."""
+    good = np.cumsum([not reason or reason.startswith("duplicate") for reason in reasons])
+    count = int(np.max(np.flatnonzero(good >= READ * np.arange(1, len(reasons) + 1)), initial=-1)) + 1
+    if not BEGUN <= count < len(reasons):
+        return ""
+    return (
+        f"the hints fit the first {count} frames, of which {good[count - 1]} were read: cut the film to these, or see what "
+        f"changes in frame {count} ({reasons[count]})"
+    )
 
 
 def base_moved(source: FrameSource, scene: Scene, count: int) -> str:

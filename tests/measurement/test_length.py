@@ -79,6 +79,19 @@ def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch)
     assert said.startswith("check the board's square (or camera.scale)") and "give it: camera.tip: [3, 4] (tried, it reads 2" in said
 
 
+def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(monkeypatch):
+    """It says up to where it was read; whether that is so, the frames told."""
+    monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter(()))
+    monkeypatch.setattr(advice, "base_moved", lambda source, scene, count: "")
+    given = SimpleNamespace(centre_line=((1.0, 2.0), (3.0, 4.0)))
+    scene = SimpleNamespace(clamp_px=np.zeros((2, 2)), tip_px=np.zeros(2), hints=given)
+    lost = ["no_fit: folded"] * 20
+    said = advice.next_hint(None, scene, [""] * 18 + ["edge_lost"] + [""] * 2 + lost)
+    assert said.startswith("the hints fit the first 21 frames, of which 20 were read: cut the film to these")
+    assert said.endswith("frame 21 (no_fit: folded)")
+    assert advice.next_hint(None, scene, [""] * 5 + lost).startswith("check the hints")
+
+
 @pytest.mark.parametrize(("base_px", "wall_px", "says"), [(0.0, 0.0, False), (16.0, 0.0, True), (8.0, 8.0, False)])
 def test_a_base_that_moves_is_said_and_a_camera_that_drifts_is_not(base_px, wall_px, says):
     """No hint mends a clamp that leaves its place; a drift of the whole view is followed. The arm below swings in all three."""
