@@ -5,8 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
+from rfea_vision.artefacts.rows import (
+    Correlation,
+    Elongation,
+    GoesWith,
+    LeaveOneOut,
+    PhaseRow,
+    PressureRow,
+    Profile,
+    ResidualTest,
+    SegmentRow,
+    StartRow,
+    SteadyState,
+    StudyRow,
+    TestScore,
+    TorqueSummary,
+)
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 
@@ -82,7 +98,7 @@ class ModelFit(_Json):
     actuator: dict[str, Any] = Field(default_factory=dict)
     parameters: dict[str, Parameter]
     paper_parameters: dict[str, Parameter] = Field(default_factory=dict)
-    correlation: dict[str, Any] = Field(default_factory=dict)  # of the noise: {"names", "matrix", "stderr"}
+    correlation: Correlation = Field(default_factory=Correlation)
     metrics: dict[str, Metrics]
     noise_floor_mm: float | None = None
     noise_floor_deg: float | None = None  # where only an angle was measured
@@ -90,19 +106,16 @@ class ModelFit(_Json):
     experiments: dict[str, ExperimentScore]
     ratio_only: bool = False  # whether r_hyd was held because these runs tell only its ratio to the stiffness
     warnings: list[str] = Field(default_factory=list)
-    # {"pressure_kPa": [...], "angle_deg": [...], "fitted_angle_deg": [...]}
-    steady_state: dict[str, Any] = Field(default_factory=dict)
-    starts: list[dict[str, Any]] = Field(default_factory=list)  # the waterfall: {"start", "cost", "status"}
-    residual_tests: dict[str, Any] = Field(default_factory=dict)
+    steady_state: SteadyState = Field(default_factory=SteadyState)
+    starts: list[StartRow] = Field(default_factory=list)  # the waterfall
+    residual_tests: dict[str, ResidualTest] = Field(default_factory=dict)
     effect_files: list[str] = Field(default_factory=list)  # of the user's own effects
-    given: dict[str, Any] = Field(default_factory=dict)  # SI: {"fixed": {}, "bounds": {}, "priors": {}, ...}
-    # parameter -> {"value", "delta", "interval_95", ...}
-    profiles: dict[str, dict[str, Any]] = Field(default_factory=dict)
-    # {"experiments": {...}, "parameters": {...}, "sentence"}
-    leave_one_out: dict[str, Any] = Field(default_factory=dict)
+    given: dict[str, JsonValue] = Field(default_factory=dict)  # fields of `FitOptions`, in SI
+    profiles: dict[str, Profile] = Field(default_factory=dict)
+    leave_one_out: LeaveOneOut = Field(default_factory=LeaveOneOut)
     # seconds; written apart, as no two runs agree
     timings: dict[str, float] = Field(default_factory=dict, exclude=True)
-    segments_study: list[dict[str, Any]] = Field(default_factory=list)  # {"segments", "train_tip_rmse_mm", ...}
+    segments_study: list[StudyRow] = Field(default_factory=list)
     laws: dict[str, dict[str, str]] = Field(default_factory=dict)  # effect -> {"title", "latex", "reference", "text"}
     inputs: dict[str, str] = Field(default_factory=dict)
 
@@ -132,15 +145,12 @@ class Comparison(_Json):
     format: Literal["rfea-comparison/1"] = "rfea-comparison/1"
     model: str
     noise_floor_mm: float | None = None
-    # {"experiment","role","phase","rmse_mm","rmse_deg","share","frames"}
-    by_phase: list[dict[str, Any]] = Field(default_factory=list)
-    # {"from_kPa","to_kPa","rmse_mm","rmse_deg","frames"}
-    by_pressure: list[dict[str, Any]] = Field(default_factory=list)
-    by_segment: list[dict[str, Any]] = Field(default_factory=list)  # {"from_sigma","to_sigma","rmse_mm","bias_mm"}
+    by_phase: list[PhaseRow] = Field(default_factory=list)
+    by_pressure: list[PressureRow] = Field(default_factory=list)
+    by_segment: list[SegmentRow] = Field(default_factory=list)
     where: list[WorstPlace] = Field(default_factory=list)
-    # {"rms_mNm", "depends_on": [{"on","score","sentence"}], "note"}
-    residual_torque: dict[str, Any] = Field(default_factory=dict)
-    elongation: dict[str, Any] = Field(default_factory=dict)  # {"sentence","assumption","profiles":[...]}
+    residual_torque: TorqueSummary = Field(default_factory=TorqueSummary)
+    elongation: Elongation = Field(default_factory=Elongation)
     sentences: list[str] = Field(default_factory=list)
 
 
@@ -201,7 +211,7 @@ class Remainder(_Json):
     share: float | None = None
     rmse_mm: float | None = None
     rmse_deg: float | None = None
-    goes_with: list[dict[str, Any]] = Field(default_factory=list)  # {"what", "r2"}
+    goes_with: list[GoesWith] = Field(default_factory=list)
     sentence: str = ""
 
 
@@ -290,7 +300,7 @@ class Ladder(_Json):
 
     format: Literal["rfea-ladder/1"] = "rfea-ladder/1"
     rungs: list[Rung]
-    test: dict[str, Any] | None = None  # {"model", "tip_rmse_mm", "experiments": {...}}; first_model_... of the first
+    test: TestScore | None = None
     noise_floor_mm: float | None = None
     noise_floor_deg: float | None = None  # where only an angle was measured
     stopped_because: str = ""

@@ -57,14 +57,14 @@ def _fit_one(
     grey: NDArray[np.float32], row: int, column: int, half: int, corner: FloatArray, normals: FloatArray
 ) -> FloatArray:
     """Damped Gauss-Newton from `corner`; the last accepted parameters."""
-    accepted = np.array([*corner, *normals, _FIRST_BLUR_PX, 0.0, 0.0, 0.0, 0.0])
+    accepted = np.array([*corner, *normals, _FIRST_BLUR_PX, 0.0, 0.0, 0.0, 0.0], dtype=np.float64)
     _level_and_contrast(grey, row, column, half, accepted)
     matrix, right, cost = _normal_equations(grey, row, column, half, accepted)
     damping = 1e-3
     for _ in range(_STEPS):
         # in plain Python, as compiling a linear solver takes longer than all corners of a calibration
         damped = matrix + np.diag(damping * np.diagonal(matrix) + 1e-12)
-        trial = accepted + np.linalg.solve(damped, right)
+        trial = np.asarray(accepted + np.linalg.solve(damped, right), dtype=np.float64)
         trial[4] = max(trial[4], _LEAST_BLUR_PX)
         new_matrix, new_right, new_cost = _normal_equations(grey, row, column, half, trial)
         if new_cost <= cost:

@@ -69,7 +69,7 @@ def print_model(model: ModelFit) -> None:
     for found in model.profiles.values():
         say(found["sentence"])
     if model.leave_one_out:
-        say(f"leaving runs out: {model.leave_one_out['sentence']}")
+        say(f"leaving runs out: {model.leave_one_out.get('sentence', '')}")
 
 
 def print_study(model: ModelFit) -> None:

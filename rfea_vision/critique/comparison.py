@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import xarray as xr
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Comparison, Metrics, ModelFit, WorstPlace
 from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.artefacts.rows import GoesWith, PhaseRow, PressureRow, SegmentRow
 from rfea_vision.critique.elongation import describe_elongation
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import all_residual_torques, summarise_torque
@@ -121,7 +122,8 @@ def _worst(
 
 def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> Comparison:
     """Compare a fitted model with the training and validation recordings (test runs are left alone)."""
-    by_phase, where = [], []
+    by_phase: list[PhaseRow] = []
+    where = []
     pressures, squares, places, biases = [], [], [], []
     compared = [name for name in predictions if recordings[name].role in ("train", "validate")]
     units = {name: "mm" if {"tip", "midline"} & set(recordings[name].dataset) else "deg" for name in compared}
@@ -175,23 +177,28 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
 WORTH_A_WORD = 0.05
 
 
-def goes_with(comparison: Comparison) -> list[dict[str, Any]]:
-    """What the residual torque depends on, as a diagnosis says it: {"what", "r2"}, best first."""
+def goes_with(comparison: Comparison) -> list[GoesWith]:
+    """What the residual torque depends on, as a diagnosis says it, best first."""
     ranked = comparison.residual_torque.get("depends_on") or []
     return [{"what": row["what"], "r2": row["score"]} for row in ranked if row["score"] >= WORTH_A_WORD]
 
 
-def _in_unit(error: float | None, unit: str) -> dict[str, float | None]:
+class _InUnit(TypedDict):
+    rmse_mm: float | None
+    rmse_deg: float | None
+
+
+def _in_unit(error: float | None, unit: str) -> _InUnit:
     """An error under the name of its unit; the other is null."""
-    return {f"rmse_{name}": error if name == unit else None for name in ("mm", "deg")}
+    return {"rmse_mm": error if unit == "mm" else None, "rmse_deg": error if unit == "deg" else None}
 
 
-def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray], unit: str) -> list[dict[str, Any]]:
+def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray], unit: str) -> list[PressureRow]:
     if not pressures:
         return []
     pressure, square = np.concatenate(pressures), np.concatenate(squares)
     edges = np.linspace(pressure.min(), pressure.max(), PRESSURE_BANDS + 1)
-    rows = []
+    rows: list[PressureRow] = []
     for low, high in pairwise(edges):
         inside = (pressure >= low) & (pressure <= high)
         rows.append(
@@ -205,7 +212,7 @@ def _by_pressure(pressures: list[FloatArray], squares: list[FloatArray], unit: s
     return rows
 
 
-def _by_segment(squares: list[FloatArray], residuals: list[FloatArray]) -> list[dict[str, Any]]:
+def _by_segment(squares: list[FloatArray], residuals: list[FloatArray]) -> list[SegmentRow]:
     if not squares:
         return []
     nodes = min(s.shape[1] for s in squares)
@@ -247,7 +254,7 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
         out.append(f"The angle of model {model.name} is off by {rounded(held.angle_rmse_deg)} deg RMS on {kind} runs.")
     totals: dict[str, float] = {}
     for row in comparison.by_phase:
-        if (error := row[f"rmse_{unit}"]) is not None:
+        if (error := row["rmse_mm" if unit == "mm" else "rmse_deg"]) is not None:
             totals[row["phase"]] = totals.get(row["phase"], 0.0) + error**2 * row["frames"]
     if totals and sum(totals.values()) > 0:
         worst = max(totals, key=lambda key: totals[key])
@@ -256,9 +263,7 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
         )
     out += [place.sentence for place in comparison.where[:2]]
     ranked = comparison.residual_torque.get("depends_on") or []
-    if ranked and ranked[0]["score"] > 0.15 and not _at_the_floor(model, held):
-        out.append(
-            f"The torque that would close the gap is {rounded(comparison.residual_torque['rms_mNm'])} mN m RMS; "
-            + ranked[0]["sentence"]
-        )
+    torque = comparison.residual_torque.get("rms_mNm")
+    if ranked and torque is not None and ranked[0]["score"] > 0.15 and not _at_the_floor(model, held):
+        out.append(f"The torque that would close the gap is {rounded(torque)} mN m RMS; " + ranked[0]["sentence"])
     return out

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, Rung, WorstPlace
 from rfea_vision.artefacts.measurement import Actuator, Recording
+from rfea_vision.artefacts.rows import GoesWith
 from rfea_vision.critique.evidence import candidate_rows, swallowed, to_rule_out
 from rfea_vision.critique.measures import Errors, errors_of, in_another_unit
 from rfea_vision.critique.next_experiment import design_next
@@ -47,7 +47,7 @@ def judge(
     *,
     candidates: Sequence[str] | None = None,
     where: Sequence[WorstPlace] = (),
-    goes_with: Sequence[dict[str, Any]] = (),
+    goes_with: Sequence[GoesWith] = (),
     scored: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
@@ -107,7 +107,7 @@ def _left_out(problem: Problem) -> list[str]:
     return [f"{', '.join(names)}: fitted, but not used to judge: only {has} was measured, and errors are compared in {unit}"]
 
 
-def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, Any]]) -> Diagnosis:
+def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) -> Diagnosis:
     in_mm = search.floors.unit == "mm"
     fitted, best = search.present.fitted, verdict.best.fitted
     return Diagnosis(
@@ -169,7 +169,7 @@ def diagnose(
     *,
     candidates: Sequence[str] | None = None,
     where: Sequence[WorstPlace] = (),
-    goes_with: Sequence[dict[str, Any]] = (),
+    goes_with: Sequence[GoesWith] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Diagnosis, xr.Dataset | None]:
     """Name the effects that are missing from a fitted model, each with its probability and share of the misfit.

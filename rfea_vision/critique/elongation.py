@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.artefacts.rows import Elongation, ElongationProfile
 
 ASSUMPTION = (
     "Read from the curvature at the tube's half width, with the inner side taken as inextensible: at constant width this is "
@@ -16,7 +16,7 @@ ASSUMPTION = (
 )
 
 
-def describe_elongation(recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> dict[str, Any]:
+def describe_elongation(recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> Elongation:
     """Profiles at up to three pressures, measured and modelled, and the test of uniformity in a sentence.
 
     Uniformity is tested by chi-square over the segments' means against their standard errors, frames of one profile taken
@@ -42,7 +42,8 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
     seen = pressure[data["valid"].values.astype(bool)]
     # below zero where a chamber bends to the other side
     top = float(seen[np.argmax(np.abs(seen))]) if seen.size else 0.0
-    profiles, sentence = [], "The pressure never rose enough to test the elongation."
+    profiles: list[ElongationProfile] = []
+    sentence = "The pressure never rose enough to test the elongation."
     for share in (0.33, 0.66, 0.95):
         inside = (np.abs(pressure - share * top) < 0.03 * abs(top)) & data["valid"].values.astype(bool)
         if inside.sum() < 5:

@@ -6,13 +6,14 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts.judgement import Candidate, Comparison, Diagnosis, Ladder, ModelFit, Rung
 from rfea_vision.artefacts.measurement import Actuator, Recording
+from rfea_vision.artefacts.rows import TestScore
 from rfea_vision.critique.comparison import compare, goes_with
 from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
 from rfea_vision.critique.measures import common_runs, delta_bic, errors_of, matters
@@ -295,7 +296,7 @@ def _without_test(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
     return {name: r for name, r in recordings.items() if r.role in ("train", "validate")}
 
 
-def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]:
+def _test_score(problem: Problem, first: Fitted, last: Fitted) -> TestScore:
     """Scores of the first and the last model on runs that nothing chose on."""
     key, part = ("tip_rmse_mm", "tip") if problem.train[0].has_tip else ("angle_rmse_deg", "angle")
 
@@ -307,14 +308,9 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> dict[str, Any]
 
     before, before_each = of(first)
     after, each = of(last)
-    return {
-        "model": last.options.name,
-        key: after,
-        "first_model": first.options.name,
-        f"first_model_{key}": before,
-        "experiments": each,
-        "first_model_experiments": before_each,
-    }
+    errors = {key: after, "first_model": first.options.name, f"first_model_{key}": before}
+    both = {"experiments": each, "first_model_experiments": before_each}
+    return cast(TestScore, {"model": last.options.name, **errors, **both})
 
 
 def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
@@ -333,7 +329,7 @@ def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
 def _findings(
     rungs: Sequence[Rung],
     titles: Sequence[str],
-    test: dict[str, Any] | None,
+    test: TestScore | None,
     floor: float | None,
     unit: str,
     stopped: str,
@@ -350,8 +346,9 @@ def _findings(
     if titles and first and last:
         fall = f"fell from {rounded(first)} to {rounded(last)} {unit} ({rounded(first / last)} times)"
         out.append(f"The {what} on validation runs {fall}.")
-    if titles and test and test[key] and test[f"first_model_{key}"]:
-        fall = f"fell from {rounded(test[f'first_model_{key}'])} to {rounded(test[key])} {unit}"
+    before, after = (test.get(f"first_model_{key}"), test.get(key)) if test else (None, None)
+    if titles and before and after:
+        fall = f"fell from {rounded(before)} to {rounded(after)} {unit}"
         out.append(f"On test runs, on which nothing was chosen, it {fall}.")
     if floor:
         out.append(f"The noise floor is {rounded(floor)} {unit}: an error below it says nothing about the model.")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,6 +17,7 @@ from scipy.signal import savgol_filter
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.artefacts.rows import Dependence, TorqueSummary
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.dynamics.inverse import joint_torques
 from rfea_vision.dynamics.simulation import Model
@@ -57,7 +57,7 @@ def _angle_gap(model: Model, item: Observed, predicted: Predicted) -> tuple[Floa
     from rfea_vision.dynamics.simulation import Motion
 
     # in the order of a motion's own: another would be compiled for apart
-    S = np.ascontiguousarray(np.broadcast_to(phi_basis, (frames, n + 1, shapes)))
+    S = np.ascontiguousarray(np.broadcast_to(phi_basis, (frames, n + 1, shapes)), dtype=np.float64)
     motion = predicted.motion
     posed = Motion(0, "", motion.phi, motion.rate, motion.states, S, np.arange(shapes), pivot=motion.pivot[:1])
     _, slope = model.centre_line(posed, item.fractions)
@@ -140,7 +140,7 @@ def _regressors(result: ResidualTorque, item: Observed, clock_s: float) -> dict[
     return out
 
 
-def summarise_torque(results: list[tuple[ResidualTorque, Observed, float]]) -> dict[str, Any]:
+def summarise_torque(results: list[tuple[ResidualTorque, Observed, float]]) -> TorqueSummary:
     """RMS and ranked dependence of the residual torque over several experiments."""
     if not results:
         return {
@@ -149,7 +149,7 @@ def summarise_torque(results: list[tuple[ResidualTorque, Observed, float]]) -> d
     torque = np.concatenate([r.torque.ravel() for r, _, _ in results])
     sigma = np.concatenate([r.sigma.ravel() for r, _, _ in results])
     columns = [_regressors(*each) for each in results]
-    ranked = []
+    ranked: list[Dependence] = []
     for name in columns[0]:
         score = correlation_ratio(torque, np.concatenate([c[name] for c in columns]))
         ranked.append(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from rfea_vision.artefacts.judgement import EffectSet, Remainder, Tie
+from rfea_vision.artefacts.rows import GoesWith
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, matters
 from rfea_vision.critique.refinement import SEGMENTS, SPLIT_BY, TITLE
 from rfea_vision.critique.search import Search, Weighed
@@ -129,7 +130,7 @@ def sets_of(search: Search, weighed: Sequence[Weighed]) -> list[EffectSet]:
     ]
 
 
-def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[dict[str, Any]]) -> Remainder:
+def remainder_of(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) -> Remainder:
     """What the named set leaves."""
     unit, left = search.floors.unit, 1 - verdict.share
     known = verdict.best is search.present

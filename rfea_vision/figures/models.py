@@ -113,23 +113,19 @@ def _fit(step: LadderStep) -> list[Plate]:
     """What is known of the fit itself: correlations, steady state, starts, studies."""
     fit, found = step.fit, []
     if fit.correlation.get("matrix"):
-        names, matrix = tuple(fit.correlation["names"]), np.asarray(fit.correlation["matrix"], dtype=float)
+        names, matrix = tuple(fit.correlation.get("names", ())), np.asarray(fit.correlation.get("matrix"), dtype=float)
         count, nothing = np.arange(len(names), dtype=float), Axis("")
         value = Axis("correlation")
         found.append(
             Map("correlation", "Correlations", nothing, nothing, value, count, count, matrix, True, True, names)
         )
-    steady = fit.steady_state or {}
-    if steady.get("pressure_kPa") and steady.get("angle_deg"):
-        order = np.argsort(steady["pressure_kPa"])
-        pressure = np.asarray(steady["pressure_kPa"], dtype=float)[order]
-        both = [
-            Series("measured", "dots", pressure, np.asarray(steady["angle_deg"], dtype=float)[order]),
-            Series("fitted", "rings", pressure, np.asarray(steady["fitted_angle_deg"], dtype=float)[order]),
-        ]
+    rest = [np.asarray(fit.steady_state.get(key, []), dtype=float) for key in ("pressure_kPa", "angle_deg", "fitted_angle_deg")]
+    if all(values.size for values in rest):
+        pressure, measured, fitted = (values[np.argsort(rest[0])] for values in rest)
+        both = [Series("measured", "dots", pressure, measured), Series("fitted", "rings", pressure, fitted)]
         found += lines("steady", "Steady state", Axis("pressure", "kPa"), Axis("bend angle at rest", "deg"), both)
     if fit.starts:
-        costs = np.sort([float(item["cost"]) for item in fit.starts if item.get("cost") is not None])
+        costs = np.sort([cost for item in fit.starts if (cost := item["cost"]) is not None])
         start = [Series("cost", "dots", np.arange(1.0, len(costs) + 1), costs / costs[0])]
         found += lines(
             "starts",

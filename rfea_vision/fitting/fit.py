@@ -11,6 +11,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
+from rfea_vision.artefacts.rows import StartRow, SteadyState
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, build
@@ -74,7 +75,7 @@ def _stiffer(par: FloatArray) -> Iterator[FloatArray]:
 
 def _steady_start(
     model: Model, problem: Problem, options: FitOptions, par: FloatArray, plateaus: Sequence[Plateau]
-) -> tuple[FloatArray, dict[str, Any]]:
+) -> tuple[FloatArray, SteadyState]:
     """Stiffness from the plateaus, at the present r_hyd; a sentence where they do not allow it."""
     highest = max(float(np.max(np.abs(item.excitation.pressure))) for item in problem.train)
     loaded = [p for p in plateaus if abs(p.pressure) > 0.15 * highest]
@@ -100,7 +101,7 @@ def _steady_start(
         return par, {"note": "the start has no steady state at the plateaus; dynamic fit from the paper's table"}
     fitted, residual = min(found, key=lambda pair: float(pair[1] @ pair[1]))
     angles = [model.rigged(p.gravity, p.mounting).steady(fitted, p.pressure) for p in plateaus]
-    record = {
+    record: SteadyState = {
         "pressure_kPa": [p.pressure / 1e3 for p in plateaus],
         "experiment": [p.experiment for p in plateaus],
         "angle_deg": [float(np.rad2deg(p.angle)) for p in plateaus],
@@ -131,8 +132,8 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
     shapes += [(float(rng.uniform(0.85, 1.35)), float(np.exp(rng.uniform(-1.2, 1.2)))) for _ in range(options.starts)]
     solutions: list[Solution] = []
     ends: list[Solution] = []
-    record: dict[str, Any] = {}
-    waterfall: list[dict[str, Any]] = []
+    record: SteadyState = {}
+    waterfall: list[StartRow] = []
     for index, (arm, damping) in enumerate(shapes):
         guess = reference.copy()
         guess[6] *= arm
@@ -186,7 +187,7 @@ def _different(*starts: FloatArray) -> Iterator[FloatArray]:
             yield start
 
 
-def _attempt(label: str, solution: Solution | None) -> dict[str, Any]:
+def _attempt(label: str, solution: Solution | None) -> StartRow:
     """What `model.json` says of one start."""
     if solution is None:
         return {"start": label, "cost": None, "status": "could not be simulated"}

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
 from rfea_vision.artefacts.judgement import Parameter
+from rfea_vision.artefacts.rows import Profile
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.intervals import limits
 from rfea_vision.fitting.problem import Problem
@@ -23,7 +23,7 @@ STEPS = 8  # points per side at most
 THRESHOLD = float(chi2.ppf(0.95, 1))
 
 
-def profile(problem: Problem, fitted: Fitted, name: str, parameters: Mapping[str, Parameter]) -> dict[str, Any]:
+def profile(problem: Problem, fitted: Fitted, name: str, parameters: Mapping[str, Parameter]) -> Profile:
     """Profile of one parameter about a solved fit.
 
     Parameters
@@ -32,7 +32,7 @@ def profile(problem: Problem, fitted: Fitted, name: str, parameters: Mapping[str
 
     Returns
     -------
-    dict
+    Profile
         ``value`` and ``delta`` (rise of the misfit, 3.84 at the ends of a 95 % interval), ``interval_95`` with null at a
         side where the misfit does not rise far enough, ``unit`` and a ``sentence``.
 

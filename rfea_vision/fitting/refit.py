@@ -10,6 +10,7 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator
+from rfea_vision.artefacts.rows import StartRow, SteadyState, StudyRow
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.catalogue import split_joint
 from rfea_vision.errors import DataError
@@ -46,11 +47,11 @@ class Fitted:
     coordinates: Coordinates
     solution: Solution
     plateaus: tuple[Plateau, ...] = ()
-    steady: dict[str, Any] = field(default_factory=dict)
-    starts: tuple[dict[str, Any], ...] = ()
+    steady: SteadyState = field(default_factory=SteadyState)
+    starts: tuple[StartRow, ...] = ()
     jumps: Mapping[str, int] = field(default_factory=dict)
     ratio_only: bool = False  # whether r_hyd was held because the runs tell its ratio to the stiffness alone
-    study: tuple[dict[str, Any], ...] = ()
+    study: tuple[StudyRow, ...] = ()
     study_seconds: dict[str, float] = field(default_factory=dict)
 
     @property

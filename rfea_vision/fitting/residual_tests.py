@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts.rows import ResidualTest
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.residuals import Predicted
 from rfea_vision.scatter import scatter
@@ -88,7 +88,7 @@ def count_jumps(item: Observed, predicted: Predicted) -> int:
     return int(np.sum(np.any(far & (bend[1:] * bend[:-1] < 0), axis=1) & near))
 
 
-def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted]) -> dict[str, Any]:
+def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted]) -> dict[str, ResidualTest]:
     """Tests of the tip's residual (or the angle's) over several runs, worst axis; each with a sentence."""
     times, periods = [], []
     columns: dict[str, list[FloatArray]] = {"pressure": [], "angle": [], "rate": []}
@@ -110,7 +110,7 @@ def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted])
         columns["rate"].append(one.motion.rate[:, -1])
     time, period = float(np.mean(times)), float(np.mean(periods))
     white = time < WHITE_FRAMES * period
-    out: dict[str, Any] = {
+    out: dict[str, ResidualTest] = {
         "whiteness": {
             "correlation_time_s": time,
             "sentence": "the residual is white"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from pydantic import JsonValue
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ExperimentScore, Metrics, ModelFit, Parameter
@@ -272,7 +273,7 @@ def worse_than_nothing(scores: Mapping[str, ExperimentScore]) -> list[str]:
     ]
 
 
-def _given(options: FitOptions) -> dict[str, Any]:
+def _given(options: FitOptions) -> dict[str, JsonValue]:
     """What else was asked that holds for further fits, in SI, so that the fit can be taken up again from the artefact."""
     # The loss that a fit took and the one that was asked for are two: `auto` may take another one in a further fit.
     stated = set(ModelFit.model_fields) - {"loss"}

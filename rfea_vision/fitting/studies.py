@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from rfea_vision.artefacts.rows import LeaveOneOut, LeftOutRun, StudyRow, TipPath
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.noise import noise_floor_mm
 from rfea_vision.fitting.observed import MM
@@ -28,7 +29,7 @@ FRAMES_PER_RUN = 500
 
 def segments_study(
     problem: Problem, fitted: Fitted, segments: Sequence[int] = SEGMENTS
-) -> tuple[list[dict[str, Any]], dict[str, float]]:
+) -> tuple[list[StudyRow], dict[str, float]]:
     """Errors over the number of segments, each chain fitted from this fit; and apart from them the seconds each took.
 
     Numbers whose chain cannot be simulated at these pressures are left out. The path of the tip is that of the first
@@ -36,7 +37,8 @@ def segments_study(
     """
     _refuse_places(fitted)
     thin = [o.thinned(max(1, o.time.size // FRAMES_PER_RUN)) for o in problem.train]
-    rows, seconds = [], {}
+    rows: list[StudyRow] = []
+    seconds = {}
     for count in segments:
         begun = time.perf_counter()
         one = _refitted(problem, fitted, count, thin)
@@ -50,7 +52,7 @@ def segments_study(
             for key in ("tip", "tip_x", "tip_y", "midline"):
                 row[f"{role}_{key}_rmse_mm"] = getattr(metrics, f"{key}_rmse_mm")
             row[f"{role}_angle_rmse_deg"] = metrics.angle_rmse_deg
-        rows.append({**row, "tip_path_mm": _tip_path(problem, one)})
+        rows.append(cast(StudyRow, {**row, "tip_path_mm": _tip_path(problem, one)}))
     return rows, seconds
 
 
@@ -72,7 +74,7 @@ def _refitted(problem: Problem, fitted: Fitted, count: int, items: Sequence[Any]
         return None
 
 
-def _tip_path(problem: Problem, fitted: Fitted) -> dict[str, Any]:
+def _tip_path(problem: Problem, fitted: Fitted) -> TipPath:
     item = (*problem.validate, *problem.train)[0]
     thin = item.thinned(max(1, item.time.size // PATH_POINTS))
     clock = float(fit_clocks(fitted.model, [item], fitted.par)[0])
@@ -83,7 +85,7 @@ def _tip_path(problem: Problem, fitted: Fitted) -> dict[str, Any]:
     return {"experiment": item.name, "x": tip[:, 0].round(3).tolist(), "y": tip[:, 1].round(3).tolist()}
 
 
-def enough_segments(rows: Sequence[dict[str, Any]], floor_mm: float | None) -> int:
+def enough_segments(rows: Sequence[StudyRow], floor_mm: float | None) -> int:
     """Return the smallest number of segments whose error comes near the best of the study: convergence against the noise floor.
 
     Raises
@@ -94,9 +96,9 @@ def enough_segments(rows: Sequence[dict[str, Any]], floor_mm: float | None) -> i
     if not rows:
         raise DataError("--segments auto: no chain could be simulated at these pressures; give a number")
 
-    def error(row: dict[str, Any]) -> float:
+    def error(row: StudyRow) -> float:
         keys = ("validate_tip_rmse_mm", "train_tip_rmse_mm", "validate_angle_rmse_deg", "train_angle_rmse_deg")
-        return next((float(row[key]) for key in keys if row.get(key) is not None), np.inf)
+        return next((value for key in keys if (value := row.get(key)) is not None), np.inf)
 
     best = min(error(row) for row in rows)
     slack = CONVERGED * floor_mm if floor_mm else 0.02 * best
@@ -114,7 +116,7 @@ def with_study(problem: Problem, fitted: Fitted) -> Fitted:
     return replace(fitted, study=tuple(rows), study_seconds=seconds)
 
 
-def leave_one_out(problem: Problem, fitted: Fitted) -> dict[str, Any]:
+def leave_one_out(problem: Problem, fitted: Fitted) -> LeaveOneOut:
     """Fit without each training run in turn, and score that run with the fit that has not seen it.
 
     Raises
@@ -124,7 +126,7 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> dict[str, Any]:
     """
     if len(problem.train) < 2:
         raise DataError("--leave-one-out: there is one training run only; give a second one the role 'train'")
-    experiments: dict[str, Any] = {}
+    experiments: dict[str, LeftOutRun] = {}
     errors, values = [], []
     for index, left in enumerate(problem.train):
         rest = [o for o in problem.train if o is not left]
@@ -135,10 +137,8 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> dict[str, Any]:
             experiments[left.name] = {"tip_rmse_mm": None, "note": str(error)}
             continue
         scores, parts, _ = score(problem, one.model, one.par, [left])
-        experiments[left.name] = {
-            **scores[left.name].model_dump(mode="json", exclude={"role", "nuisance"}),
-            "parameters": one.values,
-        }
+        errors_of_it = scores[left.name].model_dump(mode="json", exclude={"role", "nuisance"})
+        experiments[left.name] = cast(LeftOutRun, {**errors_of_it, "parameters": one.values})
         values.append(one.par)
         if left.name in parts and parts[left.name].tip is not None:
             errors.append(parts[left.name].tip)

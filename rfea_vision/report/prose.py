@@ -172,7 +172,7 @@ def _findings(evidence: Evidence) -> Iterator[Finding]:
         for sentence in first.comparison.sentences[:2]:
             yield Finding(f"{_stop(sentence)}", "where", "where")
     if step and step.comparison and step.comparison.elongation.get("profiles"):
-        yield Finding(str(step.comparison.elongation["sentence"]), "elongation", "elongation")
+        yield Finding(step.comparison.elongation.get("sentence", ""), "elongation", "elongation")
     if evidence.ladder and evidence.ladder.stopped_because and not (step and step.diagnosis):
         yield Finding(f"The search ended: {evidence.ladder.stopped_because}", "ladder", "ladder")
     for reason in evidence.absent.values():
@@ -252,9 +252,9 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
         note = _times_smaller(first.best, last.best) if before else "root mean square"
         yield Tile(f"{last.what}, {which} runs", with_unit(last.best, last.unit), before, note, "ladder")
         test, key = ladder.test or {}, "tip_rmse_mm" if last.unit == "mm" else "angle_rmse_deg"
-        if test.get(key) is not None:
+        if (after := test.get(key)) is not None:
             before = number(test.get(f"first_model_{key}")) if len(climbed) > 1 else ""
-            value = with_unit(test[key], last.unit)
+            value = with_unit(after, last.unit)
             yield Tile(f"{last.what}, test run", value, before, "scored once, at the end", "ladder")
     elif step:
         shown = errors_of(step, evidence)

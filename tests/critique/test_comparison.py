@@ -12,6 +12,7 @@ from rfea_vision.artefacts.judgement import Comparison, Metrics
 from rfea_vision.critique.comparison import _sentences
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import _smoothed
+from rfea_vision.errors import InputError
 from rfea_vision.fitting.residual_tests import correlation_ratio
 
 
@@ -74,6 +75,17 @@ def test_noise_is_no_gap_that_a_torque_would_close(error, said):
     """Of a model at the floor the residual torque is that of noise, differentiated twice: as large as that of a failure."""
     scores = {"validate": Metrics(angle_rmse_deg=error)}
     model: Any = SimpleNamespace(name="base", metrics=scores, noise_floor_mm=None, noise_floor_deg=0.1)
-    torque = {"rms_mNm": 0.95, "depends_on": [{"score": 0.44, "sentence": "44 % of its variance goes with the rate."}]}
+    rate = {"on": "rate", "what": "the rate", "score": 0.44, "sentence": "44 % of its variance goes with the rate."}
+    torque = {"rms_mNm": 0.95, "depends_on": [rate]}
     told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
     assert any("torque" in text for text in told) == said
+
+
+def test_a_table_has_its_own_keys_and_no_others(tmp_path):
+    row = {"from_sigma": 0.0, "to_sigma": 0.5, "rmse_mm": float("nan"), "bias_mm": 0.1}
+    path = tmp_path / "comparison.json"
+    Comparison(model="base", by_segment=[row]).save(path)
+    assert Comparison.load(path).by_segment == [{**row, "rmse_mm": None}], "what is undefined is null"
+    path.write_text(path.read_text(encoding="utf-8").replace("bias_mm", "bias"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"comparison.json: by_segment.0.bias.*with --force"):
+        Comparison.load(path)
