@@ -2,7 +2,8 @@
 
 A group is a file of this folder with a function ``run() -> list of rows``, each row
 ``{"name", "value", "unit", "target", "met", "against", "command", "commit"}``. Results of groups that are not run are kept: each row
-names the commit that it was run with (rows of before 0.6 the one that they were committed with).
+names the commit that it was run with (rows of before 0.6 the one that they were committed with). The head of ``results.json``
+says which commits its rows are of, and which groups have none.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import json
 import pkgutil
 import sys
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +50,15 @@ def checked(group: str, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return made
 
 
+def with_head(rows: list[dict[str, Any]], known: Iterable[str]) -> dict[str, Any]:
+    """Return rows below what a reader must know of them: of which commits each group is, and the groups that were not run."""
+    of: dict[str, set[str]] = {}
+    for row in rows:
+        of.setdefault(row["group"], set()).add(row["commit"])
+    head = {"commits": {group: sorted(of[group]) for group in sorted(of)}, "not_run": sorted(set(known) - set(of))}
+    return {**head, "rows": rows}
+
+
 def main(chosen: list[str]) -> int:
     """Run the chosen groups, all by default, and write results.json after each."""
     available = groups()
@@ -57,13 +68,13 @@ def main(chosen: list[str]) -> int:
             hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(available)}"
             sys.stderr.write(f"benchmarks: no group '{name}'; {hint}\n")
             return 2
-    kept = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else []
+    kept = json.loads(RESULTS.read_text(encoding="utf-8"))["rows"] if RESULTS.is_file() else []
     for name in chosen or list(available):
         sys.stderr.write(f"{name} ...\n")
         begun = time.perf_counter()
         rows = checked(name, available[name]())
         kept = [row for row in kept if row.get("group") != name] + rows
-        write_text(RESULTS, json.dumps(kept, indent=1) + "\n")
+        write_text(RESULTS, json.dumps(with_head(kept, available), indent=1) + "\n")
         sys.stderr.write(f"{name}: {time.perf_counter() - begun:.0f} s\n")
         for row in rows:
             verdict = {True: "met", False: "NOT met", None: ""}[row["met"]]
