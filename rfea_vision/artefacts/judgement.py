@@ -119,6 +119,12 @@ class ModelFit(_Json):
     laws: dict[str, dict[str, str]] = Field(default_factory=dict)  # effect -> {"title", "latex", "reference", "text"}
     inputs: dict[str, str] = Field(default_factory=dict)
 
+    @property
+    def meets_no_run(self) -> bool:
+        """Whether a tube that never moves from its mean would be nearer to every run."""
+        fits = [run.normalised_fit_percent for run in self.experiments.values()]
+        return bool(fits) and all(fit is not None and fit < 0 for fit in fits)
+
 
 class WorstPlace(_Json):
     """A stretch of time and tube where model and measurement part."""

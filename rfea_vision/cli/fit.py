@@ -42,7 +42,10 @@ def fit_command(
     else:
         print_model(model)
         click.echo(str(work.out / "models" / model.name / "model.json"))
-        say_next("rfea compare", campaign, model.name, why="where it fails; 'rfea diagnose' says why")
+        if model.meets_no_run:
+            say_next("rfea check", campaign, why="it meets no run: see what may be declared wrong")
+        else:
+            say_next("rfea compare", campaign, model.name, why="where it fails; 'rfea diagnose' says why")
     if model.status == "refused":
         context.exit(1)
 

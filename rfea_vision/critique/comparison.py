@@ -17,6 +17,7 @@ from rfea_vision.artefacts.rows import GoesWith, PhaseRow, PressureRow, SegmentR
 from rfea_vision.critique.elongation import describe_elongation
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import all_residual_torques, summarise_torque
+from rfea_vision.fitting.scoring import worse_than_nothing
 from rfea_vision.units import rounded
 
 WORST_PLACES = 5  # listed; a page has room for no more
@@ -264,6 +265,8 @@ def _sentences(model: ModelFit, comparison: Comparison, unit: str) -> list[str]:
     out += [place.sentence for place in comparison.where[:2]]
     ranked = comparison.residual_torque.get("depends_on") or []
     torque = comparison.residual_torque.get("rms_mNm")
-    if ranked and torque is not None and ranked[0]["score"] > 0.15 and not _at_the_floor(model, held):
+    if model.meets_no_run:  # a torque by such parameters tells nothing
+        out += worse_than_nothing(model.experiments)
+    elif ranked and torque is not None and ranked[0]["score"] > 0.15 and not _at_the_floor(model, held):
         out.append(f"The torque that would close the gap is {rounded(torque)} mN m RMS; " + ranked[0]["sentence"])
     return out

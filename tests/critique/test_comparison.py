@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts.judgement import Comparison, Metrics
+from rfea_vision.artefacts.judgement import Comparison, ExperimentScore, Metrics
 from rfea_vision.critique.comparison import _sentences
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.critique.torque import _smoothed
@@ -74,11 +74,16 @@ def test_a_rate_is_no_larger_where_frames_were_lost():
 def test_noise_is_no_gap_that_a_torque_would_close(error, said):
     """Of a model at the floor the residual torque is that of noise, differentiated twice: as large as that of a failure."""
     scores = {"validate": Metrics(angle_rmse_deg=error)}
-    model: Any = SimpleNamespace(name="base", metrics=scores, noise_floor_mm=None, noise_floor_deg=0.1)
+    model: Any = SimpleNamespace(
+        name="base", metrics=scores, noise_floor_mm=None, noise_floor_deg=0.1, meets_no_run=False
+    )
     rate = {"on": "rate", "what": "the rate", "score": 0.44, "sentence": "44 % of its variance goes with the rate."}
     torque = {"rms_mNm": 0.95, "depends_on": [rate]}
     told = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
     assert any("torque" in text for text in told) == said
+    model.meets_no_run, model.experiments = True, {"run": ExperimentScore(role="train", normalised_fit_percent=-20.0)}
+    lost = _sentences(model, Comparison(model="base", residual_torque=torque), "deg")
+    assert "never moves" in lost[-1] and not any("torque" in text for text in lost)
 
 
 def test_a_table_has_its_own_keys_and_no_others(tmp_path):
