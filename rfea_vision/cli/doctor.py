@@ -32,6 +32,11 @@ _OPTIONAL = {
     "pyarrow": ("pyarrow", "logs in .parquet: pip install 'rfea-vision[parquet]'"),
     "asammdf": ("asammdf", "logs in .mf4: pip install 'rfea-vision[mdf]'"),
     "sqlalchemy": ("sqlalchemy", "logs in databases: pip install 'rfea-vision[database]'"),
+    "starlette": ("starlette", "rfea open: pip install 'rfea-vision[workbench]'"),
+    "matplotlib": ("matplotlib", "rfea figures: pip install 'rfea-vision[figures]'"),
+    "plotly": ("plotly", "figures of a notebook: pip install 'rfea-vision[notebook]'"),
+    "ezc3d": ("ezc3d", "motion capture in .c3d: pip install 'rfea-vision[capture]'"),
+    "rosbags": ("rosbags", "recordings of ROS: pip install 'rfea-vision[ros]'"),
 }
 #: Larger packages that bring the same module.
 _ALSO = {"opencv-python-headless": "opencv-contrib-python-headless"}

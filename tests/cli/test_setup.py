@@ -4,6 +4,8 @@ import json
 import re
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import click
 import pytest
@@ -205,6 +207,9 @@ def test_the_doctor_finds_this_machine_well():
     answer = rfea("doctor", "--json")
     assert answer.code == 0 and answer.json["ok"]
     assert {"python", "numpy", "av", "mujoco"} <= {item["what"] for item in answer.json["findings"]}
+    extras = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    named = " ".join(item["purpose"] for item in answer.json["findings"])
+    assert [extra for extra in extras if extra != "dev" and f"[{extra}]" not in named] == []
 
 
 def test_boards_are_listed_and_printed(tmp_path):
