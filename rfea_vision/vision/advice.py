@@ -155,7 +155,7 @@ def _with(scene: Scene, hints: Hints) -> Scene:
 
 def _scale_first(reasons: list[str]) -> str:
     """What a hint may make up for in part and does not mend: a tube of another size than was predicted. Empty where it is none."""
-    if not reasons or reasons[0] != OTHER_LENGTH:
+    if OTHER_LENGTH not in [reason for reason, _ in Counter(filter(None, reasons)).most_common(1)]:
         return ""
     return (
         "check the board's square (or camera.scale), actuator.outer_radius and actuator.length, by which the tube's "

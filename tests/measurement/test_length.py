@@ -75,7 +75,7 @@ def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch)
     monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter([(Hints(), "camera.tip: [3, 4]")]))
     monkeypatch.setattr(advice, "_with", lambda scene, hints: scene)
     monkeypatch.setattr(advice, "_read", lambda source, scene, count: 2)
-    said = advice.next_hint(None, SimpleNamespace(clamp_px=None, tip_px=None, hints=Hints()), [OTHER_LENGTH] * 4)
+    said = advice.next_hint(None, SimpleNamespace(clamp_px=None, tip_px=None, hints=Hints()), ["no_tube", *[OTHER_LENGTH] * 4])
     assert said.startswith("check the board's square (or camera.scale)") and "give it: camera.tip: [3, 4] (tried, it reads 2" in said
 
 
