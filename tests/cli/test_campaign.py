@@ -290,7 +290,7 @@ def test_batch_goes_on_past_what_is_broken(campaign, tmp_path, monkeypatch):
     (broken / "campaign.yaml").write_text("name: [\n")
     partly = write_campaign(tmp_path / "partly", {"good": "train", "bad": "train"})
     (partly / "bad" / "pressure.csv").write_text("time_s,pressure_kPa\n0,1\n0,2\n")
-    answer = rfea("batch", broken, partly, tmp_path / "gone", campaign, "--recipe", recipe, "--json")
+    answer = rfea("batch", broken, partly, tmp_path / "gone", campaign, "--recipe", recipe, "--workers", "1", "--json")
     assert answer.code == 1
     results = {Path(item["folder"]).name: item for item in answer.json["campaigns"]}
     assert {name: item["status"] for name, item in results.items()} == {

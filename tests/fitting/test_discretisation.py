@@ -9,6 +9,7 @@ from rfea_vision.fitting.discretisation import drift
 from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.refine import refine
+from rfea_vision.fitting.refit import refit_from
 from rfea_vision.options import FitOptions
 
 SEGMENTS = 6
@@ -45,7 +46,7 @@ def test_the_drift_is_what_a_finer_chain_finds(coarse):
     """To first order, and to the continuous tube: a third more than from 6 to 12 bodies."""
     problem, fitted = coarse
     change = drift(problem, fitted, refine(fitted, problem.train), problem.train)
-    finer = fit(problem, FitOptions(segments=2 * SEGMENTS))
+    finer = refit_from(problem, fitted.options.with_segments(2 * SEGMENTS), fitted)
     seen = finer.par * np.where(np.arange(7) < 6, 0.5, 1.0) - fitted.par
     for k in (0, 6):  # k_ref, r_hyd
         assert change[k] == pytest.approx(4 / 3 * seen[k], rel=0.25)

@@ -19,7 +19,7 @@ def campaign(tmp_path_factory):
     from rfea_vision.twin import paper_campaign, simulate
 
     folder = tmp_path_factory.mktemp("paper") / "paper"
-    truth = simulate(folder, paper_campaign(duration_s=3.0, rate_Hz=240, seed=1))
+    truth = simulate(folder, paper_campaign(duration_s=2.0, rate_Hz=240, seed=1, step_s=0.0005))
     work = open_campaign(folder)
     results = run_recipe(work, load_recipe("paper"))
     return work, truth["base"], results
