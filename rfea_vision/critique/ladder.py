@@ -314,11 +314,12 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> TestScore:
 
 
 def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
-    """What was added, in words, with the id by which it is asked for and what it cannot be told from."""
+    """What was added and stayed, in words, with the id by which it is asked for and what it cannot be told from."""
+    stayed = {*map(plain, last.options.effects), SEGMENTS}
     known = {effect.id: effect.title for effect in last.model.effects} | {SEGMENTS: SEGMENTS_TITLE}
     titles = []
     for rung in rungs:
-        if rung.added is None:
+        if rung.added not in stayed:
             continue
         title = f"{known[rung.added]} ({rung.added})" if rung.added in known else rung.added
         title += f", which these data cannot tell from {' or '.join(rung.tied)}" if rung.tied else ""

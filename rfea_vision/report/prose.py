@@ -124,8 +124,9 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
 
 
 def _added(evidence: Evidence, *, stand_ins: bool = False) -> list[LadderStep]:
-    """Rungs of the ladder that added an effect because it is likely to be there, or as a stand-in."""
-    rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added]
+    """Rungs of the ladder that added an effect because it is likely to be there, or as a stand-in; none that was dropped again."""
+    stayed = {re.sub(r":\w+|@\d+", "", effect) for effect in evidence.last.fit.effects} if evidence.last else set()
+    rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added in {*stayed, "segments"}]
     return [one for one in rungs if (one.rung.grade == "stand-in") == stand_ins]
 
 

@@ -12,7 +12,7 @@ import pytest
 from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, Ladder, ModelFit, Recording
 from rfea_vision.critique import diagnose, improve
 from rfea_vision.critique.diagnosis import judge
-from rfea_vision.critique.ladder import Step, _Climb, _findings, next_step, rest_of_set
+from rfea_vision.critique.ladder import Step, _Climb, _findings, _titles, next_step, rest_of_set
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
 from rfea_vision.effects.catalogue import find_effects
@@ -77,6 +77,16 @@ def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves():
     said = _findings(climb.rungs, [], None, climb.floor, "deg", "so", climb.doubts)
     assert said[0] == "The noise floor is 22.9 deg: an error below it says nothing about the model."
     assert said[1].startswith("a: the model is farther from the track than a tube that never moves") and len(said) == 3
+
+
+def test_what_was_dropped_again_is_not_told_as_added():
+    """A rung may take the place of an effect that an earlier one had added."""
+    rungs: list[Any] = [SimpleNamespace(added=name, tied=[]) for name in (None, "pressure_offset", "maxwell")]
+    last: Any = SimpleNamespace(
+        options=SimpleNamespace(effects=("maxwell:logarithmic",)),
+        model=SimpleNamespace(effects=find_effects(["maxwell"])),
+    )
+    assert [title.endswith("(maxwell)") for title in _titles(last, rungs)] == [True]
 
 
 def test_a_stand_in_is_taken_only_where_one_is_asked_for_and_called_so():
