@@ -317,14 +317,14 @@ def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
     """What was added and stayed, in words, with the id by which it is asked for and what it cannot be told from."""
     stayed = {*map(plain, last.options.effects), SEGMENTS}
     known = {effect.id: effect.title for effect in last.model.effects} | {SEGMENTS: SEGMENTS_TITLE}
-    titles = []
+    titles: dict[str | None, str] = {}  # what was added twice, as more segments may be, is told once
     for rung in rungs:
         if rung.added not in stayed:
             continue
         title = f"{known[rung.added]} ({rung.added})" if rung.added in known else rung.added
         title += f", which these data cannot tell from {' or '.join(rung.tied)}" if rung.tied else ""
-        titles.append(title)
-    return titles
+        titles[rung.added] = title
+    return list(titles.values())
 
 
 def _findings(

@@ -155,8 +155,10 @@ def title(search: Search, name: str) -> str:
 
 
 def split_by(search: Search, name: str) -> str:
-    """What would tell a candidate from its look-alikes."""
-    return SPLIT_BY if name == SEGMENTS else next(e.split_by for e in search.effects if e.id == plain(name))
+    """What would tell a candidate from its look-alikes; an effect of one's own need not say."""
+    if name == SEGMENTS:
+        return SPLIT_BY
+    return next(e.split_by for e in search.effects if e.id == plain(name)) or "another run"
 
 
 def percent(probability: float) -> str:

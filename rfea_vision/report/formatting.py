@@ -43,7 +43,7 @@ def with_error(value: float | None, error: float | None, unit: str, digits: int 
 def inner_title(title: str) -> str:
     """A title inside a sentence, without what follows its colon."""
     head = title.split(":")[0].strip()
-    return head if head[:2].isupper() else head[:1].lower() + head[1:]
+    return head if head[:2].isupper() and head[1:2] != " " else head[:1].lower() + head[1:]
 
 
 def lens_words(model: str | None) -> str:

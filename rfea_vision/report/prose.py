@@ -127,7 +127,7 @@ def _added(evidence: Evidence, *, stand_ins: bool = False) -> list[LadderStep]:
     """Rungs of the ladder that added an effect because it is likely to be there, or as a stand-in; none that was dropped again."""
     stayed = {re.sub(r":\w+|@\d+", "", effect) for effect in evidence.last.fit.effects} if evidence.last else set()
     rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added in {*stayed, "segments"}]
-    return [one for one in rungs if (one.rung.grade == "stand-in") == stand_ins]
+    return list({one.rung.added: one for one in rungs if (one.rung.grade == "stand-in") == stand_ins}.values())
 
 
 def _stand_ins(evidence: Evidence) -> str:
@@ -189,8 +189,10 @@ def in_words(text: str, evidence: Evidence, titles: Mapping[str, str]) -> str:
     text = re.sub(r"\b[Tt]he phase '(\w+)'", lambda found: _PHASES.get(found[1], found[0]), text)
     known = {rung.added for rung in evidence.ladder.rungs} if evidence.ladder else set()
     known |= {effect for step in evidence.steps if step.diagnosis for effect in step.diagnosis.named}
-    for effect in known - {None}:  # a name in brackets stands beside its title already
-        text = re.sub(rf"(?<![\w(+.`]){re.escape(str(effect))}(?![\w+]|\.\w)", inner_title(titles[str(effect)]), text)
+    for effect in map(str, known - {None}):  # a name in brackets stands beside its title already, which may hold it
+        title = inner_title(titles[effect])
+        name = rf"(?i:{re.escape(title)})|(?<![\w(+.`]){re.escape(effect)}(?![\w+]|\.\w)"
+        text = re.sub(name, lambda found, it=effect, title=title: title if found[0] == it else found[0], text)
     return text
 
 

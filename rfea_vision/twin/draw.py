@@ -85,7 +85,7 @@ def highest_pressure(plant: Plant, options: TwinOptions) -> float:
         except DataError:
             pass
         highest *= 0.93
-    raise DataError("simulate: the tube bends too far at any pressure; give a larger k_ref or milder effects")
+    raise DataError("simulate: the tube bends too far at any pressure; give milder effects (--hidden) or another tube (--seed)")
 
 
 def draw_runs(options: TwinOptions, highest_Pa: float) -> list[Run]:

@@ -63,7 +63,7 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
         return scale_off
     if scene.clamp_px is not None and scene.tip_px is not None and (cut := _read_until(reasons)):
         return cut
-    return _untried(scene, reasons) + (f" ({len(tried)} guesses at it were tried and brought nothing)" if tried else "")
+    return _untried(scene, reasons) + (f" (guesses at it that were tried and brought nothing: {len(tried)})" if tried else "")
 
 
 def _read_until(reasons: list[str]) -> str:

@@ -15,6 +15,7 @@ from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.ladder import Step, _Climb, _findings, _titles, next_step, rest_of_set
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
+from rfea_vision.critique.verdict import split_by
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.fit import fit, make_problem
@@ -80,13 +81,19 @@ def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves():
 
 
 def test_what_was_dropped_again_is_not_told_as_added():
-    """A rung may take the place of an effect that an earlier one had added."""
-    rungs: list[Any] = [SimpleNamespace(added=name, tied=[]) for name in (None, "pressure_offset", "maxwell")]
+    """A rung may take the place of an effect that an earlier one had added; more segments may be added twice."""
+    added = (None, "pressure_offset", "maxwell", "segments", "segments")
+    rungs: list[Any] = [SimpleNamespace(added=name, tied=[]) for name in added]
     last: Any = SimpleNamespace(
         options=SimpleNamespace(effects=("maxwell:logarithmic",)),
         model=SimpleNamespace(effects=find_effects(["maxwell"])),
     )
-    assert [title.endswith("(maxwell)") for title in _titles(last, rungs)] == [True]
+    assert [title.split("(")[-1] for title in _titles(last, rungs)] == ["maxwell)", "segments)"]
+
+
+def test_an_effect_that_names_no_experiment_ends_no_sentence_in_nothing():
+    search: Any = SimpleNamespace(effects=[SimpleNamespace(id="own", split_by="")])
+    assert split_by(search, "own") == "another run"
 
 
 def test_a_stand_in_is_taken_only_where_one_is_asked_for_and_called_so():

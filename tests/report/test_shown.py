@@ -84,6 +84,10 @@ def test_sentences_of_artefacts_speak_the_readers_words(small: Path) -> None:
     )
     assert in_words("maxwell.T lies far off", evidence, titles).startswith("maxwell.T")
     assert in_words("creep (maxwell)", evidence, titles) == "creep (maxwell)"
+    own = titles | {"maxwell": "A maxwell branch: it creeps"}
+    assert in_words("A maxwell branch: it creeps (maxwell); model base+maxwell, not maxwell.", evidence, own) == (
+        "A maxwell branch: it creeps (maxwell); the model with a maxwell branch, not a maxwell branch."
+    )
     assert "falls into the rises of the pressure" in in_words("2 % falls into the phase 'rise'.", evidence, titles)
     assert how_it_ended(evidence, titles) == "The search ended because what is left is at the noise floor."
 
