@@ -171,6 +171,9 @@ def _untried(scene: Scene, reasons: list[str]) -> str:
         return _scale_first(reasons) + hints
     if len(scene.hints.centre_line) < 2:
         return "give a few points of the tube in the first frame as camera.centre_line, from the clamp to the tip"
+    first = next((k for k, reason in enumerate(reasons) if reason and not reason.startswith("duplicate")), 0)
+    if first:  # nothing says that the hints are wrong: they were enough for the frames before
+        return f"see what changes in frame {first}, the first that was refused ({reasons[first]}), and check the hints against frame 0"
     return (
         "check the hints against the first frame, and actuator.outer_radius and actuator.length against the tube, "
         "or film it before a wall of another colour"

@@ -36,6 +36,7 @@ EDGES_ENOUGH = 0.95  # of the frames read by the edges: below it the body is fol
 # to 81 % held, and those read to 72 and 64 % were off by a tenth of the range.
 EDGES_ALONE = 0.8
 EDGES_TRIED = 31  # frames after which this is first asked, unless so many were missed that the answer is known
+LOST_FOR = 240  # frames, a second of the fastest phone's: what hides a body for longer than it was seen is not waited out
 GIVE_UP_AFTER = 2400  # frames without any tube before the search is called off
 PIXELS_AHEAD = 16_000_000
 
@@ -90,7 +91,7 @@ def track_frames(
     follower: Follower | BodyFollower = Follower(scene)
     rows = Rows(nodes, segments)
     pointed = scene.clamp_px is not None and scene.tip_px is not None
-    total = source.frame_count or 0
+    total = source.frame_count or len(source.times_s())  # Matroska does not say how many
     with closing(read_ahead(source.frames(0), frames_ahead(source.size))) as frames:
         for done, (time_s, luma) in enumerate(frames):
             reason = follower.next(luma, time_s)
@@ -155,22 +156,23 @@ def follow_body(
     scale = scale_for(scene, source.size)
     follower = BodyFollower(scene, scale)
     still = StillView(np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half())
-    total = source.frame_count or 0
+    total = source.frame_count or len(source.times_s())  # Matroska does not say how many
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     with closing(read_ahead(source.colours(scale), frames_ahead(source.size))) as frames:
         for done, (time_s, picture) in enumerate(frames):
             reason = follower.next(still(picture), time_s)
             rows.append(time_s, reason, follower, np.nan if small is None else float(picture[small].mean()))
-            if follower.hopeless() or _too_late(done + 1, rows, total):
+            if follower.hopeless() or too_late(done + 1, rows.good, rows.copies, total, lost=follower.missed):
                 break
             if progress is not None and (done % 8 == 0 or done + 1 == total):
                 progress(done + 1, max(total, done + 1))
     return follower, rows
 
 
-def _too_late(done: int, rows: Rows, total: int) -> bool:
-    """Whether the frames that are left cannot make a film's `LEAST_SHARE` any more, were all of them measured."""
-    return rows.good + total - done < LEAST_SHARE * (total - rows.copies) and done < total
+def too_late(done: int, good: int, copies: int, total: int, *, lost: int) -> bool:
+    """Whether the frames that are left cannot, or will not, make a film's `LEAST_SHARE` any more; `lost` of the last were missed."""
+    cannot = good + total - done < LEAST_SHARE * (total - copies)
+    return done < total and (cannot or (lost >= LOST_FOR and good < LEAST_SHARE * (done - copies)))
 
 
 def frames_ahead(size: tuple[int, int]) -> int:

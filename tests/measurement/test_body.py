@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
-from rfea_vision.readers.video import open_video
+from rfea_vision.readers.video import FolderSource, open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.begin import first_body, hinted_lines
 from rfea_vision.vision.body.fit import Fit, looks_around
@@ -22,7 +23,7 @@ from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of
 from rfea_vision.vision.follow.follower import Follower
-from rfea_vision.vision.track import make_scene, too_few
+from rfea_vision.vision.track import follow_body, make_scene, too_few, too_late
 from testing.phone import Arm, Room, clear_scene, film, scene
 
 SMALL = Room(size=(240, 260), px_per_mm=2.2, clamp=(120.0, 40.0), ruled=6.0, clutter=3, seed=4)
@@ -237,6 +238,27 @@ def test_edges_are_given_up_once_they_must_be_and_not_later_for_what_they_missed
     assert [too_few(31, 31 - missed, 0) for missed in (6, 7)] == [False, True]
     assert not too_few(49, 42, 0) and not too_few(160, 150, 0) and too_few(160, 120, 0)
     assert not too_few(40, 20, 20), "copies do not count"
+
+
+def test_a_film_whose_body_is_lost_ends_before_its_end(monkeypatch):
+    """When the rest cannot make half of it, also of a container that does not say how many frames it has; or lost for long."""
+    assert [too_late(done, 9, 0, 100, lost=done - 9) for done in (59, 60)] == [False, True]
+    assert not too_late(359, 120, 0, 9000, lost=239) and too_late(361, 120, 0, 9000, lost=241)
+    assert not too_late(1300, 1000, 0, 9000, lost=300), "it was seen for longer"
+
+    def lost(self, *_):
+        self.good, self.missed = 1, self.missed + 1
+        return "no_tube"
+
+    times = tuple(np.arange(40.0))
+    source = FolderSource(Path("film"), (160, 200), None, 1.0, (), times)
+    blank = np.zeros((200, 160, 3), dtype=np.uint8)
+    monkeypatch.setattr(BodyFollower, "next", lost)
+    monkeypatch.setattr(FolderSource, "colours", lambda *_: ((time, blank) for time in times))
+    actuator = Actuator(outer_radius=0.005, inner_radius=0.002, length=0.06)
+    hints = Hints(clamp=((70.0, 30.0), (90.0, 30.0)), tip=(80.0, 150.0))
+    scene = make_scene(scaled_by_distance((160, 200), [[0, 0], [100, 0]], 50.0), actuator, "image", hints, (160, 200))
+    assert len(follow_body(source, scene, None, Rows(9, 4), None)[1]) == 21
 
 
 def test_edges_that_find_nothing_where_it_was_pointed_at_leave_the_film_to_the_body(monkeypatch, tmp_path):

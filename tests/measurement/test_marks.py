@@ -41,6 +41,23 @@ def test_marks_are_found_where_they_are_and_named_ones_alone():
     assert red.share == pytest.approx(130 / 160, abs=0.01)
 
 
+def test_grain_and_patterns_are_no_marks():
+    """Dithered GIFs, enlarged: hundreds of patches made a fit take half a second. And a mark in two pieces was two marks."""
+    rgb = cv2.cvtColor(picture(), cv2.COLOR_LAB2RGB)
+    points = arm().points
+    for seed in range(5):
+        rgb[25 + 12 * seed : 28 + 12 * seed, 54] = RED  # grain: three pixels of the film
+    rgb[60:63, 64:72] = rgb[68:71, 64:72] = rgb[60:71, 70:72] = RED  # a hook, open to the body, whose bow hangs over the edge
+    large = cv2.resize(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)), None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST)
+    body = first_body(large, 3 * points + 1, 30.0)
+    assert len(find_marks(large, body, None)) == 8
+    assert len(find_marks(large, body, None, 3.0)) == 3
+    grain = np.random.default_rng(3).random(rgb.shape[:2]) < 0.1
+    rgb[grain] = RED
+    large = cv2.resize(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)), None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST)
+    assert find_marks(large, first_body(large, 3 * points + 1, 30.0), None) == []
+
+
 def test_a_mark_that_hangs_over_one_edge_is_not_looked_for_on_the_body():
     """A spot and a band must stay on the skin; a ball at the edge is beside it as soon as it turns."""
     rgb = np.full((200, 120, 3), 225, dtype=np.uint8)

@@ -225,7 +225,7 @@ class BodyFollower:
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
         hinted = self.scene.hints.marks
-        self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted))
+        self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), max(self.scale, 1.0))
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
         self.first.leaves, self.first_body = self.foot[1], self.body.copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()

@@ -15,7 +15,10 @@ from rfea_vision.vision.body.model import MARKED, SHARES, STATIONS, Picture, See
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
 
-LEAST_PX = 12  # of a mark in the scaled picture: fewer are noise of a compressed picture's colours
+LEAST_PX = 12  # of a mark in the picture, or in the film where that is smaller: fewer are noise of a compressed picture's colours
+# Patches of no named colour: more are a pattern, or grain, of which none is told from its neighbours, and each costs time in every
+# fit. Fifteen scenes of testing/phone.py and three real arms have 0 to 4, two dithered GIFs 25 and more.
+MOST = 16
 LIKE = 0.5  # of the way from the body's colour to the mark's: nearer is the mark
 SIZES = (0.5, 1.8)  # area over that of the first frame: less is half covered, more runs into another mark
 REACH = 2.0  # half widths around its predicted place; faster than that no skin is recognised either
@@ -69,7 +72,7 @@ def place_on(pixel: FloatArray, body: SeenBody) -> tuple[float, float]:
     return (near + float(off @ tangents[near]) / step) / (STATIONS - 1), float(off @ normals[near]) / body.half[near]
 
 
-def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None) -> list[Mark]:
+def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enlarged: float = 1.0) -> list[Mark]:
     """Marks of a first frame: patches on the body, within its outline, of another colour than it has.
 
     Parameters
@@ -77,6 +80,7 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None) -> l
     picture : CIELAB
     body : as fitted
     hinted : (3,) CIELAB of the marks, where they were named; other patches do not count then
+    enlarged : how many times, if it was: grain has grown with the picture
     """
     _, normals = frame_of(body.points)
     outline = np.vstack(
@@ -91,18 +95,20 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None) -> l
     if hinted is not None:
         other &= np.max(np.abs(seen - hinted[1:]), axis=-1) < HINTED
     inside[there] = other
-    count, labels, _, _ = cv2.connectedComponentsWithStats(inside)
-    marks = []
-    for patch in (labels == k for k in range(1, count)):
-        colour = np.median(hue[patch], axis=0)
+    count, labels, stats, middles = cv2.connectedComponentsWithStats(inside)
+    marks: dict[tuple[float, float], Mark] = {}  # by their places: what is one mark may be several patches within the outline
+    for k in range(1, count):
+        left, top, width, height, _ = stats[k]
+        window = np.s_[top : top + height, left : left + width]
+        colour = np.median(hue[window][labels[window] == k], axis=0)
         # The whole patch counts, also what lies beyond the outline.
-        middle, area = _middle(hue, own, colour, np.argwhere(patch).mean(axis=0)[::-1], 2.0 * float(body.half.max()))
-        if middle is None or area < LEAST_PX or area > (3.0 * float(body.half.max())) ** 2:
+        middle, area = _middle(hue, own, colour, middles[k], 2.0 * float(body.half.max()))
+        if middle is None or not LEAST_PX * enlarged**2 <= area <= (3.0 * float(body.half.max())) ** 2:
             continue
         share, across = place_on(middle, body)
         if 0.0 <= share <= 1.0:
-            marks.append(Mark(share, across, colour, own, area))
-    return marks
+            marks.setdefault((share, across), Mark(share, across, colour, own, area))
+    return list(marks.values()) if hinted is not None or len(marks) <= MOST else []
 
 
 def marks_in(picture: Picture, marks: list[Mark], body: SeenBody, wall: Wall) -> list[SeenMark]:
