@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -268,15 +269,21 @@ def test_measured_modelled_and_the_gap_are_on_the_first_screen(opened: Browser) 
 def test_saves_figures_and_tables(opened: Browser, tmp_path: Path) -> None:
     opened.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     opened.run("document.querySelector('[data-figure=\"carpet\"] [data-save=svg]').click()")
+    opened.run("document.querySelector('[data-figure=\"loop-angle\"] [data-save=svg]').click()")
     opened.run("document.querySelector('[data-figure=\"angle\"] [data-save=png]').click()")
     opened.run("document.querySelector('table[data-csv=ladder]').closest('.tablebox').querySelector('.csv').click()")
     for _ in range(100):
-        found = {path.suffix: path for path in tmp_path.iterdir() if path.suffix in (".svg", ".png", ".csv")}
-        if len(found) == 3:
+        files = [path for path in sorted(tmp_path.iterdir()) if path.suffix in (".svg", ".png", ".csv")]
+        if len(files) == 4:
             break
         opened.run("new Promise(done => setTimeout(done, 50))")
+    found = {path.suffix: path for path in files}
     assert set(found) == {".svg", ".png", ".csv"}
-    assert found[".svg"].read_text().startswith("<svg")
+    carpet, loop = (path.read_text() for path in files if path.suffix == ".svg")
+    assert carpet.startswith("<svg") and ">measured<" not in carpet  # it draws no measured line
+    width = float(re.search(r'width="([\d.]+)"', loop)[1])  # type: ignore[index]
+    legend = re.findall(r"translate\(([\d.]+) [\d.]+\)[^>]*>(measured|modelled: [^<]+)<", loop)
+    assert len(legend) == 2 and all(float(x) == 12 or float(x) + 5.5 * len(words) < width for x, words in legend)
     assert imread(found[".png"]).std() > 1
     rows = found[".csv"].read_text().splitlines()
     assert len(rows) == 4

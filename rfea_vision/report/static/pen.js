@@ -89,13 +89,18 @@ class SvgPen {
   }
   // The drawing as a file; `caption` is [words, colour] for the line of the title and those of the legend below it.
   document([title, ...legend] = []) {
-    const drawing = this.parts, head = title ? 44 : 0, height = this.height + head;
+    const drawing = this.parts;
+    let x = 12, y = 33;
     this.parts = [];
     if (title) {
       this.text(title[0], 12, 14, {colour: title[1], size: 14, bold: true});
-      let x = 12;
-      for (const [words, colour] of legend) { this.text(words, x, 33, {colour}); x += 18 + 6.1 * words.length; }
+      for (const [words, colour] of legend) {
+        const wide = 6.1 * words.length;
+        if (x > 12 && x + wide > this.width) { x = 12; y += 16; }
+        this.text(words, x, y, {colour}); x += 18 + wide;
+      }
     }
+    const head = title ? y + 11 : 0, height = this.height + head;
     return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${this.width} ${height}" width="${this.width}" height="${height}" font-family="${this.colours.font.replaceAll('"', "'")}"><rect width="100%" height="100%" fill="${this.colours.paper}"/>${this.parts.join("")}<g transform="translate(0 ${head})">${drawing.join("")}</g></svg>`;
   }
 }

@@ -104,11 +104,13 @@ class Figure {
     const pen = new SvgPen(width, height, coloursOf(document.getElementById("printed")));
     this.plot.draw(pen);
     if (this.plot.atCursor) this.plot.cursor(pen);
-    return pen.document(Figure.saving ? this.caption() : []);
+    return pen.document(Figure.saving ? this.caption(pen.parts.join("")) : []);
   }
   // What a figure must carry once it has left the page: what it shows, of which run, and what the lines are.
-  caption() {
-    const c = coloursOf(document.getElementById("printed")), lines = [[experiment()?.name, c.ink], ["measured", c.measured], rung() && [`modelled: ${rung().name}`, c.modelled]];
+  caption(drawn) {
+    const c = coloursOf(document.getElementById("printed")), has = colour => drawn.includes(`stroke="${colour}"`) || RegExp(`<circle[^>]*fill="${colour}"`).test(drawn);
+    const model = rung() && (has(c.modelled) ? [`modelled: ${rung().name}`, c.modelled] : [rung().name, c.ink]);
+    const lines = [[experiment()?.name, c.ink], has(c.measured) && ["measured", c.measured], model];
     const unit = this.plot.unitNow?.(), at = this.plot.atCursor ? ` at ${show(state.time, 4)} s` : "";
     return [[`${this.element.querySelector("h3").textContent}${unit ? ` in ${unit}` : ""}${at}`, c.ink], ...lines.filter(Boolean)];
   }
