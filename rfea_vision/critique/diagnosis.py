@@ -77,7 +77,7 @@ def judge(
     following, pressure = None, None
     if verdict.rivals:
         following, pressure = design_next(
-            problem, [t.fitted for t in verdict.rivals[:2]], verdict.tied[0].effects[:2], asked.seed
+            problem, [t.fitted for t in verdict.rivals[:2]], verdict.tied[0].effects[:2], asked.seed, search.floor
         )
     if progress is not None:
         progress(EXPECTED_REFITS, EXPECTED_REFITS)

@@ -140,12 +140,12 @@ def shaped(target: FloatArray, amplitude: float, pace: float, rate: float) -> Fl
 
 
 def design_next(
-    problem: Problem, rivals: Sequence[Fitted], names: Sequence[str], seed: int
+    problem: Problem, rivals: Sequence[Fitted], names: Sequence[str], seed: int, floor: float
 ) -> tuple[NextExperiment | None, xr.Dataset | None]:
     """Pressure that separates two fitted rivals best, by the RMS difference of their predictions (mm, deg where only an angle is seen).
 
     The best shape first; then its pace and its amplitude in turn, as long as either tells more, within what the rig has shown.
-    A rig on which no pressure ever changed has shown none: nothing is proposed.
+    A rig on which no pressure ever changed has shown none: nothing is proposed. The noise `floor`, in the same unit, is told beside it.
     """
     if len(rivals) < 2 or not pushed(problem.train):
         return None, None
@@ -177,7 +177,8 @@ def design_next(
     what = "tips" if unit == "mm" else "angles"
     sentence = (
         f"Run {best.words(pressure)}: there {names[0]} and {names[1]}, as fitted now, predict {what} "
-        f"{rounded(told[best])} {unit} RMS apart."
+        f"{rounded(told[best])} {unit} RMS apart, {'less than' if told[best] < floor else 'beside'} a noise floor of "
+        f"{rounded(floor)} {unit}."
     )
     file = f"next-experiment-{names[0]}-{names[1]}.csv"
     dataset = xr.Dataset(

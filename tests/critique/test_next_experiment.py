@@ -52,4 +52,4 @@ def test_no_pressure_is_proposed_for_a_rig_that_has_none():
     """Of rivals that ring-downs cannot tell apart: a run 'up to 0 kPa' would tell nothing."""
     still = SimpleNamespace(excitation=SimpleNamespace(pressure=np.zeros(500), step_s=1e-3))
     rival: Any = SimpleNamespace()
-    assert design_next(SimpleNamespace(train=[still]), (rival, rival), ("maxwell", "base_rotation"), 0) == (None, None)  # type: ignore[arg-type]
+    assert design_next(SimpleNamespace(train=[still]), (rival, rival), ("maxwell", "base_rotation"), 0, 0.1) == (None, None)  # type: ignore[arg-type]
