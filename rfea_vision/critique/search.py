@@ -204,16 +204,14 @@ class Search:
         if farthest(problem.train, fitted.solution, problem.actuator.length) < BENT:
             return
         stiff, grids = stiff_start(problem, fitted), {row.effect: row.grid for row in reversed(self.screened)}
-        looks = []
+        starts = {}
         for effect in available(offered, set(map(plain, self.present.effects))):
             grid = {f"{effect.id}.{name}": value for name, value in grids.get(effect.id, {}).items()}
-            look = self.trials.glance(self.present, (effect.id,), {**stiff, **grid})
-            if look is not None:
-                mean_square, values = look
-                looks.append((mean_square, effect.id, values))
-                self.removes[effect.id] = 1 - mean_square / fitted.solution.mean_square
-        for _, name, values in sorted(looks, key=lambda look: look[:2])[:most]:
-            self.trials.refit(self.present, (name,), values)
+            starts[effect.id] = {**stiff, **grid}
+        looks = self.trials.glances(self.present, starts, most)
+        self.removes.update({name: 1 - look.mean_square / fitted.solution.mean_square for name, look in looks.items()})
+        for name, look in list(looks.items())[:most]:
+            self.trials.refit(self.present, (name,), look.values)
 
     def _worth(self, centre: Trial, proposal: CandidateSet) -> bool:
         """Whether a refit could earn its price: if it left nothing at all, and if it did twice as well as its linear step.

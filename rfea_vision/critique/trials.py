@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from rfea_vision.critique.carrying import carried_over
 from rfea_vision.critique.measures import Errors, errors_of
@@ -24,10 +25,10 @@ from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.refit import ROUGH_NEWTON, coordinates_for, on_few_bodies, rough_runs
 from rfea_vision.options import FitOptions
 
-#: Evaluations at most on thinned runs in long steps, on all frames, and for a glance; and the share of the cost that one more
-#: must still win, and that a step from thinned runs to all frames must. What has not converged is called worse than it is, so the
-#: share ends most of them. Work is counted, never timed.
-ROUGH_EVALUATIONS, FULL_EVALUATIONS, GLANCE_EVALUATIONS = 25, 12, 12
+#: Evaluations at most on thinned runs in long steps, on all frames, and for a first and a second glance; and the share of the cost
+#: that one more must still win, and that a step from thinned runs to all frames must. What has not converged is called worse than it
+#: is, so the share ends most of them. Work is counted, never timed.
+ROUGH_EVALUATIONS, FULL_EVALUATIONS, GLANCES = 25, 12, (4, 8)
 ROUGH_GAIN, CARRIED_GAIN, FULL_GAIN = 1e-4, 1e-4, 3e-4
 #: Change of an angle (rad) at which a step is solved where all frames count: a third fewer iterations; it moves the tip by 0.2 um.
 FINE_NEWTON = 1e-6
@@ -55,6 +56,13 @@ class Trial:
     def free(self) -> int:
         """Parameters that were fitted."""
         return len(self.fitted.coordinates.free)
+
+
+class Glance(NamedTuple):
+    """A fit of thinned runs alone: its mean square, in standard errors, and its values by name."""
+
+    mean_square: float
+    values: dict[str, float]
 
 
 @dataclass
@@ -132,13 +140,23 @@ class Trials:
         options = replace(like.options, effects=tuple(sorted(key)), effect_files=files, name=name)
         return options, values, absent
 
-    def glance(
-        self, base: Trial, added: Sequence[str], start: Mapping[str, float]
-    ) -> tuple[float, dict[str, float]] | None:
-        """Mean square and values of a set fitted on thinned runs alone: to see whether a refit is worth it."""
-        options, values, _ = self._options(base, base.effects | set(added))
-        near = self._near(options, {**values, **base.fitted.values, **start}, base.fitted, GLANCE_EVALUATIONS)
-        return None if near is None else (near.solution.mean_square, near.values)
+    def glances(self, base: Trial, starts: Mapping[str, Mapping[str, float]], most: int) -> dict[str, Glance]:
+        """Each of some effects added from its start and fitted on thinned runs alone, the best first: which are worth a refit.
+
+        All get a first glance, the better half (`most` at least) a second: successive halving, of Jamieson and Talwalkar 2016,
+        doi:10.48550/arXiv.1502.07943.
+        """
+        found = dict[str, Glance]()
+        for evaluations in GLANCES:
+            for name, start in starts.items():
+                options, values, _ = self._options(base, base.effects | {name})
+                near = self._near(options, {**values, **base.fitted.values, **start}, base.fitted, evaluations)
+                if near is not None:
+                    found[name] = Glance(near.solution.mean_square, near.values)
+            found = dict(sorted(found.items(), key=lambda item: (item[1].mean_square, item[0])))
+            better = list(found)[: max(most, (len(found) + 1) // 2)]
+            starts = {name: found[name].values for name in better}
+        return found
 
     def _near(
         self, options: FitOptions, values: Mapping[str, float], like: Fitted, most: int = ROUGH_EVALUATIONS

@@ -1,4 +1,4 @@
-"""Which effects are looked for at all, by the body, its chambers and whether a pressure moves it."""
+"""Which effects are looked for at all, by the body, its chambers and whether a pressure moves it; which get a second glance."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.critique.screening import offered
+from rfea_vision.critique.trials import GLANCES, Trials
 
 
 def _fitted(**ended_inside: bool) -> SimpleNamespace:
@@ -59,3 +60,28 @@ def test_a_gain_is_looked_for_where_the_lever_cannot_make_up_for_it(fitted, look
     run = SimpleNamespace(clock_sigma=0.0, excitation=SimpleNamespace(chambers={}))
     problem = SimpleNamespace(actuator=Actuator(), train=[run])
     assert ("pressure_gain" in [effect.id for effect in offered(problem, fitted, None, ())]) == looked_for
+
+
+def test_all_effects_get_a_glance_and_the_better_half_a_second_from_where_the_first_ended(monkeypatch):
+    ends_at = {"drag": 4.0, "payload": 2.0, "maxwell": 1.0, "coulomb": 3.0, "contact": None}
+    asked = []
+
+    def near(self, options, values, like, most):
+        name = next(iter(options.effects))
+        asked.append((name, most, values["start"]))
+        if ends_at[name] is None:  # it cannot be simulated
+            return None
+        left = ends_at[name] / most
+        return SimpleNamespace(solution=SimpleNamespace(mean_square=left), values={"start": left})
+
+    monkeypatch.setattr(Trials, "_near", near)
+    monkeypatch.setattr(Trials, "_options", lambda self, base, key: (SimpleNamespace(effects=key), {}, {}))
+    base = SimpleNamespace(effects=frozenset(), fitted=SimpleNamespace(values={}))
+    starts = {name: {"start": 0.0} for name in ends_at}
+    looks = Trials(SimpleNamespace()).glances(base, starts, 1)
+    first, second = GLANCES
+    assert list(looks) == ["maxwell", "payload", "coulomb", "drag"]  # the best first, by their last glance
+    assert asked[:5] == [(name, first, 0.0) for name in ends_at]
+    assert asked[5:] == [("maxwell", second, 1.0 / first), ("payload", second, 2.0 / first)]
+    assert len(Trials(SimpleNamespace()).glances(base, starts, 3)) == 4
+    assert [name for name, most, _ in asked[12:] if most == second] == ["maxwell", "payload", "coulomb"]
