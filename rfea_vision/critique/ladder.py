@@ -18,7 +18,6 @@ from rfea_vision.critique.comparison import compare, goes_with
 from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
 from rfea_vision.critique.measures import common_runs, delta_bic, errors_of, matters
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
-from rfea_vision.critique.refinement import TITLE as SEGMENTS_TITLE
 from rfea_vision.critique.screening import sensitivities
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.torque import with_residual_torque
@@ -200,14 +199,15 @@ class _Climb:
         """What came of it; test runs are scored here, once."""
         in_mm = self.problem.train[0].has_tip
         test = _test_score(self.problem, first, self.fitted) if self.problem.test else None
-        titles, unit = _titles(self.fitted, self.rungs), "mm" if in_mm else "deg"
+        titles, finer = _titles(self.fitted, self.rungs), _finer(first, self.fitted, self.rungs)
+        unit = "mm" if in_mm else "deg"
         return Ladder(
             rungs=self.rungs,
             test=test,
             noise_floor_mm=self.floor if in_mm else None,
             noise_floor_deg=None if in_mm else self.floor,
             stopped_because=stopped,
-            findings=_findings(self.rungs, titles, test, self.floor, unit, stopped, self.doubts),
+            findings=_findings(self.rungs, titles, finer, test, self.floor, unit, stopped, self.doubts),
         )
 
 
@@ -314,10 +314,10 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> TestScore:
 
 
 def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
-    """What was added and stayed, in words, with the id by which it is asked for and what it cannot be told from."""
-    stayed = {*map(plain, last.options.effects), SEGMENTS}
-    known = {effect.id: effect.title for effect in last.model.effects} | {SEGMENTS: SEGMENTS_TITLE}
-    titles: dict[str | None, str] = {}  # what was added twice, as more segments may be, is told once
+    """Effects that were added and stayed, in words, with the id by which they are asked for and what they cannot be told from."""
+    stayed = {*map(plain, last.options.effects)}
+    known = {effect.id: effect.title for effect in last.model.effects}
+    titles: dict[str | None, str] = {}  # what was added, dropped and added again is told once
     for rung in rungs:
         if rung.added not in stayed:
             continue
@@ -327,9 +327,18 @@ def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
     return list(titles.values())
 
 
+def _finer(first: Fitted, last: Fitted, rungs: Sequence[Rung]) -> str:
+    """That the chain was cut finer on the way, which is no physics that was missing; empty where it was not."""
+    before, after = first.options.segments, last.options.segments
+    rivals = dict.fromkeys(other for rung in rungs if rung.added == SEGMENTS for other in rung.tied)
+    tied = f"; these data cannot tell what that does from {' or '.join(rivals)}" if rivals else ", which is no missing effect"
+    return f"The chain was made finer: {after} segments in place of {before}{tied}." if after > before else ""
+
+
 def _findings(
     rungs: Sequence[Rung],
     titles: Sequence[str],
+    finer: str,
     test: TestScore | None,
     floor: float | None,
     unit: str,
@@ -343,12 +352,14 @@ def _findings(
         out.append(f"Missing from the paper's model, and added in this order: {'; '.join(titles)}.")
     elif titles:
         out.append(f"Added so far, and not yet enough: {'; '.join(titles)}.")
+    out += filter(None, (finer,))
+    changed = titles or finer
     first, last = (getattr(rung, f"validate_{key}") for rung in (rungs[0], rungs[-1]))
-    if titles and first and last:
+    if changed and first and last:
         fall = f"fell from {rounded(first)} to {rounded(last)} {unit} ({rounded(first / last)} times)"
         out.append(f"The {what} on validation runs {fall}.")
     before, after = (test.get(f"first_model_{key}"), test.get(key)) if test else (None, None)
-    if titles and before and after:
+    if changed and before and after:
         fall = f"fell from {rounded(before)} to {rounded(after)} {unit}"
         out.append(f"On test runs, on which nothing was chosen, it {fall}.")
     if floor:

@@ -174,12 +174,13 @@ def foreseen(error: float) -> str:
 def _missing(search: Search, found: Verdict) -> str:
     problem, unit = search.trials.problem, search.floors.unit
     runs = "runs that were not used" if problem.validate else "the training runs (there are no validation runs)"
-    titles = " and ".join(
-        f"{title(search, one)} (probability {percent(found.probability[one])})" for one in found.named
-    )
-    verb, it = ("is", "it") if len(found.named) == 1 else ("are", "them")
+    told = {one: f"{title(search, one)} (probability {percent(found.probability[one])})" for one in found.named}
+    it = "it" if len(told) == 1 else "them"
+    effects = [text for one, text in told.items() if one != SEGMENTS]  # a finer chain is no physics that is missing
+    parts = [f"{' and '.join(effects)} {'is' if len(effects) == 1 else 'are'} missing"] if effects else []
+    parts += [told[SEGMENTS].replace(TITLE, "The chain is too coarse")] if SEGMENTS in told else []
     text = (
-        f"{titles} {verb} missing: adding {it} takes the error on {runs} from {rounded(search.held)} to "
+        f"{'. '.join(parts)}: adding {it if effects else 'segments'} takes the error on {runs} from {rounded(search.held)} to "
         f"{foreseen(found.best.errors.held)} {unit}, {100 * found.share:.0f} % of the squared error above the floor."
     )
     for tie in found.tied:

@@ -135,10 +135,13 @@ def _estimate(parameter: Parameter) -> str:
 def _selection(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if not evidence.ladder:
         return ""
-    added = [inner_title(titles[rung.added]) for rung in evidence.ladder.rungs if rung.added]
+    grown = dict.fromkeys(rung.added for rung in evidence.ladder.rungs if rung.added and rung.added != "segments")
+    added = [inner_title(titles[effect]) for effect in grown]
+    finer = sum(rung.added == "segments" for rung in evidence.ladder.rungs)
     chosen = (
         f"In this way {listing(added)} {'was' if len(added) == 1 else 'were'} added. " if added else "None was added. "
     )
+    chosen += f"The chain was made finer {'once' if finer == 1 else f'{finer} times'}, as the critique asked. " if finer else ""
     for step in evidence.steps:
         if step.on_ladder and step.rung.added and step.rung.tied:
             one, *others = (inner_title(titles.get(effect, effect)) for effect in (step.rung.added, *step.rung.tied))

@@ -16,6 +16,7 @@ _SAID_ELSEWHERE = (
     "The noise floor is",
     "Stopped because",
     "Missing from the paper's model, and added",
+    "The chain was made finer",
 )
 
 # What was not asked for is said in its own section.
@@ -96,23 +97,25 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
         return "The motion is measured; no model has been fitted yet."
     diagnosis = step.diagnosis
     added = [_inner(with_rivals(one, titles)) for one in _added(evidence)]
-    unsure = any(one.rung.tied for one in evidence.steps if one.on_ladder)
+    finer = _finer(evidence, titles)
+    unsure = any(one.rung.tied for one in _added(evidence))
     if not step.verdict:
         return "The model is fitted; what it lacks has not been looked for yet."
     if step.verdict == "complete":
         if not added:
-            return "The model of the paper is complete here: nothing that matters is missing."
+            return f"The model of the paper is complete here{finer.replace(' and', ', with', 1)}: nothing that matters is missing."
         if len(added) == 1:
             tie = " (these data cannot tell which)" if unsure else ""
             return (
-                f"The model of the paper lacked one thing: {added[0]}{tie}. With it, nothing that matters is missing."
+                f"The model of the paper lacked one thing: {added[0]}{tie}. With it{finer}, nothing that matters is missing."
             )
         things = "; ".join(added)
         return (
-            f"The model of the paper lacked {len(added)} things: {things}. With them, nothing that matters is missing."
+            f"The model of the paper lacked {len(added)} things: {things}. With them{finer}, nothing that matters is missing."
         )
     if step.verdict == "unexplained":
         so_far = f" after {listing(added)} had been added" if added else ""
+        so_far += finer.replace(" and", " with", 1)
         helped = _stand_ins(evidence)
         if helped:
             lower = "lowers" if helped.startswith("one") else "lower"
@@ -126,8 +129,19 @@ def headline(evidence: Evidence, titles: Mapping[str, str]) -> str:
 def _added(evidence: Evidence, *, stand_ins: bool = False) -> list[LadderStep]:
     """Rungs of the ladder that added an effect because it is likely to be there, or as a stand-in; none that was dropped again."""
     stayed = {re.sub(r":\w+|@\d+", "", effect) for effect in evidence.last.fit.effects} if evidence.last else set()
-    rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added in {*stayed, "segments"}]
+    rungs = [one for one in evidence.steps if one.on_ladder and one.rung.added in stayed]
     return list({one.rung.added: one for one in rungs if (one.rung.grade == "stand-in") == stand_ins}.values())
+
+
+def _finer(evidence: Evidence, titles: Mapping[str, str]) -> str:
+    """That the ladder made the chain finer, which is no missing physics, with what that cannot be told from; else empty."""
+    before, after = (evidence.climbed[index].fit.segments for index in (0, -1))
+    if not evidence.ladder or after <= before:
+        return ""
+    rivals = dict.fromkeys(other for one in evidence.climbed if one.rung.added == "segments" for other in one.rung.tied)
+    told = listing((inner_title(titles.get(other, other)) for other in rivals), "or")
+    tied = f" (these data cannot tell the finer chain from {told})" if told else ""
+    return f" and {after} segments in place of {before}{tied}"
 
 
 def _stand_ins(evidence: Evidence) -> str:
@@ -222,8 +236,9 @@ def _stop(sentence: str) -> str:
     return sentence if sentence.endswith((".", "!", "?")) else f"{sentence}."
 
 
-def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str) -> Tile:
+def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str, finer: bool) -> Tile:
     note = "added to the model of the paper" if added else "nothing had to be added"
+    note += " but segments" * (finer and not added)
     if verdict == "unexplained":
         value = "; ".join([*added, "something that is not in the catalogue"] if added else ["Not in the catalogue"])
         helped = f"; {stand_ins} added for the prediction" if stand_ins else ""
@@ -248,7 +263,8 @@ def tiles(evidence: Evidence, titles: Mapping[str, str]) -> Iterator[Tile]:
     climbed = [errors_of(one, evidence) for one in evidence.steps if one.on_ladder]
     if ladder and climbed:
         added = [with_rivals(one, titles).split(":")[0] for one in _added(evidence)]
-        yield _missing(added, step.verdict if step else "", _shows(step) if step else "", _stand_ins(evidence))
+        finer = bool(_finer(evidence, titles))
+        yield _missing(added, step.verdict if step else "", _shows(step) if step else "", _stand_ins(evidence), finer)
         first, last = climbed[0], climbed[-1]
         which = "held-out" if first.validate is not None else "training"
         before = number(first.best) if len(climbed) > 1 else ""

@@ -12,7 +12,7 @@ import pytest
 from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, Ladder, ModelFit, Recording
 from rfea_vision.critique import diagnose, improve
 from rfea_vision.critique.diagnosis import judge
-from rfea_vision.critique.ladder import Step, _Climb, _findings, _titles, next_step, rest_of_set
+from rfea_vision.critique.ladder import Step, _Climb, _findings, _finer, _titles, next_step, rest_of_set
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
 from rfea_vision.critique.verdict import split_by
@@ -75,20 +75,28 @@ def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves():
     )  # fmt: skip
     climb = _Climb(SimpleNamespace(), (), SimpleNamespace())  # type: ignore[arg-type]
     climb.note(model, Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9))
-    said = _findings(climb.rungs, [], None, climb.floor, "deg", "so", climb.doubts)
+    said = _findings(climb.rungs, [], "", None, climb.floor, "deg", "so", climb.doubts)
     assert said[0] == "The noise floor is 22.9 deg: an error below it says nothing about the model."
     assert said[1].startswith("a: the model is farther from the track than a tube that never moves") and len(said) == 3
 
 
 def test_what_was_dropped_again_is_not_told_as_added():
-    """A rung may take the place of an effect that an earlier one had added; more segments may be added twice."""
+    """A rung may take the place of an effect that an earlier one had added; a finer chain is no missing effect."""
     added = (None, "pressure_offset", "maxwell", "segments", "segments")
-    rungs: list[Any] = [SimpleNamespace(added=name, tied=[]) for name in added]
+    rungs: list[Any] = [SimpleNamespace(added=name, tied=["drag"] * (name == "segments"), verdict="complete") for name in added]
+    first: Any = SimpleNamespace(options=SimpleNamespace(segments=8))
     last: Any = SimpleNamespace(
-        options=SimpleNamespace(effects=("maxwell:logarithmic",)),
+        options=SimpleNamespace(effects=("maxwell:logarithmic",), segments=32),
         model=SimpleNamespace(effects=find_effects(["maxwell"])),
     )
-    assert [title.split("(")[-1] for title in _titles(last, rungs)] == ["maxwell)", "segments)"]
+    assert [title.split("(")[-1] for title in _titles(last, rungs)] == ["maxwell)"]
+    for rung in rungs:
+        rung.validate_tip_rmse_mm = None
+    said = _findings(rungs, _titles(last, rungs), _finer(first, last, rungs), None, None, "mm", "so")
+    assert said[0].count("segments") == 0 and said[1] == (
+        "The chain was made finer: 32 segments in place of 8; these data cannot tell what that does from drag."
+    )
+    assert _finer(first, first, rungs) == ""
 
 
 def test_an_effect_that_names_no_experiment_ends_no_sentence_in_nothing():

@@ -241,6 +241,23 @@ def test_the_ladder_remembers_its_verdict(copy: Path) -> None:
     assert "lacked" in headline
 
 
+def test_a_finer_chain_is_not_called_missing_physics(copy: Path) -> None:
+    file = copy / "ladder.json"
+    ladder = json.loads(file.read_text())
+    ladder["rungs"][-1] |= {"added": "segments", "tied": ["drag"]}
+    file.write_text(json.dumps(ladder))
+    model = copy / "models" / RUNGS[-1] / "model.json"
+    fit = json.loads(model.read_text())
+    model.write_text(json.dumps(fit | {"segments": 2 * fit["segments"], "effects": fit["effects"][:1]}))
+    html = page_of(copy)
+    text = words(html)
+    assert "lacked one thing: visco-elastic relaxation (Maxwell branch). With it and" in text
+    assert f"{2 * fit['segments']} segments in place of {fit['segments']} (these data cannot tell the finer chain from drag)" in text
+    tile = words(html.split("Missing physics")[1].split("Tip error")[0])
+    assert "segments" not in tile, tile
+    assert "relaxation (Maxwell branch) was added. The chain was made finer once" in text
+
+
 def test_stand_ins_are_not_called_missing(copy: Path) -> None:
     """The headline and the tile name what is likely to be there; what only helps is counted."""
     file = copy / "ladder.json"
