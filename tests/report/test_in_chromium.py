@@ -270,16 +270,20 @@ def test_saves_figures_and_tables(opened: Browser, tmp_path: Path) -> None:
     opened.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path))
     opened.run("document.querySelector('[data-figure=\"carpet\"] [data-save=svg]').click()")
     opened.run("document.querySelector('[data-figure=\"loop-angle\"] [data-save=svg]').click()")
+    opened.run("document.querySelector('[data-figure=\"sync\"] [data-save=svg]').click()")
     opened.run("document.querySelector('[data-figure=\"angle\"] [data-save=png]').click()")
+    opened.run("document.querySelector('#snapshot').click()")
     opened.run("document.querySelector('table[data-csv=ladder]').closest('.tablebox').querySelector('.csv').click()")
     for _ in range(100):
         files = [path for path in sorted(tmp_path.iterdir()) if path.suffix in (".svg", ".png", ".csv")]
-        if len(files) == 4:
+        if len(files) == 6:
             break
         opened.run("new Promise(done => setTimeout(done, 50))")
     found = {path.suffix: path for path in files}
     assert set(found) == {".svg", ".png", ".csv"}
-    carpet, loop = (path.read_text() for path in files if path.suffix == ".svg")
+    carpet, loop, clocks = (path.read_text() for path in files if path.suffix == ".svg")
+    assert ">bend angle in deg<" in clocks and re.search(">pressure, -?\\d+ to \\d+ kPa<", clocks)
+    assert len(found) == 3 and all(imread(path)[..., 3].min() == 255 for path in files if path.suffix == ".png")
     assert carpet.startswith("<svg") and ">measured<" not in carpet  # it draws no measured line
     width = float(re.search(r'width="([\d.]+)"', loop)[1])  # type: ignore[index]
     legend = re.findall(r"translate\(([\d.]+) [\d.]+\)[^>]*>(measured|modelled: [^<]+)<", loop)

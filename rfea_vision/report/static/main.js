@@ -14,7 +14,7 @@ function wire() {
   listen("#against", "change", element => { state.against = element.value; Figure.redraw(); });
   listen("#theme", "click", toggleTheme);
   listen("#keys", "click", () => one("#help").showModal());
-  listen("#snapshot", "click", () => stage.canvas.toBlob(blob => download(blob, `tube-${experiment().name}-${state.time.toFixed(3)}s.png`)));
+  listen("#snapshot", "click", saveStage);
   for (const event of ["pointerdown", "pointerenter"]) listen("#before", event, () => holdEarlier(true));
   for (const event of ["pointerleave", "pointercancel"]) listen("#before", event, () => holdEarlier(false));
   listenKeys();

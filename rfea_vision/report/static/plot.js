@@ -41,7 +41,7 @@ function axisY(pen, box, y, label, {about} = {}) {
   if (label) pen.text(label, 11, (box.top + box.bottom) / 2, {align: "center", turn: -90});
 }
 
-const plots = {}; // name -> {draw(pen), need(): reason or undefined, cursor(pen, hover), readout(): html, pick(x, y), saveName()}
+const plots = {}; // name -> {draw(pen), need(): reason or undefined, cursor(pen, hover), readout(): html, pick(x, y), key(colours): [words, colour] of lines that are neither measured nor modelled}
 class Figure {
   constructor(element) {
     this.element = element;
@@ -110,7 +110,7 @@ class Figure {
   caption(drawn) {
     const c = coloursOf(document.getElementById("printed")), has = colour => drawn.includes(`stroke="${colour}"`) || RegExp(`<circle[^>]*fill="${colour}"`).test(drawn);
     const model = rung() && (has(c.modelled) ? [`modelled: ${rung().name}`, c.modelled] : [rung().name, c.ink]);
-    const lines = [[experiment()?.name, c.ink], has(c.measured) && ["measured", c.measured], model];
+    const lines = [[experiment()?.name, c.ink], has(c.measured) && ["measured", c.measured], ...(this.plot.key?.(c) ?? []), model];
     const unit = this.plot.unitNow?.(), at = this.plot.atCursor ? ` at ${show(state.time, 4)} s` : "";
     return [[`${this.element.querySelector("h3").textContent}${unit ? ` in ${unit}` : ""}${at}`, c.ink], ...lines.filter(Boolean)];
   }

@@ -142,6 +142,18 @@ function drawScene(c, to, k, weight) {
   if (modelTips && modelTips[2 * i] === modelTips[2 * i]) dot(modelTips[2 * i], modelTips[2 * i + 1], hue.modelled);
 }
 
+// The picture as a file: on the page's paper, and below it which run and instant it is, and what its lines are.
+function saveStage() {
+  const from = stage.canvas, dense = from.width / from.clientWidth, c = colours(), hidden = id => document.getElementById(id).hidden;
+  const rows = [[`${experiment().name} at ${show(state.time, 4)} s`, c.ink], ["measured", c.measured], prediction() && [`modelled: ${rung().name}`, c.modelled], !hidden("cured") && ["modelled, last rung", c.good], !hidden("rung-before") && ["rung before", c.earlier]].filter(Boolean);
+  const width = Math.max(from.clientWidth, 16 + 6.4 * Math.max(...rows.map(([words]) => words.length))), sheet = document.createElement("canvas");
+  sheet.width = dense * width; sheet.height = from.height + dense * (16 * rows.length + 8);
+  const context = sheet.getContext("2d"), pen = new CanvasPen(context, width, sheet.height / dense, c);
+  context.fillStyle = c.paper; context.fillRect(0, 0, sheet.width, sheet.height); context.drawImage(from, 0, 0); context.scale(dense, dense);
+  rows.forEach(([words, colour], i) => pen.text(words, 8, from.height / dense + 12 + 16 * i, {colour, bold: !i}));
+  sheet.toBlob(blob => download(blob, `tube-${experiment().name}-${state.time.toFixed(3)}s.png`));
+}
+
 // The corner of the picture that the tube keeps clear of most; one per run, so that the lens does not wander.
 function lensCorner(view) {
   const tips = series(experiment().midline) ?? series(experiment().tip) ?? series(prediction()?.tip) ?? new Float64Array(0), best = {distance: -1};

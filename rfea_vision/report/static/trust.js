@@ -32,6 +32,7 @@ plots.sync = {
     const motion = e.angle ? series(e.angle) : column(series(e.tip), 1), pressure = series(e.lp), lamp = series(e.lamp);
     const stretch = (values, from = box.bottom, to = box.top) => scale(...padded(extent(values)), from, to).all(values), base = lamp ? box.bottom - 26 : box.bottom;
     const seen = frameTimes().map(t => x(t + state.shift));
+    axisY(pen, box, scale(...padded(extent(motion)), base, box.top), e.angle ? "bend angle in deg" : "tip y in mm");
     axisX(pen, box, x, "time in s", {grid: true});
     pen.clip(box.left, box.top, box.right - box.left, box.bottom - box.top, () => {
       pen.line(x.all(series(e.lt)), stretch(pressure, base), c.muted, 1.4);
@@ -39,6 +40,7 @@ plots.sync = {
       if (lamp) pen.line(seen, stretch(lamp, box.bottom - 2, base + 4), c.c5, 1.4);
     });
   },
+  key: c => [[`pressure, ${extent(series(experiment().lp)).map(Math.round).join(" to ")} kPa`, c.muted], experiment().lamp && ["lamp", c.c5]],
   readout: () => `<b>pressure</b> · <b class="m">${experiment().angle ? "bend angle" : "tip y"}</b>${experiment().lamp ? " · <b class=\"l\">lamp</b>" : ""}`,
   cursor(pen) { cursorAt(pen, timeBox(pen)); },
   drag(px, py, figure) { setTime(timeScale(timeBox(figure.size())).back(px)); },
