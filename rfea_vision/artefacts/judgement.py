@@ -47,7 +47,10 @@ class _Json(BaseModel):
 
 
 class Parameter(_Json):
-    """A fitted value in ``unit``; ``stderr`` and ``interval_95`` are null where the data cannot give them (see ``note``)."""
+    """A fitted value in ``unit``; ``stderr`` and ``interval_95`` are null where the data cannot give them (see ``note``).
+
+    ``text`` says what it is, of the parameters of effects, which declare it.
+    """
 
     value: float
     unit: str
@@ -57,6 +60,7 @@ class Parameter(_Json):
     upper: float | None = None
     fixed: bool = False
     note: str = ""
+    text: str = ""
 
 
 class Metrics(_Json):

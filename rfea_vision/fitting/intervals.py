@@ -18,6 +18,8 @@ from rfea_vision.fitting.uncertainty import Uncertainty, uncertainty_of
 
 #: Correlation above which two parameters are told of together.
 NEAR_TIE = 0.995
+#: Standard error of a positive parameter without an upper bound, in times its value, from which on it is not determined.
+UNKNOWN_TIMES = 10.0
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def _parameters(
         coordinates.free[i]: "lower" if y[i] - coordinates.lower[i] < coordinates.upper[i] - y[i] else "upper"
         for i in np.flatnonzero(~coordinates.inside(y))
     }
+    texts = {f"{e.id}.{name}": spec.text for e in model.effects for name, spec in e.parameters.items()}
     out = {}
     for k, name in enumerate(model.names):
         unit, lower, upper = _unit_and_bounds(fitted, k)
@@ -86,7 +89,7 @@ def _parameters(
         note, known = "", k in coordinates.free
         if not known:
             note = "held fixed"
-        elif doubtful[k]:
+        elif doubtful[k] or error > _unknown_from(value, lower, upper):
             note, known = "these data do not determine it: no interval", False
         elif k in at_bound:
             note, known = f"at its {at_bound[k]} bound: no interval", False
@@ -100,8 +103,16 @@ def _parameters(
             upper=upper,
             fixed=k not in coordinates.free,
             note=note,
+            text=texts.get(name, ""),
         )
     return out, covariance
+
+
+def _unknown_from(value: float, lower: float | None, upper: float | None) -> float:
+    """Standard error from which on a value tells nothing: with it either side, all that physics allows is covered."""
+    if lower is not None and upper is not None:
+        return (upper - lower) / 2
+    return UNKNOWN_TIMES * abs(value) if lower == 0 else np.inf
 
 
 def _unit_and_bounds(fitted: Fitted, k: int) -> tuple[str, float | None, float | None]:

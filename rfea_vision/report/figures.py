@@ -237,7 +237,7 @@ FIGURES = {
         Figure(
             "correlation",
             "Correlations",
-            "Near +1 or -1 two parameters cannot be told apart: read them together.",
+            "Near +1 or -1 two parameters cannot be told apart: read them together. The table of parameters says what each is.",
             "Matrix of parameter correlations",
             280,
         ),

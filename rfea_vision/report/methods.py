@@ -9,6 +9,7 @@ from rfea_vision.artefacts import Parameter
 from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.formatting import inner_title, lens_words, listing, number, with_error, with_unit
+from rfea_vision.report.prose import parameter_words
 from rfea_vision.report.shown import errors_of
 from rfea_vision.units import counted
 
@@ -107,7 +108,8 @@ def _measurement(evidence: Evidence) -> str:
 def _model(evidence: Evidence, step: LadderStep, titles: Mapping[str, str]) -> str:
     fit, shown = step.fit, errors_of(step, evidence)
     effects = f" with {listing(inner_title(titles[effect]) for effect in fit.effects)} added" if fit.effects else ""
-    values = "; ".join(f"{name} = {_estimate(parameter)}" for name, parameter in fit.parameters.items())
+    words = parameter_words(evidence, titles)
+    values = "; ".join(f"{name} ({words[name]}) = {_estimate(parameter)}" for name, parameter in fit.parameters.items())
     key = "tip_rmse_mm" if shown.unit == "mm" else "angle_rmse_deg"
     scores = listing(
         f"{with_unit(getattr(metrics, key), shown.unit)} ({_ROLES.get(role, role)})"

@@ -224,12 +224,12 @@ def how_it_ended(evidence: Evidence, titles: Mapping[str, str]) -> str:
 
 
 def parameter_words(evidence: Evidence, titles: Mapping[str, str]) -> dict[str, str]:
-    """What each parameter means; those of an effect are known by its title."""
-    names = {name for step in evidence.steps for name in (*step.fit.parameters, *step.fit.paper_parameters)}
-    return {
-        name: MEANINGS.get(name) or (titles.get(name.split(".")[0], "").split(":")[0] if "." in name else "")
-        for name in names
+    """What each parameter means; one of an effect by the effect's title and by what is declared of it."""
+    known = {
+        name: item.text for step in evidence.steps for name, item in (*step.fit.parameters.items(), *step.fit.paper_parameters.items())
     }
+    of_effects = {name: titles.get(name.split(".")[0], "").split(":")[0] for name in known if "." in name}
+    return {name: MEANINGS.get(name) or ": ".join(filter(None, (of_effects.get(name), text))) for name, text in known.items()}
 
 
 def _stop(sentence: str) -> str:

@@ -47,7 +47,11 @@ def climb_apart(work: Runner, options: FitOptions) -> FitOptions:
     def taken(name: str) -> list[str]:
         records = work.cache.records("fit")
         names = [name, *(own for record in records if (own := record.key.partition("/")[2]).startswith(f"{name}+"))]
-        return [key for own in names for key in _others(work, own, replace(options, name=name), _OF_A_RUNG, rungs)]
+        return [
+            key if own == name else f"{key} in {own}"
+            for own in names
+            for key in _others(work, own, replace(options, name=name), _OF_A_RUNG, rungs)
+        ]
 
     path = work.out / Ladder.FILE
     rungs = [rung.model for rung in Ladder.load(path).rungs[1:]] if path.is_file() else []
@@ -71,7 +75,8 @@ def _others(
     before = fitted_with(work.cache.record(f"fit/{name}"))
     if before is None or not (work.out / "models" / name / "model.json").is_file():
         return []
-    left = {*leave, "segments", "auto_segments"} if name in (rungs or ()) else set(leave)
+    finer = name in (rungs or ()) or "segments" in name.split("+")  # also of an earlier ladder, whose chain was made finer
+    left = {*leave, "segments", "auto_segments"} if finer else set(leave)
     old, new = (plain(as_record(one)) for one in (before, options))
     keys: list[str] = [field.name for field in fields(FitOptions) if field.name not in left]
     return [f"{key} {_shown(before, key)}" for key in keys if old.get(key) != new.get(key)]

@@ -11,7 +11,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.coordinates import build
 from rfea_vision.fitting.fit import fit, fit_base, make_model, make_problem, start_vector
-from rfea_vision.fitting.intervals import intervals
+from rfea_vision.fitting.intervals import _unknown_from, intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.refit import FELT_SHARE, UNFELT, in_long_steps, refit_from, rough_runs
@@ -104,6 +104,12 @@ def test_an_effect_that_the_data_do_not_ask_for_is_called_absent(complete_campai
     told = [text for text in intervals(found, problem.train, actuator, found.par).sentences if " ended at its " in text]
     absent = [text for text in told if "there the effect is absent" in text]
     assert absent and all(text.startswith(("variable_mass.a ", "coulomb.tau_c ")) for text in absent)
+
+
+def test_an_interval_wider_than_what_physics_allows_is_none():
+    """`coulomb.w` stood as 9.99975 with a standard error of 12130, and no word on it."""
+    assert _unknown_from(9.99975, 0.001, 10.0) < 12130 and _unknown_from(0.001, -1.0, 1.0) > 0.01
+    assert 1e-3 < _unknown_from(2e-3, 0.0, None) < 1.0 and _unknown_from(0.0, None, None) == np.inf
 
 
 @pytest.mark.parametrize("effect", [None, "time_offset", "clock_drift", "plane_tilt", "camera_scale"])

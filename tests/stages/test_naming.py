@@ -70,6 +70,7 @@ def test_a_name_that_was_asked_for_is_not_taken_from_another_model(work):
 def test_a_climb_leaves_the_fits_beside_it_alone(work):
     store(work, FitOptions(effects=("maxwell",), segments=8))
     assert climb_apart(work, FitOptions()).name == "base-2"
+    assert "(segments 8 in base+maxwell); this one is base-2" in work.listener.said[-1]
     assert climb_apart(work, FitOptions(segments=8)).name == "base"
 
 
@@ -79,6 +80,14 @@ def test_a_climb_goes_on_though_a_rung_took_more_segments(work):
     ladder(work, "base", "base+maxwell")
     assert climb_apart(work, FitOptions()).name == "base"
     assert climb_apart(work, FitOptions(segments=8)).name == "base-2"
+
+
+def test_a_finer_rung_of_an_earlier_ladder_is_no_other_option(work):
+    """Of base, which has 8 segments, it was said that it had 16."""
+    store(work, FitOptions(segments=8))
+    store(work, FitOptions(name="base+segments", segments=16))
+    ladder(work, "base-2")
+    assert climb_apart(work, FitOptions(segments=8)).name == "base" and not work.listener.said
 
 
 def test_a_run_that_is_called_as_its_campaign_has_a_calibration_of_its_own(tmp_path, monkeypatch):
