@@ -30,7 +30,7 @@ from rfea_vision.fitting.ratio import lever_free, with_lever_held
 from rfea_vision.fitting.refit import in_long_steps
 from rfea_vision.fitting.scoring import as_artefact, score, worse_than_nothing
 from rfea_vision.options import CritiqueOptions, FitOptions
-from rfea_vision.units import rounded
+from rfea_vision.units import counted, rounded
 
 #: Model, its predictions, its comparison, its diagnosis, and the pressure to play next (time in s, kPa) if there is one.
 OnRung = Callable[[ModelFit, dict[str, xr.Dataset], Comparison, Diagnosis, xr.Dataset | None], None]
@@ -195,7 +195,7 @@ class _Climb:
         self.dropped |= had - {*map(plain, model.effects), SEGMENTS}
         self.before, self.fitted, self.last = self.fitted, refit_artefact(model, self.problem), step
 
-    def ladder(self, first: Fitted, stopped: str) -> Ladder:
+    def ladder(self, first: Fitted, stopped: str, over: str) -> Ladder:
         """What came of it; test runs are scored here, once."""
         in_mm = self.problem.train[0].has_tip
         test = _test_score(self.problem, first, self.fitted) if self.problem.test else None
@@ -207,7 +207,7 @@ class _Climb:
             noise_floor_mm=self.floor if in_mm else None,
             noise_floor_deg=None if in_mm else self.floor,
             stopped_because=stopped,
-            findings=_findings(self.rungs, titles, finer, test, self.floor, unit, stopped, self.doubts),
+            findings=_findings(self.rungs, titles, finer, test, self.floor, unit, stopped, [*filter(None, (over,)), *self.doubts]),
         )
 
 
@@ -221,6 +221,7 @@ def improve(
     candidates: Sequence[str] | None = None,
     finished: Sequence[tuple[ModelFit, Diagnosis]] = (),
     progress: Callable[[int, int], None] | None = None,
+    say: Callable[[str], None] = lambda sentence: None,
 ) -> Ladder:
     """Climb from the base model to the model that needs nothing more.
 
@@ -229,7 +230,7 @@ def improve(
     they are climbed again without being fitted or judged anew. A rung follows from the model and the diagnosis of the one
     below and from nothing else, so that an interrupted climb ends as one that was left alone. With `stand_ins` the climb goes
     on with what lowers the held-out error though it is hardly the cause. Work is counted, not timed; a budget, where one is
-    given, ends the climb between two rungs, but not before what was named is added.
+    given, ends the climb between two rungs, but not before what was named is added: `say` is told when it is used up.
     """
     started = time.monotonic()
     asked = critique or CritiqueOptions()
@@ -242,6 +243,7 @@ def improve(
     climb = _Climb(problem, chosen.effect_files, first)
     stopped = f"{MOST_RUNGS} rungs were climbed"
     begun: list[str] = []
+    over = ""
     for index in range(MOST_RUNGS):
         if index < len(finished):
             diagnosis = finished[index][1]
@@ -254,8 +256,15 @@ def improve(
         begun = rest_of_set(begun, diagnosis, step)
         late = asked.budget_s is not None and time.monotonic() - started > asked.budget_s
         if step.added is None or (late and step.grade != "named"):
-            stopped = step.why or f"the time budget of {asked.budget_s:.0f} s is used up; nothing more is named"
+            if step.added is not None:
+                over = ""
+                stopped = f"the time budget of {asked.budget_s:.0f} s is used up; nothing more is named, and {step.added}, a stand-in, is left out"
+            stopped = step.why or stopped
             break
+        if late and not over:
+            used = f"The time budget of {asked.budget_s:.0f} s was used up after {counted(index + 1, 'rung')}"
+            say(f"{used}: the climb goes on only for what is named ({step.added}), which no budget leaves out")
+            over = f"{used}: what was named was added all the same, and nothing was left out for it."
         if index + 1 == MOST_RUNGS:
             break
         following = finished[index + 1][0] if index + 1 < len(finished) else climb.next_model(step, diagnosis)
@@ -264,7 +273,7 @@ def improve(
             break
         climb.take(step, following)
         model = following
-    return climb.ladder(first, stopped)
+    return climb.ladder(first, stopped, over)
 
 
 def _judged(

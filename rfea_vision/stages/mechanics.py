@@ -240,6 +240,7 @@ def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Sto
             on_rung=on_rung,
             finished=finished,
             progress=progress,
+            say=work.tell,
         )
         ladder.save(path)
         outputs += _predict_test(work, ladder, recordings)
@@ -286,6 +287,8 @@ def _finished(
         if not (folder / "model.json").is_file():
             break
         model = ModelFit.load(folder / "model.json")
+        if not found and model.name != options.name:  # the ladder begins with another model, such as one of fewer segments
+            break
         own = _for_rung(options, model)
         if not work.has(_fit_stage(work, own, recordings, actuator)):
             break

@@ -113,7 +113,13 @@ def test_choosing_does_not_look_at_test_runs(campaign):
 
 def test_a_budget_ends_a_climb_only_after_what_is_named_was_added(campaign):
     found = campaign((("gravity_tilt.angle", -0.08),))
-    ladder, _ = climbed(found, ("gravity_tilt",), critique=CritiqueOptions(budget_s=0))
+    said: list[str] = []
+    ladder, _ = climbed(found, ("gravity_tilt",), critique=CritiqueOptions(budget_s=0), say=said.append)
+    assert said == [
+        "The time budget of 0 s was used up after 1 rung: the climb goes on only for what is named (gravity_tilt), "
+        "which no budget leaves out"
+    ]
+    assert any(text.startswith("The time budget of 0 s was used up after 1 rung: what was named") for text in ladder.findings)
     assert [rung.added for rung in ladder.rungs] == [None, "gravity_tilt"] and ladder.rungs[1].grade == "named"
 
 

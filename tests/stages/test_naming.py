@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from campaign.campaigns import write_campaign
@@ -10,10 +11,10 @@ from rfea_vision.artefacts import Ladder, Rung
 from rfea_vision.campaign import load_campaign
 from rfea_vision.campaign.specs import CameraSpec
 from rfea_vision.errors import InputError
-from rfea_vision.options import FitOptions
+from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record
 from rfea_vision.progress import Listener
-from rfea_vision.stages import Workspace, cameras
+from rfea_vision.stages import Workspace, cameras, mechanics
 from rfea_vision.stages.naming import climb_apart, fit_apart
 
 
@@ -88,6 +89,18 @@ def test_a_finer_rung_of_an_earlier_ladder_is_no_other_option(work):
     store(work, FitOptions(name="base+segments", segments=16))
     ladder(work, "base-2")
     assert climb_apart(work, FitOptions(segments=8)).name == "base" and not work.listener.said
+
+
+def test_a_climb_takes_no_rung_of_a_ladder_that_begins_with_another_model(work, monkeypatch):
+    """The climb was said to be of base-2, 16 segments, and ended as that of base, 4 segments, which stood there before."""
+    store(work, FitOptions(segments=4))
+    ladder(work, "base")
+    monkeypatch.setattr(work, "has", lambda stage: True)
+    read = {"load": lambda path: SimpleNamespace(name=path.parent.name, segments=4, effects=[])}
+    monkeypatch.setattr(mechanics, "ModelFit", SimpleNamespace(**read))
+    monkeypatch.setattr(mechanics, "Diagnosis", SimpleNamespace(**read))
+    of = [len(mechanics._finished(work, one, CritiqueOptions(), {}, None)) for one in (FitOptions(segments=4), FitOptions(name="base-2"))]
+    assert of == [1, 0]
 
 
 def test_a_run_that_is_called_as_its_campaign_has_a_calibration_of_its_own(tmp_path, monkeypatch):
