@@ -258,7 +258,7 @@ def improve(
         if step.added is None or (late and step.grade != "named"):
             if step.added is not None:
                 over = ""
-                stopped = f"the time budget of {asked.budget_s:.0f} s is used up; nothing more is named, and {step.added}, a stand-in, is left out"
+                stopped = f"the time budget of {asked.budget_s:.0f} s is used up; nothing more is named, and {step.added} is left out"
             stopped = step.why or stopped
             break
         if late and not over:

@@ -99,8 +99,8 @@ def test_a_climb_takes_no_rung_of_a_ladder_that_begins_with_another_model(work, 
     read = {"load": lambda path: SimpleNamespace(name=path.parent.name, segments=4, effects=[])}
     monkeypatch.setattr(mechanics, "ModelFit", SimpleNamespace(**read))
     monkeypatch.setattr(mechanics, "Diagnosis", SimpleNamespace(**read))
-    of = [len(mechanics._finished(work, one, CritiqueOptions(), {}, None)) for one in (FitOptions(segments=4), FitOptions(name="base-2"))]
-    assert of == [1, 0]
+    asked = (FitOptions(segments=4), FitOptions(name="base-2"))
+    assert [len(mechanics._finished(work, one, CritiqueOptions(), {}, None)) for one in asked] == [1, 0]
 
 
 def test_a_run_that_is_called_as_its_campaign_has_a_calibration_of_its_own(tmp_path, monkeypatch):
