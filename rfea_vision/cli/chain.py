@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from rfea_vision.cli.console import print_json, say_next
+from rfea_vision.cli.console import print_json, say_next, up_to_date
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.model import print_ladder
 from rfea_vision.cli.options import campaign_options, code_option, opened, refuse_beside
@@ -65,8 +65,8 @@ def report_command(
         shown = {key: str(path) for key, path in files.items()}
         print_json({**shown, "status": status, "bytes": files["file"].stat().st_size})
     else:
-        for path in files.values():
-            click.echo(str(path))
+        if len(files) > 1 or not up_to_date(work):
+            click.echo("\n".join(map(str, files.values())))
         say_next("open in a browser:", files.get("compare", files["file"]), why="it needs no network")
 
 
@@ -108,12 +108,14 @@ def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_j
         fits = {name: model.model_dump(mode="json")["metrics"] for name, model in models.items()}
         print_json({"recipe": recipe, "steps": work.outcomes, "models": fits, "report": results.get("report")})
         return
-    if "improve" in results:
+    fresh = not up_to_date(work)
+    if fresh and "improve" in results:
         print_ladder(results["improve"])
-    elif models:
+    elif fresh and models:
         print_metrics(models)
     if "report" in results:
-        click.echo(f"report: {results['report']}")
+        if fresh:
+            click.echo(f"report: {results['report']}")
         say_next("open in a browser:", results["report"], why="it needs no network")
     else:
         say_next("rfea report", campaign)

@@ -9,7 +9,7 @@ import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 from click.core import ParameterSource
@@ -31,9 +31,14 @@ from rfea_vision.progress import Listener, Outcome
 from rfea_vision.progress import Progress as ProgressCall
 from rfea_vision.units import counted, rounded
 
+if TYPE_CHECKING:
+    from rfea_vision.stages.runner import Runner
+
 _WIDE = 160  # columns of a table that goes to a file or another program
 _CARRIED = ("out", "trust", "untrusted")  # parameters that say where to look, and at what
 LAWS = "--effect-file"  # without it what was fitted with laws of one's own is refused; the key of files that a command only names
+AGAIN = "rfea_vision.again"  # whether a result is to be printed again though nothing changed; the key is there where one may ask
+_SINCE = "rfea_vision.since"  # what the last line of a command that had nothing to do begins with
 _MOST_NAMED = 6  # unchanged stages that are listed by name
 
 
@@ -93,8 +98,19 @@ def say_next(command: str, *words: object, why: str = "") -> None:
 
     What says where the results are, and what may be read, goes along where the next command takes it.
     """
+    context = click.get_current_context(silent=True)
+    since = context.meta.pop(_SINCE, "") if context else ""
     line = [command, *(shlex.quote(str(word)) for word in words), *_carried(command)]
-    say(" ".join(["next:", *line]) + (f"   ({why})" if why else ""))
+    say(f"{since}next: {' '.join(line)}" + (f"   ({why})" if why and not since else ""))
+
+
+def up_to_date(work: Runner) -> bool:
+    """Whether a command had nothing to do and need not print its result again: `say_next` then says so, in the one line."""
+    context, since = click.get_current_context(), work.unchanged_since()
+    if since is None or context.meta.get(AGAIN):
+        return False
+    context.meta[_SINCE] = f"nothing changed since {since:%Y-%m-%d %H:%M}: up to date ('--again' shows it); "
+    return True
 
 
 def _carried(command: str) -> list[str]:
@@ -179,7 +195,9 @@ class _Count(MofNCompleteColumn):
 class ConsoleListener(Listener):
     """Draws a bar per running stage on a terminal; elsewhere one line when a stage ends, and one for all that were unchanged."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, told: bool = False) -> None:
+        """`told`: whether the command itself says that all was unchanged."""
+        self.told = told
         self.console = Console(stderr=True, highlight=False, markup=False)
         self.bars: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
@@ -241,7 +259,7 @@ class ConsoleListener(Listener):
             named = self._unchanged[:_MOST_NAMED]
             more = len(self._unchanged) - len(named)
             self._print(f"{', '.join(named)}{f' and {more} more' if more else ''}: unchanged")
-        else:
+        elif not self.told:
             self._print(f"{last}: unchanged{f', as {_before(len(before))} before it' if before else ''}")
         self._unchanged = []
 

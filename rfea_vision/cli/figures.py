@@ -7,13 +7,13 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import ConsoleListener, print_json, say, say_next
-from rfea_vision.cli.options import campaign_options, code_option, opened, output_options
+from rfea_vision.cli.options import code_option, opened, output_options, stage_options
 from rfea_vision.errors import InputError
 
 
 @click.command("figures")
 @code_option
-@campaign_options
+@stage_options
 @click.option(
     "--style", type=click.Choice(("paper", "screen")), default="paper", show_default=True, help="Size of type."
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table, say, say_next
+from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.options import ask, campaign_options, opened
 from rfea_vision.errors import InputError
 from rfea_vision.options import FitOptions
@@ -40,8 +40,9 @@ def fit_command(
     if as_json:
         print_json(model.model_dump(mode="json"))
     else:
-        print_model(model)
-        click.echo(str(work.out / "models" / model.name / "model.json"))
+        if model.status == "refused" or not up_to_date(work):
+            print_model(model)
+            click.echo(str(work.out / "models" / model.name / "model.json"))
         if model.meets_no_run:
             say_next("rfea check", campaign, why="it meets no run: see what may be declared wrong")
         else:

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table, say, say_next
+from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.options import campaign_options, opened
 from rfea_vision.errors import DataError
 
@@ -58,6 +58,8 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
     elif calibration is None:
         say(summary["sentence"])
         say_next("rfea sync", campaign)
+    elif ros is None and up_to_date(work):
+        say_next("rfea track", campaign, "--preview")
     else:
         photos = sorted(calibration.photos, key=lambda photo: (not photo["used"], -(photo.get("rms_px") or 0.0)))
         rows = [
@@ -120,6 +122,8 @@ def track_command(
     lacking = {name: said["too_little"] for name, said in facts.items() if said["too_little"]}
     if as_json:
         print_json({"tracks": summary, "too_little": lacking})
+    elif not lacking and up_to_date(work):
+        say_next("rfea sync", campaign)
     else:
         rows = [
             [
@@ -164,7 +168,8 @@ def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, n
     ]
     if as_json:
         print_json({"recordings": summary})
-    else:
+        return
+    if not up_to_date(work):
         rows = [
             [
                 row["experiment"],
@@ -181,4 +186,4 @@ def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, n
             rows,
             left=2,
         )
-        say_next("rfea improve", campaign, why="or step by step: rfea fit, compare, diagnose")
+    say_next("rfea improve", campaign, why="or step by step: rfea fit, compare, diagnose")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table, say, say_next
+from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.options import ask, campaign_options, code_option, opened
 from rfea_vision.options import CritiqueOptions, FitOptions
@@ -43,9 +43,10 @@ def compare_command(campaign: Path, models: tuple[str, ...], out: Path | None, f
             }
         )
         return
-    print_metrics(fits)
-    for name, comparison in comparisons.items():
-        print_comparison(name, comparison)
+    if not up_to_date(work):
+        print_metrics(fits)
+        for name, comparison in comparisons.items():
+            print_comparison(name, comparison)
     last = list(comparisons)[-1]
     say_next("rfea diagnose", campaign, last, why="why it fails there")
 
@@ -70,6 +71,8 @@ def diagnose_command(
         diagnosis = work.diagnose(model, options)
     if as_json:
         print_json(diagnosis.model_dump(mode="json", by_alias=True))
+    elif up_to_date(work):
+        _say_after(diagnosis.verdict, campaign)
     else:
         print_diagnosis(diagnosis, campaign, work.out)
 
@@ -95,8 +98,9 @@ def improve_command(
     if as_json:
         print_json({**ladder.model_dump(mode="json"), "report": str(report)})
     else:
-        print_ladder(ladder)
-        say(f"report: {report}")
+        if not up_to_date(work):
+            print_ladder(ladder)
+            say(f"report: {report}")
         last = ladder.rungs[-1].verdict if ladder.rungs else ""
         if last == "unexplained":
             _say_after(last, campaign)
@@ -121,7 +125,7 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     if diagnosis.sentence:
         say(diagnosis.sentence)
     if diagnosis.verdict == "unexplained" and diagnosis.where:  # what shows it comes before what it may be
-        say(diagnosis.where[0].sentence)
+        say(f"where it shows: {diagnosis.where[0].sentence}")
     _print_candidates(diagnosis)
     _print_floors(diagnosis)
     if diagnosis.remainder and diagnosis.remainder.sentence:
@@ -130,8 +134,6 @@ def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
         say(f"cannot be told apart here: {', '.join(tie.effects)}; {tie.split_by}")
     for warning in diagnosis.warnings:
         say(f"warning: {warning}")
-    if diagnosis.verdict == "unexplained" and diagnosis.where:
-        say(f"where it shows: {diagnosis.where[0].sentence}")
     planned = diagnosis.next_experiment
     if planned is not None:
         file = out / "models" / diagnosis.model / Path(planned.pressure).name

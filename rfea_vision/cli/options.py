@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_or
 import click
 from click.core import ParameterSource
 
-from rfea_vision.cli.console import LAWS, ConsoleListener
+from rfea_vision.cli.console import AGAIN, LAWS, ConsoleListener
 from rfea_vision.options.asking import Option, asked_by, read_flags
 from rfea_vision.units import parse_quantity
 
@@ -129,6 +129,18 @@ def trusted() -> bool:
 
 
 def campaign_options(command: _Command) -> _Command:
+    """Add the argument CAMPAIGN and the options of every command whose result is that of its stages."""
+    again = click.option(
+        "--again",
+        is_flag=True,
+        expose_value=False,
+        callback=lambda ctx, param, value: ctx.meta.__setitem__(AGAIN, value),
+        help="Print the result again though nothing has changed.",
+    )
+    return stage_options(again(command))
+
+
+def stage_options(command: _Command) -> _Command:
     """Add the argument CAMPAIGN and the options of every command that runs stages on one."""
     force = click.option("--force", is_flag=True, help="Redo the stage even if nothing has changed.")
     return campaign_argument(force(command))
@@ -194,7 +206,9 @@ def opened(campaign: Path, out: Path | None, *, force: tuple[str, ...] = ()) -> 
     from rfea_vision.stages import Workspace
     from rfea_vision.stages.locks import locked
 
-    with ConsoleListener().shown() as listener:
+    context = click.get_current_context(silent=True)
+    told = context is not None and context.meta.get(AGAIN) is False and not context.params.get("as_json")
+    with ConsoleListener(told=told).shown() as listener:
         work = Workspace(load_campaign(campaign, out, trust=trusted()), listener=listener, force=force)
         with locked(work.cache.lock, say=listener.note):
             try:

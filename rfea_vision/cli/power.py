@@ -8,12 +8,12 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json, print_table, say, say_next
-from rfea_vision.cli.options import ask, campaign_options, opened
+from rfea_vision.cli.options import ask, opened, stage_options
 from rfea_vision.options import CritiqueOptions
 
 
 @click.command("power")
-@campaign_options
+@stage_options
 @click.argument("model", required=False)
 @ask("power", options=CritiqueOptions)
 def power_command(

@@ -8,12 +8,12 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json, say, say_next
-from rfea_vision.cli.options import campaign_options, code_option, opened
+from rfea_vision.cli.options import code_option, opened, stage_options
 
 
 @click.command("propose")
 @code_option
-@campaign_options
+@stage_options
 @click.argument("model", required=False)
 @click.option(
     "-o",

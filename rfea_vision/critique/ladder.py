@@ -162,6 +162,8 @@ class _Climb:
         """Write a rung down."""
         self.floor = diagnosis.noise_floor_mm or diagnosis.noise_floor_deg or 0.0
         self.doubts = worse_than_nothing(artefact.experiments)
+        if diagnosis.verdict == "unexplained" and diagnosis.where:
+            self.doubts.insert(0, f"Where it shows: {diagnosis.where[0].sentence}")
         bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
         self.rungs.append(
             Rung.of(

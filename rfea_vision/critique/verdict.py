@@ -202,14 +202,14 @@ def _unexplained(search: Search, found: Verdict) -> str:
     errors = search.present.errors
     along = " along the tube" if (errors.held_midline or 0.0) > errors.held else ""
     left = rounded(search.structure(search.present) * search.floor)
-    text = f"Structure of {left} {unit} is left{along} above the floor, and no effect of the catalogue is likely to be its cause."
+    text = (
+        f"Structure of {left} {unit} is left{along} above the floor, and no effect of the catalogue can be named for it: that takes "
+        f"a probability of {100 * search.rule.likely:.0f} % and a lower held-out error."
+    )
     nearest = next((item for item in found.weighed if item.added and item.share > 0), None)
     if nearest is not None:
         told = " with ".join(f"{one} (probability {percent(found.probability[one])})" for one in nearest.added)
-        text += (
-            f" The nearest, {told}, removes {100 * nearest.share:.0f} % of the squared error. "
-            "The report shows where along the tube and when it is left."
-        )
+        text += f" The nearest, {told}, removes {100 * nearest.share:.0f} % of the squared error above the floor."
     return text
 
 

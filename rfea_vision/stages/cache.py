@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +82,10 @@ class StageCache:
     def record(self, key: str) -> StageRecord | None:
         """Return the record of a stage, or None if it has never finished here."""
         return _record(self._file(key))
+
+    def made(self, key: str) -> datetime:
+        """Return when the stage finished, on the clock of the place."""
+        return datetime.fromtimestamp(self._file(key).stat().st_mtime)
 
     def records(self, stage: str) -> list[StageRecord]:
         """Return the records of all subjects of a stage, in the order in which they finished."""

@@ -68,9 +68,12 @@ def last_model(work: Runner) -> str | None:
 
 def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     """Fit one model to the training experiments and score it on the others; `test` stays untouched."""
-    _refuse_unknown(options.effects, options.effect_files)
+    before = fitted_with(work.cache.record(f"fit/{options.name}"))
+    known = before is not None and before.effects == options.effects and not options.effect_files
+    if not known:  # the catalogue takes a second to load
+        _refuse_unknown(options.effects, options.effect_files)
     # A joint that there is not is told before anything is measured, too.
-    if any("@" in effect for effect in options.effects):
+    if not known and any("@" in effect for effect in options.effects):
         from rfea_vision.fitting.problem import parse_effects
 
         parse_effects(options.effects, options.segments)

@@ -62,9 +62,9 @@ def _renamed(work: Runner, options: FitOptions, taken: Callable[[str], list[str]
     """The same under the first name that is free, and a sentence that says so."""
     other = taken(options.name)
     name = next(name for number in count(2) if not taken(name := f"{options.name}-{number}"))
-    work.tell(
-        f"{options.name} stays as it is: it was fitted with other options ({', '.join(dict.fromkeys(other))}); this one is {name}"
-    )
+    if not (work.out / "models" / name / "model.json").is_file():
+        said = f"{options.name} stays as it is: it was fitted with other options ({', '.join(dict.fromkeys(other))})"
+        work.tell(f"{said}; this one is {name}")
     return replace(options, name=name)
 
 

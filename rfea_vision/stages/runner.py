@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -152,6 +153,12 @@ class Runner:
         """Return how a stage ended in this session: done or unchanged."""
         found = [item for item in self.outcomes if item["stage"] == stage and item["subject"] == subject]
         return found[-1]["outcome"] if found else "unchanged"
+
+    def unchanged_since(self) -> datetime | None:
+        """Return when the last result of this session was made, if all of them were there already and true; None otherwise."""
+        if not self.outcomes or self.failures or any(item["outcome"] != "unchanged" for item in self.outcomes):
+            return None
+        return max(self.cache.made(f"{item['stage']}/{item['subject']}") for item in self.outcomes)
 
     def raw_inputs(self, experiments: Iterable[str]) -> dict[str, str]:
         """Return the hashes of the raw files that these recordings were made from, by path below the campaign."""

@@ -72,7 +72,7 @@ def build_plant(options: TwinOptions) -> tuple[Plant, BaseParameters]:
 
 def highest_pressure(plant: Plant, options: TwinOptions) -> float:
     """Highest pressure of the excitations, in Pa: that of the options, or less where the tube would bend too far."""
-    highest = options.pressure_max_kPa * 1e3
+    highest, why = options.pressure_max_kPa * 1e3, ""
     for _ in range(60):
         try:
             felt = float(plant.felt_pressure(np.array([0.0, 1e6]), np.array([highest, highest]))[-1])
@@ -82,10 +82,14 @@ def highest_pressure(plant: Plant, options: TwinOptions) -> float:
             plant.law.torque(1.6 * angles, np.full_like(angles, -1e-9), plant.law.relaxed(angles), felt, 0.0)
             if angles.sum() <= options.angle_max:
                 return highest
-        except DataError:
-            pass
+            why = "it bends too far"
+        except DataError as error:
+            why = str(error).removeprefix("simulate: ").partition(";")[0]
         highest *= 0.93
-    raise DataError("simulate: the tube bends too far at any pressure; give milder effects (--hidden) or another tube (--seed)")
+    hidden = ", ".join(f"{key}={value:g}" for key, value in options.hidden.items()) or "nothing hidden"
+    raise DataError(
+        f"simulate: with {hidden} the tube stands at no pressure ({why}); hide less (--hidden), or take another tube (--seed)"
+    )
 
 
 def draw_runs(options: TwinOptions, highest_Pa: float) -> list[Run]:

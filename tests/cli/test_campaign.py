@@ -184,7 +184,7 @@ def test_the_effect_of_the_readme_can_be_added(improved, root, tmp_path):
     assert answer.code == 0, answer.err
     assert answer.json["name"] == "base+steepening_spring"
     assert "steepening_spring.c" in answer.json["parameters"]
-    assert rfea("fit", folder, *arguments).err.startswith("fit base+steepening_spring: unchanged")
+    assert rfea("fit", folder, *arguments).out.startswith("nothing changed since")
 
 
 def test_raw_files_are_never_written_to(campaign):
@@ -268,7 +268,7 @@ def test_an_interruption_keeps_what_is_finished(campaign):
     assert len(list((campaign / "rfea").glob("*/recording.nc"))) == 3
     left = [path.name for path in (campaign / "rfea").rglob("*") if path.is_file() and path.name.startswith(".")]
     assert left == []
-    assert "unchanged, as are 5 results before it" in rfea("sync", campaign).err
+    assert "unchanged, as are 5 results before it" in rfea("sync", campaign, "--again").err
 
 
 def test_a_recipe_of_ones_own(campaign, tmp_path):

@@ -109,7 +109,7 @@ def test_what_nothing_explains_is_told_with_the_place_that_shows_it(tmp_path, ca
     where = [WorstPlace(**place, phase="hold", sentence="steps: 1 mm RMS, from 34 to 47 % along the tube.")]
     model.print_diagnosis(Diagnosis(model="base", verdict="unexplained", where=where), tmp_path, tmp_path)
     said = capsys.readouterr().out
-    assert said.index("34 to 47 % along the tube") < said.index("next: rfea propose")
+    assert said.index("34 to 47 % along the tube") < said.index("next: rfea propose") and said.count("34 to 47 %") == 1
 
 
 def test_what_is_left_is_said_once(tmp_path, capsys):
@@ -325,6 +325,19 @@ def test_what_is_done_is_told_without_reading_it(tmp_path, command):
     again = subprocess.run([sys.executable, "-c", code, command, folder], capture_output=True, text=True, timeout=120)
     assert again.stderr.strip().endswith("set()")
     assert json.loads(again.stdout) == json.loads(first.out.replace('"done"', '"unchanged"'))
+
+
+def test_a_command_with_nothing_to_do_prints_one_line(tmp_path):
+    folder = write_campaign(tmp_path / "tube")
+    table = rfea("sync", folder).out
+    again = rfea("sync", folder)
+    assert again.err == "" and re.fullmatch(
+        r"nothing changed since \d{4}-\d\d-\d\d \d\d:\d\d: up to date \('--again' shows it\); next: rfea improve \S+\n", again.out
+    )
+    assert rfea("sync", folder, "--again").out == table
+    (folder / "steps" / "pressure.csv").touch()
+    assert rfea("sync", folder).out == again.out
+    assert rfea("sync", folder, "--force").out == table
 
 
 def test_a_batch_says_what_is_to_do_before_and_after(tmp_path):

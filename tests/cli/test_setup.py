@@ -267,7 +267,7 @@ def test_json_is_all_there_is_on_stdout(tmp_path):
     tracks = json.loads(answer.out)["tracks"]
     assert [item["experiment"] for item in tracks] == ["sine", "steps"]
     assert all(item["status"] == "done" and item["frames"] == item["valid"] == 120 for item in tracks)
-    assert "unchanged" in rfea("track", campaign).err
+    assert "unchanged" in rfea("track", campaign, "--again").err
     assert all(item["status"] == "unchanged" for item in rfea("track", campaign, "--json").json["tracks"])
     forced = rfea("track", campaign, "--force", "-e", "steps", "--json").json["tracks"]
     assert [(item["experiment"], item["status"]) for item in forced] == [("steps", "done")]

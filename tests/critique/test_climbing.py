@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, Ladder, ModelFit, Recording
+from rfea_vision.artefacts.judgement import WorstPlace
 from rfea_vision.critique import diagnose, improve
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.ladder import Step, _Climb, _findings, _finer, _titles, next_step, rest_of_set
@@ -74,10 +75,13 @@ def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves():
         experiments={name: ExperimentScore(role="train", normalised_fit_percent=fit) for name, fit in (("a", -5.0), ("b", 60.0))},
     )  # fmt: skip
     climb = _Climb(SimpleNamespace(), (), SimpleNamespace())  # type: ignore[arg-type]
-    climb.note(model, Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9))
+    place = {"experiment": "a", "from_s": 0.8, "to_s": 1.3, "from_sigma": 0.34, "to_sigma": 0.47, "rmse_mm": 1.0, "phase": "hold"}
+    where = [WorstPlace(**place, sentence="a: from 34 to 47 % of the tube's length.")]
+    climb.note(model, Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9, where=where))
     said = _findings(climb.rungs, [], "", None, climb.floor, "deg", "so", climb.doubts)
     assert said[0] == "The noise floor is 22.9 deg: an error below it says nothing about the model."
-    assert said[1].startswith("a: the model is farther from the track than a tube that never moves") and len(said) == 3
+    assert said[1] == "Where it shows: a: from 34 to 47 % of the tube's length."
+    assert said[2].startswith("a: the model is farther from the track than a tube that never moves") and len(said) == 4
 
 
 def test_what_was_dropped_again_is_not_told_as_added():

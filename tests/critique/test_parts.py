@@ -353,9 +353,11 @@ def test_the_nearest_of_an_unexplained_model_is_one_that_helps():
     ]
     search: Any = object.__new__(Search)
     search.floors, search.floor, search.present = SimpleNamespace(unit="mm"), 0.1, SimpleNamespace(errors=_errors(1.0))
+    search.rule = RULE
     found: Any = SimpleNamespace(weighed=rows, probability={"drag": 0.03, "payload": 0.1})
     said = _unexplained(search, found)
-    assert "payload (probability 10 %), removes 20 %" in said and "drag" not in said
+    assert "that takes a probability of 50 %" in said
+    assert "payload (probability 10 %), removes 20 % of the squared error above the floor." in said and "drag" not in said
     found.weighed = rows[:1]
     assert "nearest" not in _unexplained(search, found)
     search.present = SimpleNamespace(errors=_errors(0.09, 0.5))  # at the floor at the tip: what is left is seen along the tube only

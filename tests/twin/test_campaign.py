@@ -167,7 +167,7 @@ def test_nothing_is_overwritten_and_nothing_is_left_half_written(tmp_path: Path)
     with pytest.raises(InputError, match="not empty"):
         simulate(tmp_path / "mine", TwinOptions(**QUICK))
     weak = BaseParameters(k_ref=1e-6, k_slope=0.0)
-    with pytest.raises(DataError, match="or another tube"):
+    with pytest.raises(DataError, match="or take another tube"):
         simulate(tmp_path / "weak", TwinOptions(base=weak, **QUICK))
 
     def interrupt(done: int, total: int) -> None:
@@ -193,3 +193,10 @@ def test_video_campaign_is_complete(tmp_path: Path) -> None:
     assert not (tmp_path / "film" / "steps-1" / "track.csv").exists()
     assert seen[-1][0] == seen[-1][1]
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
+
+
+def test_a_tube_that_stands_at_no_pressure_says_what_was_hidden_and_why(tmp_path: Path) -> None:
+    """A weak ring of negative stiffness was said to bend too far, without a word on what had been asked for."""
+    with pytest.raises(DataError, match=r"with kink\.at=0\.35, kink\.c=2\.5 the tube stands at no pressure \(stiffness or damping"):
+        simulate(tmp_path / "out", TwinOptions(hidden=parse_hidden(["kink.c=2.5"]), **QUICK))
+    assert not (tmp_path / "out").exists()
