@@ -105,9 +105,10 @@ def say_next(command: str, *words: object, why: str = "") -> None:
 
 
 def up_to_date(work: Runner) -> bool:
-    """Whether a command had nothing to do and need not print its result again: `say_next` then says so, in the one line."""
+    """Whether a command had nothing to do and printed this result before: `say_next` then says so, in the one line."""
     context, since = click.get_current_context(), work.unchanged_since()
-    if since is None or context.meta.get(AGAIN):
+    asked = " ".join([str(context.info_name), *(f"{item['stage']}/{item['subject']}" for item in work.outcomes)])
+    if not work.cache.told(asked, since) or since is None or context.meta.get(AGAIN):
         return False
     context.meta[_SINCE] = f"nothing changed since {since:%Y-%m-%d %H:%M}: up to date ('--again' shows it); "
     return True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, is_dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -86,6 +87,17 @@ class StageCache:
     def made(self, key: str) -> datetime:
         """Return when the stage finished, on the clock of the place."""
         return datetime.fromtimestamp(self._file(key).stat().st_mtime)
+
+    def told(self, what: str, made: datetime | None) -> bool:
+        """Return whether a result made then was told to a person before; from now on it was."""
+        file = self.folder / "told.json"
+        times = _read_json(file)
+        before, times[what] = times.get(what), datetime.now().timestamp()
+        if made is not None and isinstance(before, float) and before >= made.timestamp():
+            return True
+        with suppress(OSError):  # it saves lines and nothing else
+            write_text(file, json.dumps(times) + "\n")
+        return False
 
     def records(self, stage: str) -> list[StageRecord]:
         """Return the records of all subjects of a stage, in the order in which they finished."""

@@ -125,7 +125,7 @@ def test_commands_print_for_people_and_for_programs(improved):
     folder, _ = improved
     fit = rfea("fit", folder, "--segments", "4", "--add", "maxwell", "--json")
     assert fit.code == 0 and fit.json["name"] == "base+maxwell" and fit.json["effects"] == ["maxwell"]
-    shown = rfea("compare", folder, "base", "base+maxwell").out
+    shown = rfea("compare", folder, "base", "base+maxwell", "--again").out
     assert "noise floor mm" in shown and "base+maxwell" in shown
     diagnosis = rfea("diagnose", folder, "base", "--json").json
     assert diagnosis["verdict"] == "missing" and diagnosis["named"] == ["maxwell"]
@@ -184,7 +184,7 @@ def test_the_effect_of_the_readme_can_be_added(improved, root, tmp_path):
     assert answer.code == 0, answer.err
     assert answer.json["name"] == "base+steepening_spring"
     assert "steepening_spring.c" in answer.json["parameters"]
-    assert rfea("fit", folder, *arguments).out.startswith("nothing changed since")
+    assert rfea("fit", folder, *arguments, "--again").err.startswith("fit base+steepening_spring: unchanged")
 
 
 def test_raw_files_are_never_written_to(campaign):

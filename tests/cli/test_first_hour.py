@@ -329,7 +329,9 @@ def test_what_is_done_is_told_without_reading_it(tmp_path, command):
 
 def test_a_command_with_nothing_to_do_prints_one_line(tmp_path):
     folder = write_campaign(tmp_path / "tube")
-    table = rfea("sync", folder).out
+    rfea("sync", folder, "--json")
+    table = rfea("sync", folder).out  # nothing to do, but not seen yet
+    assert table.count("\n") > 3
     again = rfea("sync", folder)
     assert again.err == "" and re.fullmatch(
         r"nothing changed since \d{4}-\d\d-\d\d \d\d:\d\d: up to date \('--again' shows it\); next: rfea improve \S+\n", again.out
