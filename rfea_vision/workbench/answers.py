@@ -39,7 +39,7 @@ def campaigns(desk: Desk, asked: dict[str, Any]) -> Response:
 
 def state(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
     """Where one campaign stands."""
-    found = state_of(desk.campaigns[index], desk.out)
+    found = state_of(desk.campaigns[index], desk.out, desk.failed.get(index, ""))
     path, step = shown(desk.campaigns[index]), found["next"]
     if step["do"]:
         step["command"] = order(path, desk.out, step["do"], step["options"])[1]

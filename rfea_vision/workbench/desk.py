@@ -22,6 +22,7 @@ from rfea_vision.workbench.orders import order
 
 DEEPEST = 3  # folders below the one that was opened in which campaigns are looked for
 LOG_LINES = 200
+MEASURING = ("calibrate", "track", "sync")
 LONGEST_START_S, LONGEST_CHECK_S = 600.0, 30.0  # loading what reads laws took 130 s on a busy machine
 
 
@@ -49,6 +50,7 @@ class Desk:
                 f"--out {out}: is for one campaign, and {folder} holds several, which would share it; leave it out, or open one"
             )
         self.log: list[dict[str, Any]] = []
+        self.failed: dict[int, str] = {}  # by campaign: why its runs could not be measured at the last try
         self.ending: Callable[[], bool] = lambda: False
         self.own_files: set[Path] = set()  # effect files that this user has typed or opened, and that are right
         self.begun_files: set[Path] = set()  # of these and the others, so that typing goes over no other file
@@ -165,6 +167,8 @@ class Desk:
         if event.get("command") and event["event"] in ("begun", "said"):
             self.log.append({"command": event["command"], "label": event.get("label", "")})
             del self.log[:-LOG_LINES]
+        if event.get("do") in MEASURING and event["event"] in ENDS:
+            self.failed[event["index"]] = event.get("error", "")
         for loop, line in list(self._listeners):
             with suppress(RuntimeError):  # a loop that has been closed
                 loop.call_soon_threadsafe(line.put_nowait, event)

@@ -6,6 +6,8 @@ from typing import Any
 
 #: Share of refused frames from which the films come before the model.
 MANY_REFUSED = 0.2
+#: What `rfea track` says of a film in which a hint helps; a file that cannot be read needs another remedy.
+UNSEEN = ("no tube found", "frames could be measured")
 
 Advice = dict[str, Any]
 
@@ -22,25 +24,47 @@ def mend(problems: list[str]) -> Advice:
     return _step("setup", f"The campaign cannot be read yet: {problems[0]}{more}", "Look again")
 
 
-def next_step(experiments: list[dict[str, Any]], models: list[dict[str, Any]], report: str | None = None) -> Advice:
+def next_step(
+    experiments: list[dict[str, Any]], models: list[dict[str, Any]], report: str | None = None, failed: str = ""
+) -> Advice:
     """The action that brings the campaign on: its panel, a sentence, a label, and the command with its options.
 
-    `report` is where the report of these models lies, once it is written. Without a label nothing is left to do.
+    `report` is where the report of these models lies, once it is written; `failed` is what was said where the runs could not
+    be measured at the last try. Without a label nothing is left to do.
     """
-    return _measure(experiments) or (_judge(models, report) if models else _begin(experiments))
+    return _measure(experiments, failed) or (_judge(models, report) if models else _begin(experiments))
 
 
-def _measure(experiments: list[dict[str, Any]]) -> Advice | None:
+def _measure(experiments: list[dict[str, Any]], failed: str) -> Advice | None:
     """What the films need before anything else."""
     if not experiments:
         return _step("setup", "There is no experiment yet: add a folder with an experiment.yaml.", "Look again")
     do = "sync" if all(item["logged"] for item in experiments) else "track"
-    if any(item["tracked"] is None for item in experiments):
-        return _step("setup", "The runs have not been measured yet.", "Measure the runs", do)
+    if lost := [item for item in experiments if item["tracked"] is None]:
+        measure = _step("setup", "The runs have not been measured yet.", "Measure the runs", do)
+        return (_point(lost, measure) if any(said in failed for said in UNSEEN) else None) or measure
     if any(item["changed"] for item in experiments):
         return _step("setup", "Hints have changed since the films were measured.", "Measure again", do)
-    if any(item["logged"] and item["recorded"] is None for item in experiments):
-        return _step("clock", "Film and log are not on one clock yet.", "Bring them on one clock", "sync")
+    for item in experiments:
+        if item["logged"] and item["recorded"] is None:
+            together = _step("clock", "Film and log are not on one clock yet.", "Bring them on one clock", "sync")
+            if not failed:
+                return together
+            say = f"The clocks of {item['name']} were not brought together: type the offset, or show where the lamp is."
+            by_hand = _step("clock", say, "Give it by hand", experiment=item["name"])
+            return by_hand | {"otherwise": together | {"label": "Look for it again"}}
+    return None
+
+
+def _point(lost: list[dict[str, Any]], measure: Advice) -> Advice | None:
+    """Of films in which no tube was found, the first that lacks a hint, and what to point at in it."""
+    for item in lost:
+        for tool, what in (("clamp", "click both edges of its clamp"), ("tip", "click its free end")):
+            if item["pictures"] and not item["hints"].get(tool):
+                step = _step(
+                    "setup", f"No tube was found in {item['name']}: {what}.", "Point at it", experiment=item["name"]
+                )
+                return step | {"tool": tool, "otherwise": measure | {"label": "Measure without"}}
     return None
 
 

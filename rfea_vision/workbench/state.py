@@ -23,8 +23,8 @@ from rfea_vision.workbench.guide import mend, next_step
 POINTABLE = ("clamp", "tip", "centre_line", "region", "exclude")
 
 
-def state_of(folder: Path, out: Path | None) -> dict[str, Any]:
-    """Everything about a campaign that the page shows beside its figures."""
+def state_of(folder: Path, out: Path | None, failed: str = "") -> dict[str, Any]:
+    """Everything about a campaign that the page shows beside its figures; `failed` as in `guide.next_step`."""
     reading = read_campaign(folder, out)
     campaign = reading.campaign
     problems = [str(problem) for problem in reading.problems if problem.severity == "error"]
@@ -44,7 +44,9 @@ def state_of(folder: Path, out: Path | None) -> dict[str, Any]:
         "name": campaign.name, "folder": str(campaign.root), "problems": problems, "experiments": experiments,
         "models": models, "photos": _photos(campaign), "pointable": POINTABLE,
     }  # fmt: skip
-    return state | {"next": mend(problems) if problems else next_step(experiments, models, _report(campaign.out))}
+    return state | {
+        "next": mend(problems) if problems else next_step(experiments, models, _report(campaign.out), failed)
+    }
 
 
 def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> dict[str, Any]:

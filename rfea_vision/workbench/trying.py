@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.calibration.projection import camera_vector, project
@@ -39,6 +40,10 @@ class Beginning(FrameSource):
     def frames(self, start_frame: int = 0) -> Generator[tuple[float, Luma], None, None]:
         """Frames up to the last of the beginning."""
         yield from itertools.islice(self.whole.frames(start_frame), max(self.count - start_frame, 0))
+
+    def colours(self, scale: float = 1.0) -> Generator[tuple[float, NDArray[np.uint8]], None, None]:
+        """The same in colour, by which a body is told from what hangs behind it."""
+        yield from itertools.islice(self.whole.colours(scale), self.count)
 
 
 def try_hints(

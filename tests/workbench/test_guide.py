@@ -77,3 +77,29 @@ def test_what_is_doubted_is_looked_at_first_and_may_be_fitted_all_the_same(item,
     assert step["panel"] == panel and says in step["say"] and step["experiment"] == "steps" and step["do"] is None
     assert step["otherwise"]["do"] == "fit"
     assert next_step([item], [model()])["do"] == "diagnose"
+
+
+def lost(name, **hints):
+    item = {"name": name, "role": "train", "pictures": True, "logged": True, "changed": False, "hints": hints}
+    return item | {"tracked": None, "recorded": None}
+
+
+def test_where_no_tube_was_found_one_points_at_each_film_in_turn():
+    """It had said "measure the runs" again, for ever."""
+    films = [lost("a", clamp=[[0, 0], [1, 0]]), lost("b")]
+    assert next_step(films, [])["do"] == "sync"
+    said = "a/film.mp4: 3 of 90 frames could be measured (edge_lost)"
+    for name, tool in (("a", "tip"), ("b", "clamp"), ("b", "tip")):
+        step = next_step(films, [], failed=said)
+        assert (step["experiment"], step["tool"], step["do"]) == (name, tool, None) and name in step["say"]
+        assert step["otherwise"]["do"] == "sync"
+        next(item for item in films if item["name"] == name)["hints"][tool] = [0, 0]
+    assert next_step(films, [], failed=said)["do"] == "sync"
+    assert next_step([lost("b")], [], failed="b/film.mp4: is no video; check it")["do"] == "sync"
+
+
+def test_an_offset_that_was_not_found_is_given_by_hand():
+    item = run() | {"recorded": None}
+    assert next_step([item], [])["do"] == "sync"
+    step = next_step([item], [], failed="steps: sync: the motion explains only 3 %")
+    assert step["panel"] == "clock" and step["do"] is None and step["otherwise"]["do"] == "sync"

@@ -41,6 +41,7 @@ export function build() {
   on("experiment", () => { // another one has been chosen; the same one read anew leaves what was dragged or typed
     if (experiment()?.name === lamp.run) return;
     lamp.run = experiment()?.name; lamp.film = lamp.picture = null;
+    one("#offset").value = "";
     shift(0); showClock();
     if (one("#lamp-box").open) guarded(openLamp);
   });
@@ -59,7 +60,7 @@ function showClock() {
   const e = spec(), clock = e?.recorded;
   one("#clock-runs").replaceChildren(...manifest.experiments.map((run, i) => h("button", {type: "button", role: "tab", aria: {selected: String(i === state.experiment)}, onclick: () => chooseExperiment(i)}, run.name)));
   one("#clock-say").textContent = !e ? "No run has been measured yet." : !clock ? `${e.name} has not been synchronised yet.` : `The log's clock is ${show(Math.abs(clock.offset_ms), 4)} ms ${clock.offset_ms < 0 ? "behind" : "ahead of"} the camera's${clock.stderr_ms ? `, with a standard error of ${show(clock.stderr_ms, 2)} ms` : ""}: ${methods[clock.method] ?? clock.method}.`;
-  for (const id of ["#offset", "#keep-offset", "#find-offset"]) one(id).disabled = !clock;
+  for (const id of ["#offset", "#keep-offset", "#find-offset"]) one(id).disabled = !e; // by hand also where it was not found
   if (clock && document.activeElement !== one("#offset")) one("#offset").value = (clock.offset_ms + 1000 * state.shift).toFixed(2);
   one("#lamp-box").hidden = !e?.pictures;
   if (document.activeElement !== one("#channel")) one("#channel").value = e?.sync.channel ?? "";

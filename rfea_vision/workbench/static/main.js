@@ -61,9 +61,13 @@ function showNext() {
 export async function doNext(next = campaign.state?.next) {
   if (!next?.label) return;
   go(next.panel);
-  if (next.experiment) chooseExperiment(manifest.experiments.findIndex(e => e.name === next.experiment));
+  if (next.experiment) {
+    chooseExperiment(Math.max(0, manifest.experiments.findIndex(e => e.name === next.experiment)));
+    if (next.panel === "setup") setup.pointAt(next.experiment, next.tool ?? "look");
+  }
   if (next.do === "fit") add.want(next.options.add);
   if (next.do) await begin(next.do, next.options, next.label); else await guarded(reload);
+  if (next.panel === "clock" && !next.do) one("#offset").focus();
 }
 
 // Begin a command on this campaign; what goes wrong is said on the page. From the click until what came of it is shown the

@@ -55,6 +55,12 @@ export function reload() {
 export function shown() { if (filmed().length) guarded(() => openFilm()); }
 function choose(i) { playing++; Object.assign(seen, {run: i, frame: 0, film: null, photo: -1, points: []}); reload(); }
 
+export function pointAt(name, tool) {
+  const film = filmed().findIndex(e => e.name === name);
+  if (film >= 0 && film !== seen.run) choose(film);
+  take(tool);
+}
+
 async function openFilm() {
   const e = run();
   if (seen.film?.name !== e.name) {
