@@ -27,7 +27,7 @@ from rfea_vision.critique.subsets import MOST_TOGETHER, CandidateSet, Combinatio
 from rfea_vision.critique.trials import Trial, Trials, plain
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import catalogue, forms_of
-from rfea_vision.fitting.fit import BENT, farthest, stiff_start
+from rfea_vision.fitting.fit import stiff_start
 
 #: Sets of one, two, three and four effects that are refitted from the model as it stands, and from each better one found then.
 FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)
@@ -201,7 +201,7 @@ class Search:
     def _afresh(self, offered: Sequence[Effect], most: int) -> None:
         """Where the present model is bent too far out of shape for a linear step to rank effects: each from a base that is not."""
         problem, fitted = self.trials.problem, self.present.fitted
-        if farthest(problem.train, fitted.solution, problem.actuator.length) < BENT:
+        if not self.trials.bent:
             return
         stiff, grids = stiff_start(problem, fitted), {row.effect: row.grid for row in reversed(self.screened)}
         starts = {}

@@ -18,7 +18,7 @@ from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import find_effects, plain, split_joint
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.coordinates import sized
-from rfea_vision.fitting.fit import Fitted, Problem, refit
+from rfea_vision.fitting.fit import BENT, Fitted, Problem, farthest, refit
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import make_model
 from rfea_vision.fitting.ratio import with_lever_free
@@ -34,6 +34,8 @@ ROUGH_GAIN, CARRIED_GAIN, FULL_GAIN = 1e-4, 1e-4, 3e-4
 FINE_NEWTON = 1e-6
 #: Where a refit starts again from the optimum of a smaller model: this share of the usual start of what is new.
 FAINT = 0.02
+#: A refit is begun again where the best fit has come this much nearer (in squared error) since: it was not even in the valley.
+NEARER = 4.0
 #: An amplitude this near to a bound, as a share of its range, has run into it.
 AT_BOUND = 2e-3
 
@@ -74,6 +76,9 @@ class Trials:
     progress: Callable[[], None] = field(default=lambda: None)
     done: dict[frozenset[str], Trial | None] = field(default_factory=dict)
     rough: list[Observed] = field(default_factory=list)  # the training runs as a refit first meets them
+    bent: bool = False  # whether the model as it stands is too far out of shape to begin a refit from
+    #: Where it is: by the sets of effects, the cost of the fit that their refit began from.
+    began: dict[frozenset[str], float] = field(default_factory=dict)
 
     def stands(self, fitted: Fitted, effects: frozenset[str] | None = None) -> Trial:
         """Take note of a fit that was made elsewhere, its lever free: what more effects leave may tell it (fitting/ratio.py)."""
@@ -82,28 +87,57 @@ class Trials:
         trial = Trial(key, fitted, errors_of(self.problem, fitted))
         self.done[key] = trial
         self.rough = rough_runs(self.problem, fitted)
+        self.bent = farthest(self.problem.train, fitted.solution, self.problem.actuator.length) >= BENT
         return trial
 
     def refit(self, base: Trial, added: Sequence[str], start: Mapping[str, float]) -> Trial | None:
-        """Add effects to a model from the values in `start` (by name); None if it cannot be simulated on the training runs."""
+        """Add effects to a model from the values in `start` (by name); None if it cannot be simulated on the training runs.
+
+        Where the model as it stands is bent out of shape, a refit begins from the best fit so far, and again where that has become
+        much better since.
+        """
         key = base.effects | set(added)
-        if key not in self.done:
+        before = self.done.get(key)
+        if key not in self.done or self._began_too_far_off(key):
             fitted = self._segments(base) if SEGMENTS in added else self._solved(base, key, start)
-            trial = None
-            if fitted is not None:
-                trial = Trial(key, fitted, errors_of(self.problem, fitted), _at_bound(fitted))
-            self.done[key] = trial
+            if fitted is not None and (before is None or fitted.solution.cost < before.cost):
+                before = Trial(key, fitted, errors_of(self.problem, fitted), _at_bound(fitted))
+            self.done[key] = before
             self.progress()
-        return self.done[key]
+        return before
+
+    def _best(self) -> Trial:
+        """The fit of the least cost so far, on the chain of the model as it stands."""
+        return min((t for k, t in self.done.items() if t is not None and SEGMENTS not in k), key=lambda t: t.cost)
+
+    def _began_too_far_off(self, key: frozenset[str]) -> bool:
+        return self.bent and NEARER * self._best().cost < min(self.began.get(key, 0.0), self._cost_of(key))
+
+    def _cost_of(self, key: frozenset[str]) -> float:
+        trial = self.done[key]
+        return float("inf") if trial is None else trial.cost
+
+    def _nearest(self, base: Trial, key: frozenset[str]) -> tuple[Fitted, dict[str, float]]:
+        """The fit that a refit begins from, and of its values those that the set has, too."""
+        if not self.bent:
+            return base.fitted, base.fitted.values
+        best = self._best()
+        self.began[key] = best.cost
+        shared = {plain(one) for one in key & best.effects}
+        own = {n: v for n, v in best.fitted.values.items() if "." not in n or n.partition(".")[0] in shared}
+        return best.fitted, {**base.fitted.values, **own}
 
     def _segments(self, base: Trial) -> Fitted | None:
         return refit_segments(self.problem, base.fitted, f"{base.fitted.options.name}+{SEGMENTS}")
 
     def _solved(self, base: Trial, key: frozenset[str], start: Mapping[str, float]) -> Fitted | None:
         options, values, absent = self._options(base, key)
-        held = base.fitted.values
+        like, held = self._nearest(base, key)
         grids = [values, *({**values, name: v} for name, points in self._grids(key, start).items() for v in points[1:])]
-        best = self._from(options, [{**grid, **held, **start} for grid in grids], base.fitted)
+        starts = [{**grid, **held, **start} for grid in grids]
+        if like is not base.fitted:  # a linear step from the model as it stands tells nothing of amplitudes there
+            starts.append({**values, **{n: v for n, v in start.items() if n not in absent}, **held})
+        best = self._from(options, starts, like)
         smaller = [t for k, t in self.done.items() if t is not None and k < key and SEGMENTS not in k]
         nearest = min(smaller, key=lambda t: t.cost, default=base)
         if best is None or best.solution.cost > nearest.cost:

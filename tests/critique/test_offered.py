@@ -85,3 +85,36 @@ def test_all_effects_get_a_glance_and_the_better_half_a_second_from_where_the_fi
     assert asked[5:] == [("maxwell", second, 1.0 / first), ("payload", second, 2.0 / first)]
     assert len(Trials(SimpleNamespace()).glances(base, starts, 3)) == 4
     assert [name for name, most, _ in asked[12:] if most == second] == ["maxwell", "payload", "coulomb"]
+
+
+def test_from_a_bent_model_a_refit_begins_at_the_best_fit_and_again_where_that_has_come_nearer(monkeypatch):
+    def trial(cost, *effects, **values):
+        solution = SimpleNamespace(cost=cost)
+        return SimpleNamespace(
+            effects=frozenset(effects), cost=cost, fitted=SimpleNamespace(values=values, solution=solution)
+        )
+
+    base = trial(1e6, k_ref=0.1)
+    began = []
+
+    def from_(self, options, starts, like):
+        began.append((like, starts[-1]))
+        return SimpleNamespace(solution=SimpleNamespace(cost=1e5 / len(began)))
+
+    monkeypatch.setattr(Trials, "_from", from_)
+    monkeypatch.setattr(Trials, "_options", lambda self, own, key: (None, {"drag.c": 1.0}, {"drag.c": 0.0}))
+    monkeypatch.setattr("rfea_vision.critique.trials.errors_of", lambda problem, fitted: None)
+    monkeypatch.setattr("rfea_vision.critique.trials._at_bound", lambda fitted: False)
+    trials = Trials(SimpleNamespace(), done={base.effects: base}, bent=True)
+    first = trials.refit(base, ("drag",), {"drag.c": 900.0})
+    assert began == [(base.fitted, {"drag.c": 900.0, "k_ref": 0.1})] and first.cost == 1e5
+    assert trials.refit(base, ("drag",), {}) is first and len(began) == 1  # nothing has come nearer
+    better = trials.done[frozenset({"payload"})] = trial(100.0, "payload", **{"k_ref": 0.2, "payload.m": 0.01})
+    again = trials.refit(base, ("drag",), {"drag.c": 900.0})
+    assert (
+        began[1] == (better.fitted, {"drag.c": 1.0, "k_ref": 0.2}) and again.cost == 5e4
+    )  # what it shares, and no more
+    assert trials.refit(base, ("drag",), {}) is again and len(began) == 2
+    trials.bent = False
+    trials.refit(base, ("maxwell",), {"drag.c": 900.0})
+    assert began[2] == (base.fitted, {"drag.c": 900.0, "k_ref": 0.1})
