@@ -19,6 +19,7 @@ position       material coordinate of the joint, 0 at the clamp, 1 at the tip
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
@@ -196,14 +197,13 @@ class Effect:
             name: sp.Symbol(f"{own}__{name}", real=True) for name in (*self.parameters, *self.states, *self.constants)
         }
 
-    def with_torques(self, times: float) -> Effect:
-        """The same effect with parameters in N m whose bounds and start are so many times as large."""
+    def scaled(self, times: Mapping[str, float]) -> Effect:
+        """The same effect whose parameters of these units have bounds and starts so many times as large."""
         other = copy(self)
         vars(other)["parameters"] = {
-            name: replace(spec, lower=spec.lower * times, upper=spec.upper * times, start=spec.start * times)
-            if spec.unit == "N*m"
-            else spec
+            name: replace(spec, lower=spec.lower * by, upper=spec.upper * by, start=spec.start * by)
             for name, spec in self.parameters.items()
+            for by in (times.get(spec.unit, 1.0),)
         }
         return other
 

@@ -53,9 +53,14 @@ class Coordinates:
 
     def inside(self, y: FloatArray) -> NDArray[np.bool_]:
         """Which of the coordinates `y` (free,) are off their bounds, and so may move either way."""
-        # Coordinates are of order one; a generous upper bound must not make a small amplitude look like none.
-        near = 1e-3 * np.minimum(self.upper - self.lower, 1.0)
-        return (y > self.lower + near) & (y < self.upper - near)
+        # Coordinates are of order one; a generous upper bound must not make a small amplitude look like none, nor hide a large
+        # one that has run into it.
+        span = np.minimum(self.upper - self.lower, 1.0)
+        low, high = (
+            1e-3 * np.where(np.isfinite(bound), np.maximum(span, np.abs(bound)), 1.0)
+            for bound in (self.lower, self.upper)
+        )
+        return (y > self.lower + low) & (y < self.upper - high)
 
     def coordinates(self, par: FloatArray) -> FloatArray:
         """Coordinates (free,) nearest to `par` (parameters,) within the bounds, a little inside."""
@@ -106,12 +111,15 @@ def base_reference(actuator: Actuator, segments: int) -> FloatArray:
 
 
 def sized(effects: Sequence[Effect], actuator: Actuator) -> tuple[Effect, ...]:
-    """Effects whose torques (N m) may be as large as this body is stiff: declared are those of the paper's tube.
+    """Effects whose torques (N m) may be as large as this body is stiff, and masses (kg) as heavy as bend it as far.
 
-    Bounds and starts widen by the stiffness at rest, as `base_reference` has it; of a smaller tube they stay.
+    Declared are those of the paper's tube. Bounds and starts widen by the stiffness at rest, as `base_reference` has it, masses by
+    that over the length; of a smaller tube they stay.
     """
-    times = max(1.0, base_reference(actuator, 1)[0] / base_reference(Actuator(), 1)[0])
-    return tuple(effect.with_torques(times) for effect in effects)
+    paper = Actuator()
+    torques = base_reference(actuator, 1)[0] / base_reference(paper, 1)[0]
+    times = {"N*m": max(1.0, torques), "kg": max(1.0, torques * paper.length / actuator.length)}
+    return tuple(effect.scaled(times) for effect in effects)
 
 
 def stiffness_per_modulus(actuator: Actuator, segments: int) -> float:

@@ -15,7 +15,7 @@ from rfea_vision.effects.base import BASE_PARAMETERS
 from rfea_vision.effects.catalogue import catalogue, find_effects
 from rfea_vision.errors import InputError
 from rfea_vision.fitting import FitOptions, fit_model
-from rfea_vision.fitting.coordinates import base_reference
+from rfea_vision.fitting.coordinates import base_reference, build
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.prediction import as_dataset, observe_as_scored
 from rfea_vision.fitting.problem import make_model, make_problem
@@ -185,7 +185,10 @@ def test_a_chamber_may_have_a_fifth_of_the_lever_and_a_line_of_seconds():
 
 
 def test_torques_of_effects_may_be_as_large_as_the_body_is_stiff():
-    """An arm of 26 N m/rad could rub with 0.05 N m at most, a fifth of a degree, and so never showed a loop."""
+    """An arm of 26 N m/rad could rub with 0.05 N m at most, a fifth of a degree, and so never showed a loop.
+
+    And a beam of 91 g could carry 100 g at most: one of 101 g was weighed at that, and nothing said so.
+    """
     arm = Actuator(kind="rod", outer_radius=0.04, inner_radius=0.016, length=0.3, mass_per_length=2.0)
     for name, parameter in (("hysteresis", "tau_h"), ("coulomb", "tau_c")):
         declared = catalogue()[name].parameters[parameter]
@@ -194,6 +197,16 @@ def test_torques_of_effects_may_be_as_large_as_the_body_is_stiff():
         )
         assert paper.parameters[parameter] == declared == catalogue()[name].parameters[parameter]
         assert large.parameters[parameter].upper > 7e4 * 8e-4 * 0.04  # 70 kPa on 8 cm^2, 40 mm from the middle: 2.2 N m
+    beam = Actuator(kind="rectangle", width=0.03, outer_radius=0.015, length=0.09, density=1070.0)
+    model = make_model(beam, FitOptions(segments=2, effects=("payload",)))
+    assert model.effects[0].parameters["m"].upper > 0.2
+    coordinates = build(model, beam, 2, 0.2)
+    amplitude = [name.startswith("payload") for name in coordinates.names].index(True)
+    y = np.where(np.isfinite(coordinates.upper), 0.5 * (coordinates.lower + coordinates.upper), 1.0)
+    y[amplitude] = 0.99995 * coordinates.upper[amplitude]  # as near to a bound as an optimiser comes
+    assert not coordinates.inside(y)[amplitude] and coordinates.upper[amplitude] > 50
+    y[amplitude] = 0.1  # small beside the bound, and no less there
+    assert coordinates.inside(y)[amplitude]
 
 
 def test_lever_lag_and_zero_of_each_chamber_are_found(chambers):
