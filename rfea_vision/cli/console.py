@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 from click.core import ParameterSource
-from rich.console import Console
+from rich.console import Console, ConsoleDimensions
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -200,6 +200,8 @@ class ConsoleListener(Listener):
         """`told`: whether the command itself says that all was unchanged."""
         self.told = told
         self.console = Console(stderr=True, highlight=False, markup=False)
+        if self.console.is_dumb_terminal:  # rich takes such a one for 80 columns wide, whatever it is
+            self.console.size = ConsoleDimensions(*shutil.get_terminal_size())
         self.bars: Progress | None = None
         self._tasks: dict[str, TaskID] = {}
         self._unchanged: list[str] = []

@@ -173,7 +173,7 @@ def _print_floors(diagnosis: Diagnosis) -> None:
 
 
 def _percent(share: float | None) -> str | None:
-    return None if share is None else f"{100 * share:.0f} %"
+    return None if share is None else f"{100 * share:z.0f} %"
 
 
 def _with_rivals(effect: str, rivals: Sequence[str]) -> str:

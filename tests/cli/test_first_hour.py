@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import click
 import pandas as pd
 import pytest
+import rich.console
 from campaign.campaigns import write_campaign
 from rich.progress import Progress
 
@@ -83,6 +84,13 @@ def test_a_narrow_terminal_breaks_no_word(monkeypatch, capsys):
     assert max(map(len, told)) <= 34 and all(any(word in line for line in told) for word in words)
 
 
+def test_a_terminal_that_can_do_little_is_as_wide_as_it_is(monkeypatch):
+    monkeypatch.setattr(rich.console.Console, "is_terminal", True)
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setenv("COLUMNS", "60")
+    assert console.ConsoleListener().console.width == 60
+
+
 def test_the_verdict_and_its_tie_fit_a_narrow_terminal(tmp_path, monkeypatch, capsys):
     tie = {"effects": ["gravity_tilt", "rest_curvature_profile", "rest_curvature"], "split_by": "a plumb line"}
     diagnosis = Diagnosis(model="base", verdict="missing", named=["gravity_tilt"], tied=[tie])
@@ -97,10 +105,11 @@ def test_the_table_shows_what_ranks_the_candidates(tmp_path, capsys):
     rows = [
         {"effect": "maxwell", "probability": 0.99, "share": 0.98, "score_p": 1.0, "refitted": True},
         {"effect": "drag", "probability": 0.01, "share": 0.12, "score_p": 1.0, "refitted": True, "delta_bic": -0.3},
+        {"effect": "mullins", "probability": 0.01, "share": -0.001, "refitted": True},
     ]
     model.print_diagnosis(Diagnosis(model="base", verdict="missing", candidates=rows), tmp_path, tmp_path)
     table = capsys.readouterr().out
-    assert "score" not in table and " -0 " not in table, table
+    assert "score" not in table and " -0 " not in table and re.search(r"mullins +1 % +0 %", table), table
     assert re.search(r"maxwell +99 % +98 %", table) and re.search(r"drag +1 % +12 %", table), table
 
 
