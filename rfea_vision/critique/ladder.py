@@ -157,13 +157,16 @@ class _Climb:
     before: Fitted | None = None
     floor: float = 0.0
     doubts: list[str] = field(default_factory=list)
+    failed: str = ""
 
     def note(self, artefact: ModelFit, diagnosis: Diagnosis) -> None:
         """Write a rung down."""
         self.floor = diagnosis.noise_floor_mm or diagnosis.noise_floor_deg or 0.0
         self.doubts = worse_than_nothing(artefact.experiments)
-        if diagnosis.verdict == "unexplained" and diagnosis.where:
-            self.doubts.insert(0, f"Where it shows: {diagnosis.where[0].sentence}")
+        worst = diagnosis.where[0].sentence if diagnosis.where else ""
+        self.failed = self.failed or worst
+        if diagnosis.verdict == "unexplained" and self.failed:  # the first model shows best what others have half taken up
+            self.doubts.insert(0, f"Where it shows: {worst}" if worst else f"Where it showed before anything was added: {self.failed}")
         bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
         self.rungs.append(
             Rung.of(

@@ -81,6 +81,8 @@ def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves():
     said = _findings(climb.rungs, [], "", None, climb.floor, "deg", "so", climb.doubts)
     assert said[0] == "The noise floor is 22.9 deg: an error below it says nothing about the model."
     assert said[1] == "Where it shows: a: from 34 to 47 % of the tube's length."
+    climb.note(model, Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9))
+    assert climb.doubts[0] == "Where it showed before anything was added: a: from 34 to 47 % of the tube's length."
     assert said[2].startswith("a: the model is farther from the track than a tube that never moves") and len(said) == 4
 
 
