@@ -46,11 +46,10 @@ def climb_apart(work: Runner, options: FitOptions) -> FitOptions:
 
     def taken(name: str) -> list[str]:
         records = work.cache.records("fit")
-        names = [name, *(own for record in records if (own := record.key.partition("/")[2]).startswith(f"{name}+"))]
-        return [
-            key if own == name else f"{key} in {own}"
-            for own in names
-            for key in _others(work, own, replace(options, name=name), _OF_A_RUNG, rungs)
+        rest = [own for record in records if (own := record.key.partition("/")[2]).startswith(f"{name}+")]
+        asked = replace(options, name=name)
+        return _others(work, name, asked, _OF_A_RUNG, rungs) or [
+            f"{key} in {own}" for own in rest for key in _others(work, own, asked, _OF_A_RUNG, rungs)
         ]
 
     path = work.out / Ladder.FILE

@@ -80,7 +80,8 @@ def test_a_climb_goes_on_though_a_rung_took_more_segments(work):
     store(work, FitOptions(effects=("maxwell",), segments=32))
     ladder(work, "base", "base+maxwell")
     assert climb_apart(work, FitOptions()).name == "base"
-    assert climb_apart(work, FitOptions(segments=8)).name == "base-2"
+    assert climb_apart(work, FitOptions(segments=8, loss="linear")).name == "base-2"
+    assert work.listener.said[-1].count("loss ") == 1 and "base+maxwell" not in work.listener.said[-1]
 
 
 def test_a_finer_rung_of_an_earlier_ladder_is_no_other_option(work):
