@@ -25,7 +25,18 @@ _LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
 # Of what chambers push with, each by itself, what their signs leave: a pair that works against each other is driven by its difference,
 # which leaves all; of a real finger, whose two chambers are blown up together and bend it to one side, opposite signs left 0.06.
 _CANCELLED = 0.2
+# From row to row, in times the usual step: a log that notes changes alone has steps of all lengths, and none that is usual.
+_LOST_STEPS = 50.0
 _HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
+
+
+def _lost(log_s: FloatArray) -> str:
+    """The longest stretch of which a log has no row, where it is much longer than from row to row elsewhere."""
+    steps = np.diff(log_s)
+    longest = int(np.argmax(steps)) if steps.size else 0
+    if not steps.size or steps[longest] < max(_LOST_STEPS * float(np.median(steps)), _LAGS_S[-1]):
+        return ""
+    return f"it has no row from {log_s[longest]:.3g} to {log_s[longest + 1]:.3g} s"
 
 
 def of_pair(
@@ -82,7 +93,9 @@ def of_pair(
         later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(moved_s))]
         then, late_s, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, later)
         if then is None or then < _FOLLOWS:
-            return [f"the motion follows this pressure to {at_once} only; is it the log of another run?"]
+            lost = _lost(log_s)
+            why = f"{lost}, is a stretch of it lost, or " if lost else ""
+            return [f"the motion follows this pressure to {at_once} only; {why}is it the log of another run?"]
         said.append(
             f"the motion follows this pressure to {at_once} at once and to {100 * then:.0f} % {late_s:.1f} s later; "
             "is one of the clocks late, or the log that of another run? A long line and slow rubber do so, too"

@@ -207,9 +207,8 @@ def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Sto
     path = work.out / Ladder.FILE
 
     def make(progress: Progress) -> tuple[Ladder, list[Path], str]:
+        work.tell(compiling("dynamics"))  # before the import, which compiles the first of it
         from rfea_vision.critique import improve as climb
-
-        work.tell(compiling("dynamics"))
 
         outputs: list[Path] = []
         rungs: list[tuple[Rung, Diagnosis]] = []

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.following import AngleRun, of_pair, together
+from rfea_vision.campaign.following import AngleRun, _lost, of_pair, together
 from rfea_vision.campaign.plausibility import of_times
 from rfea_vision.errors import DataError
 from tests.cli.console import rfea
@@ -122,6 +122,12 @@ def test_the_usual_slips_are_doubted(tmp_path, spoil, says):
     spoil(folder)
     said = [str(problem) for problem in check_campaign(folder).problems if problem.severity == "warning"]
     assert len([text for text in said if says in text]) == 1, said
+
+
+def test_a_log_that_lost_a_stretch_is_not_only_taken_for_that_of_another_run():
+    whole = np.arange(0.0, 3.0, 0.002)
+    assert _lost(whole[(whole < 1.0) | (whole > 2.199)]) == "it has no row from 0.998 to 2.2 s"
+    assert _lost(whole) == "" and _lost(np.array([0.0])) == ""
 
 
 @SLIPS

@@ -7,7 +7,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import click
 import pandas as pd
@@ -22,7 +22,8 @@ from rfea_vision.cli import batch, console, model, root
 from rfea_vision.cli.twin import _played
 from rfea_vision.critique import verdict
 from rfea_vision.distributed.tasks import BatchResult, told_of
-from rfea_vision.stages import open_campaign
+from rfea_vision.errors import DataError
+from rfea_vision.stages import mechanics, open_campaign
 from rfea_vision.stages.publishing import commands
 from rfea_vision.stages.warnings import warnings_of
 
@@ -349,6 +350,23 @@ def test_a_command_with_nothing_to_do_prints_one_line(tmp_path):
     (folder / "steps" / "pressure.csv").touch()
     assert rfea("sync", folder).out == again.out
     assert rfea("sync", folder, "--force").out == table
+
+
+def test_compiling_is_said_before_it_begins(tmp_path, monkeypatch):
+    """Loading the critique compiles: `improve` sat for a minute, and then found that nothing was to be compiled."""
+    order = []
+
+    class Critique(ModuleType):
+        @property
+        def improve(self):
+            order.append("loaded")
+            raise DataError("enough")
+
+    monkeypatch.setattr(mechanics, "compiling", lambda room: order.append(room) or "")
+    monkeypatch.setitem(sys.modules, "rfea_vision.critique", Critique("critique"))
+    with pytest.raises(DataError, match="enough"):
+        open_campaign(write_campaign(tmp_path / "tube")).improve()
+    assert order == ["dynamics", "loaded"]
 
 
 def test_a_batch_says_what_is_to_do_before_and_after(tmp_path):
