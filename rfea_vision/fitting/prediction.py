@@ -114,9 +114,17 @@ def _predict_one(simulator: Model, par: np.ndarray, item: Observed, recording: R
 
 
 def as_dataset(
-    simulator: Model, item: Observed, recording: Recording, predicted: Predicted | None, fractions: np.ndarray
+    simulator: Model,
+    item: Observed,
+    recording: Recording,
+    predicted: Predicted | None,
+    fractions: np.ndarray,
+    normals: np.ndarray | None = None,
 ) -> xr.Dataset:
-    """What was simulated for an experiment at `fractions` of the centre line, beside what was measured, on all its frames."""
+    """What was simulated for an experiment at `fractions` of the centre line, beside what was measured, on all its frames.
+
+    normals : (frames, nodes, 2) of the measured centre line, where they are known already
+    """
     data = recording.dataset
     nodes = fractions.size
     frames = data.sizes["time"]
@@ -146,7 +154,8 @@ def as_dataset(
         variables["tip_residual"] = (("time", "xy"), gap.astype(np.float32), {"units": "mm"})
     if "midline" in data:
         measured = data["midline"].values
-        gap = np.sum(normals_of(measured) * (measured - line), axis=2)
+        across = normals_of(measured) if normals is None else normals
+        gap = np.sum(across * (measured - line), axis=2)
         variables["normal_residual"] = (("time", "node"), gap.astype(np.float32), {"units": "mm"})
     if "bend_angle" in data:
         gap = data["bend_angle"].values - angle

@@ -1,5 +1,5 @@
 // The page: which step is shown, what is next, what is under way. The steps themselves are modules of their own.
-import {Figure, chooseExperiment, chooseRung, experiment, jumpToPeak, manifest, on, paintStage, play as playFilm, seek, setTheme, setTime, show, showTime, state, step, takeBlock, tell, toggleTheme, zoom, pose, poseTime, showMarks, forgetView, stage, toggleScale} from "../report/report.js";
+import {Figure, chooseExperiment, chooseRung, experiment, jumpToPeak, manifest, on, paintStage, play as playFilm, seek, setTheme, setTime, setWindow, show, showTime, state, step, takeBlock, tell, toggleTheme, zoom, pose, poseTime, showMarks, forgetView, stage, toggleScale} from "../report/report.js";
 import {every, h, one} from "./dom.js";
 import {ask, get, getPacket, here, listenTo} from "./server.js";
 import * as add from "./add.js";
@@ -22,7 +22,7 @@ async function read() {
   one("#title").textContent = campaign.state.name;
   document.title = `${campaign.state.name} · rfea workbench`;
   const {header, block} = await getPacket("evidence");
-  const chosen = manifest.rungs[state.rung]?.model, run = experiment()?.name, seen = [...state.window];
+  const chosen = manifest.rungs[state.rung]?.model, run = experiment()?.name, span = experiment()?.span, [from, to] = state.window;
   takeBlock(block);
   Object.assign(manifest, header);
   forgetView(); stage.films.clear();
@@ -32,7 +32,8 @@ async function read() {
   showRungs(); showNext(); showLog();
   for (const part of Object.values(steps)) part.reload?.(campaign.state);
   chooseExperiment(Math.max(0, manifest.experiments.findIndex(e => e.name === run)));
-  if (run && experiment()?.name === run) { state.window = seen; tell("window"); }
+  const moved = experiment()?.name === run && span && experiment().span; // another offset of the clocks moves the whole run along
+  if (moved) setWindow(from + moved[0] - span[0], to + moved[0] - span[0]);
   tell("rung");
 }
 
