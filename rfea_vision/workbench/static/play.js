@@ -115,13 +115,11 @@ async function next(exact = false) {
     const run = experiment()?.name, begun = performance.now();
     if (!chosen.model || !run || !(run in (fitted()?.experiments ?? {})) || !["train", "validate"].includes(experiment().role)) break;
     const {model, effects, values} = chosen, before = picked, asFitted = untouched() && fitted().experiments[run]?.unit;
-    if (asFitted) showLook(fitted(), fitted().experiments, true);
-    if (asFitted && chosen.ready) continue;
+    if (asFitted) { showLook(fitted(), fitted().experiments, true); prepare(run); continue; }
     try {
       const {header, block} = await packetOf(await post("play", {model, effects, values, experiment: run, exact}));
       chosen.ready = true;
       if (campaign.panel !== "play" || effects !== chosen.effects || run !== experiment()?.name || before !== picked) continue; // something else was asked for since
-      if (asFitted) { one("#look").textContent = ""; continue; }
       showLook(header, {[run]: unpack(header.run, block)}, exact);
       await new Promise(requestAnimationFrame);
       if (exact) continue;
@@ -131,6 +129,14 @@ async function next(exact = false) {
     } catch (error) { complain(error.message); break; }
   }
   busy = false;
+}
+// The law of what stands as it was fitted is made ready beside, so that neither figures nor the next look wait for it.
+let prepared = null;
+function prepare(run) {
+  const {model, effects, values} = chosen;
+  if (chosen.ready || prepared === effects) return;
+  prepared = effects;
+  post("play", {model, effects, values, experiment: run}).then(() => { if (effects === chosen.effects) { chosen.ready = true; one("#look").textContent = ""; } }).catch(error => complain(error.message));
 }
 // A slider that is held may move on at any moment, and must not wait for an exact look.
 function settle() {
