@@ -21,6 +21,10 @@ TUBES = {
 }
 
 
+#: Three runs of 3 s: all six take some four minutes of processor time, and show what longer ones do.
+SHORT = ("--duration", "3s", "--rate", "120Hz", "--roles", "train,train,validate")
+
+
 def rfea(*words: str, within: Path) -> None:
     """Run one command, and stop where it fails."""
     subprocess.run([sys.executable, "-m", "rfea_vision", *words], cwd=within, check=True)
@@ -36,6 +40,7 @@ def main(target: Path) -> None:
                 name,
                 "--seed",
                 str(2000 + number),
+                *SHORT,
                 *(word for one in hidden for word in ("--hidden", one)),
                 within=target,
             )
