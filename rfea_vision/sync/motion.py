@@ -95,10 +95,9 @@ def align_by_motion(
     """
     motion = motion_of(track, bends, gravity_deg)
     time = motion.time_s
+    too_few = f"{experiment}: sync: {len(time)} tracked frames are too few to align by motion; use sync.method offset"
     if len(time) < 60 or time[-1] - time[0] < LEAST_OVERLAP_S:
-        raise DataError(
-            f"{experiment}: sync: {len(time)} tracked frames are too few to align by motion; use sync.method offset"
-        )
+        raise DataError(too_few)
     if motion.swing_rad < np.radians(LEAST_SWING_DEG):
         raise DataError(
             f"{experiment}: sync: the tube bends by only {np.degrees(motion.swing_rad):.2f} deg; "
@@ -109,6 +108,8 @@ def align_by_motion(
     target = Target(log_time_s, pressure_kPa, seen.rate, seen.high)
     offsets, shares, own = search(seen, target)
     best = int(np.argmax(shares))
+    if shares[best] == 0.0:  # at no offset are there enough of them for the terms of the motion
+        raise DataError(f"{too_few}, or record longer")
     if shares[best] < LEAST_EXPLAINED:
         raise DataError(
             f"{experiment}: sync: the motion explains only {100 * shares[best]:.0f} % of the pressure at any offset; "

@@ -10,7 +10,7 @@ from rfea_vision.artefacts import Track
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.pressure import PressureLog
 from rfea_vision.stages.warnings import warnings_of
-from rfea_vision.sync import synchronise
+from rfea_vision.sync import motion, synchronise
 from rfea_vision.sync.synchronise import check_log
 
 
@@ -114,6 +114,14 @@ def test_a_hold_at_the_highest_pressure_is_no_saturated_sensor(log):
 @pytest.mark.parametrize("end", [150, 190])
 def test_a_sensor_that_is_run_into_its_end_is_asked_for(log, end):
     assert "is the sensor saturated?" in check_log(TIMES_S, np.minimum(log, end), "a", moving=True)[0]
+
+
+def test_frames_too_few_for_the_terms_of_a_motion_are_told_as_that(monkeypatch):
+    """Of 2 s at 30 Hz, whose motion and pressure belong together, it was said that the motion explains 0 %."""
+    track, log = made(0.0)
+    monkeypatch.setattr(motion, "search", lambda seen, target: (np.zeros(3), np.zeros(3), np.zeros(3)))
+    with pytest.raises(DataError, match=r"1200 tracked frames are too few to align by motion.*or record longer"):
+        synchronise(track, log, experiment="a", role="train", bends="left")
 
 
 def test_a_flat_short_or_unrelated_log_is_said():
