@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rfea_vision.campaign.plausibility import across
 from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
 from rfea_vision.readers.columns import column, in_unit, said_unit
@@ -331,17 +332,15 @@ def _tube(table: Table) -> tuple[Key, ...]:
     other = "tip_y_mm" if last == "tip_x_mm" else last.replace("x", "y", 1)
     x, y = (table.numbers(name) for name in (last, column(table, other, "track.file")))
     seen = (np.abs(x) < np.inf) & (np.abs(y) < np.inf)
-    if not seen.any():
-        return ()
-    return _reached(x[seen], y[seen])
+    return _reached(x[seen], y[seen]) if seen.any() else ()
 
 
 def _reached(x: np.ndarray, y: np.ndarray) -> tuple[Key, ...]:
     """The tube's length and side, from where its tip has been (rows,) mm from the clamp."""
-    farthest, across = float(np.hypot(x, y).max()), float(x[np.argmax(np.abs(x))])
+    farthest, moved = float(np.hypot(x, y).max()), across(np.column_stack([x, y]))
     return (
         Key("length", f"{farthest:.4g} mm", "the farthest that the tip has been from the clamp"),
-        Key("bends", "left" if across < 0 else "right", "where the tip has gone farthest"),
+        Key("bends", "left" if moved[np.argmax(np.abs(moved))] < 0 else "right", "where the tip has gone farthest"),
     )
 
 

@@ -40,6 +40,8 @@ _LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
 _OTHERWISE = 4.0
 # lengths of the tube that its tip may be from the clamp: a soft arm may stretch a little, and markers stand a little off
 _REACH = 1.15
+# of the farthest that its tip ever reaches: a tube that bends by 40 degrees keeps 98 % of it
+_STRAIGHT = 0.98
 # of its length, by which a tube that is driven goes to its side; a third of it to the other side may be how it hangs. Chosen.
 _ASIDE = 0.2
 # pictures: with fewer no motion can be told from noise, whatever the run
@@ -122,6 +124,16 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False)
     return [slow if filmed and camera > SLOW_MOTION * logged else f"{both}; only what both cover can be used"]
 
 
+def across(tip: np.ndarray) -> np.ndarray:
+    """How far across (n,) a tip (n, 2) in the rig has gone: from the clamp, or from where it begins if it begins straight.
+
+    Markers that stand beside the line put a straight tube's tip beside its clamp, too.
+    """
+    reach, first = np.hypot(*tip.T), slice(max(1, len(tip) // 20))
+    begins_straight = np.median(reach[first]) > _STRAIGHT * reach.max()
+    return tip[:, 0] - (float(np.median(tip[first, 0])) if begins_straight else 0.0)
+
+
 def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
     """Doubt a track of another tool: its unit and its axes, by the length of the tube."""
     if "tip" in track:
@@ -145,7 +157,7 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             ]
         if text := _of_length(track, far, length_mm):
             return [text]
-        outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * tip[:, 0] / length_mm
+        outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * across(tip) / length_mm
         if -np.percentile(outwards, 5) > max(_ASIDE, 2 * np.percentile(outwards, 95)):
             return ["the tip goes to the other side than actuator.bends says; is that right, or is the track mirrored?"]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:

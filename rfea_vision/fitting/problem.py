@@ -114,9 +114,10 @@ def _refuse_nonsense(train: Sequence[Observed], actuator: Actuator) -> None:
         pressure = item.excitation.at(item.time)
         if np.ptp(pressure) <= CONSTANT_PA or item.mounting != 0:
             continue
-        loaded = np.abs(pressure) > 0.7 * float(np.abs(pressure).max())
-        bends = 2 * np.arctan2(-tip[loaded, 0], -tip[loaded, 1]) * np.sign(pressure[loaded])
-        bend = float(np.median(bends))
+        share = np.abs(pressure) / float(np.abs(pressure).max())
+        bends, loaded, idle = 2 * np.arctan2(-tip[:, 0], -tip[:, 1]), share > 0.7, share < 0.3
+        at_rest = float(np.median(bends[idle])) if idle.any() else 0.0  # of markers beside the line not nought
+        bend = float(np.median((bends[loaded] - at_rest) * np.sign(pressure[loaded])))
         if bend < -WRONG_SIDE_RAD:
             raise InputError(
                 f"experiment {item.name}: under pressure the tip goes to the side that `actuator.bends` does not name; "

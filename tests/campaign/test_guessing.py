@@ -32,8 +32,8 @@ HEADERS = [
 ]
 
 
-def tip_track(bends):
-    x = np.sin(np.deg2rad(ANGLE_deg)) * 120.0 * (-1 if bends == "left" else 1)
+def tip_track(bends, beside_mm=0.0):
+    x = beside_mm + np.sin(np.deg2rad(ANGLE_deg)) * 120.0 * (-1 if bends == "left" else 1)
     return pd.DataFrame({"time_s": TIME_S, "tip_x_mm": x, "tip_y_mm": -120.0 * np.cos(np.deg2rad(ANGLE_deg))})
 
 
@@ -59,6 +59,16 @@ def test_a_line_that_was_never_open_is_told_by_the_air_beside_it(tmp_path):
     table.to_csv(tmp_path / "labor.csv", index=False, sep=";", decimal=",")
     keys = {key.name: key.value for key in look(tmp_path / "labor.csv").pressure}
     assert keys["reference"] == "absolute" and keys["ambient"] == "Umgebung [hPa]"
+
+
+@pytest.mark.parametrize("bends", ["left", "right"])
+def test_markers_beside_the_line_do_not_turn_the_side(tmp_path, bends):
+    """The tip of a real arm stood 23 mm beside the middle of its clamp's markers, and was driven back over it by 4 to 40 mm."""
+    track = tip_track(bends, 150.0 if bends == "left" else -150.0)
+    track.to_csv(tmp_path / "arm_track.csv", index=False)
+    pd.DataFrame({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa}).to_csv(tmp_path / "arm_pressure.csv", index=False)
+    write_campaign_from(tmp_path, [tmp_path])
+    assert load_campaign(tmp_path).actuator.bends == bends
 
 
 @pytest.mark.parametrize("bends", ["left", "right"])

@@ -279,6 +279,16 @@ def test_what_cannot_be_is_one_sentence(runs, damage, kind, says):
     assert "\n" not in str(caught.value)
 
 
+def test_markers_beside_the_line_are_no_other_side(runs):
+    """A tip that stands on the other side at rest, and is driven to the side that is named."""
+    recordings, actuator, _ = runs
+
+    def beside(data):
+        data["tip"] = data["tip"] * np.array([0.2, 1.0]) + np.array([0.3 * actuator.length * 1e3, 0.0])
+
+    assert make_problem(changed(recordings, beside), actuator).train
+
+
 def test_half_a_second_is_little_and_is_said_by_the_intervals(runs):
     recordings, actuator, truth = runs
     model = fit_model(changed(recordings, lambda data: data.isel(time=slice(0, 60))), actuator, OPTIONS)
