@@ -97,7 +97,9 @@ def conversion_factor(unit: str, to: str) -> float:
             return value / size
     have, want = _unit(unit), _unit(to)
     if have.dimensionality != want.dimensionality:
-        raise ValueError(f"'{unit}' is not a unit of the right kind; write one that converts to '{to}'")
+        alike = [name for name in _PLAIN_UNITS if name.lower() == unit.lower() and _unit(name).is_compatible_with(want)]
+        hint = f"did you mean '{alike[0]}'?" if alike else f"write one that converts to '{to}'"
+        raise ValueError(f"'{unit}' is not a unit of the right kind; {hint}")
     return float(_registry().Quantity(1.0, have).to(want).magnitude)
 
 

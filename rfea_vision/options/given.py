@@ -157,7 +157,7 @@ def _value(option: str, item: str, text: str, unit: str) -> float:
 def _number(text: str, unit: str) -> float:
     """A value in SI, written with its unit; a pure number stands alone, or in %."""
     if unit not in ("1", "") or "%" in text:
-        return parse_quantity(text.strip(), unit, example="3.6 mm" if unit == "m" else f"1 {unit}")
+        return parse_quantity(text.strip(), unit, example={"m": "3.6 mm", "kg": "10 g"}.get(unit, f"1 {unit}"))
     number = float(text)
     if not math.isfinite(number):
         raise ValueError(f"'{text}' is no finite number; write for example 0.98")

@@ -6,6 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rfea_vision.errors import InputError
+from rfea_vision.options.given import read_conditions
 from rfea_vision.units import _PLAIN_UNITS, conversion_factor, parse_quantity
 
 
@@ -37,7 +39,8 @@ def test_quantities_are_converted(text, unit, value):
         ("4", "'4' has no unit"),
         ("mm", "not a number with a unit"),
         ("4 mmm", "unknown unit 'mmm'; did you mean 'mm'?"),
-        ("4 kg", "'kg' is not a unit of the right kind"),
+        ("4 kg", "'kg' is not a unit of the right kind; write one that converts to"),
+        ("4 MM", "'MM' is not a unit of the right kind; did you mean 'mm'?"),
         ("4,5 mm", "decimal comma; write '4.5 mm'"),
         ("nan mm", "not a number with a unit"),
         ("1e999 mm", "not a finite number"),
@@ -96,3 +99,8 @@ def test_units_that_are_known_by_heart_are_those_of_pint():
     for unit, to in alike:
         truth = registry.Quantity(1.0, unit).to(to).magnitude
         assert conversion_factor(unit, to) == pytest.approx(truth, rel=1e-15, abs=0.0), (unit, to)
+
+
+def test_a_mass_without_a_unit_is_proposed_in_grams():
+    with pytest.raises(InputError, match="write for example .10 g."):
+        read_conditions({"payload": 10.0})
