@@ -102,5 +102,5 @@ def test_units_that_are_known_by_heart_are_those_of_pint():
 
 
 def test_a_mass_without_a_unit_is_proposed_in_grams():
-    with pytest.raises(InputError, match="write for example .10 g."):
+    with pytest.raises(InputError, match=r"write for example '10 g'"):
         read_conditions({"payload": 10.0})
