@@ -101,10 +101,22 @@ class Trials:
         if key not in self.done or self._began_too_far_off(key):
             fitted = self._segments(base) if SEGMENTS in added else self._solved(base, key, start)
             if fitted is not None and (before is None or fitted.solution.cost < before.cost):
-                before = Trial(key, fitted, errors_of(self.problem, fitted), _at_bound(fitted))
-            self.done[key] = before
+                self._keep(base, key, fitted)
+            else:
+                self.done[key] = before
             self.progress()
-        return before
+        return self.done[key]
+
+    def _keep(self, base: Trial, key: frozenset[str], fitted: Fitted) -> None:
+        """Take a fit for that of its set, and fit what contains the set again from it where that stands above it now."""
+        self.done[key] = Trial(key, fitted, errors_of(self.problem, fitted), _at_bound(fitted))
+        larger = [k for k, t in self.done.items() if t is not None and k > key and SEGMENTS not in k]
+        for above in sorted(larger, key=lambda k: (len(k), sorted(k))):
+            before, cost = self.done[above], fitted.solution.cost
+            if before is not None and before.cost > cost:
+                far = before.cost > (1 + FULL_GAIN) * cost  # or it stands where it was left to stand
+                again = self._again(base, above, before.fitted.values, fitted) if far else None
+                self._keep(base, above, min((again or fitted, fitted), key=lambda one: one.solution.cost))
 
     def _best(self) -> Trial:
         """The fit of the least cost so far, on the chain of the model as it stands."""
@@ -141,13 +153,20 @@ class Trials:
         smaller = [t for k, t in self.done.items() if t is not None and k < key and SEGMENTS not in k]
         nearest = min(smaller, key=lambda t: t.cost, default=base)
         if best is None or best.solution.cost > nearest.cost:
-            # The larger model holds the smaller one: where it ends above, it was led astray. Again from there, faintly.
-            wanted = {**values, **held, **start}
-            faint = {n: zero + FAINT * (wanted[n] - zero) for n, zero in absent.items() if n in wanted}
-            again = self._from(options, [{**wanted, **faint, **nearest.fitted.values}], nearest.fitted)
+            again = self._again(base, key, {**held, **start}, nearest.fitted)
             found = [one for one in (best, again, nearest.fitted) if one is not None]
             best = min(found, key=lambda one: one.solution.cost)
         return best
+
+    def _again(self, base: Trial, key: frozenset[str], wanted: Mapping[str, float], smaller: Fitted) -> Fitted | None:
+        """Fit a set from the optimum of a smaller one, with what is new faint.
+
+        The larger model holds the smaller one: where it ends above, it was led astray.
+        """
+        options, values, absent = self._options(base, key)
+        wanted = {**values, **wanted}
+        faint = {n: zero + FAINT * (wanted[n] - zero) for n, zero in absent.items() if n in wanted}
+        return self._from(options, [{**wanted, **faint, **smaller.values}], smaller)
 
     def _grids(self, key: frozenset[str], start: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
         """Points from which to start what vanishes with an amplitude and is not in `start`: of another form, never screened."""

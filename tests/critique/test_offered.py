@@ -9,7 +9,7 @@ import pytest
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.critique.screening import offered
-from rfea_vision.critique.trials import GLANCES, Trials
+from rfea_vision.critique.trials import FAINT, GLANCES, Trial, Trials
 
 
 def _fitted(**ended_inside: bool) -> SimpleNamespace:
@@ -118,3 +118,40 @@ def test_from_a_bent_model_a_refit_begins_at_the_best_fit_and_again_where_that_h
     trials.bent = False
     trials.refit(base, ("maxwell",), {"drag.c": 900.0})
     assert began[2] == (base.fitted, {"drag.c": 900.0, "k_ref": 0.1})
+
+
+def test_what_contains_a_set_that_came_out_better_is_fitted_again_from_there(monkeypatch):
+    """A nested model is never worse: also where the smaller one was fitted last."""
+
+    def trial(cost, *effects, **values):
+        solution = SimpleNamespace(cost=cost)
+        return Trial(frozenset(effects), SimpleNamespace(values=values, solution=solution), None)
+
+    began = []
+
+    def from_(self, options, starts, like):
+        began.append((like, starts))
+        return trial([40.0, 30.0, 50.0][len(began) - 1], **starts[-1]).fitted
+
+    def values(self, own, key):
+        absent = {f"{name}.c": 0.0 for name in sorted(key)}
+        return SimpleNamespace(effects=key), dict.fromkeys(absent, 1.0), absent
+
+    monkeypatch.setattr(Trials, "_from", from_)
+    monkeypatch.setattr(Trials, "_options", values)
+    monkeypatch.setattr("rfea_vision.critique.trials.errors_of", lambda problem, fitted: None)
+    monkeypatch.setattr("rfea_vision.critique.trials._at_bound", lambda fitted: False)
+    base = trial(100.0)
+    done = [
+        base,
+        trial(80.0, "drag", "payload", **{"drag.c": 5.0, "payload.c": 7.0}),
+        trial(40.001, "coulomb", "drag"),
+        trial(20.0, "drag", "maxwell"),
+        trial(90.0, "payload"),
+    ]
+    trials = Trials(SimpleNamespace(), done={one.effects: one for one in done})
+    smaller = trials.refit(base, ("drag",), {"drag.c": 3.0})
+    # what stood far above it: again from its optimum, what is new faint; what stands above by less than fits converge to: as it is
+    assert began[1:] == [(smaller.fitted, [{"drag.c": 3.0, "payload.c": pytest.approx(FAINT * 7.0)}])]
+    costs = {one.effects: trials.done[one.effects].cost for one in done}
+    assert list(costs.values()) == [100.0, 30.0, 40.0, 20.0, 90.0] and smaller.cost == 40.0
