@@ -12,9 +12,7 @@ from skimage.graph import route_through_array
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
-from rfea_vision.vision.body.fit import TO_ALONG
 from rfea_vision.vision.body.model import (
-    ALONG_BASIS,
     NORMAL_BASIS,
     SHARES,
     STATIONS,
@@ -189,20 +187,6 @@ def smooth_line(points: FloatArray) -> FloatArray:
     first, last = points[[0, -1]] - line[[0, -1]]
     moved: FloatArray = (1 - share)[:, None] * first + share[:, None] * last
     return line + moved
-
-
-def spaced(line: FloatArray, like: FloatArray) -> FloatArray:
-    """Stations on a line with the distances of `like`, without what gathers there: rubber stretches gradually, and little in a frame.
-
-    The flow of smooth rubber tells little along it, and what it tells is that of the wall behind.
-    """
-    beyond = line[-1] + 3.0 * (line[-1] - line[-4])
-    line = np.vstack([line, beyond])
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(like, axis=0), axis=1))])
-    wanted = ALONG_BASIS @ (TO_ALONG @ stations)
-    wanted -= wanted[0]
-    return np.column_stack([np.interp(wanted, steps, line[:, c]) for c in (0, 1)])
 
 
 def even(points: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from statistics import median
 
 import numpy as np
@@ -50,6 +51,7 @@ CLAMP_SWELLS = 0.05  # of the half width, 1 s.d.: what holds the body keeps its 
 SHAPE_PX = 0.3
 POINTED_SHAPE_PX = 1.5  # where a few points were clicked, nothing has predicted the shape
 BENDS_GRADUALLY = 0.06  # third differences of the line, over the spacing of its coefficients
+LEAST_HELD = 0.05  # chosen: of an edge at the clamp itself, so that no station is without any
 SWELLS = 0.15  # of the half width, 1 s.d.: edges that are seen easily outweigh it
 STRETCHES_GRADUALLY = 0.02  # second differences of the places along it, likewise
 TURN_ROW = basis_matrix(np.zeros(1), NORMAL_BASIS.shape[1], 1)[0]  # slope of the displacement where the body begins
@@ -170,7 +172,8 @@ def fit_body(
         _add_shape(matrix, vector, body, normals, rest_half, rest)
         if outline:
             leans = LEANS * float(middle(body.half)) if marks else 0.0
-            _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0), leans)
+            share_seen = np.clip(2.0 * backing, 0.1, 1.0) * (held_by_clamp(body, rest) if skin is not None else 1.0)
+            _add_edges(matrix, vector, edges, share_seen, leans)
         if skin is not None:
             strip = cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin[:2]
             match_skin(*strip, slips, information, pull, alike)
@@ -194,6 +197,7 @@ def fit_body(
         moved = float(np.abs(shift).max())
         if turn and moved < 0.05:
             break
+    body.points = gradual(body.points, rest)
     return Fit(
         body,
         np.asarray(np.linalg.inv(matrix), dtype=float),
@@ -203,6 +207,31 @@ def fit_body(
         end,
         marks,
     )
+
+
+def held_by_clamp(body: SeenBody, rest: float) -> FloatArray:
+    """How much (S,) edges count after the first frame: within a half width `rest` of its clamp rubber swells beside what holds it."""
+    along = np.empty(STATIONS)
+    arc_length(body.points, along)
+    return np.clip(along / rest, LEAST_HELD, 1.0)
+
+
+def gradual(points: FloatArray, rest: float) -> FloatArray:
+    """Stations on a spline whose spans are no shorter than the half width `rest`: no body bends anew within that.
+
+    Those of a slender body are left as they are.
+    """
+    spans = int(arc_length(points, np.empty(STATIONS)) / rest)
+    if spans >= NORMAL_BASIS.shape[1]:
+        return points
+    return _onto_spline(3 + max(spans, 1)) @ points
+
+
+@lru_cache
+def _onto_spline(count: int) -> FloatArray:
+    """Stations (S, S) on the spline of so many coefficients that is nearest to them."""
+    basis = basis_matrix(SHARES, count)
+    return basis @ np.linalg.pinv(basis)
 
 
 def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> FloatArray:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,10 +17,10 @@ from rfea_vision.vision.body.begin import (
     leaving,
     like_colour,
     smooth_line,
-    spaced,
     standing_out,
 )
 from rfea_vision.vision.body.fit import ALONG, NORMAL, TRUSTED, UNKNOWNS, WIDTH, Fit, end_rays, fit_body, looks_around
+from rfea_vision.vision.body.gone import flown, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
@@ -41,7 +39,6 @@ from rfea_vision.vision.body.model import (
     learn_colours,
     marks_found,
     middle,
-    robust_displacement,
     skin_of,
 )
 from rfea_vision.vision.body.rules import SURELY_BESIDE, First, elsewhere, refused
@@ -56,16 +53,13 @@ from rfea_vision.vision.find.ends import End
 FIRST_TURNS = 8
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
-FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
-FLOW_WINDOW = (17, 17)
-FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
-FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
 SKIN_SCATTER, FLOW_SCATTER = 5.0, 4.0  # grey levels: how skin differs from the first frame's, and from the last one's
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
+END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
 MOVING_PX = 0.5  # from frame to frame: a body that moves so and then not at all was written twice
 POINTED_PX = 1.0  # how well a person points, in px of the film
@@ -74,7 +68,6 @@ LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the firs
 # line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
 SYSTEMATIC = 0.1
 FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
-SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond its last shape
 
 _LINEAR = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(_LINEAR, _LINEAR)
@@ -139,8 +132,9 @@ class BodyFollower:
             if guided is not None:
                 fits.append(self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8))
         fit = max((self._judged(lab, fit) for fit in fits), key=lambda found: (not found.reason, found.likeness))
-        if self.good and fit.reason and self.missed and self.missed % 5 == 0:
-            fit = self._judged(lab, self._fit(lab, self._swung(lab), self._spread(), 1.2))
+        if self.good and fit.reason and not fit.reason.startswith("touches_border") and (gone := self._outlined(lab)) is not None:
+            anew = self._judged(lab, self._fit(lab, *gone, 0.8))
+            fit = fit if anew.reason else anew
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
@@ -205,7 +199,7 @@ class BodyFollower:
         self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)
         half = self.pointed_half()
         length = self.scene.length_mm * self.px_per_mm
-        self.covariance = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
+        self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
         self.body, _ = max((self._drawn(lab, line, half, length) for line in lines), key=lambda pair: pair[1])
         offsets = self._end_seen(lab, half)
@@ -222,6 +216,7 @@ class BodyFollower:
         # Where the end is seen, it says how far the body reaches: the skin claims too much of that.
         self.skin = skin, np.full_like(skin, SKIN_SCATTER**2), TRUSTED if believed else 1.0
         self.coloured = coloured(skin)
+        self.covariance = self.covariance.copy()
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
         hinted = self.scene.hints.marks
@@ -256,6 +251,13 @@ class BodyFollower:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
         offsets = end_rays(lab, self.wall, self.body, 2.0 * half)
         return np.where(np.abs(offsets) < 2.0 * half, offsets, np.nan)
+
+    def _learn_end(self, lab: Picture) -> None:
+        """An end that lay before something of its own colour when it was pointed at is measured from the first clear sight of it on."""
+        half = self.pointed_half()
+        seen = self._end_seen(lab, half)
+        if np.ptp(seen) < END_LEVEL * half and abs(np.median(seen)) < END_NEAR * half:  # not so where a ray is NaN
+            self.end_offsets, self.skin = seen - np.median(seen), (*self.skin[:2], TRUSTED)
 
     def _spread(self) -> FloatArray:
         """Covariance (25, 25) px^2 of what the body may have moved since it was last seen."""
@@ -293,44 +295,20 @@ class BodyFollower:
     def _predicted(self, lab: Picture, last: Sight) -> tuple[SeenBody, FloatArray]:
         """The body of an earlier frame, moved as its skin has moved since, and the covariance of this movement."""
         skin, spread = (last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]), self._spread()
-        near, rest = self._flown(lab, last), self.first.half
+        near, rest = flown(last, lab, self.wall, self.foot[0]), self.first.half
         moved = fit_body(lab, self.wall, near, skin, None, spread, self.foot, rest, 5.0, outline=False)
         return moved.body, moved.covariance
 
-    def _flown(self, lab: Picture, last: Sight) -> SeenBody:
-        """The body of an earlier frame, moved by sparse flow: near enough for its skin to be recognised."""
-        tangents, normals = frame_of(last.body.points)
-        places = [last.body.points + v * last.body.half[:, None] * normals for v in FLOW_ACROSS]
-        window = self.wall.window
-        before = (np.vstack(places) - [window[1].start, window[0].start]).astype(np.float32)[:, None]
-        options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
-        seen, grey = (cv2.extractChannel(self.wall.cleared(picture)[window], 0) for picture in (last.lab, lab))
-        after, there, _ = cv2.calcOpticalFlowPyrLK(seen, grey, before, before.copy(), **options)
-        back, again, _ = cv2.calcOpticalFlowPyrLK(grey, seen, after, after.copy(), **options)
-        kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
-        moved = (after - before)[:, 0].astype(float)
-        station = np.tile(np.arange(STATIONS), len(FLOW_ACROSS))
-        body = last.body.copy()
-        if kept.sum() < STATIONS // 3:
-            return body
-        across = np.sum(moved * normals[station], axis=1)
-        n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], across, kept, FLOW_PX)
-        # What smooth rubber shows along itself is the wall, or nothing: it goes where its length lets it, dt/ds = curvature n.
-        turns = np.diff(np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0])))
-        t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
-        moved_line = body.points + n[:, None] * normals + t[:, None] * tangents
-        body.points = spaced(np.vstack([self.foot[0], moved_line[1:]]), last.body.points)
-        return body
-
-    def _swung(self, lab: Picture) -> SeenBody:
-        """The last shape bent farther to either side: that in which the inside looks most like the body."""
-        steps = np.diff(self.body.points, axis=0) @ (1.0, 1.0j)
-        fits = []
-        for swing in SWINGS:
-            line = np.cumsum([0.0, *steps * np.exp(1j * swing * (SHARES[1:] - 0.5 / STATIONS))])
-            points = self.body.points[0] + np.column_stack([np.real(line), np.imag(line)])
-            fits.append(self._fit(lab, replace(self.body, points=points), self._spread(), 1.2))
-        return max(fits, key=lambda found: found.likeness).body
+    def _outlined(self, lab: Picture) -> tuple[SeenBody, FloatArray] | None:
+        """The body where all is that looks like it and hangs together with it from its clamp on, and what that leaves open."""
+        line = reached(lab, self.wall, self.body, self.foot, self.pointed_half())
+        if line is None:
+            return None
+        gone = replace(self.body, points=line)
+        near = self._fit(lab, gone, np.zeros_like(self.pointed), 1.2, skin=False, covariance=self.pointed)
+        spread = self._spread()
+        spread[ALONG, ALONG] += (LENGTH_SPREAD * self.body.length) ** 2 * UNIFORMLY
+        return near.body, spread
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
@@ -341,6 +319,8 @@ class BodyFollower:
             self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
             self.first.beside = fit.beside > SURELY_BESIDE
         self.good, self.missed = self.good + 1, 0
+        if self.end_offsets is None:
+            self._learn_end(lab)
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)
         self.last, self.doubted = Sight(self.body, self.covariance, lab, skin_of(cleared, self.body)), None

@@ -1,0 +1,80 @@
+"""Bodies that are elsewhere in the next picture, and short ones that swell beside what holds them."""
+
+import cv2
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.vision.body.fit import gradual
+from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.model import SHARES
+from rfea_vision.vision.track import make_scene
+
+RUBBER, WALL = (210, 225, 228), (60, 70, 66)
+HALF = 12.0
+FOOT = np.array([150.0, 60.0])
+
+
+def middle_of(bend: float, length: float) -> np.ndarray:
+    """Points (65, 2) px from the clamp on, to the left, down by `bend` rad at the end."""
+    heading = np.pi - bend * SHARES
+    steps = length / 64 * np.column_stack([np.cos(heading), np.sin(heading)])
+    return FOOT + np.vstack([[0.0, 0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]), axis=0)])
+
+
+def drawn(line: np.ndarray, half: np.ndarray, things=()) -> np.ndarray:
+    """A picture of the body, of a block that holds it, and of `things` (box, colour) before it or beside it."""
+    picture = np.full((240, 240, 3), WALL, np.uint8)
+    heading = np.gradient(line, axis=0)
+    normal = np.column_stack([-heading[:, 1], heading[:, 0]]) / np.linalg.norm(heading, axis=1, keepdims=True)
+    cv2.rectangle(picture, (150, 30), (200, 90), RUBBER, -1)
+    for (left, top, right, bottom), colour in things:
+        cv2.rectangle(picture, (left, top), (right, bottom), colour, -1)
+    outline = np.vstack([line + half[:, None] * normal, (line - half[:, None] * normal)[::-1]])
+    cv2.fillPoly(picture, [np.round(16 * outline).astype(np.int32)], RUBBER, cv2.LINE_AA, 4)
+    noise = np.random.default_rng(0).normal(0, 2, picture.shape)
+    return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
+
+
+def follower_of(line: np.ndarray) -> BodyFollower:
+    ends = ((FOOT[0], FOOT[1] - HALF), (FOOT[0], FOOT[1] + HALF))
+    points = tuple((float(x), float(y)) for x, y in line[[20, 44]])
+    hints = Hints(clamp=ends, tip=(float(line[-1, 0]), float(line[-1, 1])), centre_line=points)
+    length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+    actuator = Actuator(outer_radius=HALF / 1e3, inner_radius=HALF / 2e3, length=length / 1e3)
+    calibration = scaled_by_distance((240, 240), [[10, 10], [110, 10]], 100.0)
+    return BodyFollower(make_scene(calibration, actuator, "image", hints, (240, 240)), 1.0)
+
+
+def test_a_finger_that_has_curled_and_swollen_between_two_pictures_is_found():
+    """A picture every few kPa: its tip goes by three widths, as in photographs of a gripper, and its block looks like it."""
+    follower = follower_of(middle_of(0.0, 110.0))
+    for k, (bend, length, half) in enumerate([(0.0, 110.0, 12.0), (0.1, 110.0, 12.0), (1.3, 118.0, 15.0), (2.1, 122.0, 17.0)]):
+        line = middle_of(bend, length)
+        assert follower.next(drawn(line, np.full(65, half)), 0.1 * k) == ""
+        assert np.linalg.norm(follower.body.points[-1] - line[-1]) < 0.5 * half, k
+        assert np.abs(follower.body.half - half).max() < 0.3 * half, k
+
+
+def test_a_short_finger_swells_beside_its_clamp_and_its_end_is_measured_once_it_is_seen():
+    """Bellows bulge to one side right beside the clamp; at first the round end lies before a plate of the finger's colour."""
+    line, end = middle_of(0.0, 62.0), 1.0 - np.maximum(SHARES - 0.8, 0.0) ** 2 * 12.0
+    follower, plate = follower_of(line), ((60, 45, 92, 80), RUBBER)
+    for k in range(40):
+        grown = 0.5 * (1.0 - np.cos(np.pi * k / 25))
+        bulge = 5.0 * grown * np.clip(SHARES / 0.15, 0.0, 1.0)
+        now = middle_of(0.5 * grown, 62.0 + 8.0 * grown)
+        picture = drawn(now - [0.0, 1.0] * bulge[:, None], HALF * end + bulge, [plate] if k < 6 else [])
+        assert follower.next(picture, 0.1 * k) == "", k
+        # The middle of the outline is the line, but beside the clamp.
+        assert k < 10 or np.linalg.norm(follower.body.points[-1] - now[-1] + [0.0, bulge[-1]]) < 0.4 * HALF, k
+    assert follower.end_offsets is not None
+
+
+@pytest.mark.parametrize(("half", "kept"), [(3.0, 1.0), (12.0, 0.15)])
+def test_no_body_bends_anew_within_its_own_half_width(half, kept):
+    wiggle = np.where(np.arange(65) % 4 < 2, 0.5, -0.5)
+    wiggled = middle_of(0.3, 62.0) + np.column_stack([0 * wiggle, wiggle])
+    left = gradual(wiggled, half) - middle_of(0.3, 62.0)
+    assert np.std(left[:, 1]) <= kept * 0.51 and (kept < 1.0 or np.std(left[:, 1]) > 0.4)
