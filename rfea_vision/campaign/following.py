@@ -28,6 +28,9 @@ _CANCELLED = 0.2
 # From row to row, in times the usual step: a log that notes changes alone has steps of all lengths, and none that is usual.
 _LOST_STEPS = 50.0
 _HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
+# Shares of an angle's range: a first value nearer to zero than the one was set to zero, if by the pressure it should have been farther
+# than the other. That is rounded in degrees, and a friction band is narrower.
+_SET_TO_ZERO, _SHOULD_BE = 0.02, 0.2
 
 
 def _lost(log_s: FloatArray) -> str:
@@ -105,12 +108,25 @@ def of_pair(
             "the angle falls while the pressure rises; positive is where actuator.bends points: if the sensor counts the other way, or "
             "from the bent tube, give the pressure sign: -1"
         )
+    elif motion.shape[1] == 1:
+        said += _counted_from_the_start(motion[seen, 0], float(np.interp(moved_s[0], log_s, pressure_kPa)), slope)
     if motion.shape[1] == 2 and _moves_back(track, motion[seen], np.interp(moved_s, log_s, pressure_kPa)):
         said.append(
             "the tube moves to the other side than actuator.bends says while the pressure rises; is the track mirrored, or the sign "
             "of the pressure turned?"
         )
     return ["; ".join(said)] if said else []
+
+
+def _counted_from_the_start(angle_deg: FloatArray, first_kPa: float, kPa_per_deg: float) -> list[str]:
+    """Doubt the zero of an angle (frames,) that begins at zero where the pressure does not."""
+    bent_deg = first_kPa / kPa_per_deg if kPa_per_deg > 0 else 0.0
+    if abs(angle_deg[0]) > _SET_TO_ZERO * np.ptp(angle_deg) or bent_deg < _SHOULD_BE * np.ptp(angle_deg):
+        return []
+    return [
+        f"the angle begins at {angle_deg[0]:.2g} deg where the pressure is {first_kPa:.3g} kPa, which elsewhere bends it by "
+        f"{bent_deg:.2g} deg; is it counted from the first frame? Then fit with --angle-zero {bent_deg:.2g}deg"
+    ]
 
 
 def _rises(angle_deg: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray) -> bool:

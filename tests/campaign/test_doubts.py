@@ -226,6 +226,18 @@ def test_a_bend_that_lags_by_seconds_or_counts_the_other_way_is_said_to(lag_s, g
         assert "later" not in said[0]
 
 
+@pytest.mark.parametrize(
+    ("first_kPa", "counted_from_deg", "says"), [(30.0, 15.0, "--angle-zero 15deg"), (30.0, 0.0, ""), (1.0, 0.5, "")]
+)
+def test_an_angle_that_is_counted_from_a_bent_tube_is_doubted(first_kPa, counted_from_deg, says):
+    """Cut out of a longer recording and zeroed at its first frame, it had been the zero of the pressure sensor."""
+    time_s = np.arange(0, 20, 0.05)
+    pressure = first_kPa + 50 * np.sin(2 * np.pi * time_s / 6) ** 2
+    angle = 0.5 * pressure - counted_from_deg
+    said = of_pair(xr.Dataset({"bend_angle": ("time", angle)}), time_s, time_s, pressure)
+    assert len(said) == bool(says) and all(says in one and "from the first frame" in one for one in said)
+
+
 def _sines(gain, late_s, periods_s):
     """Angles that follow sines of these periods, so much later."""
     time_s = np.arange(0, 40, 0.05)
