@@ -95,6 +95,32 @@ def test_the_film_stands_at_the_instant_that_is_shown(served, visit):
         until(page, lambda frame=frame: abs(corner(page) - (40 + 180 * frame / last)) < 25)
 
 
+#: The most points that are stroked at once, and whether dashes have round ends, while all figures are drawn.
+STROKES = """import(new URL('../../report/report.js', location)).then(report => new Promise(done => {
+  const pen = CanvasRenderingContext2D.prototype, {lineTo, beginPath, stroke} = pen, found = {most: 0, round: false, strokes: 0};
+  let points = 0;
+  pen.beginPath = function () { points = 0; beginPath.call(this); };
+  pen.lineTo = function (x, y) { points++; lineTo.call(this, x, y); };
+  pen.stroke = function (...path) {
+    found.strokes++; found.most = Math.max(found.most, points);
+    if (this.getLineDash().length && this.lineCap === "round") found.round = true;
+    stroke.apply(this, path);
+  };
+  for (const figure of report.Figure.all) if (figure.visible) { figure.stale = true; figure.paint(); }
+  Object.assign(pen, {lineTo, beginPath, stroke});
+  done(found);
+}))"""
+
+
+def test_curves_are_stroked_in_short_pieces_for_one_long_one_takes_half_of_a_looks_time(served, visit):
+    page = visit(served.address + "#/play")
+    settled(page)
+    page.fill('[data-name="r_hyd"]', "600")  # the earlier line, dashed, stands beside
+    page.wait_for_selector("html[data-look=quick]")
+    found = page.evaluate(STROKES)
+    assert found["strokes"] > 50 and found["most"] <= 8 and not found["round"]
+
+
 def test_an_effect_of_the_catalogue_gets_sliders(served, visit):
     page = visit(served.address + "#/play")
     settled(page)
