@@ -68,6 +68,7 @@ LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the firs
 # line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
 SYSTEMATIC = 0.1
 FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
+SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond its last shape
 
 _LINEAR = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(_LINEAR, _LINEAR)
@@ -135,6 +136,8 @@ class BodyFollower:
         if self.good and fit.reason and not fit.reason.startswith("touches_border") and (gone := self._outlined(lab)) is not None:
             anew = self._judged(lab, self._fit(lab, *gone, 0.8))
             fit = fit if anew.reason else anew
+        if self.good and fit.reason and self.missed and self.missed % 5 == 0:
+            fit = self._judged(lab, self._fit(lab, self._swung(lab), self._spread(), 1.2))
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
@@ -309,6 +312,16 @@ class BodyFollower:
         spread = self._spread()
         spread[ALONG, ALONG] += (LENGTH_SPREAD * self.body.length) ** 2 * UNIFORMLY
         return near.body, spread
+
+    def _swung(self, lab: Picture) -> SeenBody:
+        """The last shape bent farther to either side: that in which the inside looks most like the body."""
+        steps = np.diff(self.body.points, axis=0) @ (1.0, 1.0j)
+        fits = []
+        for swing in SWINGS:
+            line = np.cumsum([0.0, *steps * np.exp(1j * swing * (SHARES[1:] - 0.5 / STATIONS))])
+            points = self.body.points[0] + np.column_stack([np.real(line), np.imag(line)])
+            fits.append(self._fit(lab, replace(self.body, points=points), self._spread(), 1.2))
+        return max(fits, key=lambda found: found.likeness).body
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
