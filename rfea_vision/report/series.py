@@ -242,7 +242,8 @@ def with_rivals(step: LadderStep, titles: Mapping[str, str]) -> str:
     """The effect that a rung adds, with those that the data cannot tell it from; a stand-in is called one."""
     added = step.rung.added or ""
     rivals = [inner_title(titles.get(effect, effect.replace("_", " "))) for effect in step.rung.tied]
-    name = titles.get(added, added) + (f", or {listing(rivals, 'or')}" if rivals else "")
+    name = titles.get(added, added) + (f" ({step.fit.segments})" if added == "segments" else "")
+    name += f", or {listing(rivals, 'or')}" if rivals else ""
     return f"{name} (a stand-in)" if step.rung.grade == "stand-in" else name
 
 

@@ -256,6 +256,14 @@ def test_a_finer_chain_is_not_called_missing_physics(copy: Path) -> None:
     tile = words(html.split("Missing physics")[1].split("Tip error")[0])
     assert "segments" not in tile, tile
     assert "relaxation (Maxwell branch) was added. The chain was made finer once" in text
+    assert f"More segments in the chain ({2 * fit['segments']}), or drag" in text  # each of several such rungs by its own number
+
+
+def test_a_fit_beside_the_ladder_has_its_id_once_in_the_table(copy: Path) -> None:
+    """The table shows the id below the name, and so does the file that its button saves."""
+    beside = shutil.copytree(copy / "models" / RUNGS[0], copy / "models" / "base-2") / "model.json"
+    beside.write_text(json.dumps(json.loads(beside.read_text()) | {"name": "base-2"}))
+    assert re.findall(r"([^<>]*)<br><code>base-2</code>", page_of(copy)) == ["The model of the paper"]
 
 
 def test_stand_ins_are_not_called_missing(copy: Path) -> None:
