@@ -18,7 +18,7 @@ from rfea_vision.campaign.schema import CampaignFile, ExperimentFile
 from rfea_vision.campaign.specs import Campaign, ExperimentSpec
 from rfea_vision.campaign.yaml_file import YamlFile, read_yaml
 from rfea_vision.errors import InputError
-from rfea_vision.files import is_file, is_folder
+from rfea_vision.files import is_file, is_folder, is_link
 
 OUTPUT_FOLDER = "rfea"
 #: What else stands in the folder of results, in lower case: some file systems do not tell Report from report.
@@ -26,6 +26,8 @@ RESERVED_NAMES = frozenset({"calibration", "models", "report", "figures", "repro
 _SAFE_NAME = re.compile(r"^[^\s./\\:\x00-\x1f\x7f-\x9f][^/\\:\x00-\x1f\x7f-\x9f]*$")
 _LONGEST_NAME = 150  # bytes: those that file systems allow, 255, less what stands around it in the names of files
 _ALMOST = re.compile(r"^(campaign|experiment)\.(ya?ml|json)(\.txt)?$", re.IGNORECASE)
+#: What a run is recorded in, by the names that docs/formats.md gives it.
+_OF_A_RUN = ("video.mp4", "track.csv", "pressure.csv")
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -155,9 +157,25 @@ def _read_folder(reach: Reach, out: Path) -> Reading:
         elif experiment is not None:
             experiments.append(experiment)
     problems += _across(file, experiments, complete=len(experiments) == len(files))
+    problems += _passed_over(root, out, [*experiments, *broken]) if files else []
     about = (parsed.name or root.name, root, out, actuator or Actuator(), camera)
     campaign = Campaign(*about, tuple(experiments), parsed.design or {})
     return Reading(campaign, tuple(broken), tuple(problems))
+
+
+def _passed_over(root: Path, out: Path, read: list[ExperimentSpec]) -> list[FileProblem]:
+    """Say of folders that look like runs and are not read: one folder too deep, or with a log and no experiment.yaml."""
+    found = []
+    for folder in sorted(path for path in root.iterdir() if is_folder(path) and path != out and not is_link(path)):
+        if is_file(folder / "experiment.yaml"):
+            continue
+        if deeper := sorted(folder.glob("*/experiment.yaml")):
+            place = deeper[0].parent.relative_to(root)
+            found.append(FileProblem(root / place, "is not read; move it up beside campaign.yaml", severity="warning"))
+        elif any(is_file(folder / name) for name in _OF_A_RUN) and f"'{folder}/" not in repr(read):
+            message = "is not read, as it has no experiment.yaml; write one, with 'role: ignore' if it is set aside"
+            found.append(FileProblem(folder, message, severity="warning"))
+    return found
 
 
 def _is_long(name: str) -> bool:

@@ -144,6 +144,10 @@ def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple
     known = dict(_known())
     for path in effect_files:
         for effect in load_effect_file(Path(path)):
+            if effect.id in catalogue():
+                raise InputError(
+                    f"{path}: effect {effect.id}: the catalogue has one of this id; give yours another, as in 'my_{effect.id}'"
+                )
             known[_called(effect)] = effect
     if "segments" in ids and "segments" not in known:
         raise InputError("effect 'segments' is no law but a finer chain; use --segments with a larger number")

@@ -394,3 +394,16 @@ def test_gravity_is_read_from_a_plumb_line(tmp_path):
     ):
         with pytest.raises(InputError, match=says):
             load_campaign(_rig(tmp_path / str(place), "", below, camera))
+
+
+def test_folders_that_look_like_runs_and_are_not_read_are_said(campaign):
+    for name in ("spare", "lent", "monday/sine-2"):
+        write_experiment(campaign / name, name.rpartition("/")[2])
+    for name in ("spare", "lent"):
+        (campaign / name / "experiment.yaml").unlink()
+    steps = campaign / "steps" / "experiment.yaml"
+    steps.write_text(steps.read_text().replace("file: pressure.csv", "file: lent/pressure.csv"))
+    said = [str(problem) for problem in read_campaign(campaign).problems]
+    assert len(said) == 2 and all(str(campaign) in text for text in said), said
+    assert "monday/sine-2: is not read; move it up beside campaign.yaml" in said[0]
+    assert "spare: is not read, as it has no experiment.yaml; write one" in said[1]

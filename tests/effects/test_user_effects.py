@@ -73,6 +73,13 @@ def test_an_effect_with_a_misspelt_hook_changes_nothing_and_is_refused(tmp_path)
         load_effect_file(path)
 
 
+def test_an_effect_of_ones_own_takes_the_id_of_no_other(tmp_path):
+    path = _write(tmp_path, "stiffness * (1 + self.c)", "1")
+    path.write_text(path.read_text().replace('id = "mine"', 'id = "maxwell"'))
+    with pytest.raises(InputError, match="effect maxwell: the catalogue has one of this id; give yours another"):
+        find_effects(["maxwell"], [path])
+
+
 def test_a_file_without_an_effect(tmp_path):
     path = tmp_path / "empty.py"
     path.write_text("x = 1\n")
