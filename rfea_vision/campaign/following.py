@@ -28,8 +28,8 @@ _CANCELLED = 0.2
 # From row to row, in times the usual step: a log that notes changes alone has steps of all lengths, and none that is usual.
 _LOST_STEPS = 50.0
 _HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
-# Shares of an angle's range: a first value nearer to zero than the one was set to zero, if by the pressure it should have been farther
-# than the other. That is rounded in degrees, and a friction band is narrower.
+# Shares of an angle's range: a first value within the one of zero was set to zero, where by its pressure it should be beyond the
+# other. Chosen: noise of an angle stays within the one, what friction and rubber leave within the other.
 _SET_TO_ZERO, _SHOULD_BE = 0.02, 0.2
 
 

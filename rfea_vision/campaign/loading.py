@@ -165,17 +165,25 @@ def _read_folder(reach: Reach, out: Path) -> Reading:
 
 def _passed_over(root: Path, out: Path, read: list[ExperimentSpec]) -> list[FileProblem]:
     """Say of folders that look like runs and are not read: one folder too deep, or with a log and no experiment.yaml."""
+    used = {folder for spec in read for path in _recorded_in(spec) for folder in path.parents}
     found = []
     for folder in sorted(path for path in root.iterdir() if is_folder(path) and path != out and not is_link(path)):
-        if is_file(folder / "experiment.yaml"):
+        if is_file(folder / "experiment.yaml") or is_file(folder / "campaign.yaml"):  # the latter is a campaign of its own
             continue
         if deeper := sorted(folder.glob("*/experiment.yaml")):
             place = deeper[0].parent.relative_to(root)
             found.append(FileProblem(root / place, "is not read; move it up beside campaign.yaml", severity="warning"))
-        elif any(is_file(folder / name) for name in _OF_A_RUN) and f"'{folder}/" not in repr(read):
+        elif any(is_file(folder / name) for name in _OF_A_RUN) and folder not in used:
             message = "is not read, as it has no experiment.yaml; write one, with 'role: ignore' if it is set aside"
             found.append(FileProblem(folder, message, severity="warning"))
     return found
+
+
+def _recorded_in(spec: ExperimentSpec) -> list[Path]:
+    """The files of a run's motion and pressure."""
+    video = (spec.video.file, spec.video.frames, spec.video.times) if spec.video is not None else ()
+    track = (spec.track.file,) if spec.track is not None else ()
+    return [path for path in (*video, *track, *spec.pressure.files) if path is not None]
 
 
 def _is_long(name: str) -> bool:

@@ -403,6 +403,8 @@ def test_folders_that_look_like_runs_and_are_not_read_are_said(campaign):
         (campaign / name / "experiment.yaml").unlink()
     steps = campaign / "steps" / "experiment.yaml"
     steps.write_text(steps.read_text().replace("file: pressure.csv", "file: lent/pressure.csv"))
+    write_experiment(campaign / "another" / "sine", "sine")
+    (campaign / "another" / "campaign.yaml").write_text("format: rfea-campaign/1\n")
     said = [str(problem) for problem in read_campaign(campaign).problems]
     assert len(said) == 2 and all(str(campaign) in text for text in said), said
     assert "monday/sine-2: is not read; move it up beside campaign.yaml" in said[0]
