@@ -7,15 +7,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rfea_vision.campaign import following, plausibility
+from rfea_vision.campaign import following, plausibility, repeats
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
-from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_stretch, of_tube, of_weight
+from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_stretch, of_tube, of_weight
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import sha256_of
 
 if TYPE_CHECKING:
+    from rfea_vision.arrays import FloatArray
     from rfea_vision.readers.pressure import PressureLog
 
 
@@ -31,13 +32,15 @@ class CheckedCampaign:
 @dataclass(frozen=True)
 class _Seen:
     """What is kept of each run, to look at all of them together: by name the highest pressure (kPa), how far it and the tube go, the
-    modulus (Pa) that goes with it, and angles alone.
+    modulus (Pa) that goes with it, angles alone, logs, and what moved.
     """
 
     highest_kPa: dict[str, float] = field(default_factory=dict)
     responses: dict[str, plausibility.Response] = field(default_factory=dict)
     moduli: dict[str, float | None] = field(default_factory=dict)
     angles: dict[str, following.AngleRun] = field(default_factory=dict)
+    logs: dict[str, PressureLog] = field(default_factory=dict)
+    motions: dict[str, FloatArray] = field(default_factory=dict)
 
 
 def check_campaign(
@@ -79,11 +82,22 @@ def check_campaign(
     together = "" if sized else _odd_pressures(active, seen)
     if text := together or following.together(list(seen.angles.values())):
         problems.append(FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning"))
-    for experiment, key, text in plausibility.alike(active):
+    for experiment in active:
+        problems += [_warning(experiment, key, text) for key, text in _beside_others(experiment, seen)]
+    for experiment, key, text in repeats.alike(active, seen.motions):
         problems.append(_warning(experiment, key, text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     unpressed = tuple(item.name for item in active if item.pressure.missing)
     return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)), unpressed)
+
+
+def _beside_others(experiment: ExperimentSpec, seen: _Seen) -> list[tuple[str, str]]:
+    """What a run says of itself that the pressures of others tell: keys and why."""
+    own, first = seen.logs.get(experiment.name), seen.logs.get(str(experiment.repeat_of))
+    found = [("repeat_of", repeats.of_repeat(own, first, str(experiment.repeat_of)))] if own and first else []
+    load_kg, highest_kPa = experiment.rig.conditions.get("payload.m", 0.0), max(seen.highest_kPa.values(), default=0.0)
+    found.append(("conditions.payload", of_load(load_kg, highest_kPa, experiment.actuator, experiment.rig.gravity_deg)))
+    return [(key, text) for key, text in found if text]
 
 
 def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FileProblem]:
@@ -215,6 +229,7 @@ def _experiment_problems(
                 to_rig_mm=(lambda pixels: pixels) if by_camera else None,  # lengths are not what is looked at here
             )
             track_s = track.time_s
+            seen.motions[experiment.name] = repeats.motion_of(track.dataset)
             problems += [_warning(experiment, "track", text) for text in plausibility.of_gaps(track_s)]
             said = [] if by_camera else plausibility.of_track(track.dataset, 1e3 * experiment.actuator.length)
             said = said or ([] if by_camera else of_stretch(track.dataset, experiment.actuator))
@@ -236,7 +251,8 @@ def _experiment_problems(
         return problems
     problems += [FileProblem(file, text, key, experiment=experiment.name) for key, text in _unseen_signals(experiment, log)]
     seen.highest_kPa[experiment.name] = float(abs(log.pressure_kPa).max())
-    said = plausibility.of_pressure(log.pressure_kPa, log.chambers)
+    seen.logs[experiment.name] = log
+    said = [*log.doubts, *plausibility.of_pressure(log.pressure_kPa, log.chambers)]
     if track is not None and not by_camera and not said:
         if moved := plausibility.response(track.dataset, log.pressure_kPa):
             seen.responses[experiment.name] = moved

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,8 +10,7 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import bend_sign
-from rfea_vision.campaign.specs import ExperimentSpec
-from rfea_vision.files import sha256_of
+from rfea_vision.scatter import third_difference_noise
 from rfea_vision.units import counted
 
 if TYPE_CHECKING:
@@ -21,9 +19,6 @@ if TYPE_CHECKING:
 
 SAME_RATE = 0.02  # NTSC's 29.97 for 30 and the rounding of containers are far below
 SLOW_MOTION = 1.5  # 50 played as 25 is the least that cameras do
-#: Parts of a run that no two runs have in common, and how they are alike.
-_COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressure": "log, row by row"}
-
 # Soft actuators are driven with 10 to 500 kPa: these leave a factor of six to both sides, and the usual slips are factors of
 # 1000 (Pa, ms, m) or 57 (radians), which no factor of six hides.
 _HIGH_KPA, _LOW_KPA = 3000.0, 0.5
@@ -56,6 +51,13 @@ _SHORTER = {"cm": 10.0, "inches": 25.4, "m": 1000.0}
 _OTHER_LENGTH = 0.2
 # lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
 _CURLED = 0.5
+# of the tube's length, or deg: a track with larger standard errors cannot tell a tube that bends by 6 deg, or by half of 40, from one
+# that rests. Chosen.
+_BLIND, _BLIND_DEG = 0.05, 20.0
+# of the tube's length, below which no standard error of a place lies (1.5 um of 155 mm), and how much farther rows must then scatter
+_TOO_SURE, _SCATTER = 1e-5, 30.0
+# deg between two steps along a line: beyond it the line goes back, as no tube does within one step, and in half of the rows
+_FOLDED_DEG = 150.0
 # from one row to the next, what no tube does: a sensor that counts from 0 to 360 deg jumps by a full turn
 _TURNED_DEG = 180.0
 # lengths of the tube, and the share of rows, beyond which places are those of a slip or of rows without a tube: no tube stretches so
@@ -155,7 +157,7 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             return [
                 f"{at_most}; is actuator.length that of the part that bends, and the track's first point at its clamp?"
             ]
-        if text := _of_length(track, far, length_mm):
+        if text := _folded(track) or _of_length(track, far, length_mm) or _of_errors(track, length_mm):
             return [text]
         outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * across(tip) / length_mm
         if -np.percentile(outwards, 5) > max(_ASIDE, 2 * np.percentile(outwards, 95)):
@@ -174,6 +176,8 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         widest = float(np.nanmax(np.abs(angles)))
         if widest < np.pi:
             return [f"never bends beyond {widest:.3g} deg; are these radians?"]
+        if (sigma := float(np.nanmedian(track["bend_angle_sigma"]))) > _BLIND_DEG:
+            return [f"its standard errors, sigma_deg, are {sigma:.3g} deg; is the unit right?"]
     return []
 
 
@@ -183,6 +187,31 @@ def _from_the_tip(track: xr.Dataset, length_mm: float) -> bool:
         return False
     firsts = track["midline"].values[track["valid"].values.astype(bool), 0]
     return bool(np.hypot(*firsts.T).max() > _CURLED * length_mm)
+
+
+def _folded(track: xr.Dataset) -> str:
+    """Doubt the order of a centre line's points where it goes back on itself; empty where it does not."""
+    if "midline" not in track:
+        return ""
+    steps = np.diff(track["midline"].values[track["valid"].values.astype(bool)], axis=1)
+    headings = np.arctan2(steps[..., 1], steps[..., 0])
+    turns_deg = np.degrees(np.abs((np.diff(headings, axis=1) + np.pi) % (2 * np.pi) - np.pi))
+    folded = np.flatnonzero(np.nanmedian(turns_deg, axis=0) > _FOLDED_DEG) + 1
+    if not folded.size:
+        return ""
+    return f"its line goes back on itself at point {' and '.join(f'{k:02d}' for k in folded[:2])}; are points of it swapped?"
+
+
+def _of_errors(track: xr.Dataset, length_mm: float) -> str:
+    """Doubt the standard errors of places that are given: their unit; empty where they may be right."""
+    sigma, tip = float(np.nanmedian(track["tip_sigma"])), track["tip"].values[track["valid"].values.astype(bool)]
+    if sigma > _BLIND * length_mm:
+        return f"its standard errors, sigma_mm, are {sigma:.3g} mm, and the tube {length_mm:.4g} mm long; are they in um?"
+    scatter = float(third_difference_noise(tip).max())
+    if sigma < _TOO_SURE * length_mm and scatter > _SCATTER * sigma:
+        remedy = "are they in m?" if sigma else "leave the column out where they are not known"
+        return f"its standard errors, sigma_mm, are {sigma:.2g} mm, and its rows scatter by {scatter:.2g} mm; {remedy}"
+    return ""
 
 
 def _of_length(track: xr.Dataset, far_mm: float, length_mm: float) -> str:
@@ -305,22 +334,3 @@ def of_damage(damaged_s: FloatArray) -> list[str]:
         f"the film is damaged {places}from {begins:.2f} to {ends:.2f} s, where pictures are lost or wrong in part; copy it again, or "
         "look at the track there (--preview)"
     ]
-
-
-def alike(experiments: Sequence[ExperimentSpec]) -> list[tuple[ExperimentSpec, str, str]]:
-    """Doubt a film, a track or a pressure log that stands in two runs: the second of each pair, its key, and why."""
-    found = []
-    for key, what in _COPIED.items():
-        having = [(item, part) for item in experiments if (part := getattr(item, key)) is not None]
-        files = [(item, part) for item, part in having if part.file is not None and part.file.is_file()]
-        sizes = Counter(part.file.stat().st_size for _, part in files)  # a film is read only where another is as long
-        seen: dict[tuple[object, ...], ExperimentSpec] = {}
-        for item, part in files:
-            if sizes[part.file.stat().st_size] > 1:
-                taken = [getattr(part, name, None) for name in ("pressure", "angle", "points", "individual")]
-                first = seen.setdefault((sha256_of(part.file), *taken), item)
-                if first is not item:
-                    found.append(
-                        (item, key, f"is the same {what}, as that of '{first.name}'; was it copied by mistake?")
-                    )
-    return found
