@@ -11,7 +11,7 @@ from rfea_vision.campaign import following, plausibility, repeats
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
-from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_stretch, of_tube, of_weight
+from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_square, of_stretch, of_tube, of_weight
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import sha256_of
 
@@ -149,6 +149,9 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
         return problems
     seen = 0
     refused: dict[str, list[str]] = {}
+    tube = campaign.actuator if experiment is None else experiment.actuator
+    if text := _of_another_camera(camera):
+        problems.append(FileProblem(file, text, "camera.plane", experiment=name))
     for photo in [*camera.photos, *([camera.plane] if camera.plane else [])]:
         key = "camera.plane" if photo == camera.plane else "camera.photos"
         grey = read_grey(photo)
@@ -162,6 +165,8 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
             problems.append(FileProblem(file, message, key, severity="warning", experiment=name))
         if not isinstance(found, Refused):
             seen += key == "camera.photos"
+            if key == "camera.plane" and (text := of_square(found.board_mm, found.pixels, grey.shape, tube)):
+                problems.append(FileProblem(file, text, "camera.board.square", severity="warning", experiment=name))
         elif key == "camera.plane":
             problems.append(FileProblem(file, f"{photo.name}: {found.reason}", key, experiment=name))
         else:
@@ -173,6 +178,21 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
         message = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
         problems.append(FileProblem(file, message, "camera.photos", experiment=name))
     return problems
+
+
+def _of_another_camera(camera: CameraSpec) -> str:
+    """Why the photo of the plane is not by the camera, or in the mode, of the others; empty where it is, or cannot be read."""
+    from rfea_vision.calibration.photos import read_photo, unlike_film
+
+    plane = None if camera.plane is None else read_photo(camera.plane)
+    first = None if plane is None or not camera.photos else read_photo(camera.photos[0])
+    if plane is None or first is None:
+        return ""
+    own, other = plane.shown().shape[::-1], first.shown(plane).shape[::-1]
+    if not unlike_film(own, other):
+        return ""
+    sizes = f"{plane.file.name} has {own[0]} x {own[1]} px, and {first.file.name} {other[0]} x {other[1]}"
+    return f"{sizes}; photograph the board in the plane with the camera, and in the mode, that films"
 
 
 def _same_picture(photo: Path, others: tuple[Path, ...]) -> str:
@@ -297,7 +317,7 @@ def _unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
     from rfea_vision.calibration.photos import reference_photo, unlike_film
 
     photo = None if camera is None else reference_photo(camera.photos, camera.plane)
-    if photo is None:
+    if camera is None or photo is None or _of_another_camera(camera):  # the latter is said of the camera
         return ""
     height, width = photo.shown().shape
     return unlike_film((width, height), film_px)

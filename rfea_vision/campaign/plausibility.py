@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import bend_sign
@@ -39,6 +40,8 @@ _REACH = 1.15
 _STRAIGHT = 0.98
 # of its length, by which a tube that is driven goes to its side; a third of it to the other side may be how it hangs. Chosen.
 _ASIDE = 0.2
+# s and share of a film that copies of one picture last before they are no slip of the recorder's, which last a few pictures
+_STANDS_S, _STANDS = 0.5, 0.1
 # pictures: with fewer no motion can be told from noise, whatever the run
 _FEW_PICTURES = 10
 # s and share of a film by which its last picture may come before the announced end: a few pictures, and what sound goes on for
@@ -51,6 +54,8 @@ _SHORTER = {"cm": 10.0, "inches": 25.4, "m": 1000.0}
 _OTHER_LENGTH = 0.2
 # lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
 _CURLED = 0.5
+# of its length, by which a tip begins above its clamp only where up is down
+_UPWARDS = 0.5
 # of the tube's length, or deg: a track with larger standard errors cannot tell a tube that bends by 6 deg, or by half of 40, from one
 # that rests. Chosen.
 _BLIND, _BLIND_DEG = 0.05, 20.0
@@ -164,7 +169,7 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             return ["the tip goes to the other side than actuator.bends says; is that right, or is the track mirrored?"]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
             return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
-        if above_mm > 0.5 * length_mm:
+        if above_mm > _UPWARDS * length_mm:
             return [f"begins with the tip {above_mm:.3g} mm above the clamp; does y count downwards, as in pictures?"]
     elif "bend_angle" in track:
         angles = track["bend_angle"].values[track["valid"].values.astype(bool)]
@@ -179,6 +184,18 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         if (sigma := float(np.nanmedian(track["bend_angle_sigma"]))) > _BLIND_DEG:
             return [f"its standard errors, sigma_deg, are {sigma:.3g} deg; is the unit right?"]
     return []
+
+
+def of_upside_down(track: xr.Dataset, length_mm: float) -> list[str]:
+    """Doubt a film in which the tube begins with its tip above its clamp: an arc comes no higher than a fifth of its length."""
+    tip = track["tip"].values[track["valid"].values.astype(bool)]
+    above_mm = float(np.median(tip[: max(1, len(tip) // 20), 1]))
+    if above_mm < _UPWARDS * length_mm:
+        return []
+    return [
+        f"begins with the tip {above_mm:.3g} mm above the clamp; is the film upside down? Then turn it and the photos of the board by "
+        "half a turn; if the tube stands, write rig: {gravity: up}"
+    ]
 
 
 def _from_the_tip(track: xr.Dataset, length_mm: float) -> bool:
@@ -322,6 +339,20 @@ def of_gaps(pictures_s: FloatArray, *, counted: bool = False) -> list[str]:
             "again, or make a run of each part"
         ]
     return [f"{missing}; copy them again if they are elsewhere, or go on: nothing is made up in between"]
+
+
+def of_copies(time_s: FloatArray, is_copy: NDArray[np.bool_]) -> list[str]:
+    """Doubt a film (frames,) that stands still while the tube moved: one stretch of copies, of half a second and a tenth of it."""
+    turns = np.flatnonzero(np.diff(np.concatenate([[0], is_copy.astype(int), [0]])))
+    begins, ends = turns[::2], turns[1::2] - 1
+    if not begins.size:
+        return []
+    longest = int(np.argmax(ends - begins))
+    from_s, to_s = float(time_s[begins[longest]]), float(time_s[ends[longest]])
+    if to_s - from_s < max(_STANDS_S, _STANDS * float(np.ptp(time_s))):
+        return []
+    stands = f"the picture stands still from {from_s:.2f} to {to_s:.2f} s, and no frames were measured there"
+    return [f"{stands}; did the light go out, or the recorder hang?"]
 
 
 def of_damage(damaged_s: FloatArray) -> list[str]:

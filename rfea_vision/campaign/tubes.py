@@ -39,6 +39,9 @@ _DENSEST, _DENSEST_FLUID, _LIGHTEST = 11_340.0, 13_600.0, 10.0
 _LEAST_LOADED = 0.05
 #: kg/m^3: silicones and natural rubbers begin at 900; four times the area, as diameters make of it, leaves at most 400.
 _LIGHTEST_RUBBER = 700.0
+#: Of the picture's longer side the length, and px of the width, that a tube has in pictures from which it can be read: below both no
+#: edge of it is found. Above twice the diagonal it is not in the picture at all.
+_LEAST_SEEN, _LEAST_WIDE_PX, _MOST_SEEN = 0.1, 6.0, 2.0
 _PAPER_DIAMETERS_MM = (8.0, 6.0)
 #: Of the radius, by which the middle of a tube lengthens for each rad of bend: half of it is what diameters give. Noise and a real
 #: inextensible side that gives a little move it by less than this.
@@ -177,4 +180,17 @@ def of_load(load_kg: float, highest_kPa: float, tube: Actuator, gravity_deg: flo
     return (
         f"a payload of {1e3 * load_kg:.4g} g {straight}, under the highest pressure of all runs, {highest_kPa:.3g} kPa, "
         "however soft it is; is the unit right?"
+    )
+
+
+def of_square(board_mm: FloatArray, pixels: FloatArray, shape: tuple[int, ...], tube: Actuator) -> str:
+    """Doubt the board's square by how large the tube would be in a picture of this shape, from corners (n, 2) of the board there."""
+    px_per_mm = float(np.sqrt(np.var(pixels, axis=0).sum() / np.var(board_mm, axis=0).sum()))
+    long, wide = 1e3 * px_per_mm * tube.length, 2e3 * px_per_mm * tube.outer_radius
+    height, width = shape[:2]
+    if (long >= _LEAST_SEEN * max(shape[:2]) or wide >= _LEAST_WIDE_PX) and long <= _MOST_SEEN * np.hypot(height, width):
+        return ""
+    return (
+        f"by it the tube would be {wide:.2g} px wide and {long:.3g} px long in pictures of {width} x {height} px; is the square "
+        "right, and is actuator.length?"
     )

@@ -12,7 +12,7 @@ import xarray as xr
 from rfea_vision.artefacts import Actuator
 from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.following import AngleRun, _lost, of_pair, together
-from rfea_vision.campaign.plausibility import of_times
+from rfea_vision.campaign.plausibility import of_copies, of_times, of_upside_down
 from rfea_vision.campaign.repeats import alike, of_repeat
 from rfea_vision.campaign.specs import ExperimentSpec, PressureSpec, SyncSpec, TrackSpec
 from rfea_vision.errors import DataError
@@ -314,3 +314,14 @@ def test_a_repeat_that_begins_later_on_its_log_is_one_and_a_run_that_looks_alike
     motion = {name: (pressure + 0.001 * rng.standard_normal(400))[:, None] for name in "ab"}
     assert alike(runs, motion | {"c": np.zeros((400, 1))}) == []
     assert [item.name for item, _, _ in alike(runs, motion | {"c": motion["a"][50:200].round(2)})] == ["c"]
+
+
+def test_a_film_that_goes_dark_or_is_upside_down_is_doubted():
+    time_s, copies = np.arange(60) / 30, np.zeros(60, dtype=bool)
+    copies[[3, 4, 30]] = True
+    assert of_copies(time_s, copies) == []
+    copies[26:] = True
+    assert "stands still from 0.87 to 1.97 s" in of_copies(time_s, copies)[0]
+    tip, valid = np.tile([5.0, 150.0], (60, 1)), ("time", np.ones(60, dtype=bool))
+    assert "is the film upside down?" in of_upside_down(xr.Dataset({"tip": (("time", "xy"), tip), "valid": valid}), 155.0)[0]
+    assert of_upside_down(xr.Dataset({"tip": (("time", "xy"), -tip), "valid": valid}), 155.0) == []

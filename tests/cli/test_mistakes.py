@@ -98,6 +98,12 @@ def turned_film(folder):
         file.write("camera: {board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}, photos: photo.png}\n")
 
 
+def plane_by_another(folder):
+    turned_film(folder)
+    cv2.imwrite(str(folder / "plane.png"), np.full((72, 96), 90, np.uint8))
+    text("photos: photo.png", "photos: photo.png, plane: plane.png")(folder)
+
+
 def marks_of_the_logger(pressure_kPa):
     return pressure_kPa.where(pressure_kPa.index % 50 != 0, 9999.0)
 
@@ -319,6 +325,7 @@ IN_FILES = [
     ("two points swapped", two_points_swapped, 0, "goes back on itself at point 02 and 03; are points of it swapped?"),
     ("part of a run with fewer digits", part_with_fewer_digits, 0, "is the same track as that of 'sine', or a part of it"),
     ("repeat of another run", repeat_of_another, 0, "repeat_of: its pressure is that of 'sine' to 0 % only"),
+    ("plane by another camera", plane_by_another, 2, "plane.png has 96 x 72 px, and photo.png 48 x 64; photograph the board in"),
     ("film copied", copied_film, 2, "the same film, byte by byte, as that of 'sine'; was it copied by mistake?"),
 ]  # fmt: skip
 IN_COMMANDS = [
