@@ -23,7 +23,7 @@ from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
 from rfea_vision.fitting.ratio import lever_free
 from rfea_vision.fitting.refit import in_long_steps
-from rfea_vision.fitting.scoring import options_of, rebuild, worse_than_nothing
+from rfea_vision.fitting.scoring import in_its_steps, options_of, worse_than_nothing
 from rfea_vision.options import CritiqueOptions
 
 #: What a bar of progress is told to expect: about so many refits.
@@ -150,16 +150,15 @@ def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
         ]
     )
     parse_effects(options.effects, options.segments)
-    quick = in_long_steps(problem, *rebuild(model), clocks)
-    fitted = refit(quick, options, values, model.segments, clocks, most_evaluations=15)
+    scored = in_its_steps(problem, model)
+    fitted = refit(scored, options, values, model.segments, clocks, most_evaluations=15)
     return replace(fitted, ratio_only=model.ratio_only)
 
 
 def taken_up(model: ModelFit, recordings: Mapping[str, Recording]) -> tuple[Problem, Fitted]:
-    """Runs in the longest steps that are not felt, and the solved fit behind a `model.json`."""
-    problem = make_problem(recordings, Actuator(**model.actuator), options_of(model))
-    fitted = refit_artefact(model, problem)
-    return in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks), fitted
+    """Runs in the steps in which a `model.json` was scored, and the solved fit behind it."""
+    problem = in_its_steps(make_problem(recordings, Actuator(**model.actuator), options_of(model)), model)
+    return problem, refit_artefact(model, problem)
 
 
 def diagnose(

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
@@ -21,14 +21,13 @@ from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.critique.screening import sensitivities
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.torque import with_residual_torque
-from rfea_vision.critique.trials import Trial, Trials, plain
+from rfea_vision.critique.trials import FULL_EVALUATIONS, FULL_GAIN, Trial, Trials, plain
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, fit, make_problem, refit
 from rfea_vision.fitting.prediction import predict
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
-from rfea_vision.fitting.refit import in_long_steps
-from rfea_vision.fitting.scoring import as_artefact, score, worse_than_nothing
+from rfea_vision.fitting.scoring import as_artefact, in_its_steps, score, worse_than_nothing
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import counted, rounded
 
@@ -108,12 +107,13 @@ def _stood_up(
     effects: Sequence[str],
     name: str,
     files: Sequence[Path] = (),
+    **limits: Any,
 ) -> Fitted:
-    """A model of the ladder with these effects, under a law of its own and the options of the model below."""
+    """A model of the ladder with these effects, under a law of its own and the options of the model below; `limits` as for `refit`."""
     options = replace(
         lever_free(below), effects=tuple(effects), name=name, effect_files=tuple(files) or below.options.effect_files
     )
-    return with_lever_held(problem, refit(problem, options, values, options.segments, below.solution.clocks))
+    return with_lever_held(problem, refit(problem, options, values, options.segments, below.solution.clocks, **limits))
 
 
 def _look_back(problem: Problem, fitted: Fitted, floor: float, keep: str) -> Fitted:
@@ -126,14 +126,15 @@ def _look_back(problem: Problem, fitted: Fitted, floor: float, keep: str) -> Fit
         rest = [one for one in fitted.options.effects if one != effect]
         first, *added = fitted.options.name.split("+")
         name = "+".join((first, *(one for one in added if one != plain(effect))))
+        limits = {"most_evaluations": FULL_EVALUATIONS, "tolerance": FULL_GAIN}  # enough to see whether it is missed
         try:
-            without = _stood_up(problem, fitted, fitted.values, rest, name)
+            without = _stood_up(problem, fitted, fitted.values, rest, name, **limits)
+            errors = errors_of(problem, without)
+            names = common_runs([errors, whole])
+            if not matters(errors.on(names), whole.on(names), floor):
+                return _stood_up(problem, fitted, without.values, rest, name)
         except DataError:
             continue
-        errors = errors_of(problem, without)
-        names = common_runs([errors, whole])
-        if not matters(errors.on(names), whole.on(names), floor):
-            return without
     return fitted
 
 
@@ -150,7 +151,9 @@ class _Climb:
 
     problem: Problem
     effect_files: tuple[Path, ...]
-    fitted: Fitted
+    model: ModelFit
+    fitted: Fitted = field(init=False)
+    scored: Problem = field(init=False)  # in the steps in which that model was scored
     rungs: list[Rung] = field(default_factory=list)
     dropped: set[str] = field(default_factory=set)
     last: Step = field(default_factory=Step)
@@ -159,10 +162,17 @@ class _Climb:
     doubts: list[str] = field(default_factory=list)
     failed: str = ""
 
-    def note(self, artefact: ModelFit, diagnosis: Diagnosis) -> None:
+    def __post_init__(self) -> None:
+        self._stand_on(self.model)
+
+    def _stand_on(self, model: ModelFit) -> None:
+        self.model, self.scored = model, in_its_steps(self.problem, model)
+        self.fitted = refit_artefact(model, self.scored)
+
+    def note(self, diagnosis: Diagnosis) -> None:
         """Write a rung down."""
         self.floor = diagnosis.noise_floor_mm or diagnosis.noise_floor_deg or 0.0
-        self.doubts = worse_than_nothing(artefact.experiments)
+        self.doubts = worse_than_nothing(self.model.experiments)
         worst = diagnosis.where[0].sentence if diagnosis.where else ""
         self.failed = self.failed or worst
         if diagnosis.verdict == "unexplained" and self.failed:  # the first model shows best what others have half taken up
@@ -170,7 +180,7 @@ class _Climb:
         bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
         self.rungs.append(
             Rung.of(
-                artefact,
+                self.model,
                 added=plain(self.last.added) if self.last.added else None,
                 tied=self.last.tied,
                 delta_bic=bic,
@@ -185,20 +195,20 @@ class _Climb:
         """The model that a step leads to, less what no longer earns its place; None where it could not be fitted."""
         name = str(step.added)
         row = next((row for row in diagnosis.candidates if row.effect == plain(name)), None)
-        quick = in_long_steps(self.problem, self.fitted.model, self.fitted.par, self.fitted.solution.clocks)
-        found = _with_one_more(quick, self.fitted, name, row, self.effect_files)
+        found = _with_one_more(self.scored, self.fitted, name, row, self.effect_files)
         if found is None:
             return None
         # a set of stand-ins helps together: what one of them does alone is no reason to drop it
         if step.grade != "stand-in":
-            found = _look_back(quick, found, self.floor, name)
+            found = _look_back(self.scored, found, self.floor, name)
         return as_artefact(self.problem, found)
 
     def take(self, step: Step, model: ModelFit) -> None:
         """Stand on the model that a step has led to."""
         had = {*map(plain, self.fitted.options.effects), plain(str(step.added))}
         self.dropped |= had - {*map(plain, model.effects), SEGMENTS}
-        self.before, self.fitted, self.last = self.fitted, refit_artefact(model, self.problem), step
+        self.before, self.last = self.fitted, step
+        self._stand_on(model)
 
     def ladder(self, first: Fitted, stopped: str, over: str) -> Ladder:
         """What came of it; test runs are scored here, once."""
@@ -244,8 +254,8 @@ def improve(
     asked = replace(asked, effect_files=chosen.effect_files)
     problem = make_problem(recordings, actuator, chosen)
     model = finished[0][0] if finished else as_artefact(problem, fit(problem, chosen))
-    first = refit_artefact(model, problem)
-    climb = _Climb(problem, chosen.effect_files, first)
+    climb = _Climb(problem, chosen.effect_files, model)
+    first = climb.fitted
     stopped = f"{MOST_RUNGS} rungs were climbed"
     begun: list[str] = []
     over = ""
@@ -253,8 +263,8 @@ def improve(
         if index < len(finished):
             diagnosis = finished[index][1]
         else:
-            diagnosis = _judged(climb, model, recordings, candidates, asked, on_rung)
-        climb.note(model, diagnosis)
+            diagnosis = _judged(climb, recordings, candidates, asked, on_rung)
+        climb.note(diagnosis)
         if progress is not None:
             progress(index + 1, MOST_RUNGS)
         step = next_step(diagnosis, climb.dropped, asked.stand_ins, begun)
@@ -277,23 +287,22 @@ def improve(
             stopped = f"{step.added} was to be added, but could not be fitted again"
             break
         climb.take(step, following)
-        model = following
     return climb.ladder(first, stopped, over)
 
 
 def _judged(
     climb: _Climb,
-    model: ModelFit,
     recordings: Mapping[str, Recording],
     candidates: Sequence[str] | None,
     options: CritiqueOptions,
     on_rung: OnRung | None,
 ) -> Diagnosis:
     """Compare and diagnose the model as it stands, as the commands do one by one; the rung is handed on as soon as it is known."""
+    model = climb.model
     predictions = with_residual_torque(model, recordings, predict(model, _without_test(recordings)))
     comparison = compare(model, recordings, predictions)
     judgement = judge(
-        climb.problem,
+        climb.scored,
         climb.fitted,
         options=options,
         candidates=candidates,

@@ -18,7 +18,7 @@ from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import find_effects, plain, split_joint
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.coordinates import sized
-from rfea_vision.fitting.fit import BENT, Fitted, Problem, farthest, refit
+from rfea_vision.fitting.fit import BENT, Fitted, Problem, farthest, refit, stiff_start
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import make_model
 from rfea_vision.fitting.ratio import with_lever_free
@@ -77,7 +77,8 @@ class Trials:
     done: dict[frozenset[str], Trial | None] = field(default_factory=dict)
     rough: list[Observed] = field(default_factory=list)  # the training runs as a refit first meets them
     bent: bool = False  # whether the model as it stands is too far out of shape to begin a refit from
-    #: Where it is: by the sets of effects, the cost of the fit that their refit began from.
+    stiff: dict[str, float] = field(default_factory=dict)  # base parameters that no fit has bent out of shape
+    #: Where it is bent: by the sets of effects, the cost of the fit that their refit began from.
     began: dict[frozenset[str], float] = field(default_factory=dict)
 
     def stands(self, fitted: Fitted, effects: frozenset[str] | None = None) -> Trial:
@@ -87,6 +88,7 @@ class Trials:
         trial = Trial(key, fitted, errors_of(self.problem, fitted))
         self.done[key] = trial
         self.rough = rough_runs(self.problem, fitted)
+        self.stiff = stiff_start(self.problem, fitted)
         self.bent = farthest(self.problem.train, fitted.solution, self.problem.actuator.length) >= BENT
         return trial
 
@@ -147,6 +149,8 @@ class Trials:
         like, held = self._nearest(base, key)
         grids = [values, *({**values, name: v} for name, points in self._grids(key, start).items() for v in points[1:])]
         starts = [{**grid, **held, **start} for grid in grids]
+        if not self.bent and len(key - base.effects) == 1:  # the model as it stands may have swallowed what one effect does
+            starts.append({**values, **held, **self.stiff, **start})
         if like is not base.fitted:  # a linear step from the model as it stands tells nothing of amplitudes there
             starts.append({**values, **{n: v for n, v in start.items() if n not in absent}, **held})
         best = self._from(options, starts, like)

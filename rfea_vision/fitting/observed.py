@@ -127,3 +127,10 @@ class Observed:
     def coarser(self) -> Observed:
         """The same run, to be simulated with twice the step: half the cost, four times the integrator's error."""
         return replace(self, excitation=self.excitation.coarser())
+
+    def in_steps_of(self, longest_s: float | None) -> Observed:
+        """The same run in steps doubled as often as they stay within these; as it is where none are given."""
+        item = self
+        while longest_s is not None and 2 * item.excitation.step_s < longest_s * (1 + 1e-9):
+            item = item.coarser()
+        return item

@@ -135,12 +135,8 @@ def in_long_steps(problem: Problem, model: Model, par: FloatArray, clocks: Float
     offsets = np.zeros((len(problem.train), 1)) if clocks is None else clocks[:, None]
     train = tuple(_in_long_steps(item, model, par, own) for item, own in zip(problem.train, offsets, strict=True))
     longest_s = min(item.excitation.step_s for item in train)
-    validate = []
-    for item in problem.validate:
-        while 2 * item.excitation.step_s < longest_s * (1 + 1e-9):
-            item = item.coarser()
-        validate.append(item)
-    return replace(problem, train=train, validate=tuple(validate))
+    validate = tuple(item.in_steps_of(longest_s) for item in problem.validate)
+    return replace(problem, train=train, validate=validate)
 
 
 def _in_long_steps(item: Observed, model: Model, par: FloatArray, clock: FloatArray) -> Observed:

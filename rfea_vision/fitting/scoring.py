@@ -22,7 +22,7 @@ from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.ratio import about_ratio
 from rfea_vision.fitting.refine import refine
-from rfea_vision.fitting.refit import Fitted
+from rfea_vision.fitting.refit import Fitted, in_long_steps
 from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
 from rfea_vision.fitting.rules import CONSTANT_PA, held_by_rule, pushed
@@ -165,7 +165,11 @@ def _laws(fitted: Fitted) -> dict[str, dict[str, str]]:
 
 
 def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
-    """Score a fit on the training and validation runs, test runs left alone, and write it down."""
+    """Score a fit on the training and validation runs, test runs left alone, and write it down.
+
+    In the longest steps that nobody feels beside the noise: they stand with the scores, and whoever takes the model up again has them.
+    """
+    problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
     others = problem.validate
     best = refine(fitted, problem.train)
     clocks = np.concatenate([best.clocks, fit_clocks(best.model, others, best.par)])
@@ -288,6 +292,15 @@ def options_of(artefact: ModelFit) -> FitOptions:
     }
     fixed = {name: p.value for name, p in artefact.parameters.items() if p.fixed}
     return FitOptions(**{**artefact.given, **own, "fixed": fixed})
+
+
+def in_its_steps(problem: Problem, artefact: ModelFit) -> Problem:
+    """The runs, training and validation, in the steps in which a `model.json` was scored on them."""
+    steps = {name: score.step_s for name, score in artefact.experiments.items()}
+    train, validate = (
+        tuple(item.in_steps_of(steps.get(item.name)) for item in items) for items in (problem.train, problem.validate)
+    )
+    return replace(problem, train=train, validate=validate)
 
 
 def rebuild(artefact: ModelFit) -> tuple[Model, FloatArray]:

@@ -68,20 +68,22 @@ def test_a_part_is_named_with_its_share_and_what_is_left_is_said(campaign):
     assert sum(s.probability for s in diagnosis.sets) == pytest.approx(1 - RULE.outside, abs=0.01)
 
 
-def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves():
+def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves(monkeypatch):
     """Its verdict is about a model that tells nothing of the runs; only the fit had said so."""
     model = ModelFit(
         name="base", segments=2, parameters={}, metrics={},
         experiments={name: ExperimentScore(role="train", normalised_fit_percent=fit) for name, fit in (("a", -5.0), ("b", 60.0))},
     )  # fmt: skip
-    climb = _Climb(SimpleNamespace(), (), SimpleNamespace())  # type: ignore[arg-type]
+    monkeypatch.setattr("rfea_vision.critique.ladder.in_its_steps", lambda problem, model: problem)
+    monkeypatch.setattr("rfea_vision.critique.ladder.refit_artefact", lambda model, problem: None)
+    climb = _Climb(SimpleNamespace(), (), model)  # type: ignore[arg-type]
     place = {"experiment": "a", "from_s": 0.8, "to_s": 1.3, "from_sigma": 0.34, "to_sigma": 0.47, "rmse_mm": 1.0, "phase": "hold"}
     where = [WorstPlace(**place, sentence="a: from 34 to 47 % of the tube's length.")]
-    climb.note(model, Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9, where=where))
+    climb.note(Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9, where=where))
     said = _findings(climb.rungs, [], "", None, climb.floor, "deg", "so", climb.doubts)
     assert said[0] == "The noise floor is 22.9 deg: an error below it says nothing about the model."
     assert said[1] == "Where it shows: a: from 34 to 47 % of the tube's length."
-    climb.note(model, Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9))
+    climb.note(Diagnosis(model="base", verdict="unexplained", sentence="so", noise_floor_deg=22.9))
     assert climb.doubts[0] == "Where it showed before anything was added: a: from 34 to 47 % of the tube's length."
     assert said[2].startswith("a: the model is farther from the track than a tube that never moves") and len(said) == 4
 

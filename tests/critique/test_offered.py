@@ -95,10 +95,11 @@ def test_from_a_bent_model_a_refit_begins_at_the_best_fit_and_again_where_that_h
         )
 
     base = trial(1e6, k_ref=0.1)
-    began = []
+    began, begins = [], []
 
     def from_(self, options, starts, like):
         began.append((like, starts[-1]))
+        begins.append(starts)
         return SimpleNamespace(solution=SimpleNamespace(cost=1e5 / len(began)))
 
     monkeypatch.setattr(Trials, "_from", from_)
@@ -115,9 +116,13 @@ def test_from_a_bent_model_a_refit_begins_at_the_best_fit_and_again_where_that_h
         began[1] == (better.fitted, {"drag.c": 1.0, "k_ref": 0.2}) and again.cost == 5e4
     )  # what it shares, and no more
     assert trials.refit(base, ("drag",), {}) is again and len(began) == 2
-    trials.bent = False
+    # elsewhere at the model as it stands, and one effect also where nothing has been swallowed
+    trials.bent, trials.stiff = False, {"k_ref": 9.0}
     trials.refit(base, ("maxwell",), {"drag.c": 900.0})
-    assert began[2] == (base.fitted, {"drag.c": 900.0, "k_ref": 0.1})
+    trials.refit(base, ("maxwell", "coulomb"), {"drag.c": 900.0})
+    assert began[2][0] is base.fitted
+    assert begins[2] == [{"drag.c": 900.0, "k_ref": 0.1}, {"drag.c": 900.0, "k_ref": 9.0}]
+    assert begins[3] == [{"drag.c": 900.0, "k_ref": 0.1}]
 
 
 def test_what_contains_a_set_that_came_out_better_is_fitted_again_from_there(monkeypatch):

@@ -14,9 +14,10 @@ from rfea_vision.fitting.fit import fit, fit_base, make_model, make_problem, sta
 from rfea_vision.fitting.intervals import _unknown_from, intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
-from rfea_vision.fitting.refit import FELT_SHARE, UNFELT, in_long_steps, refit_from, rough_runs
+from rfea_vision.fitting.refit import FELT_SHARE, UNFELT, in_long_steps, refit, refit_from, rough_runs
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.scoring import as_artefact, in_its_steps
 from rfea_vision.fitting.solver import ROUGH_FRAMES
 from rfea_vision.options import FitOptions
 
@@ -95,6 +96,24 @@ def test_steps_are_as_long_as_nobody_feels(complete_campaign):
     assert before is not None and after is not None
     moved = np.sqrt(np.mean((after.residual - before.residual) ** 2))
     assert 0 < moved < 3 * UNFELT  # each doubling less than that
+
+
+def test_a_model_is_scored_and_taken_up_again_in_the_same_long_steps(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    slow = {name: Recording(run.dataset.isel(time=slice(None, None, 4))) for name, run in recordings.items()}
+    options = replace(OPTIONS, segments=4, observe="angle")
+    problem = make_problem(slow, actuator, options)
+    reference = start_vector(make_model(actuator, options, problem.mirror), actuator, 4)
+    known = dict(zip(make_model(actuator, options).names, reference, strict=True))
+    model = as_artefact(problem, refit(problem, options, known, 4, most_evaluations=3))
+    again = in_its_steps(problem, model)
+    for item, own in zip((*again.train, *again.validate), (*problem.train, *problem.validate), strict=True):
+        score = model.experiments[item.name]
+        assert score.step_s == item.excitation.step_s > own.excitation.step_s
+    for name, seen in predict(model, slow).items():
+        gap = seen["angle_residual"].values
+        error = float(np.sqrt(np.nanmean(gap.astype(float) ** 2)))
+        assert error == pytest.approx(model.experiments[name].angle_rmse_deg, rel=1e-5)
 
 
 def test_an_effect_that_the_data_do_not_ask_for_is_called_absent(complete_campaign):
