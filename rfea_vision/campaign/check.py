@@ -7,15 +7,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rfea_vision.campaign import following, plausibility
+from rfea_vision.campaign import following, plausibility, repeats
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
-from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_stretch, of_tube, of_weight
+from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_square, of_stretch, of_tube, of_weight
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import sha256_of
 
 if TYPE_CHECKING:
+    from rfea_vision.arrays import FloatArray
     from rfea_vision.readers.pressure import PressureLog
 
 
@@ -31,13 +32,15 @@ class CheckedCampaign:
 @dataclass(frozen=True)
 class _Seen:
     """What is kept of each run, to look at all of them together: by name the highest pressure (kPa), how far it and the tube go, the
-    modulus (Pa) that goes with it, and angles alone.
+    modulus (Pa) that goes with it, angles alone, logs, and what moved.
     """
 
     highest_kPa: dict[str, float] = field(default_factory=dict)
     responses: dict[str, plausibility.Response] = field(default_factory=dict)
     moduli: dict[str, float | None] = field(default_factory=dict)
     angles: dict[str, following.AngleRun] = field(default_factory=dict)
+    logs: dict[str, PressureLog] = field(default_factory=dict)
+    motions: dict[str, FloatArray] = field(default_factory=dict)
 
 
 def check_campaign(
@@ -79,11 +82,22 @@ def check_campaign(
     together = "" if sized else _odd_pressures(active, seen)
     if text := together or following.together(list(seen.angles.values())):
         problems.append(FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning"))
-    for experiment, key, text in plausibility.alike(active):
+    for experiment in active:
+        problems += [_warning(experiment, key, text) for key, text in _beside_others(experiment, seen)]
+    for experiment, key, text in repeats.alike(active, seen.motions):
         problems.append(_warning(experiment, key, text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     unpressed = tuple(item.name for item in active if item.pressure.missing)
     return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)), unpressed)
+
+
+def _beside_others(experiment: ExperimentSpec, seen: _Seen) -> list[tuple[str, str]]:
+    """What a run says of itself that the pressures of others tell: keys and why."""
+    own, first = seen.logs.get(experiment.name), seen.logs.get(str(experiment.repeat_of))
+    found = [("repeat_of", repeats.of_repeat(own, first, str(experiment.repeat_of)))] if own and first else []
+    load_kg, highest_kPa = experiment.rig.conditions.get("payload.m", 0.0), max(seen.highest_kPa.values(), default=0.0)
+    found.append(("conditions.payload", of_load(load_kg, highest_kPa, experiment.actuator, experiment.rig.gravity_deg)))
+    return [(key, text) for key, text in found if text]
 
 
 def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FileProblem]:
@@ -135,6 +149,9 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
         return problems
     seen = 0
     refused: dict[str, list[str]] = {}
+    tube = campaign.actuator if experiment is None else experiment.actuator
+    if text := _of_another_camera(camera):
+        problems.append(FileProblem(file, text, "camera.plane", experiment=name))
     for photo in [*camera.photos, *([camera.plane] if camera.plane else [])]:
         key = "camera.plane" if photo == camera.plane else "camera.photos"
         grey = read_grey(photo)
@@ -148,6 +165,8 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
             problems.append(FileProblem(file, message, key, severity="warning", experiment=name))
         if not isinstance(found, Refused):
             seen += key == "camera.photos"
+            if key == "camera.plane" and (text := of_square(found.board_mm, found.pixels, grey.shape, tube)):
+                problems.append(FileProblem(file, text, "camera.board.square", severity="warning", experiment=name))
         elif key == "camera.plane":
             problems.append(FileProblem(file, f"{photo.name}: {found.reason}", key, experiment=name))
         else:
@@ -159,6 +178,21 @@ def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: Experim
         message = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
         problems.append(FileProblem(file, message, "camera.photos", experiment=name))
     return problems
+
+
+def _of_another_camera(camera: CameraSpec) -> str:
+    """Why the photo of the plane is not by the camera, or in the mode, of the others; empty where it is, or cannot be read."""
+    from rfea_vision.calibration.photos import read_photo, unlike_film
+
+    plane = None if camera.plane is None else read_photo(camera.plane)
+    first = None if plane is None or not camera.photos else read_photo(camera.photos[0])
+    if plane is None or first is None:
+        return ""
+    own, other = plane.shown().shape[::-1], first.shown(plane).shape[::-1]
+    if not unlike_film(own, other):
+        return ""
+    sizes = f"{plane.file.name} has {own[0]} x {own[1]} px, and {first.file.name} {other[0]} x {other[1]}"
+    return f"{sizes}; photograph the board in the plane with the camera, and in the mode, that films"
 
 
 def _same_picture(photo: Path, others: tuple[Path, ...]) -> str:
@@ -215,6 +249,7 @@ def _experiment_problems(
                 to_rig_mm=(lambda pixels: pixels) if by_camera else None,  # lengths are not what is looked at here
             )
             track_s = track.time_s
+            seen.motions[experiment.name] = repeats.motion_of(track.dataset)
             problems += [_warning(experiment, "track", text) for text in plausibility.of_gaps(track_s)]
             said = [] if by_camera else plausibility.of_track(track.dataset, 1e3 * experiment.actuator.length)
             said = said or ([] if by_camera else of_stretch(track.dataset, experiment.actuator))
@@ -236,7 +271,8 @@ def _experiment_problems(
         return problems
     problems += [FileProblem(file, text, key, experiment=experiment.name) for key, text in _unseen_signals(experiment, log)]
     seen.highest_kPa[experiment.name] = float(abs(log.pressure_kPa).max())
-    said = plausibility.of_pressure(log.pressure_kPa, log.chambers)
+    seen.logs[experiment.name] = log
+    said = [*log.doubts, *plausibility.of_pressure(log.pressure_kPa, log.chambers)]
     if track is not None and not by_camera and not said:
         if moved := plausibility.response(track.dataset, log.pressure_kPa):
             seen.responses[experiment.name] = moved
@@ -281,7 +317,7 @@ def _unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
     from rfea_vision.calibration.photos import reference_photo, unlike_film
 
     photo = None if camera is None else reference_photo(camera.photos, camera.plane)
-    if photo is None:
+    if camera is None or photo is None or _of_another_camera(camera):  # the latter is said of the camera
         return ""
     height, width = photo.shown().shape
     return unlike_film((width, height), film_px)

@@ -22,6 +22,11 @@ _STILL = 0.05
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
 # s by which slow rubber, a long line, or a log on another clock is behind; of a run no more than a fifth, or anything follows anything
 _LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
+# No tube moves before its pressure: s by which a clock may seem so far ahead, of a run no more than half; how much of the pressure the
+# motion must then tell, and of what it leaves untold at once or later (looked at in steps of the last), no more. Chosen: of runs that
+# are right 0.95 to 0.99 is told at once, and of periodic ones a period ahead no more. Sensors are late by less than the least.
+_AHEAD_S, _AHEAD_SHARE = np.arange(0.2, 5.01, 0.1), 0.5
+_TOLD_AHEAD, _UNTOLD, _FINE_S = 0.9, 0.5, 0.01
 # Of what chambers push with, each by itself, what their signs leave: a pair that works against each other is driven by its difference,
 # which leaves all; of a real finger, whose two chambers are blown up together and bend it to one side, opposite signs left 0.06.
 _CANCELLED = 0.2
@@ -92,8 +97,10 @@ def of_pair(
                 "that they have; is a sign the wrong way round?"
             ] * bool(against)
     said, at_once = [], f"{100 * max(share, 0.0):.0f} %"
+    later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(moved_s))]
+    if text := _ahead(motion[seen], moved_s, log_s, pressure_kPa, share):
+        return [text]
     if share < _FOLLOWS:
-        later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(moved_s))]
         then, late_s, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, later)
         if then is None or then < _FOLLOWS:
             lost = _lost(log_s)
@@ -116,6 +123,25 @@ def of_pair(
             "of the pressure turned?"
         )
     return ["; ".join(said)] if said else []
+
+
+def _ahead(
+    motion: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray, at_once: float
+) -> str:
+    """Doubt the clocks where a motion (n, 1 or 2) tells far more of a later pressure than of those `at_once` or before; else empty."""
+    ahead_s = -_AHEAD_S[: np.searchsorted(_AHEAD_S, _AHEAD_SHARE * np.ptp(time_s))]
+    told, lag_s, _ = _followed(motion, time_s, log_s, pressure_kPa, ahead_s)
+    if told is None or told < _TOLD_AHEAD or 1 - told > _UNTOLD * (1 - at_once):
+        return ""
+    longest_s = max(_LAGS_S[-1], min(_LATE_S[-1], _LATE_SHARE * np.ptp(time_s)))
+    late, _, _ = _followed(motion, time_s, log_s, pressure_kPa, np.arange(0.0, longest_s, _FINE_S))  # a period ahead is a delay, too
+    if 1 - told > _UNTOLD * (1 - (late or 0.0)):
+        return ""
+    return (
+        f"the tube moves {-lag_s:.1f} s before this pressure (which it then follows to {100 * told:.0f} %, and to "
+        f"{100 * max(at_once, 0.0):.0f} % at once); are the clocks right? sync.value is the log's clock less the camera's: is its sign "
+        "turned?"
+    )
 
 
 def _counted_from_the_start(angle_deg: FloatArray, first_kPa: float, kPa_per_deg: float) -> list[str]:

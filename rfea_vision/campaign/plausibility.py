@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import bend_sign
-from rfea_vision.campaign.specs import ExperimentSpec
-from rfea_vision.files import sha256_of
+from rfea_vision.scatter import third_difference_noise
 from rfea_vision.units import counted
 
 if TYPE_CHECKING:
@@ -21,9 +20,6 @@ if TYPE_CHECKING:
 
 SAME_RATE = 0.02  # NTSC's 29.97 for 30 and the rounding of containers are far below
 SLOW_MOTION = 1.5  # 50 played as 25 is the least that cameras do
-#: Parts of a run that no two runs have in common, and how they are alike.
-_COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressure": "log, row by row"}
-
 # Soft actuators are driven with 10 to 500 kPa: these leave a factor of six to both sides, and the usual slips are factors of
 # 1000 (Pa, ms, m) or 57 (radians), which no factor of six hides.
 _HIGH_KPA, _LOW_KPA = 3000.0, 0.5
@@ -44,6 +40,8 @@ _REACH = 1.15
 _STRAIGHT = 0.98
 # of its length, by which a tube that is driven goes to its side; a third of it to the other side may be how it hangs. Chosen.
 _ASIDE = 0.2
+# s and share of a film that copies of one picture last before they are no slip of the recorder's, which last a few pictures
+_STANDS_S, _STANDS = 0.5, 0.1
 # pictures: with fewer no motion can be told from noise, whatever the run
 _FEW_PICTURES = 10
 # s and share of a film by which its last picture may come before the announced end: a few pictures, and what sound goes on for
@@ -56,6 +54,15 @@ _SHORTER = {"cm": 10.0, "inches": 25.4, "m": 1000.0}
 _OTHER_LENGTH = 0.2
 # lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
 _CURLED = 0.5
+# of its length, by which a tip begins above its clamp only where up is down
+_UPWARDS = 0.5
+# of the tube's length, or deg: a track with larger standard errors cannot tell a tube that bends by 6 deg, or by half of 40, from one
+# that rests. Chosen.
+_BLIND, _BLIND_DEG = 0.05, 20.0
+# of the tube's length, below which no standard error of a place lies (1.5 um of 155 mm), and how much farther rows must then scatter
+_TOO_SURE, _SCATTER = 1e-5, 30.0
+# deg between two steps along a line: beyond it the line goes back, as no tube does within one step, and in half of the rows
+_FOLDED_DEG = 150.0
 # from one row to the next, what no tube does: a sensor that counts from 0 to 360 deg jumps by a full turn
 _TURNED_DEG = 180.0
 # lengths of the tube, and the share of rows, beyond which places are those of a slip or of rows without a tube: no tube stretches so
@@ -155,14 +162,14 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             return [
                 f"{at_most}; is actuator.length that of the part that bends, and the track's first point at its clamp?"
             ]
-        if text := _of_length(track, far, length_mm):
+        if text := _folded(track) or _of_length(track, far, length_mm) or _of_errors(track, length_mm):
             return [text]
         outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * across(tip) / length_mm
         if -np.percentile(outwards, 5) > max(_ASIDE, 2 * np.percentile(outwards, 95)):
             return ["the tip goes to the other side than actuator.bends says; is that right, or is the track mirrored?"]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
             return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
-        if above_mm > 0.5 * length_mm:
+        if above_mm > _UPWARDS * length_mm:
             return [f"begins with the tip {above_mm:.3g} mm above the clamp; does y count downwards, as in pictures?"]
     elif "bend_angle" in track:
         angles = track["bend_angle"].values[track["valid"].values.astype(bool)]
@@ -174,7 +181,21 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         widest = float(np.nanmax(np.abs(angles)))
         if widest < np.pi:
             return [f"never bends beyond {widest:.3g} deg; are these radians?"]
+        if (sigma := float(np.nanmedian(track["bend_angle_sigma"]))) > _BLIND_DEG:
+            return [f"its standard errors, sigma_deg, are {sigma:.3g} deg; is the unit right?"]
     return []
+
+
+def of_upside_down(track: xr.Dataset, length_mm: float) -> list[str]:
+    """Doubt a film in which the tube begins with its tip above its clamp: an arc comes no higher than a fifth of its length."""
+    tip = track["tip"].values[track["valid"].values.astype(bool)]
+    above_mm = float(np.median(tip[: max(1, len(tip) // 20), 1]))
+    if above_mm < _UPWARDS * length_mm:
+        return []
+    return [
+        f"begins with the tip {above_mm:.3g} mm above the clamp; is the film upside down? Then turn it and the photos of the board by "
+        "half a turn; if the tube stands, write rig: {gravity: up}"
+    ]
 
 
 def _from_the_tip(track: xr.Dataset, length_mm: float) -> bool:
@@ -183,6 +204,31 @@ def _from_the_tip(track: xr.Dataset, length_mm: float) -> bool:
         return False
     firsts = track["midline"].values[track["valid"].values.astype(bool), 0]
     return bool(np.hypot(*firsts.T).max() > _CURLED * length_mm)
+
+
+def _folded(track: xr.Dataset) -> str:
+    """Doubt the order of a centre line's points where it goes back on itself; empty where it does not."""
+    if "midline" not in track:
+        return ""
+    steps = np.diff(track["midline"].values[track["valid"].values.astype(bool)], axis=1)
+    headings = np.arctan2(steps[..., 1], steps[..., 0])
+    turns_deg = np.degrees(np.abs((np.diff(headings, axis=1) + np.pi) % (2 * np.pi) - np.pi))
+    folded = np.flatnonzero(np.nanmedian(turns_deg, axis=0) > _FOLDED_DEG) + 1
+    if not folded.size:
+        return ""
+    return f"its line goes back on itself at point {' and '.join(f'{k:02d}' for k in folded[:2])}; are points of it swapped?"
+
+
+def _of_errors(track: xr.Dataset, length_mm: float) -> str:
+    """Doubt the standard errors of places that are given: their unit; empty where they may be right."""
+    sigma, tip = float(np.nanmedian(track["tip_sigma"])), track["tip"].values[track["valid"].values.astype(bool)]
+    if sigma > _BLIND * length_mm:
+        return f"its standard errors, sigma_mm, are {sigma:.3g} mm, and the tube {length_mm:.4g} mm long; are they in um?"
+    scatter = float(third_difference_noise(tip).max())
+    if sigma < _TOO_SURE * length_mm and scatter > _SCATTER * sigma:
+        remedy = "are they in m?" if sigma else "leave the column out where they are not known"
+        return f"its standard errors, sigma_mm, are {sigma:.2g} mm, and its rows scatter by {scatter:.2g} mm; {remedy}"
+    return ""
 
 
 def _of_length(track: xr.Dataset, far_mm: float, length_mm: float) -> str:
@@ -295,6 +341,20 @@ def of_gaps(pictures_s: FloatArray, *, counted: bool = False) -> list[str]:
     return [f"{missing}; copy them again if they are elsewhere, or go on: nothing is made up in between"]
 
 
+def of_copies(time_s: FloatArray, is_copy: NDArray[np.bool_]) -> list[str]:
+    """Doubt a film (frames,) that stands still while the tube moved: one stretch of copies, of half a second and a tenth of it."""
+    turns = np.flatnonzero(np.diff(np.concatenate([[0], is_copy.astype(int), [0]])))
+    begins, ends = turns[::2], turns[1::2] - 1
+    if not begins.size:
+        return []
+    longest = int(np.argmax(ends - begins))
+    from_s, to_s = float(time_s[begins[longest]]), float(time_s[ends[longest]])
+    if to_s - from_s < max(_STANDS_S, _STANDS * float(np.ptp(time_s))):
+        return []
+    stands = f"the picture stands still from {from_s:.2f} to {to_s:.2f} s, and no frames were measured there"
+    return [f"{stands}; did the light go out, or the recorder hang?"]
+
+
 def of_damage(damaged_s: FloatArray) -> list[str]:
     """Doubt a film in which the decoder met damage (places, 2): from the first wrong picture to the last that is built on it."""
     if not len(damaged_s):
@@ -305,22 +365,3 @@ def of_damage(damaged_s: FloatArray) -> list[str]:
         f"the film is damaged {places}from {begins:.2f} to {ends:.2f} s, where pictures are lost or wrong in part; copy it again, or "
         "look at the track there (--preview)"
     ]
-
-
-def alike(experiments: Sequence[ExperimentSpec]) -> list[tuple[ExperimentSpec, str, str]]:
-    """Doubt a film, a track or a pressure log that stands in two runs: the second of each pair, its key, and why."""
-    found = []
-    for key, what in _COPIED.items():
-        having = [(item, part) for item in experiments if (part := getattr(item, key)) is not None]
-        files = [(item, part) for item, part in having if part.file is not None and part.file.is_file()]
-        sizes = Counter(part.file.stat().st_size for _, part in files)  # a film is read only where another is as long
-        seen: dict[tuple[object, ...], ExperimentSpec] = {}
-        for item, part in files:
-            if sizes[part.file.stat().st_size] > 1:
-                taken = [getattr(part, name, None) for name in ("pressure", "angle", "points", "individual")]
-                first = seen.setdefault((sha256_of(part.file), *taken), item)
-                if first is not item:
-                    found.append(
-                        (item, key, f"is the same {what}, as that of '{first.name}'; was it copied by mistake?")
-                    )
-    return found

@@ -31,10 +31,17 @@ _GRAVITY = 9.81
 #: Rad of bend that the highest pressure of a campaign must be able to hold: else the tip goes sideways by less than an eighth of the
 #: length. Chosen, as is the least swing that tells a modulus: below it the shape at rest and noise have too large a part.
 _LEAST_HELD, _LEAST_SWING = 0.25, 0.1
-#: kg/m^3: osmium, the densest solid, and the lightest foams (CRC Handbook of Chemistry and Physics).
-_DENSEST, _LIGHTEST = 22_600.0, 10.0
+#: kg/m^3: lead and mercury, beside which no wall and no fluid of an actuator comes, and the lightest foams (CRC Handbook of Chemistry
+#: and Physics). A rubber's 900 to 2,000 that are taken for lb/ft^3 are 14,400 and more.
+_DENSEST, _DENSEST_FLUID, _LIGHTEST = 11_340.0, 13_600.0, 10.0
+#: Rad of bend to which a load must leave a tube under the highest pressure: at less its tip goes sideways by less than a fortieth of
+#: the length. Chosen, as the load is a person's choice and may well be large.
+_LEAST_LOADED = 0.05
 #: kg/m^3: silicones and natural rubbers begin at 900; four times the area, as diameters make of it, leaves at most 400.
 _LIGHTEST_RUBBER = 700.0
+#: Of the picture's longer side the length, and px of the width, that a tube has in pictures from which it can be read: below both no
+#: edge of it is found. Above twice the diagonal it is not in the picture at all.
+_LEAST_SEEN, _LEAST_WIDE_PX, _MOST_SEEN = 0.1, 6.0, 2.0
 _PAPER_DIAMETERS_MM = (8.0, 6.0)
 #: Of the radius, by which the middle of a tube lengthens for each rad of bend: half of it is what diameters give. Noise and a real
 #: inextensible side that gives a little move it by less than this.
@@ -59,10 +66,10 @@ def of_tube(tube: Actuator) -> list[tuple[str, str]]:
     if tube.kind == "tube" and inner < _NARROW * outer:
         text = f"a bore of {inner:g} mm radius in a tube of {outer:g} mm is {100 * (inner / outer) ** 2:.2g} % of its section; "
         doubts.append(("inner_radius", text + "is the unit right, and the place of the decimal point?"))
-    for key in ("density", "fluid_density"):
+    for key, densest, name in (("density", _DENSEST, "lead"), ("fluid_density", _DENSEST_FLUID, "mercury")):
         value = getattr(tube, key)
-        if value > _DENSEST or (key == "density" and value < _LIGHTEST):
-            than = "more than any solid's" if value > _DENSEST else "less than any rubber's"
+        if value > densest or (key == "density" and value < _LIGHTEST):
+            than = f"more than {name}'s" if value > densest else "less than any rubber's"
             doubts.append((key, f"{value:g} kg/m^3 is {than}; is the unit right?"))
     return doubts
 
@@ -160,4 +167,30 @@ def of_weight(highest_kPa: float, tube: Actuator, gravity_deg: float | None) -> 
     return (
         f"no run goes beyond {highest_kPa:.3g} kPa, which cannot bend this tube by {np.degrees(_LEAST_HELD):.0f} deg against its own "
         "weight, however soft it is; is the log in bar or MPa? pressure.unit says which unit it is in"
+    )
+
+
+def of_load(load_kg: float, highest_kPa: float, tube: Actuator, gravity_deg: float | None) -> str:
+    """Doubt a payload that holds a hanging tube straight under the highest pressure (kPa) of all runs; empty where it does not."""
+    pushed = np.pi * tube.inner_radius**2 * tube.outer_radius * 1e3 * highest_kPa
+    aside = tube.length * _LEAST_LOADED / 2  # of the tip of an arc
+    if tube.kind != "tube" or gravity_deg != 0.0 or not 0 < pushed < _GRAVITY * load_kg * aside:
+        return ""
+    straight = f"holds this tube straight, to {np.degrees(_LEAST_LOADED):.0f} deg"
+    return (
+        f"a payload of {1e3 * load_kg:.4g} g {straight}, under the highest pressure of all runs, {highest_kPa:.3g} kPa, "
+        "however soft it is; is the unit right?"
+    )
+
+
+def of_square(board_mm: FloatArray, pixels: FloatArray, shape: tuple[int, ...], tube: Actuator) -> str:
+    """Doubt the board's square by how large the tube would be in a picture of this shape, from corners (n, 2) of the board there."""
+    px_per_mm = float(np.sqrt(np.var(pixels, axis=0).sum() / np.var(board_mm, axis=0).sum()))
+    long, wide = 1e3 * px_per_mm * tube.length, 2e3 * px_per_mm * tube.outer_radius
+    height, width = shape[:2]
+    if (long >= _LEAST_SEEN * max(shape[:2]) or wide >= _LEAST_WIDE_PX) and long <= _MOST_SEEN * np.hypot(height, width):
+        return ""
+    return (
+        f"by it the tube would be {wide:.2g} px wide and {long:.3g} px long in pictures of {width} x {height} px; is the square "
+        "right, and is actuator.length?"
     )

@@ -16,6 +16,9 @@ from rfea_vision.units import conversion_factor, counted, pressure_unit
 _SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar": "mbar", "Bar": "bar"}
 """Spellings that no registry of units knows."""
 
+#: Share by which two units may differ and be the same: at and bar, 2 %, are two.
+_SAME_UNIT = 0.005
+
 # What loggers call their columns, in the languages of the labs that we know of.
 _TIME_WORDS = re.compile(r"time|zeit|temps|tempo|aika|^t$|^t[ _(\[]", re.IGNORECASE)
 _PRESSURE_WORDS = re.compile(r"press|druck|pression|presi|paine|^p\d*$|^p\d*[ _(\[]", re.IGNORECASE)
@@ -77,6 +80,17 @@ def said_unit(table: Table, name: str, like: str) -> str | None:
 def unit_of(table: Table, name: str, default: str) -> str:
     """Return the unit that the file gives, or `default`; one that the file itself names for the column must fit."""
     return said_unit(table, name, default) or table.units.get(name) or default
+
+
+def other_unit(table: Table, name: str, like: str, key: str, given: str | None) -> str:
+    """Doubt a unit that is `given` as `key` where the file, or the column's name, says another; empty where they agree."""
+    said = said_unit(table, name, like)
+    if given is None or said is None:
+        return ""
+    times = conversion_factor(pressure_unit(said)[0], like) / conversion_factor(pressure_unit(given)[0], like)
+    if abs(times - 1) < _SAME_UNIT:
+        return ""
+    return f"the column '{name}' is in {said} by its own head, and in {given} by {key}; which is right?"
 
 
 def _moments(values: np.ndarray) -> NDArray[np.datetime64] | None:

@@ -10,17 +10,18 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
-from rfea_vision.readers.columns import clock_zero_s, column, in_unit, refuse_rows, said_unit, unit_of
+from rfea_vision.readers.columns import clock_zero_s, column, in_unit, other_unit, refuse_rows, said_unit, unit_of
 from rfea_vision.readers.database import read_query
-from rfea_vision.readers.kinds.base import Table
+from rfea_vision.readers.kinds.base import Table, distinct
 from rfea_vision.readers.tables import read_table
 from rfea_vision.units import counted, pressure_unit
 
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import PressureSpec
 
-#: s by which clocks of 24 and of 12 hours jump back, and how near to that a jump is one of them: no log has rows so far apart.
-_DAYS_S, _NEAR_S = (86400.0, 43200.0), 60.0
+#: s by which clocks of 24 and of 12 hours and one of summer time jump back, why, and how near to that a jump is one of them: no log
+#: has rows so far apart.
+_SET_BACK_S, _NEAR_S = {86400.0: "passes midnight", 43200.0: "passes midnight", 3600.0: "goes from summer to winter time"}, 60.0
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class PressureLog:
     chambers : of several chambers the pressure in each, by name; `pressure_kPa` is their sum, each times its sign
     signs : of several chambers the sign of each, by name
     clock_zero_s : when `time_s` is 0, in s after 1970; None where the log names no dates
+    doubts : what its columns say against how they were read, as sentences
     """
 
     time_s: FloatArray
@@ -46,6 +48,7 @@ class PressureLog:
     chambers: Mapping[str, FloatArray] = field(default_factory=dict)
     signs: Mapping[str, int] = field(default_factory=dict)
     clock_zero_s: float | None = None
+    doubts: tuple[str, ...] = ()
 
     def signal(self, method: str, channel: str | None) -> FloatArray:
         """The column (n,) by which the clocks are brought together: `channel`, or what `method` is called by.
@@ -73,8 +76,9 @@ class PressureLog:
         steps = np.diff(self.time_s, prepend=-np.inf)
         back, held = steps < 0, steps == 0
         remedy = "sort the log by time, or split it"
-        if back.sum() == 1 and (around := [day for day in _DAYS_S if abs(float(steps[back][0]) + day) < _NEAR_S]):
-            remedy = f"the clock passes midnight there: add {around[0]:g} s from that row on"
+        if back.sum() == 1 and (around := [s for s in _SET_BACK_S if abs(float(steps[back][0]) + s) < _NEAR_S]):
+            hour = " (an hour)" * (around[0] == 3600)
+            remedy = f"the clock {_SET_BACK_S[around[0]]} there: add {around[0]:g} s{hour} from that row on"
         refuse_rows(where, "time", back, "is earlier than the row before", remedy)
         coarse = held.sum() > self.time_s.size / 2
         remedy = "the clock is too coarse for its rows: export it with more decimals" if coarse else "remove the duplicate"
@@ -127,7 +131,8 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
         )
     time_s = first.time_s[common]
     kept = {key: values[common] for key, values in first.channels.items()}
-    return replace(_summed(spec, time_s, logs, name, first.source, kept), clock_zero_s=first.clock_zero_s)
+    doubts = tuple(text for log in read for text in log.doubts)
+    return replace(_summed(spec, time_s, logs, name, first.source, kept), clock_zero_s=first.clock_zero_s, doubts=doubts)
 
 
 def _summed(
@@ -180,7 +185,19 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
         for other, values in table.columns.items()
         if other not in (time_name, pressure_name) and values.shape == time_s.shape and values.dtype.kind in "fiub"
     }
-    return PressureLog(time_s, pressure_kPa, name, table.source, others, clock_zero_s=zero_s)
+    doubts = [other_unit(table, pressure_name, "kPa", "pressure.unit", spec.unit), _twice(table, pressure_name)]
+    doubts += [other_unit(table, time_name, "s", "pressure.time_unit", spec.time_unit)] if time_name is not None else []
+    return PressureLog(
+        time_s, pressure_kPa, name, table.source, others, clock_zero_s=zero_s, doubts=tuple(filter(None, doubts))
+    )
+
+
+def _twice(table: Table, name: str) -> str:
+    """Doubt a column of whose name there is a second one, with other numbers; readers number these. Empty where there is none."""
+    second = distinct(name, [name])
+    if second not in table.columns or np.array_equal(table.columns[name], table.columns[second]):
+        return ""
+    return f"'{name}' is the name of two columns, with other numbers; is the first the right one? 'pressure: {second}' names the second"
 
 
 def constant_pressure(spec: PressureSpec, from_s: float, to_s: float, name: str = "") -> PressureLog:

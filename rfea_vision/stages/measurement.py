@@ -58,6 +58,8 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         counted = video.file is not None and video.rate_Hz is not None
         seen_s = open_source(replace(video, rate_Hz=None)).times_s() if counted else found.time_s
         doubts += plausibility.of_gaps(seen_s, counted=counted)
+        doubts += plausibility.of_copies(found.time_s, np.asarray(found.dataset["reason"].values == "duplicate"))
+        doubts += plausibility.of_upside_down(found.dataset, 1e3 * experiment.actuator.length)
         found.dataset.attrs["doubts"] = "; ".join(doubts)
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.reasons import reason_of
-from rfea_vision.campaign import ExperimentSpec, following, plausibility
+from rfea_vision.campaign import ExperimentSpec, following, plausibility, repeats
 from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_tube
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def warnings_of(measured: Track | Recording) -> list[str]:
 
 def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
     """What makes one doubt that a log is what it is said to be, beside the times (frames,) of a track."""
-    return plausibility.of_pressure(log.pressure_kPa, log.chambers) + plausibility.of_times(log.time_s, seen_s)
+    return [*log.doubts, *plausibility.of_pressure(log.pressure_kPa, log.chambers), *plausibility.of_times(log.time_s, seen_s)]
 
 
 def log_warnings(recording: Recording, log: PressureLog) -> dict[str, str]:
@@ -66,9 +67,11 @@ def say_warnings(work: Runner, experiment: ExperimentSpec, measured: Track | Rec
         work.tell(f"warning: {experiment.name}: {doubt}")
 
 
-def warn_of_copies(work: Runner, about: Sequence[ExperimentSpec]) -> None:
-    """Say of these runs whether their film, track or log stands in another one, too."""
-    for experiment, key, text in plausibility.alike(work.active()):
+def warn_of_copies(
+    work: Runner, about: Sequence[ExperimentSpec], motions: Mapping[str, FloatArray] = MappingProxyType({})
+) -> None:
+    """Say of these runs whether their film, track or log stands in another one, too, or what was seen to move (rows, columns)."""
+    for experiment, key, text in repeats.alike(work.active(), motions):
         if experiment in about or any(f"'{item.name}'" in text for item in about):
             work.tell(f"warning: {experiment.name}: {key} {text}")
 
@@ -93,7 +96,7 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
     for experiment in experiments:
         if text := plausibility.of_response(experiment.name, responses):
             work.tell(f"warning: {experiment.name}: pressure: {text}")
-    warn_of_copies(work, experiments)
+    warn_of_copies(work, experiments, {name: repeats.motion_of(item.value.dataset) for name, item in recordings.items()})
 
 
 #: Attributes of a track and its recording that may hold a doubt about the run itself, and not about how it was brought on one clock.

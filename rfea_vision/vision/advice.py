@@ -29,6 +29,10 @@ AROUND_CLAMP, ASIDE = 3.0, 2.0
 BASE_MOVED, BASE_ALIKE, BASE_GONE = 0.5, 0.7, 0.15  # half widths; least correlation there, and by how much it beats that in its place
 LOOKS = 12  # frames in which this is looked at
 READ, BEGUN = 0.95, 12  # share of a film that is read as one; frames, half a second of most films: fewer may be luck
+_UPSIDE_DOWN = (
+    ", by which the tube leads upwards: if it hangs, the film is upside down (turn it and the photos of the board by half a turn), if "
+    "it stands, write rig: {gravity: up}"
+)
 GAIN = 0.05  # of these frames: less is no reason to point again
 
 
@@ -122,15 +126,20 @@ def scale_doubt(length_check: str) -> str:
 def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]]:
     """Hints that the first frame itself suggests, and their words."""
     if scene.clamp_px is None or scene.tip_px is None:
-        found = begin(source.frame(0), scene, new_buffers())
-        if isinstance(found, str):
-            return
-        line = line_of(found.state)
-        tangent = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
-        across = found.state.width[0] * np.array([-tangent[1], tangent[0]])
-        left, right, tip = np.round(project(scene.camera, np.array([line[0] + across, line[0] - across, line[-1]])), 1)
-        hints = replace(scene.hints, clamp=(_pixel(left), _pixel(right)), tip=_pixel(tip))
-        yield hints, f"camera.clamp: [{_words(left)}, {_words(right)}] and camera.tip: {_words(tip)}"
+        unhinted = replace(scene, hints=replace(scene.hints, clamp=None, tip=None, centre_line=()), clamp_px=None, tip_px=None)
+        ways = [(scene, ""), (replace(unhinted, down=-scene.down), _UPSIDE_DOWN)]
+        if len(scene.line_px):  # pointed at in the wrong place, as by rows and columns
+            ways.insert(1, (unhinted, ""))
+        for way, remark in ways:
+            found = begin(source.frame(0), way, new_buffers())
+            if isinstance(found, str):
+                continue
+            line = line_of(found.state)
+            tangent = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
+            across = found.state.width[0] * np.array([-tangent[1], tangent[0]])
+            left, right, tip = np.round(project(scene.camera, np.array([line[0] + across, line[0] - across, line[-1]])), 1)
+            hints = replace(way.hints, clamp=(_pixel(left), _pixel(right)), tip=_pixel(tip))
+            yield hints, f"camera.clamp: [{_words(left)}, {_words(right)}] and camera.tip: {_words(tip)}{remark}"
     elif len(scene.hints.centre_line) < 2:
         seen = BodyFollower(scene, scale_for(scene, source.size))
         with closing(source.colours(seen.scale)) as pictures:

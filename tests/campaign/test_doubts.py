@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 
+from rfea_vision.artefacts import Actuator
 from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.following import AngleRun, _lost, of_pair, together
-from rfea_vision.campaign.plausibility import of_times
+from rfea_vision.campaign.plausibility import of_copies, of_times, of_upside_down
+from rfea_vision.campaign.repeats import alike, of_repeat
+from rfea_vision.campaign.specs import ExperimentSpec, PressureSpec, SyncSpec, TrackSpec
 from rfea_vision.errors import DataError
+from rfea_vision.readers.pressure import PressureLog
 from tests.cli.console import rfea
 
 from .campaigns import write_campaign
@@ -282,3 +288,40 @@ def test_of_a_sine_nobody_says_that_the_angle_falls():
     pressure = 40 * (1 + np.sin(2 * np.pi * time_s / 3))
     angle = 60 - 0.5 * np.interp(time_s - 0.2, time_s, pressure)
     assert of_pair(xr.Dataset({"bend_angle": ("time", angle)}), time_s, time_s, pressure) == []
+
+
+@pytest.mark.parametrize(("late_s", "period_s"), [(-0.8, None), (0.3, None), (0.0, None), (0.3, 1.1), (0.55, 1.05)])
+def test_no_tube_moves_before_its_pressure(late_s, period_s):
+    """An offset with the wrong sign had passed; of one sine a lead is a delay of the rest of its period."""
+    rng = np.random.default_rng(7)
+    time_s = np.arange(0, 20, 0.02)
+    pressure = 40 + 30 * np.sin(2 * np.pi * time_s / period_s) if period_s else np.repeat(rng.uniform(0, 80, 20), 50)
+    bent = np.interp(time_s - late_s, time_s, pressure) + rng.standard_normal(time_s.size)
+    track = xr.Dataset({"tip": (("time", "xy"), np.stack([-bent, 0.001 * bent**2 - 150], axis=1))})
+    said = of_pair(track, time_s, time_s, pressure)
+    assert any("moves 0.8 s before this pressure" in text for text in said) == (late_s < 0), said
+
+
+def test_a_repeat_that_begins_later_on_its_log_is_one_and_a_run_that_looks_alike_is_no_copy():
+    time_s = np.arange(0, 4, 0.01)
+    pressure = 50 + 40 * np.sin(3 * time_s) * np.sin(7.1 * time_s)
+    first, again = PressureLog(time_s, pressure), PressureLog(time_s[30:] - 7, pressure[30:] + 0.5)
+    assert not of_repeat(again, first, "first")
+    assert "to 0 % only" in of_repeat(PressureLog(time_s, -pressure), first, "first")
+    rng = np.random.default_rng(1)
+    parts = (None, None, TrackSpec(Path("track.csv")), PressureSpec(), SyncSpec())
+    runs = [ExperimentSpec(name, Path(), "train", Actuator(), *parts) for name in ("a", "b", "c")]
+    motion = {name: (pressure + 0.001 * rng.standard_normal(400))[:, None] for name in "ab"}
+    assert alike(runs, motion | {"c": np.zeros((400, 1))}) == []
+    assert [item.name for item, _, _ in alike(runs, motion | {"c": motion["a"][50:200].round(2)})] == ["c"]
+
+
+def test_a_film_that_goes_dark_or_is_upside_down_is_doubted():
+    time_s, copies = np.arange(60) / 30, np.zeros(60, dtype=bool)
+    copies[[3, 4, 30]] = True
+    assert of_copies(time_s, copies) == []
+    copies[26:] = True
+    assert "stands still from 0.87 to 1.97 s" in of_copies(time_s, copies)[0]
+    tip, valid = np.tile([5.0, 150.0], (60, 1)), ("time", np.ones(60, dtype=bool))
+    assert "is the film upside down?" in of_upside_down(xr.Dataset({"tip": (("time", "xy"), tip), "valid": valid}), 155.0)[0]
+    assert of_upside_down(xr.Dataset({"tip": (("time", "xy"), -tip), "valid": valid}), 155.0) == []

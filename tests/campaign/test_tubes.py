@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_stretch, of_tube, of_weight, weight_moment
+from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_square, of_stretch, of_tube, of_weight, weight_moment
 from rfea_vision.errors import DataError
 from tests.cli.console import rfea
 
@@ -101,3 +101,11 @@ def test_bend_and_pressure_tell_the_modulus_of_the_wall(seen, gravity_deg):
 def test_a_pressure_that_cannot_lift_the_tube_is_doubted():
     assert "no run goes beyond 2.7 kPa" in of_weight(2.7, TUBE, 0.0)
     assert of_weight(270.0, TUBE, 0.0) == of_weight(2.7, TUBE, 180.0) == of_weight(2.7, replace(TUBE, kind="rod"), 0.0) == ""
+
+
+@pytest.mark.parametrize(("square_mm", "told"), [(9.0, False), (12.0, False), (90.0, True), (0.9, True)])
+def test_a_square_in_cm_makes_a_tube_that_no_picture_shows(square_mm, told):
+    """The tube had not been found, and its clamp been asked for."""
+    corners = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), axis=-1).reshape(-1, 2)
+    said = of_square(square_mm * corners, 48.6 * corners, (1280, 720), TUBE)
+    assert bool(said) == told and ("is the square right" in said) == told

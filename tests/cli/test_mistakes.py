@@ -98,6 +98,12 @@ def turned_film(folder):
         file.write("camera: {board: {kind: checkerboard, inner_corners: [9, 6], square: 12 mm}, photos: photo.png}\n")
 
 
+def plane_by_another(folder):
+    turned_film(folder)
+    cv2.imwrite(str(folder / "plane.png"), np.full((72, 96), 90, np.uint8))
+    text("photos: photo.png", "photos: photo.png, plane: plane.png")(folder)
+
+
 def marks_of_the_logger(pressure_kPa):
     return pressure_kPa.where(pressure_kPa.index % 50 != 0, 9999.0)
 
@@ -164,6 +170,44 @@ def nodes_in_cm(folder):
     pd.DataFrame({"time_s": np.arange(120) / 240, **line, **y_mm}).to_csv(folder / "steps" / "track.csv", index=False)
 
 
+def two_points_swapped(folder):
+    table = pd.read_csv(folder / "steps" / "track.csv")
+    places = [0, 1, 3, 2, 4, 5, 6]
+    line = {f"{axis}{k:02d}_mm": table[f"tip_{axis}_mm"] * place / 6 for k, place in enumerate(places) for axis in "xy"}
+    pd.DataFrame({"time_s": table["time_s"], **line}).to_csv(folder / "steps" / "track.csv", index=False)
+
+
+def standard_errors(sigma_mm):
+    """Give every row of a track this standard error."""
+
+    def spoil(folder):
+        table = pd.read_csv(folder / "steps" / "track.csv")
+        table.assign(sigma_mm=sigma_mm).to_csv(folder / "steps" / "track.csv", index=False)
+
+    return spoil
+
+
+def part_with_fewer_digits(folder):
+    table = pd.read_csv(folder / "sine" / "track.csv")
+    table.iloc[20:90].to_csv(folder / "steps" / "track.csv", index=False, float_format="%.3f")
+
+
+def repeat_of_another(folder):
+    text("role: train", "role: train\nrepeat_of: sine", RUN)(folder)
+    pressures(lambda p: 50 + 50 * np.sin(np.arange(p.size) / 20))(folder)
+
+
+def summer_time(rows):
+    begins = pd.Timestamp("2026-10-25 02:59:59.8")
+    times = [begins + pd.Timedelta(float(row.split(",")[0]) - 3600 * (k > 200), "s") for k, row in enumerate(rows[1:])]
+    return [rows[0], *(f"{time.isoformat(' ')},{100 + k % 9}" for k, time in enumerate(times))]
+
+
+def psi_in_the_head(folder):
+    log(lambda rows: ["time_s,p [psi]", *rows[1:]])(folder)
+    text("{file: pressure.csv}", "{file: pressure.csv, pressure: 'p [psi]', unit: kPa}", RUN)(folder)
+
+
 def mirrored_track(folder):
     table = pd.read_csv(folder / "steps" / "track.csv")
     table.assign(tip_x_mm=-table["tip_x_mm"]).to_csv(folder / "steps" / "track.csv", index=False)
@@ -202,7 +246,7 @@ IN_FILES = [
     ("length in cm as mm", text("length: 155 mm", "length: 15.5 mm"), 0, "is the length in cm"),
     ("decimal comma", text("outer_radius: 4 mm", "outer_radius: '4,0 mm'"), 2, "decimal comma; write '4.0 mm'"),
     ("radii swapped", text("inner_radius: 3 mm", "inner_radius: 5 mm"), 2, "smaller than actuator.outer_radius"),
-    ("density of a star", text("965 kg/m^3", "965 g/cm^3"), 0, "more than any solid's; is the unit right?"),
+    ("density of a star", text("965 kg/m^3", "965 g/cm^3"), 0, "more than lead's; is the unit right?"),
     ("density without its power", text("965 kg/m^3", "965 kg/m"), 2, "not a unit of the right kind"),
     ("side in another language", text("bends: left", "bends: links"), 2, "must be 'left' or 'right'"),
     ("key misspelt", text("inner_radius", "inner_radus"), 2, "did you mean 'inner_radius'?"),
@@ -271,6 +315,17 @@ IN_FILES = [
     ("track mirrored", mirrored_track, 0, "is that right, or is the track mirrored?"),
     ("offset in s for ms", text("{method: common_clock}", "{method: offset, value: 12 s}", RUN), 0, "and never meet"),
     ("times of the day", log_by_the_time_of_the_day, 0, "the log has the time of the day and the track has not"),
+    ("kPa of a column in psi", psi_in_the_head, 0, "'p [psi]' is in psi by its own head, and in kPa by pressure.unit"),
+    ("two columns of one name", log(lambda r: [f"{r[0]},pressure_kPa", *(f"{x},0" for x in r[1:])]), 0, "is the name of two columns"),
+    ("standard errors in um", standard_errors(50.0), 0, "sigma_mm, are 50 mm, and the tube 155 mm long; are they in um?"),
+    ("standard errors in m", standard_errors(5e-5), 0, "and its rows scatter by 0.065 mm; are they in m?"),
+    ("density of feet and pounds", text("965 kg/m^3", "965 lb/ft^3"), 0, "15457.8 kg/m^3 is more than lead's"),
+    ("payload in kg for g", text("role: train", "role: train\nconditions: {payload: 10 kg}", RUN), 0, "holds this tube straight"),
+    ("end of summer time", log(summer_time), 2, "goes from summer to winter time there: add 3600 s (an hour)"),
+    ("two points swapped", two_points_swapped, 0, "goes back on itself at point 02 and 03; are points of it swapped?"),
+    ("part of a run with fewer digits", part_with_fewer_digits, 0, "is the same track as that of 'sine', or a part of it"),
+    ("repeat of another run", repeat_of_another, 0, "repeat_of: its pressure is that of 'sine' to 0 % only"),
+    ("plane by another camera", plane_by_another, 2, "plane.png has 96 x 72 px, and photo.png 48 x 64; photograph the board in"),
     ("film copied", copied_film, 2, "the same film, byte by byte, as that of 'sine'; was it copied by mistake?"),
 ]  # fmt: skip
 IN_COMMANDS = [

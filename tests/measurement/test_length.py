@@ -12,7 +12,7 @@ from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision import advice, track_frames
-from rfea_vision.vision.find.begin import OTHER_LENGTH
+from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene
 from rfea_vision.vision.track import make_scene
 from testing.scenes import Look, bending, film
 from testing.sources import memory_source
@@ -77,6 +77,24 @@ def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch)
     monkeypatch.setattr(advice, "_read", lambda source, scene, count: 2)
     said = advice.next_hint(None, SimpleNamespace(clamp_px=None, tip_px=None, hints=Hints()), ["no_tube", *[OTHER_LENGTH] * 4])
     assert said.startswith("check the board's square (or camera.scale)") and "give it: camera.tip: [3, 4] (tried, it reads 2" in said
+
+
+@pytest.mark.parametrize(("clamp_px", "down", "says"), [(None, 1.0, "the film is upside down"), ([[1, 2], [1, 9]], -1.0, "")])
+def test_hints_are_tried_the_other_way_up_and_where_nothing_was_pointed_at(clamp_px, down, says, monkeypatch):
+    """A film upside down had been asked for the clamp, and a clamp given by rows and columns for the tip."""
+
+    def begin(picture, scene, work):
+        seen = scene.clamp_px is None and scene.down[1] == down
+        return SimpleNamespace(state=SimpleNamespace(width=[4.0])) if seen else "no_tube"
+
+    monkeypatch.setattr(advice, "begin", begin)
+    monkeypatch.setattr(advice, "line_of", lambda state: np.array([[50.0, 10.0], [50.0, 20.0], [60.0, 90.0]]))
+    monkeypatch.setattr(advice, "project", lambda camera, points: points)
+    clamp = None if clamp_px is None else np.array(clamp_px, dtype=float)
+    scene = Scene(np.zeros(0), Actuator(), np.array([0.0, -1.0]), 1.0, clamp)
+    ((hints, words),) = advice._candidates(SimpleNamespace(frame=lambda number: None), scene)
+    assert hints.tip == (60.0, 90.0) and sorted(hints.clamp) == [(46.0, 10.0), (54.0, 10.0)]
+    assert says in words and ("upside" in words) == bool(says)
 
 
 def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(monkeypatch):

@@ -1,0 +1,103 @@
+"""What runs have in common and should not, and what a repeat should have in common with the run that it repeats."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rfea_vision.arrays import FloatArray
+from rfea_vision.campaign.specs import ExperimentSpec
+from rfea_vision.files import sha256_of
+from rfea_vision.scatter import rounding_noise
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rfea_vision.readers.pressure import PressureLog
+
+#: Parts of a run that no two runs have in common, and how they are alike.
+_COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressure": "log, row by row"}
+
+# of the range of a motion: two runs are never alike so far in every row, and a copy with seven digits is
+_SAME_MOTION = 1e-5
+# of a pressure's variance that one of which it is said to be a repeat must tell; repeats with a valve leave 0.01 at most. Chosen.
+_REPEATED = 0.8
+# s about their beginnings within which a repeat is brought to what it repeats (as `before_repeat` of the fits does), and steps of that
+_BEGINNINGS_S = np.arange(-0.5, 0.51, 0.02)
+# kPa of standard deviation of a pressure that stands still, as soft actuators are driven with 10 to 500
+_STILL_KPA = 0.5
+# rows: of fewer, and of a motion over fewer steps of its last digit, likeness may be chance
+_FEW_ROWS = 20
+
+
+def of_repeat(own: PressureLog, first: PressureLog, name: str) -> str:
+    """Doubt that a run repeats another one, by their pressures; empty where these are alike, or both stand still."""
+    time_s = np.arange(0.0, min(np.ptp(own.time_s), np.ptp(first.time_s)), _BEGINNINGS_S[1] - _BEGINNINGS_S[0])
+    pressure = np.interp(own.time_s[0] + time_s, own.time_s, own.pressure_kPa)
+    spread = float(np.var(pressure))
+    if spread < _STILL_KPA**2:
+        return ""
+    begun_s = first.time_s[0] + time_s
+    left = min(np.mean((np.interp(begun_s + late_s, first.time_s, first.pressure_kPa) - pressure) ** 2) for late_s in _BEGINNINGS_S)
+    told = 1 - float(left) / spread
+    if told >= _REPEATED:
+        return ""
+    return (
+        f"its pressure is that of '{name}' to {100 * max(told, 0.0):.0f} % only, from their beginnings on; does it repeat another run? "
+        "What repeats differ by is taken for what the tube itself does not repeat"
+    )
+
+
+def motion_of(track: xr.Dataset) -> FloatArray:
+    """What moves (rows, columns) of a track or recording: its tip in mm, else its angle in deg; rows without numbers left out."""
+    values = next((track[name].values for name in ("tip", "bend_angle") if name in track), np.empty((0, 1)))
+    values = values.reshape(len(values), -1)
+    return np.asarray(values[np.isfinite(values).all(axis=1)], dtype=float)
+
+
+def _within(short: FloatArray, long: FloatArray) -> bool:
+    """Whether rows of one motion stand, one after the other, in another one."""
+    digits = np.sqrt(12) * max(rounding_noise(short), rounding_noise(long))  # of the one that was saved with fewer
+    near = max(digits, _SAME_MOTION * float(np.ptp(long, axis=0).max()))
+    count, places = len(short), np.arange(len(long) - len(short) + 1)
+    if np.ptp(short, axis=0).max() < _FEW_ROWS * near:
+        return False  # what rests is alike anywhere
+    for row in (0, count // 2, count - 1):
+        places = places[np.abs(long[places + row] - short[row]).max(axis=1) <= near]
+    return any(np.abs(long[at : at + count] - short).max() <= near for at in places)
+
+
+def alike(
+    experiments: Sequence[ExperimentSpec], motions: Mapping[str, FloatArray] | None = None
+) -> list[tuple[ExperimentSpec, str, str]]:
+    """Doubt a film, a track, a pressure log or a motion that stands in two runs: the second of each pair, its key, and why.
+
+    `motions` (rows, columns) by run are alike where one is the other or a part of it, to the digits that were saved.
+    """
+    found = []
+    for key, what in _COPIED.items():
+        having = [(item, part) for item in experiments if (part := getattr(item, key)) is not None]
+        files = [(item, part) for item, part in having if part.file is not None and part.file.is_file()]
+        sizes = Counter(part.file.stat().st_size for _, part in files)  # a film is read only where another is as long
+        seen: dict[tuple[object, ...], ExperimentSpec] = {}
+        for item, part in files:
+            if sizes[part.file.stat().st_size] > 1:
+                taken = [getattr(part, name, None) for name in ("pressure", "angle", "points", "individual")]
+                first = seen.setdefault((sha256_of(part.file), *taken), item)
+                if first is not item:
+                    found.append(
+                        (item, key, f"is the same {what}, as that of '{first.name}'; was it copied by mistake?")
+                    )
+    said = {item.name for item, _, _ in found}
+    moving = [(item, motions[item.name]) for item in experiments if motions and len(motions.get(item.name, ())) >= _FEW_ROWS]
+    for (first, other), (item, own) in combinations(moving, 2):
+        short, long = sorted((own, other), key=len)
+        if item.name not in said and short.shape[1] == long.shape[1] and _within(short, long):
+            said.add(item.name)
+            text = f"is the same track as that of '{first.name}', or a part of it, saved in another way; was it copied by mistake?"
+            found.append((item, "track" if item.track else "video", text))
+    return found
