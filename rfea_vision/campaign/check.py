@@ -32,7 +32,7 @@ class CheckedCampaign:
 @dataclass(frozen=True)
 class _Seen:
     """What is kept of each run, to look at all of them together: by name the highest pressure (kPa), how far it and the tube go, the
-    modulus (Pa) that goes with it, angles alone, logs, and what moved.
+    modulus (Pa) that goes with it, angles alone, logs, what moved, and centre lines.
     """
 
     highest_kPa: dict[str, float] = field(default_factory=dict)
@@ -41,6 +41,7 @@ class _Seen:
     angles: dict[str, following.AngleRun] = field(default_factory=dict)
     logs: dict[str, PressureLog] = field(default_factory=dict)
     motions: dict[str, FloatArray] = field(default_factory=dict)
+    lines: dict[str, tuple[int, float]] = field(default_factory=dict)
 
 
 def check_campaign(
@@ -97,6 +98,8 @@ def _beside_others(experiment: ExperimentSpec, seen: _Seen) -> list[tuple[str, s
     found = [("repeat_of", repeats.of_repeat(own, first, str(experiment.repeat_of)))] if own and first else []
     load_kg, highest_kPa = experiment.rig.conditions.get("payload.m", 0.0), max(seen.highest_kPa.values(), default=0.0)
     found.append(("conditions.payload", of_load(load_kg, highest_kPa, experiment.actuator, experiment.rig.gravity_deg)))
+    if experiment.name in seen.lines:
+        found.append(("track", repeats.of_line(experiment.name, seen.lines)))
     return [(key, text) for key, text in found if text]
 
 
@@ -250,6 +253,7 @@ def _experiment_problems(
             )
             track_s = track.time_s
             seen.motions[experiment.name] = repeats.motion_of(track.dataset)
+            seen.lines[experiment.name] = repeats.line_of(track.dataset)
             problems += [_warning(experiment, "track", text) for text in plausibility.of_gaps(track_s)]
             said = [] if by_camera else plausibility.of_track(track.dataset, 1e3 * experiment.actuator.length)
             said = said or ([] if by_camera else of_stretch(track.dataset, experiment.actuator))
@@ -272,7 +276,7 @@ def _experiment_problems(
     problems += [FileProblem(file, text, key, experiment=experiment.name) for key, text in _unseen_signals(experiment, log)]
     seen.highest_kPa[experiment.name] = float(abs(log.pressure_kPa).max())
     seen.logs[experiment.name] = log
-    said = [*log.doubts, *plausibility.of_pressure(log.pressure_kPa, log.chambers)]
+    said = list(log.doubts) or plausibility.of_pressure(log.pressure_kPa, log.chambers)
     if track is not None and not by_camera and not said:
         if moved := plausibility.response(track.dataset, log.pressure_kPa):
             seen.responses[experiment.name] = moved

@@ -36,6 +36,9 @@ _HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says n
 # Shares of an angle's range: a first value within the one of zero was set to zero, where by its pressure it should be beyond the
 # other. Chosen: noise of an angle stays within the one, what friction and rubber leave within the other.
 _SET_TO_ZERO, _SHOULD_BE = 0.02, 0.2
+# Share of the highest pressure below which it rests, and deg that are more than a tube at rest is bent by: sensors count from the level
+# (90) or from above (180). Chosen; of its range it must be twice, or rubber that creeps would do.
+_AT_REST, _FAR_DEG = 0.05, 60.0
 
 
 def _lost(log_s: FloatArray) -> str:
@@ -117,6 +120,8 @@ def of_pair(
         )
     elif motion.shape[1] == 1:
         said += _counted_from_the_start(motion[seen, 0], float(np.interp(moved_s[0], log_s, pressure_kPa)), slope)
+    if motion.shape[1] == 1:
+        said += _counted_from_elsewhere(motion[seen, 0], np.interp(moved_s, log_s, pressure_kPa))
     if motion.shape[1] == 2 and _moves_back(track, motion[seen], np.interp(moved_s, log_s, pressure_kPa)):
         said.append(
             "the tube moves to the other side than actuator.bends says while the pressure rises; is the track mirrored, or the sign "
@@ -152,6 +157,17 @@ def _counted_from_the_start(angle_deg: FloatArray, first_kPa: float, kPa_per_deg
     return [
         f"the angle begins at {angle_deg[0]:.2g} deg where the pressure is {first_kPa:.3g} kPa, which elsewhere bends it by "
         f"{bent_deg:.2g} deg; is it counted from the first frame? Then fit with --angle-zero {bent_deg:.2g}deg"
+    ]
+
+
+def _counted_from_elsewhere(angle_deg: FloatArray, pressure_kPa: FloatArray) -> list[str]:
+    """Doubt the zero of an angle (frames,) that is far from it wherever the pressure rests."""
+    rests = np.abs(pressure_kPa) < _AT_REST * np.abs(pressure_kPa).max()
+    if not rests.any() or abs(at_rest := float(np.median(angle_deg[rests]))) < max(_FAR_DEG, 2 * float(np.ptp(angle_deg[~rests]))):
+        return []
+    return [
+        f"the angle is {at_rest:.3g} deg where the pressure rests, and 0 is where the unloaded tube points; is it counted from another "
+        "direction? Write the column from there on"
     ]
 
 

@@ -16,6 +16,7 @@ from rfea_vision.errors import RfeaError
 from rfea_vision.readers.columns import column, in_unit, said_unit
 from rfea_vision.readers.kinds.base import AXIS, Points, Table, points_of_columns
 from rfea_vision.readers.pictures import PICTURES
+from rfea_vision.readers.poses import turned_body
 from rfea_vision.readers.tables import endings, read_table
 from rfea_vision.units import conversion_factor, pressure_unit
 
@@ -121,14 +122,15 @@ def _table(path: Path) -> FileGuess:
         remedy = "; write a line of names above its numbers, for example 'time_s,p_kPa,angle_deg'" if bare else ""
         return FileGuess(path, "unknown", note=f"no column looks like a pressure, a tip or an angle{remedy}")
     what = "log" if motion is None else "track" if pressure is None else "both"
-    file = (Key("file", path),)
-    each = tuple(file + keys for keys in pressure or ((),))
+    file = Key("file", path)
+    each = tuple((file, *keys) for keys in pressure or ((),))
     if motion is None:
         pressures = {key.value for keys in each for key in keys if key.why != _BARE}
         rest = columns.measured([name for name in columns.numeric() if name not in pressures])
         if len(rest) == 1:
             motion = (*time, Key("angle", rest[0], _ALONE), *_angle_unit(columns.table, rest[0]))
-    return FileGuess(path, what, each[0], each if len(each) > 1 else (), file + (motion or ()), actuator)
+    note = turned_body(columns.table)
+    return FileGuess(path, what, each[0], each if len(each) > 1 else (), (file, *(motion or ())), actuator, note)
 
 
 def _time(columns: _Columns) -> tuple[Key, ...]:

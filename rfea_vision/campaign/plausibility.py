@@ -29,6 +29,8 @@ _VACUUM_KPA = -101.325  # no gauge pressure lies below
 _UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
 # a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
 _TOO_LONG = 50.0
+# a track that counts in ones and lasts so many times as long as its log: stills are taken once a second while the log runs
+_COUNTED = 2.0
 # s of the units in which a log may count, and so seem short; the empty one stands for pictures in ms
 _LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
 # The smallest slip between units is 6.9 (psi for kPa). A tube that softens with the bend goes twice as far for each kPa, and where a
@@ -118,9 +120,9 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False)
         if abs(np.log(logged / max(camera, 1e-12) / 60.0)) < np.log(2.0):
             return [f"{both}; does the time of the pictures count in min? track.time_unit says which unit it is in"]
         return [f"{both}; is the time of the log in ms? pressure.time_unit says which unit it is in"]
+    if camera > _COUNTED * logged and np.all(np.diff(pictures_s) == 1.0):
+        return [f"{both}; the time of the pictures counts in ones: is it the number of the frame?"]
     if camera > _TOO_LONG * logged:
-        if np.all(np.diff(pictures_s) == 1.0):
-            return [f"{both}; the time of the pictures counts in ones: is it the number of the frame?"]
         unit = min(_LONG_UNITS, key=lambda name: abs(np.log(camera / max(logged, 1e-12) / _LONG_UNITS[name])))
         if unit:
             return [f"{both}; does the log count in units of one {unit}? Then write pressure.time_unit: {unit}"]
@@ -156,8 +158,10 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             return [
                 f"{at_most}, and its first point as far as the tube is long; are the points written from tip to clamp?"
             ]
+        if far >= 0.02 * length_mm and (text := _of_origin(track, length_mm)):
+            return [text]
         if far < 0.02 * length_mm or off.any():
-            return [f"{at_most}; are these mm?"]
+            return [f"{at_most}; are these mm?" + " And is the clamp where x and y are 0?" * bool(off.any())]
         if far > _REACH * length_mm:
             return [
                 f"{at_most}; is actuator.length that of the part that bends, and the track's first point at its clamp?"
@@ -204,6 +208,18 @@ def _from_the_tip(track: xr.Dataset, length_mm: float) -> bool:
         return False
     firsts = track["midline"].values[track["valid"].values.astype(bool), 0]
     return bool(np.hypot(*firsts.T).max() > _CURLED * length_mm)
+
+
+def _of_origin(track: xr.Dataset, length_mm: float) -> str:
+    """Doubt a centre line of the tube's length that begins elsewhere than at the origin; empty where it begins there."""
+    if "midline" not in track:
+        return ""
+    lines = track["midline"].values[track["valid"].values.astype(bool)]
+    x, y = np.median(lines[:, 0], axis=0)
+    along = float(np.nanmedian(np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(axis=1)))
+    if np.hypot(x, y) < _ASIDE * length_mm or abs(along / length_mm - 1) > _OTHER_LENGTH:
+        return ""
+    return f"its line begins at x = {x:.4g}, y = {y:.4g} mm, and the clamp is where both are 0; count x and y from the clamp"
 
 
 def _folded(track: xr.Dataset) -> str:

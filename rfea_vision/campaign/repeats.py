@@ -28,6 +28,8 @@ _SAME_MOTION = 1e-5
 _REPEATED = 0.8
 # s about their beginnings within which a repeat is brought to what it repeats (as `before_repeat` of the fits does), and steps of that
 _BEGINNINGS_S = np.arange(-0.5, 0.51, 0.02)
+# of what is lacking to a line by its points, as far as its length may lack another part: of lines that are whole nothing is lacking
+_CUT_SHORT = 0.3
 # kPa of standard deviation of a pressure that stands still, as soft actuators are driven with 10 to 500
 _STILL_KPA = 0.5
 # rows: of fewer, and of a motion over fewer steps of its last digit, likeness may be chance
@@ -57,6 +59,23 @@ def motion_of(track: xr.Dataset) -> FloatArray:
     values = next((track[name].values for name in ("tip", "bend_angle") if name in track), np.empty((0, 1)))
     values = values.reshape(len(values), -1)
     return np.asarray(values[np.isfinite(values).all(axis=1)], dtype=float)
+
+
+def line_of(track: xr.Dataset) -> tuple[int, float]:
+    """Points of the centre line of a track or recording, and its length in mm; zeros where it has none."""
+    if "midline" not in track:
+        return 0, 0.0
+    steps = np.linalg.norm(np.diff(track["midline"].values, axis=1), axis=2)
+    return steps.shape[1] + 1, float(np.nanmedian(steps.sum(axis=1)))
+
+
+def of_line(name: str, lines: Mapping[str, tuple[int, float]]) -> str:
+    """Doubt a centre line that has fewer points than that of another run of the tube, and is as much shorter; else empty."""
+    count, long_mm = lines[name]
+    other, (most, whole_mm) = max(lines.items(), key=lambda item: item[1])
+    if not 1 < count < most or abs(long_mm / whole_mm - (count - 1) / (most - 1)) > _CUT_SHORT * (most - count) / (most - 1):
+        return ""
+    return f"its line has {count} points over {long_mm:.4g} mm, that of '{other}' {most} over {whole_mm:.4g}; are points of it missing?"
 
 
 def _within(short: FloatArray, long: FloatArray) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,10 @@ from rfea_vision.units import conversion_factor
 if TYPE_CHECKING:
     from rfea_vision.campaign.specs import TrackSpec
 
+_TURNED = re.compile(r"(?i)(?:^|[^a-z])(?:q|quat\w*|rot\w*|orient\w*)[ _.]*[xyzw0-3]$")
+"""Headers of a quaternion: qx, q0, quat_w, pose.orientation.z, Rotation X."""
+_OF_LENGTH_ONE = 1e-2
+"""How far the sum of its squares may be from one: two digits, as they may be written."""
 Lengths = Callable[[FloatArray], FloatArray]
 
 _FINE = 8
@@ -178,3 +183,16 @@ def even_nodes(marks_mm: FloatArray) -> FloatArray:
         even = np.linspace(0.0, along[-1], count)
         nodes[row] = np.stack([np.interp(even, along, fine[:, axis]) for axis in (0, 1)], axis=1)
     return nodes
+
+
+def turned_body(table: Table) -> str:
+    """What to write where a table holds how a rigid body is turned, as a quaternion; empty where it does not."""
+    found = {name: values for name, values in table.columns.items() if _TURNED.search(name) and values.dtype.kind in "fiu"}
+    if len({values.size for values in found.values()}) != 1 or len(found) != 4:
+        return ""
+    if not np.nanmedian(np.abs(sum(values.astype(float) ** 2 for values in found.values()) - 1)) < _OF_LENGTH_ONE:
+        return ""
+    return (
+        f"a log, and how a body is turned ({', '.join(found)}), which is not read as a motion; write beside it a column angle_deg: how "
+        "far the body has turned from its unloaded pose, about the axis of the bend"
+    )

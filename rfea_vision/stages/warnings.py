@@ -49,7 +49,8 @@ def warnings_of(measured: Track | Recording) -> list[str]:
 
 def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
     """What makes one doubt that a log is what it is said to be, beside the times (frames,) of a track."""
-    return [*log.doubts, *plausibility.of_pressure(log.pressure_kPa, log.chambers), *plausibility.of_times(log.time_s, seen_s)]
+    said = list(log.doubts) or plausibility.of_pressure(log.pressure_kPa, log.chambers)
+    return said + plausibility.of_times(log.time_s, seen_s)
 
 
 def log_warnings(recording: Recording, log: PressureLog) -> dict[str, str]:
@@ -82,6 +83,7 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
     for tube in dict.fromkeys(item.actuator for item in experiments):
         for key, text in of_tube(tube):
             work.tell(f"warning: actuator.{key}: {text}")
+    lines = {name: repeats.line_of(item.value.dataset) for name, item in recordings.items()}
     responses, moduli = dict[str, plausibility.Response](), list[float | None]()
     for experiment in experiments:
         recording = recordings[experiment.name].value
@@ -96,6 +98,8 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
     for experiment in experiments:
         if text := plausibility.of_response(experiment.name, responses):
             work.tell(f"warning: {experiment.name}: pressure: {text}")
+        if text := repeats.of_line(experiment.name, lines):
+            work.tell(f"warning: {experiment.name}: track: {text}")
     warn_of_copies(work, experiments, {name: repeats.motion_of(item.value.dataset) for name, item in recordings.items()})
 
 

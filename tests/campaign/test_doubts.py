@@ -168,6 +168,21 @@ def test_a_film_that_lasts_twice_as_long_as_its_log_may_be_slow_motion(filmed, s
     assert says in text
 
 
+def test_frames_that_are_counted_are_no_seconds():
+    """At 60 Hz they last 38 times as long as the log, which had been too little to be said."""
+    (text,) = of_times(np.linspace(0, 3, 300), np.arange(120.0))
+    assert "is it the number of the frame?" in text
+
+
+@pytest.mark.parametrize(("zero_deg", "told"), [(180.0, True), (-90.0, True), (20.0, False), (0.0, False)])
+def test_an_angle_from_another_direction_is_doubted(zero_deg, told):
+    time_s = np.arange(0, 20, 0.05)
+    pressure = np.clip(60 * np.sin(time_s), 0, None)
+    track = xr.Dataset({"bend_angle": ("time", zero_deg + 0.5 * pressure)})
+    said = of_pair(track, time_s, time_s, pressure)
+    assert bool(said) == told and all("0 is where the unloaded tube points" in text for text in said)
+
+
 def test_a_run_that_is_right_is_not_doubted(tmp_path, monkeypatch):
     folder = write_campaign(tmp_path / "campaign")
     monkeypatch.setattr("rfea_vision.stages.mechanics._fitted", _far_enough)

@@ -303,3 +303,17 @@ def test_of_several_pressures_the_one_is_taken_that_the_motion_follows(tmp_path,
     (key,) = (key for key in look(tmp_path / "a.csv").pressure if key.name == "pressure")
     assert key.value == followed and "the motion follows this one best" in key.why
     assert "also" in key.why and followed not in key.why.partition("also")[2]
+
+
+def test_how_a_rigid_body_is_turned_is_told_to_need_an_angle(tmp_path):
+    """Pressure and the pose of a body in one table had been taken for a log that belongs to no track."""
+    time_s = np.arange(0, 4, 0.05)
+    half = 0.4 * np.sin(time_s) ** 2
+    turned = {"qx": np.sin(half), "qy": 0 * half, "qz": 0 * half, "qw": np.cos(half)}
+    run = pd.DataFrame({"time_s": time_s, "p_kPa": 100 * half, "x": 0.1 * half, "y": 0 * half, "z": 0 * half - 0.2, **turned})
+    run.to_csv(tmp_path / "run.csv", index=False)
+    with pytest.raises(InputError, match=r"run.csv: a log, and how a body is turned \(qx, qy, qz, qw\).*a column angle_deg"):
+        write_campaign_from(tmp_path / "new", [tmp_path / "run.csv"])
+    run.assign(angle_deg=np.degrees(2 * half)).to_csv(tmp_path / "run.csv", index=False)
+    assert look(tmp_path / "run.csv").what == "both"
+

@@ -177,6 +177,25 @@ def two_points_swapped(folder):
     pd.DataFrame({"time_s": table["time_s"], **line}).to_csv(folder / "steps" / "track.csv", index=False)
 
 
+def points_along(folder, run, count=7, from_mm=0):
+    table = pd.read_csv(folder / run / "track.csv")
+    line = {f"{axis}{k:02d}_mm": from_mm * (axis == "x") + table[f"tip_{axis}_mm"] * k / 6 for k in range(count) for axis in "xy"}
+    pd.DataFrame({"time_s": table["time_s"], **line}).to_csv(folder / run / "track.csv", index=False)
+
+
+def places_from_a_corner(folder):
+    points_along(folder, "steps", from_mm=300)
+
+
+def last_point_missing(folder):
+    points_along(folder, "sine")
+    points_along(folder, "steps", count=6)
+
+
+def points_and_commas(rows):
+    return [rows[0].replace(",", ";"), *(row.replace(",", ";").replace(".", ",", 1) for row in rows[1:])]
+
+
 def standard_errors(sigma_mm):
     """Give every row of a track this standard error."""
 
@@ -323,6 +342,9 @@ IN_FILES = [
     ("payload in kg for g", text("role: train", "role: train\nconditions: {payload: 10 kg}", RUN), 0, "holds this tube straight"),
     ("end of summer time", log(summer_time), 2, "goes from summer to winter time there: add 3600 s (an hour)"),
     ("two points swapped", two_points_swapped, 0, "goes back on itself at point 02 and 03; are points of it swapped?"),
+    ("places from a corner", places_from_a_corner, 0, "its line begins at x = 300, y = 0 mm, and the clamp is where both"),
+    ("points and commas", log(points_and_commas), 2, "other columns have decimal points"),
+    ("last point missing", last_point_missing, 0, "its line has 6 points over 121.4 mm, that of 'sine' 7 over"),
     ("part of a run with fewer digits", part_with_fewer_digits, 0, "is the same track as that of 'sine', or a part of it"),
     ("repeat of another run", repeat_of_another, 0, "repeat_of: its pressure is that of 'sine' to 0 % only"),
     ("plane by another camera", plane_by_another, 2, "plane.png has 96 x 72 px, and photo.png 48 x 64; photograph the board in"),

@@ -93,6 +93,8 @@ class Table:
             if len(wrong) > 1 and np.isnan(numbers).all():
                 clock = re.search(r"\d:\d\d", str(values[row])) is not None
                 remedy = "export it in s, or as 2026-03-01 14:05:30.25, with the date" if clock else "export it as plain numbers"
+                if re.fullmatch(r"[+-]?\d+,\d+", str(values[row]).strip()):  # of all columns it would have been read
+                    remedy = "other columns have decimal points: export all of them with one decimal sign"
                 text = f"column '{name}' holds no numbers, but such as '{values[row]}'; {remedy}"
                 raise InputError(f"{self.source}: {text}")
             where = f"{self.source}: column '{name}', row {row + 1}"
