@@ -24,7 +24,7 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.prediction import observe_as_scored
 from rfea_vision.fitting.residual_tests import correlation_ratio
-from rfea_vision.fitting.residuals import Predicted, as_rigged, predict_observed
+from rfea_vision.fitting.residuals import Predicted, as_rigged, predict_observed, side_by_side
 from rfea_vision.fitting.scoring import rebuild
 
 SHAPES = 4  # Legendre functions of the position along the tube
@@ -175,17 +175,17 @@ def all_residual_torques(
 ) -> dict[str, tuple[ResidualTorque, Observed, float]]:
     """Residual torque of every experiment that was scored."""
     model, par = rebuild(artefact)
-    out = {}
-    for name, recording in recordings.items():
-        if recording.role not in ("train", "validate"):
-            continue
-        item = observe_as_scored(artefact, recording)
+
+    def one(name: str) -> tuple[ResidualTorque | None, Observed, float]:
+        item = observe_as_scored(artefact, recordings[name])
         score = artefact.experiments.get(name)
         clock = 0.0 if score is None else score.nuisance.get("clock_offset_s", 0.0)
-        result = residual_torque(model, par, item, clock)
-        if result is not None:
-            out[name] = (result, item, clock)
-    return out
+        return residual_torque(model, par, item, clock), item, clock
+
+    model.law  # noqa: B018 - compiled once, before the threads
+    names = [name for name, recording in recordings.items() if recording.role in ("train", "validate")]
+    found = zip(names, side_by_side(one, names), strict=True)
+    return {name: (result, item, clock) for name, (result, item, clock) in found if result is not None}
 
 
 def with_residual_torque(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import make_model
 from rfea_vision.fitting.ratio import with_lever_free
 from rfea_vision.fitting.refit import ROUGH_NEWTON, coordinates_for, on_few_bodies, rough_runs
+from rfea_vision.fitting.residuals import side_by_side
 from rfea_vision.options import FitOptions
 
 #: Evaluations at most on thinned runs in long steps, on all frames, and for a first and a second glance; and the share of the cost
@@ -204,16 +206,26 @@ class Trials:
         doi:10.48550/arXiv.1502.07943.
         """
         found = dict[str, Glance]()
+        for name in starts:
+            self._derive_law(self._options(base, base.effects | {name})[0])
         for evaluations in GLANCES:
-            for name, start in starts.items():
-                options, values, _ = self._options(base, base.effects | {name})
-                near = self._near(options, {**values, **base.fitted.values, **start}, base.fitted, evaluations)
+            looks = side_by_side(partial(self._glance, base, evaluations), list(starts.items()))
+            for name, near in zip(starts, looks, strict=True):
                 if near is not None:
                     found[name] = Glance(near.solution.mean_square, near.values)
             found = dict(sorted(found.items(), key=lambda item: (item[1].mean_square, item[0])))
             better = list(found)[: max(most, (len(found) + 1) // 2)]
             starts = {name: found[name].values for name in better}
         return found
+
+    def _derive_law(self, options: FitOptions) -> None:
+        """Derive and compile a law before threads ask for it, one law after the other as ever."""
+        make_model(self.problem.actuator, options, self.problem.mirror).law  # noqa: B018
+
+    def _glance(self, base: Trial, evaluations: int, begun: tuple[str, Mapping[str, float]]) -> Fitted | None:
+        name, start = begun
+        options, values, _ = self._options(base, base.effects | {name})
+        return self._near(options, {**values, **base.fitted.values, **start}, base.fitted, evaluations)
 
     def _near(
         self, options: FitOptions, values: Mapping[str, float], like: Fitted, most: int = ROUGH_EVALUATIONS
@@ -236,7 +248,8 @@ class Trials:
 
         Where that leads nowhere it is fitted on these, and where a long step is survived by no start, the first.
         """
-        tried = [self._near(options, values, like) for values in starts]
+        self._derive_law(options)
+        tried = side_by_side(lambda values: self._near(options, values, like), starts)
         near = min((one for one in tried if one is not None), key=lambda one: one.solution.cost, default=None)
         values = starts[0]
         if near is not None:

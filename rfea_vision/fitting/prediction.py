@@ -13,7 +13,7 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.observation import normals_of
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import observed
-from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
+from rfea_vision.fitting.residuals import Predicted, predict_observed, side_by_side, why_not
 from rfea_vision.fitting.scoring import options_of, rebuild
 from rfea_vision.fitting.solver import fit_clocks
 
@@ -36,20 +36,22 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     """
     simulator, par = rebuild(model)
     known = _known_parameters(model, simulator.names)
-    out = {}
-    for name, recording in recordings.items():
-        if recording.role == "ignore":
-            continue
+
+    def one(name: str) -> xr.Dataset:
+        recording = recordings[name]
         item = observe_as_scored(model, recording)
         score = model.experiments.get(name)
         clock = score.nuisance.get("clock_offset_s") if score is not None else None
         if clock is None:
             clock = float(fit_clocks(simulator, [item], par)[0])
         item = item.everywhere(recording.time_s.astype(float))
-        out[name] = _predict_one(simulator, par, item, recording, clock).assign(
+        return _predict_one(simulator, par, item, recording, clock).assign(
             _spread(simulator, par, item, recording, clock, known)
         )
-    return out
+
+    simulator.law  # noqa: B018 - compiled once, before the threads
+    names = [name for name, recording in recordings.items() if recording.role != "ignore"]
+    return dict(zip(names, side_by_side(one, names), strict=True))
 
 
 def observe_as_scored(model: ModelFit, recording: Recording) -> Observed:

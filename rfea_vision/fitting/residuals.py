@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from rfea_vision.fitting.nuisance import eliminate
 from rfea_vision.fitting.observed import Observed
 
 THREADS = min(2, os.cpu_count() or 1)
+_Each, _Found = TypeVar("_Each"), TypeVar("_Found")
 
 
 @dataclass(frozen=True)
@@ -340,13 +342,20 @@ class Evaluation:
         return float(self.residual @ self.residual)
 
 
+def side_by_side(run: Callable[[_Each], _Found], over: Sequence[_Each]) -> list[_Found]:
+    """What `run` finds for each, in their order, on up to two threads: no result depends on how many."""
+    if len(over) < 2 or THREADS < 2:
+        return [run(each) for each in over]
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(run, over))
+
+
 def evaluate(
     model: Model, par: FloatArray, items: Sequence[Observed], free: Sequence[int], clocks: FloatArray | None = None
 ) -> Evaluation | None:
     """Residual and Jacobian [free parameters, one clock per experiment]; None if any simulation fails.
 
     par : (parameters,) in SI; clocks : (experiments,) offset of each clock in s, 0 by default
-    Experiments run on up to two threads; the result does not depend on how many.
     """
     offsets = np.zeros(len(items)) if clocks is None else clocks
 
@@ -354,11 +363,7 @@ def evaluate(
         return predict_observed(model, par, items[index], free, float(offsets[index]))
 
     model.law  # noqa: B018 - compiled once, before the threads
-    if len(items) > 1 and THREADS > 1:
-        with ThreadPoolExecutor(THREADS) as pool:
-            predicted = list(pool.map(run, range(len(items))))
-    else:
-        predicted = [run(index) for index in range(len(items))]
+    predicted = side_by_side(run, range(len(items)))
     if any(one is None for one in predicted):
         return None
     residuals, jacobians, slices, start = [], [], [], 0

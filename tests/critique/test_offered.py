@@ -75,16 +75,18 @@ def test_all_effects_get_a_glance_and_the_better_half_a_second_from_where_the_fi
         return SimpleNamespace(solution=SimpleNamespace(mean_square=left), values={"start": left})
 
     monkeypatch.setattr(Trials, "_near", near)
+    monkeypatch.setattr(Trials, "_derive_law", lambda self, options: None)
     monkeypatch.setattr(Trials, "_options", lambda self, base, key: (SimpleNamespace(effects=key), {}, {}))
     base = SimpleNamespace(effects=frozenset(), fitted=SimpleNamespace(values={}))
     starts = {name: {"start": 0.0} for name in ends_at}
     looks = Trials(SimpleNamespace()).glances(base, starts, 1)
     first, second = GLANCES
     assert list(looks) == ["maxwell", "payload", "coulomb", "drag"]  # the best first, by their last glance
-    assert asked[:5] == [(name, first, 0.0) for name in ends_at]
-    assert asked[5:] == [("maxwell", second, 1.0 / first), ("payload", second, 2.0 / first)]
+    # side by side, so in any order
+    assert sorted(asked[:5]) == sorted((name, first, 0.0) for name in ends_at)
+    assert sorted(asked[5:]) == [("maxwell", second, 1.0 / first), ("payload", second, 2.0 / first)]
     assert len(Trials(SimpleNamespace()).glances(base, starts, 3)) == 4
-    assert [name for name, most, _ in asked[12:] if most == second] == ["maxwell", "payload", "coulomb"]
+    assert {name for name, most, _ in asked[12:] if most == second} == {"maxwell", "payload", "coulomb"}
 
 
 def test_from_a_bent_model_a_refit_begins_at_the_best_fit_and_again_where_that_has_come_nearer(monkeypatch):
