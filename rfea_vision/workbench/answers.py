@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from rfea_vision.workbench.play import Chosen
 
 BINARY = "application/octet-stream"
+#: A page of no origin: it can draw itself, save figures and print, and ask this server for nothing.
+SANDBOX = "sandbox allow-scripts allow-downloads allow-modals"
 #: Seconds of a film that are tracked for a trial: several swings of a tube, and an answer while a person waits.
 LONGEST_TRIAL_S = 10.0
 
@@ -60,6 +62,13 @@ def clip(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response
     if film is None:
         raise InputError("there is no film of this run")
     return Response(film, media_type="video/mp4")
+
+
+def report(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+    """The report that lies in the campaign: in a sandbox, as whoever has the folder may have written it."""
+    content = (desk.bench(index).out / "report" / "index.html").read_bytes()
+    policy = f"{SANDBOX}; {loaded('report.page').POLICY}"
+    return Response(content, media_type="text/html", headers={"content-security-policy": policy})
 
 
 def effects(desk: Desk, index: int, asked: dict[str, Any]) -> Response:

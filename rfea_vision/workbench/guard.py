@@ -50,8 +50,9 @@ class Guard:
 
         async def dressed(message: MutableMapping[str, Any]) -> None:
             if message["type"] == "http.response.start":
-                extra = [(key.encode(), value.encode()) for key, value in HEADERS.items()]
-                message = {**message, "headers": [*message.get("headers", []), *extra]}
+                own = dict(message.get("headers", []))  # a report brings a stricter policy of its own
+                extra = {key.encode(): value.encode() for key, value in HEADERS.items()}
+                message = {**message, "headers": [*(extra | own).items()]}
             await send(message)
 
         if inner is None:

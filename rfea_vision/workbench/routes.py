@@ -56,6 +56,7 @@ def application(desk: Desk) -> Starlette:
             get("/c/{index:int}/state", "state"),
             get("/c/{index:int}/evidence", "evidence"),
             get("/c/{index:int}/clip/{number:int}", "clip"),
+            get("/c/{index:int}/report", "report"),
             get("/c/{index:int}/effects", "effects"),
             post("/c/{index:int}/model", "model"),
             post("/c/{index:int}/play", "play"),

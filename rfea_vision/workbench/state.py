@@ -35,18 +35,17 @@ def state_of(folder: Path, out: Path | None, failed: str = "") -> dict[str, Any]
             "experiments": [],
             "models": [],
             "photos": [],
+            "report": False,
             "next": mend(problems),
         }
     cache = StageCache(campaign.out)
     experiments = [_experiment(campaign, item, cache) for item in campaign.experiments if item.role != "ignore"]
-    models = _models(campaign.out)
+    models, report = _models(campaign.out), _report(campaign.out)
     state = {
         "name": campaign.name, "folder": str(campaign.root), "problems": problems, "experiments": experiments,
-        "models": models, "photos": _photos(campaign), "pointable": POINTABLE,
+        "models": models, "photos": _photos(campaign), "pointable": POINTABLE, "report": report is not None,
     }  # fmt: skip
-    return state | {
-        "next": mend(problems) if problems else next_step(experiments, models, _report(campaign.out), failed)
-    }
+    return state | {"next": mend(problems) if problems else next_step(experiments, models, report, failed)}
 
 
 def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> dict[str, Any]:

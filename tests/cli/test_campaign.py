@@ -145,6 +145,13 @@ def test_two_campaigns_are_put_side_by_side_and_a_notebook_is_written(improved, 
     assert answer.code == 0, answer.err
     assert "tube-B" in Path(answer.json["compare"]).read_text(encoding="utf-8")
     assert json.loads(Path(answer.json["notebook"]).read_text(encoding="utf-8"))["nbformat"] == 4
+    with (tmp_path / "tube-B" / "campaign.yaml").open("a") as file:
+        file.write("design: {turns: 24}\n")
+    group = tmp_path / "group.html"
+    assert rfea("report", folder, tmp_path / "tube-B", "--group", "--out", group).code == 0
+    page = group.read_bytes()
+    assert b"24" in page and b"turns" in page and b"tube-B" in page
+    assert rfea("report", folder, tmp_path / "tube-B", "--group", "--out", group).code == 0 and group.read_bytes() == page
 
 
 def test_python_does_what_the_command_line_does(improved):

@@ -12,6 +12,23 @@ from testing.scenes import Lens, Look, film
 APART_MM = 70.0
 FRAMES, RATE_HZ = 60, 60.0
 HIDDEN = range(40, 46)  # somebody stands before the camera
+LAMP_PX = (12, 16, 14, 14)  # left, top, width, height: it follows the log's column `blink`
+SWITCHED_S = (0.09, 0.21, 0.39, 0.44, 0.56, 0.83)  # on, off, on ...
+OFFSET_S = 0.42  # log clock minus camera clock
+
+
+def lit(time_s: np.ndarray | float) -> np.ndarray:
+    """Whether the lamp is on at these times of the camera's clock."""
+    return np.searchsorted(SWITCHED_S, time_s) % 2 == 1
+
+
+def write_log(folder: Path) -> None:
+    """Add the log of the film's pressure, on a clock of its own, with the lamp's signal."""
+    times = np.arange(-0.5, 1.5, 0.004)
+    log = np.column_stack([times + OFFSET_S, 40 * (1 - np.cos(2 * np.pi * times)), 5 * lit(times)])
+    np.savetxt(folder / "swing" / "pressure.csv", log, "%.4f", ",", header="time_s,pressure_kPa,blink", comments="")
+    with (folder / "swing" / "experiment.yaml").open("a") as file:
+        file.write("pressure: {file: pressure.csv}\n")
 
 
 def write_film(folder: Path) -> dict[str, list[float]]:
@@ -24,13 +41,13 @@ def write_film(folder: Path) -> dict[str, list[float]]:
     run = folder / "swing"
     (run / "frames").mkdir(parents=True)
     half = round(float(lens.project(np.array([[-APART_MM / 2, 0.0]]))[0, 0]))
+    x, y, wide, high = LAMP_PX
     for number, picture in enumerate(driven):
         if number in HIDDEN:
             picture = np.full_like(picture, 60)
-        cv2.imwrite(
-            str(run / "frames" / f"{number:03d}.png"),
-            np.hstack([still[0][:, :half] if number not in HIDDEN else picture[:, :half], picture[:, half:]]),
-        )
+        seen = np.hstack([still[0][:, :half] if number not in HIDDEN else picture[:, :half], picture[:, half:]])
+        seen[y : y + high, x : x + wide] = 230 if lit(times[number]) else 30
+        cv2.imwrite(str(run / "frames" / f"{number:03d}.png"), seen)
     rows = [f"{number:03d}.png,{time:.6f}" for number, time in enumerate(times)]
     (run / "frames.csv").write_text("file,time_s\n" + "\n".join(rows) + "\n")
     edges = lens.project(np.array([[-4.0, 0.0], [4.0, 0.0]]))

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rfea_vision.campaign import load_campaign
+from rfea_vision.critique.terms import Term, effect_source
 
 from .conftest import at_rest, hold, idle, until
+from .everyone import highlighted, unfit
 
 pytestmark = pytest.mark.chromium
 
@@ -62,6 +65,10 @@ def test_a_fit_beside_the_ladder_hangs_from_what_it_was_made_of(served, visit):
     assert page.evaluate(f"{add}.then(add => add.standsOn([[], ['a'], ['b'], ['a', 'c'], []]))") == [-1, 0, 0, 1, -1]
 
 
+def test_every_panel_can_be_used_by_everyone(served, visit):
+    assert unfit(visit(served.address), "clock", "play", "add", "law", "batch") == {}
+
+
 def test_an_effect_is_ticked_its_rung_appears_and_unticked_it_is_back(work, served, visit):
     page = visit(served.address)
     assert (
@@ -72,8 +79,9 @@ def test_an_effect_is_ticked_its_rung_appears_and_unticked_it_is_back(work, serv
     row = page.locator('#candidates tr:has(input[value="maxwell"])')
     assert "93 %" in row.text_content() and "98 %" in row.text_content()
     assert "cannot be told apart" in page.text_content("#ties")
+    assert highlighted(page) == ["Add maxwell and watch"]
     page.check('#candidates input[value="maxwell"]')
-    assert page.text_content("#fit-ticked") == "Fit with maxwell"
+    assert highlighted(page) == ["Fit with maxwell"] == [page.text_content("#fit-ticked")]
     page.click("#fit-ticked")
     page.wait_for_selector('[data-rung="base+maxwell"][aria-checked="true"]', timeout=300_000)
     idle(page)
@@ -127,6 +135,43 @@ def test_a_law_is_checked_while_it_is_typed_and_fitted(work, served, visit, tmp_
     page.wait_for_selector('[data-rung*="my_stiffening"]', timeout=300_000)
     idle(page)
     assert f"--effect-file {file}" in page.text_content("#log")
+
+
+def opened_law(page, file) -> None:
+    """What the editor shows is this file, checked, and fitting it is the next thing to do."""
+    page.wait_for_selector("#law-said.better:has-text('held-out error falls')")
+    assert page.input_value("#law-file") == str(file) and page.input_value("#law-text") == Path(file).read_text()
+    assert page.text_content("#law-effects h4") and page.locator("#law-effects math").count()
+    until(page, lambda: highlighted(page) == ["Fit with this law"])
+
+
+def test_a_law_that_the_worker_proposes_opens_in_the_editor_if_nothing_was_typed(served, visit, tmp_path):
+    """What the worker tells is told here: looking for a law takes half a minute (below)."""
+    page = visit(served.address + "#/law")
+    lines = hold(page, "**/events")
+    page.route("**/job", lambda route: route.fulfill(json={"begun": True}))
+    page.reload()
+    page.wait_for_selector("#law-said:has-text('Units fit')")
+    assert highlighted(page) == [page.text_content("#next-do")], "nothing has been typed yet"
+    page.click("#law-propose")
+    file = tmp_path / "proposed_1.py"
+    file.write_text(effect_source("proposed_1", [Term("a**3", "the cube of the bend", ())], [0.01]))
+    result = {"file": str(file), "sentence": "With that law refitted the held-out error falls from 2 to 1 mm."}
+    told = {"event": "finished", "index": 0, "do": "propose", "result": result}
+    page.unroute("**/events")
+    lines.pop(0).fulfill(content_type="text/event-stream", body=f"data: {json.dumps(told)}\n\n")
+    opened_law(page, file)
+
+
+@pytest.mark.study
+def test_a_law_is_proposed_for_what_is_left(work, served, visit):
+    page = visit(served.address + "#/law")
+    page.wait_for_selector("#law-said:has-text('Units fit')")
+    page.click("#law-propose")
+    idle(page)
+    file = page.input_value("#law-file")
+    assert "proposed" in file and not Path(file).is_relative_to(work)
+    opened_law(page, file)
 
 
 def test_what_is_dragged_or_typed_stays_when_the_campaign_is_read_anew(work, served, visit):

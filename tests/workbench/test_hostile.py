@@ -10,7 +10,14 @@ import yaml
 
 from tests.hostile import HOSTILE
 
+from .conftest import until
+
 pytestmark = pytest.mark.chromium
+
+
+#: A report that somebody wrote who wants more than to be read.
+REPORT = """<!doctype html><title>?</title><script>
+fetch('state').then(() => 'reached', () => 'refused').then(said => { document.title = `${origin} ${said}`; });</script>"""
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +47,8 @@ def served(serve, fitted, tmp_path_factory):
     shutil.copytree(model.parent, other)
     record = json.loads(model.read_text())
     (other / "model.json").write_text(json.dumps({**record, "name": HOSTILE[11], "effects": [HOSTILE[12]]}))
+    (folder / "rfea" / "report").mkdir()
+    (folder / "rfea" / "report" / "index.html").write_text(REPORT)
     return serve(folder)
 
 
@@ -57,3 +66,10 @@ def test_fifty_hostile_names_do_nothing(served, visit):
     assert dialogs == [] and page.evaluate("window.done") is None
     markup = "#candidates :is(script, img, svg, iframe, math, b), #title *, #rungs :is(script, img, iframe)"
     assert page.locator(markup).count() == 0
+
+
+def test_a_report_is_opened_where_it_can_ask_the_workbench_for_nothing(served, visit):
+    page = visit(served.address)
+    with page.expect_popup() as opened:
+        page.click("#next-report")
+    until(page, lambda: opened.value.title() == "null refused")

@@ -11,7 +11,7 @@ import pytest
 
 from rfea_vision.artefacts import Recording
 
-from .conftest import hold, until
+from .conftest import hold, idle, until
 
 pytestmark = pytest.mark.chromium
 
@@ -157,3 +157,20 @@ def test_a_rung_that_is_chosen_stays_when_an_earlier_look_comes_late(served, vis
         held.pop().continue_()
     page.wait_for_timeout(1000)
     assert page.get_attribute('[data-rung="base"]', "aria-checked") == "true"
+
+
+def test_a_fit_from_here_is_shown_when_it_is_there_and_undo_leads_back_to_the_sliders(served, visit):
+    page = visit(served.address + "#/play")
+    settled(page)
+    found, place = number(page, "#now-validate"), page.input_value('[data-name="r_hyd"]')
+    page.fill('[data-name="r_hyd"]', "700")
+    until(page, lambda: number(page, "#now-validate") > found + 0.1)
+    page.click("#fit-here")
+    idle(page)
+    until(page, lambda: abs(number(page, "#now-validate") - found) < 0.002)
+    assert float(page.input_value('[data-name="r_hyd"]')) == pytest.approx(float(place), abs=5)
+    command = page.text_content("#log").splitlines()[-1]
+    assert command.startswith("rfea fit") and command.count("--start") > 3 and "--start 'r_hyd=" in command
+    page.click("#undo")
+    until(page, lambda: number(page, "#now-validate") > found + 0.1)
+    assert page.input_value('[data-name="r_hyd"]') == "700" and page.locator("#undo").is_enabled()

@@ -8,9 +8,11 @@ import pytest
 
 from rfea_vision.artefacts import Track
 from rfea_vision.campaign import load_campaign
+from rfea_vision.stages import open_campaign
 
 from .conftest import at_rest, hold, idle, until
-from .filmed import HIDDEN, RATE_HZ, write_film
+from .everyone import highlighted, unfit
+from .filmed import HIDDEN, LAMP_PX, OFFSET_S, RATE_HZ, write_film, write_log
 
 pytestmark = pytest.mark.chromium
 
@@ -26,12 +28,16 @@ def served(serve, film):
     return serve(film[0])
 
 
-def point(page, at, until=None) -> None:
+#: Pixels of the film from side to side.
+WIDTH = "fetch('film/0').then(answer => answer.json()).then(film => film.width)"
+
+
+def point(page, at, until=None, canvas="#frame") -> None:
     """Click a pixel of the film, or drag from it to another."""
-    page.wait_for_selector("#frame[style*='width']")  # it is drawn, and listens
-    width = int(page.evaluate("fetch('film/0').then(answer => answer.json()).then(film => film.width)"))
-    box = at_rest(page, "#frame")
-    scale = box["width"] / width
+    page.wait_for_selector(f"{canvas}[width]")  # it is drawn, and listens
+    page.locator(canvas).scroll_into_view_if_needed()
+    box = at_rest(page, canvas)
+    scale = box["width"] / page.evaluate(WIDTH)
     x, y = ((at[0] + 0.5) * scale + box["x"], (at[1] + 0.5) * scale + box["y"])
     page.mouse.move(x, y)
     page.mouse.down()
@@ -49,7 +55,7 @@ def slowly(route) -> None:
 def test_a_tube_is_found_where_one_points(film, served, visit):
     folder, places = film
     page = visit(served.address)
-    assert "have not been measured" in page.text_content("#next-say")
+    assert "have not been measured" in page.text_content("#next-say") and highlighted(page) == ["Measure the runs"]
     page.click("#next-do")
     idle(page)
     tip = Track.load(folder / "rfea" / "swing" / "track.nc").dataset["tip"].values
@@ -67,7 +73,7 @@ def test_a_tube_is_found_where_one_points(film, served, visit):
     assert text.startswith(before) and "role: train  # the only one" in text
     hints = load_campaign(folder).experiments[0].camera.hints
     assert hints.clamp[0] == pytest.approx(places["left"], abs=2) and hints.tip == pytest.approx(places["tip"], abs=2)
-    assert "Hints have changed" in page.text_content("#next-say")
+    assert "Hints have changed" in page.text_content("#next-say") and highlighted(page) == ["Measure again"]
 
     page.route("**/picture/*", slowly)
     page.click("#try")
@@ -96,6 +102,34 @@ def test_a_tube_is_found_where_one_points(film, served, visit):
         "exclude",
         "region",
     )
+
+
+def test_a_lamp_is_shown_and_brings_the_clocks_together(film, served, visit):
+    """The log may be too short for the motion; with the lamp's box drawn, or typed, it need not be asked."""
+    folder, _ = film
+    open_campaign(folder).track()  # done already, unless this test is run alone
+    write_log(folder)
+    page = visit(served.address + "#/clock")
+    page.click("#lamp-box summary")
+    page.fill("#channel", "blink")
+    left, top, wide, high = LAMP_PX
+    point(page, (left, top), (left + wide, top + high), canvas="#lamp-frame")
+    drawn = [int(text) for text in page.input_value("#lamp-place").split(",")]
+    assert drawn == pytest.approx(LAMP_PX, abs=2) and highlighted(page) == ["Go by this lamp"]
+    page.fill("#lamp-place", "12, 16")
+    page.click("#by-lamp")
+    page.wait_for_selector("#fault:has-text('drag a box around the lamp')")
+    page.fill("#lamp-place", ", ".join(map(str, drawn)))
+    page.click("#by-lamp")
+    page.wait_for_selector("#clock-say:has-text('seen by the lamp')")
+    idle(page)
+    assert float(page.input_value("#offset")) == pytest.approx(1e3 * OFFSET_S, abs=4) and highlighted(page) == [
+        page.text_content("#next-do")
+    ]
+    sync = load_campaign(folder).experiments[0].sync
+    assert (sync.method, sync.channel) == ("led", "blink") and list(sync.box) == drawn
+    assert "# the only one" in (folder / "swing" / "experiment.yaml").read_text()
+    assert unfit(page, "setup", "clock") == {}
 
 
 def test_boxes_are_dragged_and_taken_away(film, served, visit):

@@ -10,7 +10,7 @@ const running = new Map(); // folder -> what is said of it while a batch runs
 export function build() {
   one('[data-panel="batch"]').append(
     h("h2", {}, "Campaigns"), h("p", {class: "muted", id: "batch-folder"}),
-    h("div", {class: "scroll"}, h("table", {class: "matrix", id: "batch"}, h("thead", {}, h("tr", {}, ...["Campaign", "Held-out error", "Verdict", "Added", "Measured", "Next", "Now"].map(text => h("th", {scope: "col"}, text)))), h("tbody", {}, h("tr", {}, h("td", {colSpan: 7, class: "muted"}, "Reading the campaigns…"))))),
+    h("div", {class: "scroll"}, h("table", {class: "matrix", id: "batch", aria: {label: "Campaigns"}}, h("thead", {}, h("tr", {}, ...["Campaign", "Held-out error", "Verdict", "Added", "Measured", "Next", "Now"].map(text => h("th", {scope: "col"}, text)))), h("tbody", {}, h("tr", {}, h("td", {colSpan: 7, class: "muted"}, "Reading the campaigns…"))))),
     h("div", {class: "buttons"}, h("button", {type: "button", id: "run-all", onclick: () => order("../../batch", {})}, "Run all of them")),
     h("p", {class: "muted", id: "tasks", role: "status"}));
 }
@@ -22,12 +22,16 @@ function cured(models) {
   return `${before}${show(last.value)} ${last.unit}`;
 }
 export async function shown() { await guarded(showCampaigns); }
-let asked = 0;
+let asked = 0, drawn = "";
 async function showCampaigns() {
   const mine = ++asked, said = await standing("../../campaigns");
   if (mine !== asked) return; // a later answer tells more
   one("#batch-folder").textContent = said.folder;
   if (here < 0) one("#title").textContent = said.folder.split("/").pop();
+  one("#run-all").classList.toggle("primary", here < 0 && said.campaigns.some(c => c.next.label)); // the next step of a folder
+  const stands = JSON.stringify([said.campaigns, ...running]);
+  if (stands === drawn) return; // a row that is drawn anew loses the focus of who goes through it with keys
+  drawn = stands;
   one("#batch tbody").replaceChildren(...said.campaigns.map(c => {
     const last = c.models.at(-1), done = c.measured.filter(Boolean).length;
     return h("tr", {class: c.index === here ? "on" : "", data: {campaign: c.index}}, h("th", {scope: "row"}, h("a", {href: `../${c.index}/`}, c.name), h("br"), h("small", {class: "muted"}, c.folder)),

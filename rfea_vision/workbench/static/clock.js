@@ -5,7 +5,7 @@ import {ask, get} from "./server.js";
 import {begin, busy, campaign, complain, guarded, reload as reloadAll} from "./main.js";
 import {pixelOf} from "./setup.js";
 
-const lamp = {run: null, film: null, picture: null, drag: null};
+const lamp = {run: null, film: null, picture: null, drag: null}; // of this run, and where the drag began
 const spec = () => campaign.state.experiments.find(e => e.name === experiment()?.name);
 const numberOf = e => campaign.state.experiments.indexOf(e);
 const methods = {motion: "found from the motion", led: "seen by the lamp", trigger: "told by the trigger", offset: "given by hand", common_clock: "one clock for both"};
@@ -25,8 +25,11 @@ export function build() {
       h("button", {type: "button", data: {zoom: "in"}}, "Zoom in"), h("button", {type: "button", data: {zoom: "out"}}, "Zoom out"), h("button", {type: "button", data: {zoom: "all"}}, "Whole run")),
     figure("offsets", "How well each offset fits", "Share of the motion that each offset explains; the peak is the offset that was found", 170),
     h("details", {id: "lamp-box"}, h("summary", {}, "There is a lamp in the picture that follows the log"),
-      h("p", {class: "muted"}, "Drag a box around the lamp. The log needs a column with the lamp's signal."),
-      h("label", {}, "Column of the log ", h("input", {type: "text", id: "channel", size: 12})),
+      h("p", {class: "muted"}, "Drag a box around the lamp, or type it. The log needs a column with the lamp's signal."),
+      h("div", {class: "switches"},
+        h("label", {}, "Column of the log ", h("input", {type: "text", id: "channel", size: 12})),
+        h("label", {}, "Left, top, width, height in px ", h("input", {type: "text", id: "lamp-place", size: 18, oninput: () => placeLamp()})),
+        h("button", {type: "button", id: "by-lamp", onclick: byLamp}, "Go by this lamp")),
       h("canvas", {id: "lamp-frame", aria: {label: "First frame of the film; drag a box around the lamp"}})));
   const holder = one('[data-figure="sync"] .canvas');
   let from = null;
@@ -42,6 +45,7 @@ export function build() {
     if (experiment()?.name === lamp.run) return;
     lamp.run = experiment()?.name; lamp.film = lamp.picture = null;
     one("#offset").value = "";
+    one("#channel").value = spec()?.sync.channel ?? ""; placeLamp(spec()?.sync.box ?? []);
     shift(0); showClock();
     if (one("#lamp-box").open) guarded(openLamp);
   });
@@ -62,8 +66,7 @@ function showClock() {
   one("#clock-say").textContent = !e ? "No run has been measured yet." : !clock ? `${e.name} has not been synchronised yet.` : `The log's clock is ${show(Math.abs(clock.offset_ms), 4)} ms ${clock.offset_ms < 0 ? "behind" : "ahead of"} the camera's${clock.stderr_ms ? `, with a standard error of ${show(clock.stderr_ms, 2)} ms` : ""}: ${methods[clock.method] ?? clock.method}.`;
   for (const id of ["#offset", "#keep-offset", "#find-offset"]) one(id).disabled = !e; // by hand also where it was not found
   if (clock && document.activeElement !== one("#offset")) one("#offset").value = (clock.offset_ms + 1000 * state.shift).toFixed(2);
-  one("#lamp-box").hidden = !e?.pictures;
-  if (document.activeElement !== one("#channel")) one("#channel").value = e?.sync.channel ?? "";
+  one("#lamp-box").hidden = !e?.pictures; placeLamp();
 }
 
 async function method(name, more = {}) {
@@ -89,8 +92,8 @@ async function openLamp() {
   Object.assign(lamp, {film, picture});
   paintLamp();
 }
-function paintLamp(box = spec()?.sync.box) {
-  const canvas = one("#lamp-frame"), p = lamp.picture;
+function paintLamp() {
+  const canvas = one("#lamp-frame"), p = lamp.picture, box = typedBox();
   if (!p) return;
   const k = Math.min(1, canvas.parentElement.clientWidth / p.naturalWidth, 560 / p.naturalHeight);
   canvas.width = p.naturalWidth * k; canvas.height = p.naturalHeight * k;
@@ -98,9 +101,21 @@ function paintLamp(box = spec()?.sync.box) {
   c.drawImage(p, 0, 0, canvas.width, canvas.height);
   if (box) { c.strokeStyle = "#f0e442"; c.lineWidth = 2; c.strokeRect((box[0] + 0.5) * s, (box[1] + 0.5) * s, box[2] * s, box[3] * s); }
 }
+// The box stands in its field, from where it is drawn and taken: drawn by hand or typed is the same.
+function typedBox() { const box = one("#lamp-place").value.split(/[\s,;]+/).filter(Boolean).map(Number); return box.length === 4 && box.every(Number.isFinite) && box[2] > 2 && box[3] > 2 ? box : null; }
+function placeLamp(box) {
+  if (box) one("#lamp-place").value = box.join(", ");
+  const typed = typedBox();
+  one("#by-lamp").classList.toggle("primary", Boolean(typed) && typed.join() !== spec()?.sync.box?.join());
+  paintLamp();
+}
+function byLamp() {
+  const box = typedBox();
+  if (box) method("led", {box, channel: one("#channel").value}); else complain("drag a box around the lamp, or type its left, top, width and height in pixels");
+}
 const boxOf = ([[x0, y0], [x1, y1]]) => [Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0)].map(Math.round);
 function dragLamp(canvas) {
-  canvas.addEventListener("pointerdown", event => { if (!lamp.film) return; const at = pixelOf(canvas, event, lamp.film); lamp.drag = [at, at]; canvas.setPointerCapture(event.pointerId); });
-  canvas.addEventListener("pointermove", event => { if (lamp.drag) { lamp.drag[1] = pixelOf(canvas, event, lamp.film); paintLamp(boxOf(lamp.drag)); } });
-  canvas.addEventListener("pointerup", () => { const box = lamp.drag && boxOf(lamp.drag); lamp.drag = null; if (box && box[2] > 2 && box[3] > 2) method("led", {box, channel: one("#channel").value}); });
+  canvas.addEventListener("pointerdown", event => { if (!lamp.film) return; lamp.drag = pixelOf(canvas, event, lamp.film); canvas.setPointerCapture(event.pointerId); });
+  canvas.addEventListener("pointermove", event => { if (lamp.drag) placeLamp(boxOf([lamp.drag, pixelOf(canvas, event, lamp.film)])); });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { lamp.drag = null; });
 }

@@ -4,22 +4,23 @@ import {h, one} from "./dom.js";
 import {ask} from "./server.js";
 import {begin, campaign, go, guarded, onJob} from "./main.js";
 
-// file: where it is written, whatever name is being typed in the field
-const law = {file: "", text: "", effects: [], version: 0, asked: 0, typed: 0};
+// file: where it is written, whatever name is being typed in the field; begun: whether it is more than the template
+const law = {file: "", text: "", effects: [], version: 0, asked: 0, typed: 0, begun: false};
 
 export function build() {
   one('[data-panel="law"]').append(
     h("h2", {}, "Write a law of your own"),
     h("p", {class: "muted"}, "An effect is one class: parameters with units, the value at which each is absent, and the hooks that it changes. It is Python that runs with your rights, so nothing is ever opened from a campaign: only what you type here, or a file that you name."),
     h("div", {class: "switches"}, h("label", {}, "File ", h("input", {type: "text", id: "law-file", size: 50, spellcheck: false})), h("button", {type: "button", id: "law-open", onclick: openFile}, "Open"), h("button", {type: "button", id: "law-save", onclick: saveAs}, "Save as"), h("button", {type: "button", id: "law-new", onclick: template}, "From the template"), h("button", {type: "button", id: "law-propose", onclick: propose}, "Propose one for what is left")),
+    h("p", {id: "law-said", role: "status", class: "muted"}, "Nothing yet."), // above, where it is seen while one types
     h("div", {class: "lawing"},
       h("textarea", {id: "law-text", rows: 30, disabled: true, spellcheck: false, autocapitalize: "off", aria: {label: "The law, in Python", description: "Tab indents; Escape, then Tab leaves the field"}}),
-      h("aside", {class: "beside"}, h("h3", {}, "What it says"), h("p", {id: "law-said", role: "status", class: "muted"}, "Nothing yet."), h("div", {id: "law-effects"}),
+      h("aside", {class: "beside"}, h("h3", {}, "What it says"), h("div", {id: "law-effects"}),
         h("div", {class: "buttons"}, h("button", {type: "button", id: "law-fit", disabled: true, onclick: fit}, "Fit with this law"), h("button", {type: "button", id: "law-play", disabled: true, onclick: playIt}, "Play with it")))));
   onJob(event => { if (event.do === "propose" && event.event === "finished" && event.result) proposed(event.result); });
   const text = one("#law-text");
   let waiting = 0;
-  text.addEventListener("input", () => { law.typed++; clearTimeout(waiting); allow(false); waiting = setTimeout(() => check(true), 400); });
+  text.addEventListener("input", () => { law.typed++; law.begun = true; clearTimeout(waiting); allow(false); waiting = setTimeout(() => check(true), 400); });
   text.addEventListener("keydown", event => { // Tab indents; Escape lets Tab leave the field again
     if (event.key === "Escape") text.dataset.leave = "yes";
     if (event.key !== "Tab" || text.dataset.leave || event.shiftKey) return;
@@ -40,7 +41,7 @@ function take(said) {
 // Of what is asked for the last counts, and nothing that comes late goes over what was typed meanwhile.
 async function bring(address, body) {
   const asked = ++law.asked, typed = law.typed, said = await guarded(() => ask(address, body));
-  if (said && asked === law.asked && typed === law.typed) await guarded(() => take(said));
+  if (said && asked === law.asked && typed === law.typed) { law.begun = address === "law/open"; await guarded(() => take(said)); }
 }
 const template = () => bring("law/template", {});
 // What the worker read from the residual torque of the rung that is chosen, opened to be changed and weighed.
@@ -75,7 +76,7 @@ async function check(keep) {
     return false;
   }
 }
-function allow(on) { one("#law-fit").disabled = one("#law-play").disabled = !on; one("#law-fit").classList.toggle("primary", on); }
+function allow(on) { one("#law-fit").disabled = one("#law-play").disabled = !on; one("#law-fit").classList.toggle("primary", on && law.begun); }
 const withLaw = () => [...new Set([...(campaign.play.effects() ?? []), ...law.effects.map(effect => effect.id)])];
 async function fit() {
   if (!await check(true)) return;

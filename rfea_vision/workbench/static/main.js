@@ -46,7 +46,10 @@ function showRungs() {
     h("span", {class: "dots", aria: {hidden: "true"}}, ...["floor", "train", "validate"].filter(kind => r[kind] > 0).map(kind => h("i", {class: kind, style: {left: at(r[kind])}}))),
     h("span", {class: "error"}, h("span", {class: "sr"}, "Error: "), `${show(r.validate ?? r.train, 3)} ${r.unit}`))));
   one("#rungs-legend").hidden = !rungs.length;
+  toMiddle(one("#rungs"), one('#rungs [aria-checked="true"]'));
 }
+// In a narrow window steps and rungs are one line each.
+function toMiddle(line, chosen) { if (chosen) line.scrollLeft = chosen.offsetLeft - line.offsetLeft - (line.clientWidth - chosen.offsetWidth) / 2; }
 export function refreshRungs() { showRungs(); }
 export function pickRung(index) { chooseRung(index); showRungs(); play.startFrom(manifest.rungs[index]); }
 
@@ -57,6 +60,7 @@ function showNext() {
   button.hidden = !next.label; button.textContent = next.label ?? "";
   one("#next-otherwise").hidden = !next.otherwise; one("#next-otherwise").textContent = next.otherwise?.label ?? "";
   one("#next-command").textContent = next.command ?? "";
+  one("#next-report").hidden = !campaign.state.report; one("#next-report").classList.toggle("primary", !next.label); // nothing else is left to do
   for (const link of every(".places a")) link.classList.toggle("wanted", link.hash === `#/${next.panel}`);
 }
 export async function doNext(next = campaign.state?.next) {
@@ -91,7 +95,7 @@ function showJob(job) {
     one("#job-label").textContent = job.label || job.do; one("#job-command").textContent = job.command ?? "";
     if (box.hidden) { one("#job-say").textContent = ""; one("#job-bar").removeAttribute("value"); }
   }
-  box.hidden = !job; one("#next").classList.toggle("busy", Boolean(job));
+  box.hidden = !job;
 }
 // An answer of the server with the job that is under way; that counts unless something was heard of one since it was asked.
 let heard = 0;
@@ -128,7 +132,7 @@ function route() {
   for (const link of every(".places a")) {
     if (link.hash !== `#/${name}`) { link.removeAttribute("aria-current"); continue; }
     link.setAttribute("aria-current", "step");
-    one(".places").scrollLeft = link.offsetLeft - one(".places").offsetLeft - 40; // in a narrow window the steps are one line
+    toMiddle(one(".places"), link);
   }
   steps[name]?.shown?.();
   Figure.redraw(); paintStage();

@@ -2,7 +2,7 @@
 import {chooseExperiment, chooseRung, experiment, Figure, manifest, on, paintStage, show, state} from "../report/report.js";
 import {every, h, one} from "./dom.js";
 import {ask, get, packetOf, post, unpack} from "./server.js";
-import {begin, campaign, complain, go, guarded, refreshRungs} from "./main.js";
+import {begin, campaign, complain, go, guarded, onJob, refreshRungs} from "./main.js";
 
 // model: name of the fit it starts from; effects: ids; values: what the sliders say, in SI; sliders: as the server describes them
 const chosen = {model: null, effects: [], values: {}, sliders: [], ready: false};
@@ -40,7 +40,7 @@ function sliderRow(s) {
     tell(chosen.values[s.name]); look();
   });
   const band = s.interval ? h("i", {class: "band", style: {left: `${placeOf(s, Math.max(s.low, s.interval[0])) / 10}%`, width: `${(placeOf(s, Math.min(s.high, s.interval[1])) - placeOf(s, Math.max(s.low, s.interval[0]))) / 10}%`}}) : null;
-  return h("div", {class: "slider", title: s.text}, h("label", {htmlFor: input.id}, h("code", {}, s.name), s.text ? h("small", {}, s.text) : null), output, h("span", {class: "track"}, band, input));
+  return h("div", {class: "slider"}, h("label", {htmlFor: input.id}, h("code", {}, s.name)), output, s.text ? h("small", {}, s.text) : null, h("span", {class: "track"}, band, input));
 }
 
 const titleOf = effect => { const words = effect.replaceAll("_", " "); return words[0].toUpperCase() + words.slice(1); };
@@ -192,10 +192,13 @@ function toggle(id, wanted) {
   open(chosen.model, wanted ? [...chosen.effects, id] : chosen.effects.filter(effect => effect !== id), chosen.values);
 }
 
-// The fit begins where the sliders stand, and nowhere else.
+// The fit begins where the sliders stand, and nowhere else; when it is there they go to what it found, and "undo" leads back.
+const FROM_HERE = "Fit from here";
+let fromHere = null; // the effects that it is made with
 function fitHere() {
+  fromHere = chosen.effects;
   const start = Object.fromEntries(chosen.sliders.map(s => [s.name, `${(chosen.values[s.name] ?? s.value).toPrecision(8)} ${s.unit === "1" ? "" : s.unit}`.trim()]));
-  begin("fit", {add: chosen.effects, segments: fitted().segments, start}, "Fit from here");
+  begin("fit", {add: chosen.effects, segments: fitted().segments, start}, FROM_HERE);
 }
 
 export function build() {
@@ -204,6 +207,9 @@ export function build() {
   one("#fit-here").addEventListener("click", fitHere);
   one("#more-effects").addEventListener("toggle", event => { if (event.target.open && !one("#effects").children.length) showEffects(); });
   on("experiment", () => { showRuns(); look(); });
+  onJob(event => { // another combination that was opened meanwhile stays
+    if (event.label === FROM_HERE && event.result && fromHere === chosen.effects) { remember(); open(event.result.model, [...fromHere]); }
+  });
 }
 export function reload() {
   showRuns();
