@@ -19,7 +19,7 @@ ORDERS: dict[str, tuple[str, ...]] = {
     "compare": (),
     "diagnose": ("model", "effect_files"),
     "improve": ("effect_files",),
-    "propose": ("model", "file"),
+    "propose": ("model", "file", "effect_files"),
     "report": (),
 }
 

@@ -72,6 +72,8 @@ def run_job(job: dict[str, Any], say: Say) -> Any:
     name_files(job["options"].get("effect_files", ()))  # the desk has seen that the user typed or opened them
     work = open_campaign(job["campaign"], job.get("out"), listener=Speaking(say))
     options = dict(job["options"])
+    if job["do"] == "propose":
+        options.pop("effect_files", None)  # it fits with those of its model, which are named now
     model = [options.pop("model")] if "model" in options else []  # stands first, as on the command line
     try:
         result = getattr(work, job["do"])(*model, **options)

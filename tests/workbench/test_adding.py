@@ -166,6 +166,7 @@ def test_a_law_that_the_worker_proposes_opens_in_the_editor_if_nothing_was_typed
 @pytest.mark.study
 def test_a_law_is_proposed_for_what_is_left(work, served, visit):
     page = visit(served.address + "#/law")
+    page.click('[data-rung="base"]')
     page.wait_for_selector("#law-said:has-text('Units fit')")
     page.click("#law-propose")
     idle(page)

@@ -12,10 +12,11 @@ import pytest
 from rfea_vision.errors import DataError
 from rfea_vision.stages import mechanics
 from rfea_vision.workbench import trying
+from rfea_vision.workbench.orders import order
 from rfea_vision.workbench.worker import run_job
 
 
-@pytest.mark.parametrize("asked", [{"model": "base"}, {}])
+@pytest.mark.parametrize("asked", [{"model": "base"}, {}, {"model": "base", "effect_files": [__file__]}])
 @pytest.mark.parametrize("do", ["diagnose", "propose"])
 def test_a_job_names_its_model_as_the_command_does(fitted, monkeypatch, do, asked):
     told: list[Any] = []
@@ -25,7 +26,9 @@ def test_a_job_names_its_model_as_the_command_does(fitted, monkeypatch, do, aske
         return SimpleNamespace(value=None, file="law.py", sentence="")
 
     monkeypatch.setattr(mechanics, do, stage)
-    run_job({"do": do, "campaign": str(fitted), "options": asked}, print)
+    options, command = order("tube-A", None, do, asked)
+    run_job({"do": do, "campaign": str(fitted), "options": options}, print)
+    assert (f"--effect-file {__file__}" in command) == ("effect_files" in asked)
     assert told == ["base"]
 
 
@@ -34,7 +37,9 @@ def test_the_first_seconds_of_a_film_are_those_after_its_first_frame(monkeypatch
     experiment = SimpleNamespace(video="film")
     campaign = SimpleNamespace(experiment=lambda name: experiment)
     work = SimpleNamespace(campaign=campaign, calibration_of=lambda item: SimpleNamespace(value=None))
-    source = SimpleNamespace(path=Path("frames"), size=(640, 480), rate_Hz=None, quarter_turns=0, times_s=lambda: times_s)
+    source = SimpleNamespace(
+        path=Path("frames"), size=(640, 480), rate_Hz=None, quarter_turns=0, times_s=lambda: times_s
+    )
 
     def follow(item: Any, calibration: Any, piece: trying.Beginning) -> None:
         counts.append(len(piece.times_s()))
