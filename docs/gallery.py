@@ -47,10 +47,11 @@ def main(target: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "rfea_vision", "batch", *TUBES, "--index", "index.html"], cwd=target, check=False
     )
+    if done.returncode:  # what was finished is kept: the same command goes on from there
+        sys.exit(done.returncode)
     for name in TUBES:  # a gallery shows reports, and needs no films and no fits
         for folder in ("models", ".stages"):
             shutil.rmtree(target / name / "rfea" / folder, ignore_errors=True)
-    sys.exit(done.returncode)
 
 
 if __name__ == "__main__":
