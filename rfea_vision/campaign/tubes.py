@@ -178,7 +178,7 @@ def of_load(load_kg: float, highest_kPa: float, tube: Actuator, gravity_deg: flo
         return ""
     straight = f"holds this tube straight, to {np.degrees(_LEAST_LOADED):.0f} deg"
     return (
-        f"a payload of {1e3 * load_kg:.4g} g {straight}, under the highest pressure of all runs, {highest_kPa:.3g} kPa, "
+        f"a payload of {1e3 * load_kg:g} g {straight}, under the highest pressure of all runs, {highest_kPa:.3g} kPa, "
         "however soft it is; is the unit right?"
     )
 
