@@ -18,7 +18,8 @@ from rfea_vision.fitting.nuisance import eliminate
 from rfea_vision.fitting.observed import Observed
 
 THREADS = min(2, os.cpu_count() or 1)
-_Each, _Found = TypeVar("_Each"), TypeVar("_Found")
+_Each = TypeVar("_Each")
+_Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True)
