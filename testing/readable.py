@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 #: Text below the contrast that WCAG 2.2 asks for at level AA (criterion 1.4.3: 4.5, large text 3), each once, with what was
-#: found. Colours are laid over one another as they are drawn; what is disabled or only for screen readers is not asked about.
+#: found. Colours are laid over one another as they are drawn; what is disabled, shown when one comes near or only for
+#: screen readers is not asked about.
 FAINT_TEXT = r"""(() => {
   const pen = document.createElement('canvas').getContext('2d', {willReadFrequently: true});
   const parts = colour => { // any CSS colour as red, green, blue of 0 to 255 and its opacity
@@ -26,7 +27,8 @@ FAINT_TEXT = r"""(() => {
   const found = new Map();
   const judge = (element, text) => {
     const box = element.getBoundingClientRect(), style = getComputedStyle(element);
-    if (!element.checkVisibility({visibilityProperty: true}) || box.width < 2 || box.height < 2 || box.right < 0) return;
+    if (!element.checkVisibility({visibilityProperty: true, opacityProperty: true})) return;
+    if (box.width < 2 || box.height < 2 || box.right < 0) return;
     if (element.closest(':disabled, [aria-disabled=true]')) return;
     const [ink, ground] = seen(element, style.color).map(luminance);
     const ratio = (Math.max(ink, ground) + 0.05) / (Math.min(ink, ground) + 0.05), size = parseFloat(style.fontSize);

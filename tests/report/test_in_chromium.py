@@ -13,6 +13,7 @@ import pytest
 from skimage.io import imread
 
 from rfea_vision.report.page import static
+from testing.readable import FAINT_TEXT
 from testing.report.browser import VISIT_ALL, Browser
 
 pytestmark = pytest.mark.chromium
@@ -309,6 +310,7 @@ def test_dark_and_light_differ_and_both_are_readable(opened: Browser, tmp_path: 
         theme = opened.run("document.documentElement.dataset.theme")
         opened.screenshot(tmp_path / f"{theme}.png")
         brightness[theme] = float(np.median(imread(tmp_path / f"{theme}.png")[..., :3]))
+        assert opened.run(FAINT_TEXT) == []
         opened.key("t")
     assert brightness["light"] > 230
     assert brightness["dark"] < 40
