@@ -101,8 +101,10 @@ def _without_jumps(points: FloatArray, angle: FloatArray, sigma: FloatArray) -> 
     return (deviation <= np.maximum(scale, 1e-9)) | (deviation < 0.5 * np.median(spread))
 
 
-def observe_recording(recording: Recording, observe: Observe | None = None) -> Observed:
-    """Prepare a recording, to be simulated in steps that resolve what log and frames can show.
+def observe_recording(
+    recording: Recording, observe: Observe | None = None, *, longest_step_s: float = np.inf
+) -> Observed:
+    """Prepare a recording, to be simulated in steps that resolve what log and frames can show, and no longer than those given.
 
     Raises
     ------
@@ -131,7 +133,7 @@ def observe_recording(recording: Recording, observe: Observe | None = None) -> O
         from_s, unknown_before_s = _beginning(
             log_time, pressure, time[valid][keep], points[keep, -1] if fractions.size else angle[keep, None]
         )
-    step_s = _longest_step_s(log_time, time[valid])
+    step_s = min(longest_step_s, _longest_step_s(log_time, time[valid]))
     until_s, let_loose = float(time[valid][-1]) + 0.25, held is not None
     excitation = Excitation.from_log(log_time, pressure, from_s, until_s, step_s, chambers, at_once=let_loose)
     # A hand lets go when it does: where nothing but that is timed by the log's clock, the moment is found with the fit.

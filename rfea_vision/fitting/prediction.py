@@ -57,8 +57,9 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
 def observe_as_scored(model: ModelFit, recording: Recording) -> Observed:
     """Prepare a recording as it was when the model was scored on it: seen alike, with the same steps and freedom of the zero."""
     score = model.experiments.get(recording.name)
-    item = observed(recording, model.observe, options_of(model))  # type: ignore[arg-type]
-    return item if score is None else item.in_steps_of(score.step_s)
+    step_s = None if score is None else score.step_s
+    item = observed(recording, model.observe, options_of(model), longest_step_s=step_s or np.inf)  # type: ignore[arg-type]
+    return item.in_steps_of(step_s)
 
 
 def _known_parameters(model: ModelFit, names: Sequence[str]) -> tuple[list[int], np.ndarray, float]:

@@ -69,10 +69,17 @@ def make_problem(recordings: Mapping[str, Recording], actuator: Actuator, option
     )
 
 
-def observed(recording: Recording, wanted: Observe, options: FitOptions, *, as_asked: bool = False) -> Observed:
+def observed(
+    recording: Recording,
+    wanted: Observe,
+    options: FitOptions,
+    *,
+    as_asked: bool = False,
+    longest_step_s: float = np.inf,
+) -> Observed:
     """A recording as it is fitted or scored: looked at as is wanted, or where it does not offer that as it can be."""
     seen = wanted if as_asked or _offers(recording, wanted) else default_observe([recording])
-    return with_zeros(observe_recording(recording, seen), options)
+    return with_zeros(observe_recording(recording, seen, longest_step_s=longest_step_s), options)
 
 
 def with_zeros(item: Observed, options: FitOptions) -> Observed:
