@@ -7,6 +7,7 @@ parameter. Every draw of noise is fitted anew.
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ NOISE_MM = 0.06
 def paper_recipe(folder: Path) -> tuple[ModelFit, ModelFit, dict[str, float]]:
     """Models of pipelines/paper.yaml with 8 and with 2 bodies, and the true parameters."""
     campaign = folder / "paper"
-    truth = simulate(campaign, paper_campaign(duration_s=6.0, seed=1))
+    truth = simulate(campaign, replace(paper_campaign(), duration_s=6.0, seed=1))
     work = open_campaign(campaign)
     run_recipe(work, load_recipe("paper"))
     return work.model("paper-8dof"), work.model("paper-2dof"), truth["base"]

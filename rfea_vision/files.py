@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rfea_vision.errors import DataError, RfeaError
+from rfea_vision.errors import DataError, InputError, RfeaError
 
 if TYPE_CHECKING:  # imported where a dataset is read, as it is slow to import
     import xarray as xr
@@ -73,20 +73,25 @@ def sweep(folder: Path) -> None:
                     Path(place, name).unlink()
 
 
-def storage_sentence(error: OSError) -> str | None:
-    """What a fault of the disk means, in one sentence; None if it is none."""
+def storage_error(error: OSError) -> RfeaError | None:
+    """What a fault of the disk means, as an error with one sentence; None if it is none.
+
+    A place that may not be written to is wrong usage, as results may go elsewhere; all else is a state of the machine.
+    """
     # of a file that was being written its own name, not that of the temporary one
     where = _TEMPORARY.sub(r"\1\2", str(error.filename2 or error.filename or "the folder of results"))
     kept = "what was finished is kept"
     if error.errno in _FULL:
-        return _full(where)
+        return DataError(_full(where))
     if error.errno in (errno.EROFS, errno.EACCES, errno.EPERM):
-        return f"{where}: {error.strerror}; allow it, or keep the results elsewhere with --out DIR; {kept}"
+        return InputError(f"{where}: {error.strerror}; allow it, or keep the results elsewhere with --out DIR; {kept}")
     # a folder that goes away while it is looked at is said to be there, and no folder
     if error.errno in _GONE or (error.errno in _IN_THE_WAY and not os.path.lexists(where)):
-        return f"{where}: {error.strerror}; it went away while it was worked on: bring it back and run the command again; {kept}"
+        gone = "it went away while it was worked on: bring it back and run the command again"
+        return DataError(f"{where}: {error.strerror}; {gone}; {kept}")
     if error.errno in _IN_THE_WAY:
-        return f"{where}: {error.strerror}; a file stands where a folder belongs, or a folder where a file does: move it away; {kept}"
+        in_the_way = "a file stands where a folder belongs, or a folder where a file does: move it away"
+        return DataError(f"{where}: {error.strerror}; {in_the_way}; {kept}")
     return None
 
 

@@ -111,7 +111,13 @@ def undistort(lens: Lens, pixels: FloatArray) -> FloatArray:
 
 
 def first_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray]:
-    """Board pose, rotation (3, 3) and translation (3,) in mm, from the homography of the undistorted corners."""
+    """Board pose, rotation (3, 3) and translation (3,) in mm, from the homography of the undistorted corners (Collins, Bartoli 2014).
+
+    Raises
+    ------
+    DataError
+        If the lens bends its corners beyond all measure, or no pose is found.
+    """
     flat = np.column_stack([view.board_mm, np.zeros(len(view.board_mm))])
     straight = undistort(lens, view.pixels)
     if not np.all(np.abs(straight) < 1e3):
@@ -140,7 +146,13 @@ def solve_pose(lens: Lens, view: BoardView) -> tuple[FloatArray, FloatArray, Flo
 
 
 def first_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> Lens:
-    """The ideal equidistant lens whose focal length fits the boards best; a fair first guess for any lens."""
+    """The ideal equidistant lens whose focal length fits the boards best; a fair first guess for any lens of `size` (width, height) px.
+
+    Raises
+    ------
+    DataError
+        If none fits.
+    """
     centre = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
     radius = max(float(np.linalg.norm(v.pixels - centre, axis=1).max()) for v in views)
     found: list[tuple[float, Lens]] = []
@@ -161,7 +173,13 @@ def first_fisheye(views: Sequence[BoardView], size: tuple[int, int]) -> Lens:
 
 
 def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) -> Lens:
-    """OpenCV's closed-form start, polished with few coefficients."""
+    """OpenCV's closed-form start (Zhang 2000), polished with few coefficients, for pictures of `size` (width, height) px.
+
+    Raises
+    ------
+    DataError
+        If the photos do not determine the lens.
+    """
     if LENSES[model].fisheye:
         return first_fisheye(views, size)
     objects = [np.column_stack([v.board_mm, np.zeros(len(v.board_mm))]).astype(np.float32) for v in views]

@@ -140,7 +140,13 @@ def _why_too_few(views: Sequence[BoardView], refused: Sequence[Refused], board: 
 def find_views(
     photos: Sequence[Path], board: Board, progress: Progress | None, like: Photo | None = None
 ) -> tuple[list[BoardView], list[Refused], tuple[int, int]]:
-    """Corners of every usable photo, the refused ones, and the picture size that most photos share."""
+    """Corners of every usable photo, the refused ones, and the picture size (width, height) px that most photos share.
+
+    Raises
+    ------
+    InputError
+        If there is no photo, or one is no picture.
+    """
     sizes: dict[Path, tuple[int, int]] = {}
     found: list[BoardView | Refused] = []
     seen: dict[str, Path] = {}
@@ -194,7 +200,15 @@ def _leave_out_blurred(views: list[BoardView], refused: list[Refused]) -> list[B
 
 
 def find_plane(plane: Path, board: Board, size: tuple[int, int]) -> BoardView:
-    """Corners of the photo that shows the board in the plane of motion."""
+    """Corners of the photo that shows the board in the plane of motion; `size` (width, height) px is that of the lens.
+
+    Raises
+    ------
+    InputError
+        If it is no picture, or of another size.
+    DataError
+        If it does not show the board.
+    """
     photo = read_photo(plane)
     if photo is None:
         raise InputError(f"{plane}: camera.plane is not a readable picture")
@@ -225,6 +239,11 @@ def choose_lens(views: Sequence[BoardView], size: tuple[int, int], lens: str) ->
     """Choose the model that best predicts photos that it has not seen; the simpler one where they are alike.
 
     Returns the model, the held-out RMS of every candidate in px, and a sentence.
+
+    Raises
+    ------
+    DataError
+        If no model fits the photos.
     """
     if lens != "auto":
         return lens, {}, f"{lens} was asked for"

@@ -40,7 +40,7 @@ class Refused:
 
 
 def find_corners(path: Path, grey: NDArray[np.uint8], board: Board) -> BoardView | Refused:
-    """Find the board in one photo.
+    """Find the board in one photo, of grey levels (rows, columns).
 
     A checkerboard must be whole (its corners carry no names); of a ChArUco board any part with enough corners counts.
     """

@@ -33,7 +33,7 @@ _TURNS = {"turned by half": (True, True), "mirrored": (True, False), "mirrored u
 
 
 def same_picture(path: Path, grey: NDArray[np.uint8], seen: dict[str, Path]) -> Refused | None:
-    """Refuse a photo that is, pixel by pixel, an earlier one: it would count twice. `seen` remembers them."""
+    """Refuse a photo (rows, columns) that is, pixel by pixel, an earlier one: it would count twice. `seen` remembers them."""
     key = hashlib.sha256(str(grey.shape).encode() + grey.tobytes()).hexdigest()
     earlier = seen.setdefault(key, path)
     return None if earlier == path else Refused(path, f"the same picture as {earlier.name}")

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 from rfea_vision.campaign import following, plausibility, repeats
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
-from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec
+from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec, TrackSpec, VideoSpec
 from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_square, of_stretch, of_tube, of_weight
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import sha256_of
 
 if TYPE_CHECKING:
     from rfea_vision.arrays import FloatArray
+    from rfea_vision.artefacts import Track
     from rfea_vision.readers.pressure import PressureLog
 
 
@@ -210,94 +211,123 @@ def _some(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{len(names)} photos ({names[0]} to {names[-1]})"
 
 
-def _experiment_problems(
-    experiment: ExperimentSpec,
-    seen: _Seen,
-    *,
-    pressure_said: bool,
-) -> list[FileProblem]:
+def _experiment_problems(experiment: ExperimentSpec, seen: _Seen, *, pressure_said: bool) -> list[FileProblem]:
     """Read what belongs to a run, and keep of it what is looked at together with the others."""
-    file = experiment.file
-    problems: list[FileProblem] = []
-    pictures_s = track_s = track = None
-    by_camera = False
+    run = _Run(experiment)
     try:
         if experiment.video is not None:
-            from rfea_vision.readers.video import open_frames, open_video
-
-            video = experiment.video
-            source = None
-            if video.file is not None:
-                source, own = open_video(video.file, video.rate_Hz), open_video(video.file)
-                said = plausibility.of_rate(video.rate_Hz, own.rate_Hz)
-                said += [] if video.rate_Hz is None else plausibility.of_gaps(own.times_s(), counted=True)
-                problems += [_warning(experiment, "video.rate", text) for text in said]
-            elif video.frames is not None and (video.times is not None or video.rate_Hz is not None):
-                source = open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
-            if source is not None:
-                pictures_s = source.times_s()
-                said = plausibility.of_end(float(pictures_s[-1]), source.announced_s) if len(pictures_s) else []
-                said += plausibility.of_gaps(pictures_s)
-                problems += [_warning(experiment, "video", text) for text in said]
-                if text := _unlike_photos(experiment.camera, source.size):
-                    problems.append(FileProblem(file, text, "video", experiment=experiment.name))
+            _look_at_film(run, experiment.video)
         elif experiment.track is not None:
-            from rfea_vision.readers.tracks import read_track
-
-            by_camera = experiment.camera is not None and experiment.track.scale_mm is None
-            track = read_track(
-                experiment.track.file,
-                bends=experiment.actuator.bends,
-                spec=experiment.track,
-                to_rig_mm=(lambda pixels: pixels) if by_camera else None,  # lengths are not what is looked at here
-            )
-            track_s = track.time_s
-            seen.motions[experiment.name] = repeats.motion_of(track.dataset)
-            seen.lines[experiment.name] = repeats.line_of(track.dataset)
-            problems += [_warning(experiment, "track", text) for text in plausibility.of_gaps(track_s)]
-            said = [] if by_camera else plausibility.of_track(track.dataset, 1e3 * experiment.actuator.length)
-            said = said or ([] if by_camera else of_stretch(track.dataset, experiment.actuator))
-            problems += [_warning(experiment, "track", text) for text in said]
+            _look_at_track(run, experiment.track, seen)
     except RfeaError as error:
-        key = "track" if experiment.track is not None else "video"
-        problems.append(FileProblem(file, str(error), key, experiment=experiment.name))
-    if experiment.pressure.constant:
-        return problems
-    if experiment.pressure.missing:
-        text = "is missing, so nothing can be fitted; of a run at constant pressure write 'pressure: {value: 0 kPa}'"
-        return problems if pressure_said else [*problems, _warning(experiment, "pressure", text)]
+        run.refuse("track" if experiment.track is not None else "video", str(error))
+    if experiment.pressure.missing and not pressure_said:
+        run.warn("pressure", "is missing, so nothing can be fitted; of a run at constant pressure write 'pressure: {value: 0 kPa}'")
+    elif not experiment.pressure.missing and not experiment.pressure.constant:
+        _look_at_pressure(run, seen)
+    return run.problems
+
+
+@dataclass
+class _Run:
+    """A run while it is looked at: its track and the times (s) of its frames, as far as they can be read, and what is wrong."""
+
+    experiment: ExperimentSpec
+    track: Track | None = None
+    seconds: FloatArray | None = None
+    problems: list[FileProblem] = field(default_factory=list)
+
+    def warn(self, key: str, *texts: str) -> None:
+        self.problems += [_warning(self.experiment, key, text) for text in texts]
+
+    def refuse(self, key: str, text: str) -> None:
+        self.problems.append(FileProblem(self.experiment.file, text, key, experiment=self.experiment.name))
+
+    @property
+    def in_px(self) -> bool:
+        """Whether the track is looked at in pixels, which a camera makes mm later."""
+        spec = self.experiment.track
+        return spec is not None and self.experiment.camera is not None and spec.scale_mm is None
+
+
+def _look_at_film(run: _Run, video: VideoSpec) -> None:
+    """Times and size of the pictures."""
+    from rfea_vision.readers.video import open_frames, open_video
+
+    if video.file is not None:
+        source, own = open_video(video.file, video.rate_Hz), open_video(video.file)
+        run.warn("video.rate", *plausibility.of_rate(video.rate_Hz, own.rate_Hz))
+        run.warn("video.rate", *([] if video.rate_Hz is None else plausibility.of_gaps(own.times_s(), counted=True)))
+    elif video.frames is not None and (video.times is not None or video.rate_Hz is not None):
+        source = open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
+    else:
+        return
+    run.seconds = source.times_s()
+    if len(run.seconds):
+        run.warn("video", *plausibility.of_end(float(run.seconds[-1]), source.announced_s))
+    run.warn("video", *plausibility.of_gaps(run.seconds))
+    if text := _unlike_photos(run.experiment.camera, source.size):
+        run.refuse("video", text)
+
+
+def _look_at_track(run: _Run, spec: TrackSpec, seen: _Seen) -> None:
+    """Times and places of a track that another tool made."""
+    from rfea_vision.readers.tracks import read_track
+
+    experiment = run.experiment
+    track = read_track(
+        spec.file,
+        bends=experiment.actuator.bends,
+        spec=spec,
+        to_rig_mm=(lambda pixels: pixels) if run.in_px else None,  # lengths are not what is looked at here
+    )
+    run.track, run.seconds = track, track.time_s
+    seen.motions[experiment.name] = repeats.motion_of(track.dataset)
+    seen.lines[experiment.name] = repeats.line_of(track.dataset)
+    run.warn("track", *plausibility.of_gaps(track.time_s))
+    if not run.in_px:
+        tube = experiment.actuator
+        run.warn("track", *(plausibility.of_track(track.dataset, 1e3 * tube.length) or of_stretch(track.dataset, tube)))
+
+
+def _look_at_pressure(run: _Run, seen: _Seen) -> None:
+    """The log: by itself, beside the frames, and where the clocks are declared beside the motion."""
+    from rfea_vision.readers.pressure import read_pressure
+
+    experiment, track, name = run.experiment, run.track, run.experiment.name
     try:
-        from rfea_vision.readers.pressure import read_pressure
-
-        log = read_pressure(experiment.pressure, experiment.name)
+        log = read_pressure(experiment.pressure, name)
     except RfeaError as error:
-        problems.append(FileProblem(file, str(error), "pressure", experiment=experiment.name))
-        return problems
-    problems += [FileProblem(file, text, key, experiment=experiment.name) for key, text in _unseen_signals(experiment, log)]
-    seen.highest_kPa[experiment.name] = float(abs(log.pressure_kPa).max())
-    seen.logs[experiment.name] = log
+        run.refuse("pressure", str(error))
+        return
+    for key, text in _unseen_signals(experiment, log):
+        run.refuse(key, text)
+    seen.highest_kPa[name] = float(abs(log.pressure_kPa).max())
+    seen.logs[name] = log
     said = list(log.doubts) or plausibility.of_pressure(log.pressure_kPa, log.chambers)
-    if track is not None and not by_camera and not said:
+    if track is not None and not run.in_px and not said:
         if moved := plausibility.response(track.dataset, log.pressure_kPa):
-            seen.responses[experiment.name] = moved
+            seen.responses[name] = moved
         gravity_deg = experiment.rig.gravity_deg
-        seen.moduli[experiment.name] = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, gravity_deg)
-    seconds = pictures_s if pictures_s is not None else track_s
-    if seconds is not None and len(seconds):
+        seen.moduli[name] = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, gravity_deg)
+    if run.seconds is not None and len(run.seconds):
         filmed = experiment.video is not None and experiment.video.file is not None and experiment.video.rate_Hz is None
-        said += plausibility.of_times(log.time_s, seconds, filmed=filmed)
-        if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
-            apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
-            if experiment.sync.method == "common_clock" and (text := log.zero_doubt(track.dataset.attrs.get("clock_zero_s"))):
-                problems.append(_warning(experiment, "sync", text))
-            shifted = track.time_s + apart_s + (experiment.sync.value_s or 0.0)
-            if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
-                seen.angles[experiment.name] = following.AngleRun(
-                    track.dataset["bend_angle"].values, shifted, log.time_s, log.pressure_kPa
-                )
-            said += following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
-    problems += [_warning(experiment, "pressure", text) for text in said]
-    return problems
+        said += plausibility.of_times(log.time_s, run.seconds, filmed=filmed)
+    if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
+        said += _beside_the_motion(run, track, log, seen)
+    run.warn("pressure", *said)
+
+
+def _beside_the_motion(run: _Run, track: Track, log: PressureLog, seen: _Seen) -> list[str]:
+    """Why the log may not be that of the track, by the clocks that are declared."""
+    sync, zero_s = run.experiment.sync, track.dataset.attrs.get("clock_zero_s")
+    if sync.method == "common_clock" and (text := log.zero_doubt(zero_s)):
+        run.warn("sync", text)
+    shifted = track.time_s + log.zero_apart_s(zero_s) + (sync.value_s or 0.0)
+    if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
+        angle_deg = track.dataset["bend_angle"].values
+        seen.angles[run.experiment.name] = following.AngleRun(angle_deg, shifted, log.time_s, log.pressure_kPa)
+    return following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
 
 
 def _unseen_signals(experiment: ExperimentSpec, log: PressureLog) -> list[tuple[str, str]]:

@@ -62,15 +62,10 @@ def of_pair(
     `time_s` (frames,) are those of the frames on the log's clock, `log_s` and `pressure_kPa` (samples,) the log's; `pushes_kPa`
     of several chambers what each adds to that sum, with its sign. Runs that are alike cannot be told apart by this.
     """
-    motion = (
-        track["tip"].values
-        if "tip" in track
-        else track["bend_angle"].values[:, None]
-        if "bend_angle" in track
-        else None
-    )
-    if motion is None:
+    key, unit = ("tip", "mm") if "tip" in track else ("bend_angle", "deg")
+    if key not in track:
         return []
+    motion = track[key].values.reshape(len(time_s), -1)
     within = (time_s >= log_s[0]) & (time_s <= log_s[-1])
     if not within.any():
         both = f"its pictures are from {time_s[0]:.6g} to {time_s[-1]:.6g} s and its log from {log_s[0]:.6g} to {log_s[-1]:.6g} s"
@@ -78,56 +73,75 @@ def of_pair(
     seen = np.isfinite(motion).all(axis=1) & within
     if seen.sum() < 20:
         return []
-    swing_kPa = float(np.ptp(pressure_kPa))
-    if swing_kPa > _LOW_KPA and (still := _stillness(motion[seen], "mm" if "tip" in track else "deg")):
-        return [f"goes by {swing_kPa:.3g} kPa and {still}; is it the right tube? 'rfea open' lets you point at it"]
-    each_kPa = sum(float(np.ptp(push)) for push in (pushes_kPa or {}).values())
-    unit = "mm" if "tip" in track else "deg"
-    if each_kPa > _LOW_KPA and swing_kPa < _CANCELLED * each_kPa and not _stillness(motion[seen], unit):
-        return [
-            f"the chambers push with {each_kPa:.3g} kPa in all, of which their signs leave {swing_kPa:.2g}, and the tube moves; "
-            "do they bend it to the same side? Then give them the same sign"
-        ]
-    moved_s = time_s[seen]
-    share, _, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, _LAGS_S)
+    motion, time_s = motion[seen], time_s[seen]
+    if text := _at_rest(motion, unit, pressure_kPa) or _cancelled(motion, unit, pressure_kPa, pushes_kPa or {}):
+        return [text]
+    share, _, slope = _followed(motion, time_s, log_s, pressure_kPa, _LAGS_S)
     if share is None:
         return []
     if share < _FOLLOWS and pushes_kPa and len(pushes_kPa) > 1:
-        each, against = _each_for_itself(motion[seen], moved_s, log_s, pushes_kPa)
+        each, against = _each_for_itself(motion, time_s, log_s, pushes_kPa)
         if each >= _FOLLOWS:  # it is the log of this run: levers that differ are for the fit to find, a sign is not
             return [
                 f"the motion follows the chambers to {100 * each:.0f} %, but {', '.join(against)} against the others by the signs "
                 "that they have; is a sign the wrong way round?"
             ] * bool(against)
-    said, at_once = [], f"{100 * max(share, 0.0):.0f} %"
-    later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(moved_s))]
-    if text := _ahead(motion[seen], moved_s, log_s, pressure_kPa, share):
+    if text := _ahead(motion, time_s, log_s, pressure_kPa, share):
         return [text]
+    said = []
     if share < _FOLLOWS:
-        then, late_s, slope = _followed(motion[seen], moved_s, log_s, pressure_kPa, later)
+        at_once = f"the motion follows this pressure to {100 * max(share, 0.0):.0f} %"
+        later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(time_s))]
+        then, late_s, slope = _followed(motion, time_s, log_s, pressure_kPa, later)
         if then is None or then < _FOLLOWS:
             lost = _lost(log_s)
             why = f"{lost}, is a stretch of it lost, or " if lost else ""
-            return [f"the motion follows this pressure to {at_once} only; {why}is it the log of another run?"]
+            return [f"{at_once} only; {why}is it the log of another run?"]
         said.append(
-            f"the motion follows this pressure to {at_once} at once and to {100 * then:.0f} % {late_s:.1f} s later; "
+            f"{at_once} at once and to {100 * then:.0f} % {late_s:.1f} s later; "
             "is one of the clocks late, or the log that of another run? A long line and slow rubber do so, too"
         )
-    if motion.shape[1] == 1 and slope < 0 and not _rises(motion[seen], moved_s, log_s, pressure_kPa):
-        said.append(
-            "the angle falls while the pressure rises; positive is where actuator.bends points: if the sensor counts the other way, or "
-            "from the bent tube, give the pressure sign: -1"
-        )
-    elif motion.shape[1] == 1:
-        said += _counted_from_the_start(motion[seen, 0], float(np.interp(moved_s[0], log_s, pressure_kPa)), slope)
     if motion.shape[1] == 1:
-        said += _counted_from_elsewhere(motion[seen, 0], np.interp(moved_s, log_s, pressure_kPa))
-    if motion.shape[1] == 2 and _moves_back(track, motion[seen], np.interp(moved_s, log_s, pressure_kPa)):
+        said += _angle_doubts(motion, time_s, log_s, pressure_kPa, slope)
+    elif _moves_back(track, motion, np.interp(time_s, log_s, pressure_kPa)):
         said.append(
             "the tube moves to the other side than actuator.bends says while the pressure rises; is the track mirrored, or the sign "
             "of the pressure turned?"
         )
     return ["; ".join(said)] if said else []
+
+
+def _at_rest(motion: FloatArray, unit: str, pressure_kPa: FloatArray) -> str:
+    """Doubt the tube where a motion (n, 1 or 2) stands still and the pressure does not; else empty."""
+    swing_kPa = float(np.ptp(pressure_kPa))
+    still = _stillness(motion, unit) if swing_kPa > _LOW_KPA else ""
+    return f"goes by {swing_kPa:.3g} kPa and {still}; is it the right tube? 'rfea open' lets you point at it" if still else ""
+
+
+def _cancelled(motion: FloatArray, unit: str, pressure_kPa: FloatArray, pushes_kPa: Mapping[str, FloatArray]) -> str:
+    """Doubt the signs of chambers that leave little of their pressures, where a motion (n, 1 or 2) is there; else empty."""
+    swing_kPa, each_kPa = float(np.ptp(pressure_kPa)), sum(float(np.ptp(push)) for push in pushes_kPa.values())
+    if each_kPa <= _LOW_KPA or swing_kPa >= _CANCELLED * each_kPa or _stillness(motion, unit):
+        return ""
+    return (
+        f"the chambers push with {each_kPa:.3g} kPa in all, of which their signs leave {swing_kPa:.2g}, and the tube moves; "
+        "do they bend it to the same side? Then give them the same sign"
+    )
+
+
+def _angle_doubts(
+    angle_deg: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray, slope: float
+) -> list[str]:
+    """Doubt sign and zero of an angle (n, 1), of which the pressure tells `slope` kPa/deg."""
+    at_frames_kPa = np.interp(time_s, log_s, pressure_kPa)
+    if slope < 0 and not _rises(angle_deg, time_s, log_s, pressure_kPa):
+        said = [
+            "the angle falls while the pressure rises; positive is where actuator.bends points: if the sensor counts the other way, or "
+            "from the bent tube, give the pressure sign: -1"
+        ]
+    else:
+        said = _counted_from_the_start(angle_deg[:, 0], float(at_frames_kPa[0]), slope)
+    return said + _counted_from_elsewhere(angle_deg[:, 0], at_frames_kPa)
 
 
 def _ahead(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import time
 from collections import Counter
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +15,10 @@ from rfea_vision.cli.console import ConsoleListener, print_json, print_table, sa
 from rfea_vision.cli.options import code_option, named_files, output_options, trust_option, trusted
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.units import counted, rounded
+
+if TYPE_CHECKING:
+    from rfea_vision.distributed.tasks import BatchResult
+    from rfea_vision.stages.recipes import Recipe
 
 
 @click.command("batch")
@@ -62,7 +67,7 @@ def batch_command(
     Every run is a task of its own, so that one long campaign keeps all processes busy. What is broken does not stop the
     rest. The folders may be campaigns or lone experiments.
     """
-    from rfea_vision.distributed import BatchResult, Security, dashboard, dask_client, run_batch
+    from rfea_vision.distributed import Security, dashboard, dask_client, run_batch
     from rfea_vision.distributed.batch import refuse_shared_results
     from rfea_vision.readers.apart import isolating
     from rfea_vision.stages.recipes import load_recipe, recipe_file
@@ -107,7 +112,7 @@ def batch_command(
 
 
 @contextlib.contextmanager
-def _memory_said(memory: str) -> Any:
+def _memory_said(memory: str) -> Iterator[None]:
     from dask.utils import parse_bytes
 
     if memory != "auto":
@@ -125,7 +130,7 @@ class _Index:
         self.path, self.rows = path, {}
         self._took_s, self._written = 0.0, float("-inf")
 
-    def add(self, result: Any) -> None:
+    def add(self, result: BatchResult) -> None:
         """Add a campaign, and write the page unless that would take a good part of the time."""
         from rfea_vision.report.batch import campaign_row
 
@@ -145,7 +150,7 @@ class _Index:
         self._took_s = self._written - begun
 
 
-def _print_plan(folders: tuple[Path, ...], steps: Any, out: Path | None, force: bool, as_json: bool) -> int:
+def _print_plan(folders: tuple[Path, ...], steps: Recipe, out: Path | None, force: bool, as_json: bool) -> int:
     from rfea_vision.distributed.batch import results_of
     from rfea_vision.stages.plan import plan
 
@@ -169,7 +174,7 @@ def _print_plan(folders: tuple[Path, ...], steps: Any, out: Path | None, force: 
     return DataError.exit_code if broken else 0
 
 
-def _print_batch(results: list[Any]) -> None:
+def _print_batch(results: list[BatchResult]) -> None:
     rows = []
     for result in results:
         last = result.rungs[-1] if result.rungs else {}
@@ -185,7 +190,7 @@ def _print_batch(results: list[Any]) -> None:
             click.echo(f"report: {result.report}")
 
 
-def _held_out(rung: dict[str, Any]) -> str | None:
+def _held_out(rung: Mapping[str, Any]) -> str | None:
     """The held-out error of a campaign's last rung with its unit: campaigns of films and of inclinometers stand in one table."""
     for unit in ("mm", "deg"):
         if rung.get(f"validate_{unit}") is not None:

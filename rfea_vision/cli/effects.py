@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,9 @@ from rfea_vision.cli.console import WholeHelpGroup, print_json, print_table, say
 from rfea_vision.cli.options import ask, output_options
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
+
+if TYPE_CHECKING:
+    from rfea_vision.effects.base import Effect
 
 _TEMPLATE = Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt"
 
@@ -90,20 +93,20 @@ def new_command(file: Path, as_json: bool) -> None:
         say_next("rfea diagnose CAMPAIGN --effect-file", file)
 
 
-def _typeset(effect: Any) -> str:
+def _typeset(effect: type[Effect]) -> str:
     from rfea_vision.effects.typeset import typeset
 
     return typeset(effect())["latex"]
 
 
-def _known(effect_files: tuple[Path, ...]) -> dict[str, Any]:
+def _known(effect_files: tuple[Path, ...]) -> dict[str, type[Effect]]:
     from rfea_vision.effects.catalogue import catalogue, load_effect_file
 
     own = {effect.id: effect for file in effect_files for effect in load_effect_file(file)}
     return {**catalogue(), **own}
 
 
-def _facts(effect: Any) -> dict[str, Any]:
+def _facts(effect: type[Effect]) -> dict[str, Any]:
     parameters = {
         name: {"unit": item.unit, "absent": item.absent, "lower": item.lower, "upper": item.upper, "text": item.text}
         for name, item in effect.parameters.items()

@@ -7,6 +7,7 @@ import math
 import re
 from datetime import date
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,6 +15,10 @@ from rfea_vision.cli.console import print_json, say, say_next
 from rfea_vision.cli.options import Quantity, campaign_argument, code_option, opened, refuse_beside
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.units import counted
+
+if TYPE_CHECKING:
+    from rfea_vision.artefacts import ModelFit
+    from rfea_vision.stages import Workspace
 
 
 @click.command("export")
@@ -54,42 +59,50 @@ def export_command(
         raise InputError(f"export: give CAMPAIGN, {at_most}")
     if not step_s > 0:
         raise InputError("export: --step must be longer than zero, for example 1ms")
-    target = Path(last)
+    if sum((fmu, crate, poses)) > 1:
+        raise InputError("export: give one of --fmu, --crate and --poses")
     if crate or poses:
-        if fmu or (crate and poses):
-            raise InputError("export: give one of --fmu, --crate and --poses")
         refuse_beside("--crate" if crate else "--poses", ("step_s", "iterations"), "it writes no code that steps")
-        files = _write_crate(campaign, out, models, target) if crate else _write_poses(campaign, out, target)
-        if as_json:
-            print_json({"files": [str(path) for path in files]})
-        else:
-            say(f"{target}: {', '.join(path.name for path in files)}")
-            if crate:
-                say_next("look into", files[0], why="the list of what the crate holds, an RO-Crate 1.1")
-            else:
-                shown = f"import xarray; print(xarray.open_dataset({json.dumps(str(files[0]))}))"  # no quotes within those of a shell
-                say_next("python -c", shown, why="movement opens it, too")
+        _export_files(campaign, out, models, Path(last), crate=crate, as_json=as_json)
+    else:
+        _export_code(campaign, out, models, Path(last), step_s, iterations, fmu=fmu, as_json=as_json)
+
+
+def _export_files(
+    campaign: Path, out: Path | None, models: list[str], folder: Path, *, crate: bool, as_json: bool
+) -> None:
+    """The fit as an RO-Crate, or the centre lines as netCDF."""
+    files = _write_crate(campaign, out, models, folder) if crate else _write_poses(campaign, out, folder)
+    if as_json:
+        print_json({"files": [str(path) for path in files]})
         return
-    from rfea_vision.artefacts import Recording
-    from rfea_vision.dynamics.simulation import STANDARD_GRAVITY
+    say(f"{folder}: {', '.join(path.name for path in files)}")
+    if crate:
+        say_next("look into", files[0], why="the list of what the crate holds, an RO-Crate 1.1")
+    else:
+        shown = f"import xarray; print(xarray.open_dataset({json.dumps(str(files[0]))}))"  # no quotes within those of a shell
+        say_next("python -c", shown, why="movement opens it, too")
+
+
+def _export_code(
+    campaign: Path,
+    out: Path | None,
+    models: list[str],
+    target: Path,
+    step_s: float,
+    iterations: int,
+    *,
+    fmu: bool,
+    as_json: bool,
+) -> None:
+    """The fitted model as C99, or as an FMU."""
     from rfea_vision.export import c_files, fitted_model, fmu_content
     from rfea_vision.files import whole_file, write_text
-    from rfea_vision.fitting.observation import rig_of
-    from rfea_vision.stages import mechanics
 
     target = target.with_suffix("") if target.suffix in (".c", ".h", ".fmu") else target
-    with opened(campaign, out) as work:
-        fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
-        runs = [work.out / run.name / "recording.nc" for run in work.campaign.experiments if run.role == "train"]
-    rigs = {rig_of(Recording.load(path).dataset) for path in runs if path.is_file()}
-    if len(rigs) > 1:
-        raise DataError(
-            f"{campaign}: its training runs stand under gravity from {len(rigs)} sides, and an exported tube under one; "
-            "export from a folder that holds the runs of one of them"
-        )
-    gravity, mounting = rigs.pop() if rigs else (STANDARD_GRAVITY, 0.0)
     name = re.sub(r"\W", "_", target.name, flags=re.ASCII)
     name = name if re.match(r"[A-Za-z_]", name) else f"tube_{name}"
+    fit, gravity, mounting = _model_and_gravity(campaign, out, models)
     model, par = fitted_model(fit, gravity, mounting)
     about = f"Model '{fit.name}' of {campaign.name}: {counted(fit.segments, 'segment')}"
     about += f", {', '.join(fit.effects)}" if fit.effects else ""
@@ -108,12 +121,37 @@ def export_command(
         write_text(written[0], source)
     if as_json:
         print_json({"model": fit.name, "step_s": step_s, "files": [str(path) for path in written]})
+        return
+    say(f"{fit.name}: {', '.join(str(path) for path in written)}; a step is {step_s * 1e3:g} ms")
+    if fmu:
+        say_next("rfea compare", campaign, fit.name, why="how far the model in it is to be trusted")
     else:
-        say(f"{fit.name}: {', '.join(str(path) for path in written)}; a step is {step_s * 1e3:g} ms")
-        if fmu:
-            say_next("rfea compare", campaign, fit.name, why="how far the model in it is to be trusted")
-        else:
-            say_next("cc -O2 -c", written[0], why="C99, needs nothing else")
+        say_next("cc -O2 -c", written[0], why="C99, needs nothing else")
+
+
+def _model_and_gravity(campaign: Path, out: Path | None, models: list[str]) -> tuple[ModelFit, float, float]:
+    """The model that is asked for, gravity (m/s^2) in the plane of its training runs, and from where it pulls (rad)."""
+    from rfea_vision.artefacts import Recording
+    from rfea_vision.dynamics.simulation import STANDARD_GRAVITY
+    from rfea_vision.fitting.observation import rig_of
+
+    with opened(campaign, out) as work:
+        fit = _asked_model(work, models)
+        runs = [work.out / run.name / "recording.nc" for run in work.campaign.experiments if run.role == "train"]
+    rigs = {rig_of(Recording.load(path).dataset) for path in runs if path.is_file()}
+    if len(rigs) > 1:
+        raise DataError(
+            f"{campaign}: its training runs stand under gravity from {len(rigs)} sides, and an exported tube under one; "
+            "export from a folder that holds the runs of one of them"
+        )
+    return fit, *(rigs.pop() if rigs else (STANDARD_GRAVITY, 0.0))
+
+
+def _asked_model(work: Workspace, models: list[str]) -> ModelFit:
+    """The model that is named, or the one fitted last."""
+    from rfea_vision.stages import mechanics
+
+    return work.model(models[0] if models else mechanics.last_model(work) or "base")
 
 
 def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Path) -> list[Path]:
@@ -123,7 +161,7 @@ def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Pa
     from rfea_vision.stages import mechanics
 
     with opened(campaign, out) as work:
-        fit = work.model(models[0] if models else mechanics.last_model(work) or "base")
+        fit = _asked_model(work, models)
         rooms = [mechanics.model_folder(work, fit.name), *(work.out / run.name for run in work.campaign.experiments)]
         kept = [path for room in rooms for path in sorted(room.glob("*")) if path.suffix in (".json", ".nc", ".csv")]
         files = {path.relative_to(work.out).as_posix(): path for path in kept if not path.name.startswith(".")}

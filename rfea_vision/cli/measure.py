@@ -9,11 +9,11 @@ from typing import Any
 import click
 
 from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
-from rfea_vision.cli.options import campaign_options, opened
+from rfea_vision.cli.options import Command, campaign_options, opened
 from rfea_vision.errors import DataError
 
 
-def experiment_option(command: Any) -> Any:
+def experiment_option(command: Command) -> Command:
     """Add -e NAME."""
     return click.option(
         "-e", "--experiment", "names", multiple=True, metavar="NAME", help="Only this experiment; may be repeated."

@@ -20,7 +20,7 @@ from rfea_vision.units import parse_quantity
 if TYPE_CHECKING:
     from rfea_vision.stages import Workspace
 
-_Command = TypeVar("_Command", bound=Callable[..., Any])
+Command = TypeVar("Command", bound=Callable[..., Any])
 _TRUST = "rfea_vision.trust"
 
 
@@ -32,7 +32,7 @@ class Quantity(click.ParamType):
     def __init__(self, unit: str, example: str) -> None:
         self.unit, self.example = unit, example
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+    def convert(self, value: str | float, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the number in the unit of the option; click's BadParameter where a text is no such quantity."""
         if isinstance(value, float):
             return value
@@ -46,7 +46,7 @@ class Quantity(click.ParamType):
         return "QUANTITY"
 
 
-def output_options(command: _Command) -> _Command:
+def output_options(command: Command) -> Command:
     """Add --json and --debug, which every command has."""
     # whoever runs the command looks for it among the arguments
     debug = click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
@@ -55,7 +55,7 @@ def output_options(command: _Command) -> _Command:
     )(debug(command))
 
 
-def trust_option(command: _Command) -> _Command:
+def trust_option(command: Command) -> Command:
     """Add --trust and --untrusted; `trusted` tells whether the first was given, so that no command has to hand it on."""
 
     def apart(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -79,7 +79,7 @@ def trust_option(command: _Command) -> _Command:
     )(command)
 
 
-def code_option(command: _Command) -> _Command:
+def code_option(command: Command) -> Command:
     """Add --effect-file to a command that may have to fit again what was fitted with effects of one's own."""
 
     def name(ctx: click.Context, param: click.Parameter, value: tuple[Path, ...]) -> None:
@@ -128,7 +128,7 @@ def trusted() -> bool:
     return bool(click.get_current_context().meta.get(_TRUST))
 
 
-def campaign_options(command: _Command) -> _Command:
+def campaign_options(command: Command) -> Command:
     """Add the argument CAMPAIGN and the options of every command whose result is that of its stages."""
     again = click.option(
         "--again",
@@ -140,13 +140,13 @@ def campaign_options(command: _Command) -> _Command:
     return stage_options(again(command))
 
 
-def stage_options(command: _Command) -> _Command:
+def stage_options(command: Command) -> Command:
     """Add the argument CAMPAIGN and the options of every command that runs stages on one."""
     force = click.option("--force", is_flag=True, help="Redo the stage even if nothing has changed.")
     return campaign_argument(force(command))
 
 
-def campaign_argument(command: _Command) -> _Command:
+def campaign_argument(command: Command) -> Command:
     """Add the argument CAMPAIGN and the options of every command that works on one."""
     command = trust_option(output_options(command))
     command = click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")(
@@ -155,14 +155,14 @@ def campaign_argument(command: _Command) -> _Command:
     return click.argument("campaign", type=click.Path(path_type=Path))(command)
 
 
-def ask(name: str, **kinds: type) -> Callable[[Any], Any]:
+def ask(name: str, **kinds: type) -> Callable[[Callable[..., object]], Callable[..., object]]:
     """Add every option of these classes that the command `name` takes, and pass one object of each on under its keyword."""
 
-    def decorate(command: Any) -> Any:
+    def decorate(command: Callable[..., object]) -> Callable[..., object]:
         asked = tuple(asked_by(name, *kinds.values()))
 
         @functools.wraps(command)
-        def called(*args: Any, **params: Any) -> Any:
+        def called(*args: object, **params: object) -> object:
             values = {option.key: params.pop(option.name) for option in asked}
             given = {key: value for key, value in values.items() if value not in (None, ())}
             options = {key: read_flags(kind, given, name) for key, kind in kinds.items()}
@@ -175,7 +175,7 @@ def ask(name: str, **kinds: type) -> Callable[[Any], Any]:
     return decorate
 
 
-def _click_option(option: Option) -> Callable[[Any], Any]:
+def _click_option(option: Option) -> Callable[[Command], Command]:
     """One option of the command line; what is written is read by the class that declares it."""
     default, metavar = option.default, option.asked.metavar
     choices = next((get_args(item) for item in _members(option.info.annotation) if get_origin(item) is Literal), ())
@@ -194,7 +194,7 @@ def _click_option(option: Option) -> Callable[[Any], Any]:
     )
 
 
-def _members(annotation: Any) -> tuple[Any, ...]:
+def _members(annotation: object) -> tuple[object, ...]:
     """The members of a union, or the annotation itself."""
     return get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
 

@@ -16,8 +16,8 @@ import click
 
 from rfea_vision import __version__
 from rfea_vision.cli.console import WholeHelpGroup, print_error
-from rfea_vision.errors import DataError, RfeaError
-from rfea_vision.files import storage_sentence
+from rfea_vision.errors import RfeaError
+from rfea_vision.files import storage_error
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
 _KEPT = "interrupted; everything finished so far is kept"
@@ -142,10 +142,10 @@ def run(arguments: list[str]) -> int:
             return INTERRUPTED
         if debug:
             traceback.print_exc()
-        stored = storage_sentence(error) if isinstance(error, OSError) else None
+        stored = storage_error(error) if isinstance(error, OSError) else None
         if stored is not None:
-            print_error(stored, DataError.exit_code, as_json=as_json)
-            return DataError.exit_code
+            print_error(str(stored), stored.exit_code, as_json=as_json)
+            return stored.exit_code
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         print_error(
             f"a fault in rfea-vision ({reason[:300]}); the same command with --debug shows where", 1, as_json=as_json

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from rfea_vision.campaign.specs import GRAVITY_DEG
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.model import print_ladder
-from rfea_vision.cli.options import Quantity, ask, opened, output_options, refuse_beside
+from rfea_vision.cli.options import Quantity, ask, opened, output_options, refuse_beside, typed
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
 from rfea_vision.units import counted, parse_quantity
 
+if TYPE_CHECKING:
+    from rfea_vision.drive import ValveCommands
+    from rfea_vision.twin.excitation import Programme
+
 _DEMO = "hidden-effect"
+_BESIDE_LIKE = {"like", "hidden", "seed", "write_truth", "as_json", "debug"}  # parameters that have a meaning beside --like
 
 
 @click.command("simulate")
@@ -89,7 +93,12 @@ _DEMO = "hidden-effect"
     "--truth/--no-truth", "write_truth", default=True, show_default=True, help="Write OUT-truth.json beside it."
 )
 @output_options
-def simulate_command(out: Path, as_json: bool, **choices: Any) -> None:
+def simulate_command(
+    out: Path, like: Path | None, paper: bool, hidden: tuple[str, ...], scene: tuple[str, ...], seed: int, write_truth: bool,
+    experiments: int | None, roles: str | None, repeat: bool, duration_s: float | None, rate_Hz: float | None, video: bool,
+    observe: str | None, noise_mm: float | None, pressure: str | None, drive: str | None, gravity: str | None,
+    bends: Literal["left", "right"], sync: str | None, offset_s: float | None, as_json: bool,
+) -> None:  # fmt: skip
     """A twin: a tube whose physics you choose.
 
     Writes a campaign with pressure logs, board photos and video (or tracks), and beside it what it hides.
@@ -102,29 +111,40 @@ def simulate_command(out: Path, as_json: bool, **choices: Any) -> None:
 
     from rfea_vision.artefacts import Actuator
 
-    scene, like = parse_scene(choices.pop("scene")), choices.pop("like")
-    hidden = parse_hidden(choices.pop("hidden"))
+    values = parse_hidden(hidden)
     if like is not None:
-        odd = [*choices.keys() - {"seed", "write_truth"}, "scene"]
-        refuse_beside("--like", sorted(odd), "the campaign's recordings say it")
-        _report_twin(out, _simulate_like(out, like, hidden, choices["seed"], choices["write_truth"]), as_json)
+        refuse_beside("--like", sorted(typed().keys() - _BESIDE_LIKE), "the campaign's recordings say it")
+        _report_twin(out, _simulate_like(out, like, values, seed, write_truth), as_json)
         return
-    fixed = {"hidden": hidden, "actuator": Actuator(bends=choices.pop("bends")), "scene": scene}
-    choices["roles"] = _roles(choices.pop("experiments"), choices.pop("roles"))
-    choices |= _played(choices.pop("pressure"), choices)
-    choices["gravity"] = _gravity(choices["gravity"])
-    if "roles" in choices and choices["roles"] is not None:
-        fixed["roles"] = choices["roles"]
-    options = paper_campaign(**fixed) if choices.pop("paper") else TwinOptions(**fixed)
-    if choices["drive"] not in (None, "duty"):
-        from rfea_vision.drive import read_commands
-
-        choices["drive"] = read_commands(Path(choices["drive"]))
-    known = {item.name for item in fields(TwinOptions)}
-    given = {name: value for name, value in choices.items() if value is not None and name in known}
+    chosen = _roles(experiments, roles)
+    highest_kPa, programme = (None, None) if pressure is None else _played(pressure)
+    if programme is not None:  # one run of its length, where nothing else is said
+        chosen, duration_s = chosen or ("train",), duration_s or float(programme.time_s[-1])
+    start = TwinOptions()
+    if paper:
+        start = paper_campaign() if chosen is None else paper_campaign(chosen)
+    asked = {
+        "roles": chosen, "duration_s": duration_s, "rate_Hz": rate_Hz, "observe": observe, "noise_mm": noise_mm, "sync": sync,
+        "offset_s": offset_s, "pressure_max_kPa": highest_kPa, "given": programme, "gravity": _gravity(gravity),
+        "drive": _valves(drive),
+    }  # fmt: skip
+    start = replace(start, **{name: value for name, value in asked.items() if value is not None})
+    options = replace(
+        start, hidden=values, seed=seed, video=video, actuator=Actuator(bends=bends), repeat=repeat, scene=parse_scene(scene),
+        write_truth=write_truth,
+    )  # fmt: skip
     with ConsoleListener().shown() as listener:
-        truth = simulate(out, replace(options, **given), listener.begin("simulate", out.name))
+        truth = simulate(out, options, listener.begin("simulate", out.name))
     _report_twin(out, truth, as_json)
+
+
+def _valves(given: str | None) -> ValveCommands | str | None:
+    """What --drive asks for: the valve commands of a file, or the word for a duty cycle."""
+    if given in (None, "duty"):
+        return given
+    from rfea_vision.drive import read_commands
+
+    return read_commands(Path(given))
 
 
 def _gravity(given: str | None) -> str | float | None:
@@ -137,14 +157,12 @@ def _gravity(given: str | None) -> str | float | None:
         raise InputError(f"--gravity: {error}, or one of down, left, right, up and none") from error
 
 
-def _played(pressure: str | None, choices: dict[str, Any]) -> dict[str, Any]:
-    """What --pressure asks for: a highest pressure, or a log to play, for one run where nothing else is said."""
-    if pressure is None:
-        return {}
+def _played(pressure: str) -> tuple[float | None, Programme | None]:
+    """What --pressure asks for: a highest pressure (kPa), or a log to play."""
     path = Path(pressure)
     if not path.exists():
         try:
-            return {"pressure_max_kPa": Quantity("kPa", "270kPa").convert(pressure, None, None)}
+            return Quantity("kPa", "270kPa").convert(pressure, None, None), None
         except click.BadParameter:
             if not path.suffix or path.suffix[1:2].isdigit():  # the digits of a number, not the ending of a file
                 raise
@@ -153,12 +171,7 @@ def _played(pressure: str | None, choices: dict[str, Any]) -> dict[str, Any]:
     from rfea_vision.twin.excitation import given_programme
 
     log = read_pressure(PressureSpec(folder=path.parent, file=path), path.name)
-    given = given_programme(log.time_s, 1e3 * log.pressure_kPa)
-    return {
-        "given": given,
-        "roles": choices["roles"] or ("train",),
-        "duration_s": choices["duration_s"] or float(given.time_s[-1]),
-    }
+    return None, given_programme(log.time_s, 1e3 * log.pressure_kPa)
 
 
 def _simulate_like(out: Path, campaign: Path, hidden: dict[str, float], seed: int, write_truth: bool) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rfea_vision import __version__
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError, InputError, RfeaError
-from rfea_vision.files import storage_sentence
+from rfea_vision.files import storage_error
 from rfea_vision.loops import digest_of_sources
 from rfea_vision.readers.apart import isolating
 
@@ -75,7 +75,7 @@ def sentence_of(error: BaseException) -> str:
     """One sentence of whatever went wrong."""
     text = " ".join(str(error).split())
     if isinstance(error, OSError) and not isinstance(error, RfeaError):
-        return storage_sentence(error) or f"{type(error).__name__}: {text}"
+        return str(storage_error(error) or f"{type(error).__name__}: {text}")
     return text if isinstance(error, RfeaError) else f"{type(error).__name__}: {text}"
 
 

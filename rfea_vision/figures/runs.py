@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.figures.plates import Axis, Lines, Map, Plate, Series, lines, thinned
+from rfea_vision.figures.plates import Axis, Lines, Map, Plate, Role, Series, lines, thinned
 from rfea_vision.report.collect import Experiment, LadderStep
 
 MOST_ROWS, MOST_COLUMNS = 4000, 600  # more points than a page has dots
@@ -37,7 +36,7 @@ def _valid(data: xr.Dataset, key: str, *, part: int | None = None) -> FloatArray
 
 
 def curve(
-    data: xr.Dataset | None, key: str, name: str, role: Any, *, part: int | None = None, sigma: str | None = None
+    data: xr.Dataset | None, key: str, name: str, role: Role, *, part: int | None = None, sigma: str | None = None
 ) -> Series | None:
     """One quantity over time, thinned to what a page can show."""
     values = None if data is None else _valid(data, key, part=part)
@@ -90,7 +89,7 @@ def _loops(run: str, data: xr.Dataset, modelled: xr.Dataset | None) -> list[Plat
     if "pressure" in data:
         pressure = Axis("pressure", "kPa")
 
-        def against(source: xr.Dataset | None, key: str, name: str, role: Any, part: int | None) -> Series | None:
+        def against(source: xr.Dataset | None, key: str, name: str, role: Role, part: int | None) -> Series | None:
             made = curve(source, key, name, role, part=part)
             if made is None:
                 return None
@@ -110,7 +109,7 @@ def _loops(run: str, data: xr.Dataset, modelled: xr.Dataset | None) -> list[Plat
     return found + lines(f"{run}-path", "Path of the tip", Axis("x", "mm"), Axis("y", "mm"), path, equal=True)
 
 
-def tip_path(data: xr.Dataset | None, name: str, role: Any) -> Series | None:
+def tip_path(data: xr.Dataset | None, name: str, role: Role) -> Series | None:
     """Where the tip travels."""
     tip = None if data is None else _valid(data, "tip")
     if tip is None:

@@ -13,6 +13,7 @@ from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.artefacts.rows import StartRow, SteadyState
 from rfea_vision.dynamics.simulation import Model
+from rfea_vision.effects.base import Effect
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, build
 from rfea_vision.fitting.observed import MM, Observed
@@ -28,6 +29,7 @@ from rfea_vision.fitting.starts import from_the_release, observed_scale, without
 from rfea_vision.fitting.steady_fit import STEADY_SIGMA_M, Plateau, find_plateaus, fit_steady
 from rfea_vision.fitting.studies import leave_one_out, with_study
 from rfea_vision.options import FitOptions
+from rfea_vision.options.given import refuse_impossible_lever
 from rfea_vision.progress import Progress
 
 __all__ = [
@@ -240,7 +242,7 @@ def _refined(
     return best
 
 
-def effect_starts(model_effects: Sequence[Any], names: Sequence[str]) -> list[dict[str, float]]:
+def effect_starts(model_effects: Sequence[Effect], names: Sequence[str]) -> list[dict[str, float]]:
     """Starts for the parameters of effects just added: each grid value of what vanishes with the amplitude."""
     starts: list[dict[str, float]] = [{}]
     for effect in model_effects:
@@ -351,16 +353,6 @@ def _refuse_unknown_names(model: Model, options: FitOptions) -> None:
         raise InputError(f"{unknown[0]}: is no parameter of model {options.name}; it has {', '.join(model.names)}")
 
 
-def _refuse_impossible_lever(actuator: Actuator, options: FitOptions) -> None:
-    """Refuse a lever of the pressure that is held beyond the tube: no part of the bore is farther from its side than a diameter."""
-    lever_m, most_m = options.fixed.get("r_hyd", 0.0), 2 * actuator.outer_radius
-    if actuator.kind == "tube" and lever_m > most_m:
-        raise InputError(
-            f"--fix r_hyd={1e3 * lever_m:g}mm: is longer than the tube is wide (actuator.outer_radius: {1e3 * most_m / 2:g} mm); "
-            "check the unit"
-        )
-
-
 def fit_model(
     recordings: Mapping[str, Recording],
     actuator: Actuator,
@@ -383,11 +375,11 @@ def fit_model(
     DataError
         No training recording, or no start that can be simulated.
     InputError
-        An unknown effect, or a profile of a parameter that the model does not have.
+        An unknown effect, a profile of a parameter that the model does not have, or a lever that is held beyond the tube.
     """
     chosen = options or FitOptions()
+    refuse_impossible_lever(chosen.fixed, actuator)
     problem = make_problem(recordings, actuator, chosen)
-    _refuse_impossible_lever(actuator, chosen)
     _refuse_unknown_names(make_model(actuator, chosen, problem.mirror), chosen)
     fitted = fit(problem, chosen, progress)
     model = as_artefact(problem, fitted)

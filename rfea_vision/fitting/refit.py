@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -219,6 +219,6 @@ def _solved(
     return again if again is not None else solution
 
 
-def refit_from(problem: Problem, options: FitOptions, fitted: Fitted, **limits: Any) -> Fitted:
-    """Fit with other options from where a fit ended, its clocks too; `limits` as for `refit`, and its errors."""
-    return refit(problem, options, fitted.values, fitted.options.segments, fitted.solution.clocks, **limits)
+def refit_from(problem: Problem, options: FitOptions, fitted: Fitted) -> Fitted:
+    """Fit with other options from where a fit ended, its clocks too; errors as of `refit`."""
+    return refit(problem, options, fitted.values, fitted.options.segments, fitted.solution.clocks)

@@ -102,7 +102,7 @@ def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
 
 
 def score(
-    problem: Problem, model: Any, par: FloatArray, items: Sequence[Observed], clocks: FloatArray | None = None
+    problem: Problem, model: Model, par: FloatArray, items: Sequence[Observed], clocks: FloatArray | None = None
 ) -> tuple[dict[str, ExperimentScore], dict[str, Gaps], dict[str, float]]:
     """Score each experiment; its clock is adjusted where it was found from the motion.
 

@@ -12,7 +12,7 @@ import numpy as np
 from rfea_vision.artefacts.rows import LeaveOneOut, LeftOutRun, StudyRow, TipPath
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.noise import noise_floor_mm
-from rfea_vision.fitting.observed import MM
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted, refit, refit_from, with_solution
 from rfea_vision.fitting.residuals import predict_observed
@@ -64,12 +64,13 @@ def _refuse_places(fitted: Fitted) -> None:
         )
 
 
-def _refitted(problem: Problem, fitted: Fitted, count: int, items: Sequence[Any]) -> Fitted | None:
+def _refitted(problem: Problem, fitted: Fitted, count: int, items: Sequence[Observed]) -> Fitted | None:
     if count == fitted.options.segments:
         return fitted
-    options = fitted.options.with_segments(count)
+    options, clocks = fitted.options.with_segments(count), fitted.solution.clocks
+    start = (problem, options, fitted.values, fitted.options.segments, clocks)
     try:
-        return refit_from(problem, options, fitted, most_evaluations=20, tolerance=1e-5, items=items)
+        return refit(*start, most_evaluations=20, tolerance=1e-5, items=items)
     except DataError:
         return None
 

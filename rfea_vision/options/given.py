@@ -11,13 +11,16 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BeforeValidator, ValidationInfo
 
 from rfea_vision.errors import InputError
 from rfea_vision.options.asking import written_by_people
 from rfea_vision.units import parse_quantity
+
+if TYPE_CHECKING:
+    from rfea_vision.artefacts import Actuator
 
 MODULUS = "modulus"
 
@@ -122,6 +125,22 @@ def read_bounds(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tup
             raise InputError(f"--bound {item}: the first value must be below the second")
         out[name] = (low, high)
     return out
+
+
+def refuse_impossible_lever(fixed: Mapping[str, float], actuator: Actuator) -> None:
+    """Refuse a lever of the pressure (m) that is held beyond the tube: no part of the bore is farther from its side than a diameter.
+
+    Raises
+    ------
+    InputError
+        If it is longer than the tube is wide.
+    """
+    lever_m, most_m = fixed.get("r_hyd", 0.0), 2 * actuator.outer_radius
+    if actuator.kind == "tube" and lever_m > most_m:
+        raise InputError(
+            f"--fix r_hyd={1e3 * lever_m:g}mm: is longer than the tube is wide (actuator.outer_radius: {1e3 * most_m / 2:g} mm); "
+            "check the unit"
+        )
 
 
 def _unit(name: str, units: Mapping[str, str]) -> str:

@@ -140,7 +140,7 @@ class _Process:
         self.owner = 0
 
     def ask(self, what: str, path: Path, **given: Any) -> Any:
-        """Send one question and wait for its answer."""
+        """Send one question and wait for its answer; InputError or DataError as its reader says, or if it takes too long or ends."""
         more_s = 0.0 if what == "film next" else MORE_S_PER_MB * _size_MB(path)  # one picture is no whole file
         late = "on this machine; export a part of it, or, if it is not large, all of it again: it may be damaged"
         with self.lock:

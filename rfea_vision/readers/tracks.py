@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -70,19 +70,9 @@ def read_track(
         _refuse_keys_of_points(path, spec)
         time_s = _time(table, spec)
         nodes, tip, angle = _nodes(table), _pair(table), _angle(table, spec)
-    if nodes is None and tip is None and angle is None:
-        raise InputError(
-            f"{path}: no columns of a track; needed are time_s and {_KNOWN}; there are: {', '.join(table.columns)}"
-        )
     if nodes is not None:  # some tools write 0 or 9999 everywhere where they saw no tube
         nodes[(np.diff(nodes, axis=1) == 0).all(axis=(1, 2))] = np.nan
-    columns = [values.reshape(len(time_s), -1) for values in (nodes, tip, angle) if values is not None]
-    valid = np.asarray(np.isfinite(np.concatenate(columns, axis=1)).all(axis=1))
-    if np.count_nonzero(valid) < 2:
-        blank = [name for name, values in table.columns.items() if len(values) and np.all(pd.isna(values))]
-        if blank:
-            raise InputError(f"{path}: column '{blank[0]}' holds no number in any row; fill it, or export the track again")
-        raise InputError(f"{path}: {np.count_nonzero(valid)} complete rows of {len(time_s)}; at least two are needed")
+    valid = _complete(table, len(time_s), nodes, tip, angle)
     sigma_mm, sigma_deg = _sigma(table, "sigma_mm", valid), _sigma(table, "sigma_deg", valid)
     given = sigma_deg is not None if nodes is None and tip is None else sigma_mm is not None
     dataset = xr.Dataset(
@@ -104,14 +94,30 @@ def read_track(
     if nodes is not None:
         _add_nodes(dataset, nodes, valid, sigma_mm, bends)
     if tip is not None:
-        _add(dataset, "tip", ("time", "xy"), tip, valid, "mm")
         sigma = sigma_mm if sigma_mm is not None else np.full(len(time_s), noise_of(tip[valid]))
-        _add(dataset, "tip_sigma", ("time", "xy"), np.repeat(sigma[:, None], 2, axis=1), valid, "mm")
+        _add_with_sigma(dataset, "tip", ("time", "xy"), tip, np.repeat(sigma[:, None], 2, axis=1), valid, "mm")
     if angle is not None:
-        _add(dataset, "bend_angle", ("time",), angle, valid, "deg")
         sigma = sigma_deg if sigma_deg is not None else np.full(len(time_s), noise_of(angle[valid, None]))
-        _add(dataset, "bend_angle_sigma", ("time",), sigma, valid, "deg")
+        _add_with_sigma(dataset, "bend_angle", ("time",), angle, sigma, valid, "deg")
     return Track(dataset)
+
+
+def _complete(table: Table, count: int, *measured: FloatArray | None) -> NDArray[np.bool_]:
+    """Which of `count` rows have every number of what was measured; an error where fewer than two have."""
+    columns = [values.reshape(count, -1) for values in measured if values is not None]
+    if not columns:
+        raise InputError(
+            f"{table.source}: no columns of a track; needed are time_s and {_KNOWN}; there are: {', '.join(table.columns)}"
+        )
+    valid = np.asarray(np.isfinite(np.concatenate(columns, axis=1)).all(axis=1))
+    if np.count_nonzero(valid) < 2:
+        blank = [name for name, values in table.columns.items() if len(values) and np.all(pd.isna(values))]
+        if blank:
+            raise InputError(
+                f"{table.source}: column '{blank[0]}' holds no number in any row; fill it, or export the track again"
+            )
+        raise InputError(f"{table.source}: {np.count_nonzero(valid)} complete rows of {count}; at least two are needed")
+    return valid
 
 
 def _refuse_keys_of_points(path: Path, spec: TrackSpec | None) -> None:
@@ -219,26 +225,35 @@ def _nodes(table: Table) -> FloatArray | None:
     )
 
 
-def _add(dataset: xr.Dataset, name: str, dims: tuple[str, ...], values: FloatArray, valid: Any, units: str) -> None:
-    shown = values.copy()
-    shown[~valid] = np.nan
-    dataset[name] = (dims, shown, {"units": units})
+def _add_with_sigma(
+    dataset: xr.Dataset,
+    name: str,
+    dims: tuple[str, ...],
+    values: FloatArray,
+    sigma: FloatArray,
+    valid: NDArray[np.bool_],
+    units: str,
+) -> None:
+    """Add what was measured and, as wide as its dimensions, its standard error; nothing where a row is not valid."""
+    for key, given in ((name, values), (f"{name}_sigma", sigma)):
+        shown = given.copy()
+        shown[~valid] = np.nan
+        dataset[key] = (dims[: given.ndim], shown, {"units": units})
 
 
-def _add_nodes(dataset: xr.Dataset, nodes: FloatArray, valid: Any, sigma_mm: FloatArray | None, bends: str) -> None:
+def _add_nodes(
+    dataset: xr.Dataset, nodes: FloatArray, valid: NDArray[np.bool_], sigma_mm: FloatArray | None, bends: str
+) -> None:
     """Add the centre line, its tip and the tangent's angle there."""
     time_count, node_count, _ = nodes.shape
-    _add(dataset, "midline", ("time", "node", "xy"), nodes, valid, "mm")
     if sigma_mm is None:
         sigma = np.tile([noise_of(nodes[valid, index]) for index in range(node_count)], (time_count, 1))
     else:
         sigma = np.repeat(sigma_mm[:, None], node_count, axis=1)
-    _add(dataset, "midline_sigma", ("time", "node"), sigma, valid, "mm")
-    _add(dataset, "tip", ("time", "xy"), nodes[:, -1], valid, "mm")
-    _add(dataset, "tip_sigma", ("time", "xy"), np.repeat(sigma[:, -1:], 2, axis=1), valid, "mm")
+    _add_with_sigma(dataset, "midline", ("time", "node", "xy"), nodes, sigma, valid, "mm")
+    _add_with_sigma(dataset, "tip", ("time", "xy"), nodes[:, -1], np.repeat(sigma[:, -1:], 2, axis=1), valid, "mm")
     angle, angle_sigma = _tip_angle(nodes, sigma, bends)
-    _add(dataset, "bend_angle", ("time",), angle, valid, "deg")
-    _add(dataset, "bend_angle_sigma", ("time",), angle_sigma, valid, "deg")
+    _add_with_sigma(dataset, "bend_angle", ("time",), angle, angle_sigma, valid, "deg")
     dataset["bend_angle"].attrs["source"] = (
         f"tangent at the tip, from the last {min(_LAST_CHORDS, node_count - 1)} chords"
     )

@@ -12,7 +12,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _NAME = _PACKAGE.name
@@ -23,7 +22,7 @@ _FOLDER = re.compile(rf"import_module\(f?\"({_NAME}[\w.]+?)\.?[{{\"]")
 _TYPES_ONLY = re.compile(r"^if TYPE_CHECKING:[^\n]*\n(?:[ \t]+[^\n]*\n|\n)+", re.MULTILINE)
 
 
-def code_of(work: Callable[..., Any]) -> str:
+def code_of(work: Callable[..., object]) -> str:
     """Return a hash of all source that a function of a stage depends on."""
     return _hash(*_place(work))
 
@@ -38,12 +37,12 @@ def _hash(home: Path, name: str) -> str:
     return digest.hexdigest()[:16]
 
 
-def modules_of(work: Callable[..., Any]) -> frozenset[str]:
+def modules_of(work: Callable[..., object]) -> frozenset[str]:
     """Return the modules of this package that a function depends on, beside the file in which it stands."""
     return _read(*_place(work))[1]
 
 
-def _place(work: Callable[..., Any]) -> tuple[Path, str]:
+def _place(work: Callable[..., object]) -> tuple[Path, str]:
     """Where a function stands: what is remembered of it must not hold the function, and with it all that it holds."""
     return Path(work.__code__.co_filename), work.__qualname__
 

@@ -32,6 +32,7 @@ from rfea_vision.stages.warnings import (
 )
 
 if TYPE_CHECKING:
+    from rfea_vision.arrays import FloatArray
     from rfea_vision.readers.pressure import PressureLog
     from rfea_vision.readers.video import FrameSource
 
@@ -246,37 +247,13 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
 
     def make(progress: Progress) -> tuple[Recording, list[Path], str]:
         from rfea_vision.readers.pressure import constant_pressure, read_pressure
-        from rfea_vision.sync import synchronise as synchronise_clocks
 
         if spec.constant:
             seen_s = tracked.value.time_s
             used = constant_pressure(spec, float(seen_s[0]), float(seen_s[-1]), experiment.name)
         else:
             used = log or read_pressure(spec, experiment.name)
-        try:
-            recording = synchronise_clocks(
-                tracked.value,
-                used,
-                experiment=experiment.name,
-                role=experiment.role,
-                bends=experiment.actuator.bends,
-                method="common_clock" if spec.constant else sync.method,
-                value_s=sync.value_s,
-                channel=sync.channel,
-                repeat_of=experiment.repeat_of,
-                gravity_deg=tracked.value.dataset.attrs.get("gravity_deg", experiment.rig.gravity_deg),
-            )
-        except RfeaError as error:
-            if few := few_frames(tracked.value):  # the clocks are not what is wrong
-                raise DataError(f"{experiment.name}: track: {few}") from error
-            if doubt := next((text for text in log_doubts(used, tracked.value.time_s) if "?" in text), ""):
-                raise InputError(f"{experiment.name}: pressure: {doubt}") from error
-            raise
-        seen_s = recording.time_s
-        if np.mean((seen_s >= used.time_s[0]) & (seen_s <= used.time_s[-1])) < LEAST_MEASURED and (
-            doubt := next((text for text in log_doubts(used, seen_s) if "?" in text), "")
-        ):
-            raise InputError(f"{experiment.name}: pressure: {doubt}")  # hardly a frame has a pressure, and it says why
+        recording = _on_one_clock(tracked.value, used, experiment)
         recording = with_earlier_pressure(recording, work.campaign, experiment)
         recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else log_warnings(recording, used))
         recording.save(path)
@@ -305,6 +282,43 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
         load=lambda: Recording.load(path),
         facts=facts_of_recording,
     )
+
+
+def _on_one_clock(tracked: Track, log: PressureLog, experiment: ExperimentSpec) -> Recording:
+    """Synchronise; what went wrong is told by its cause, where track or log say it themselves."""
+    from rfea_vision.sync import synchronise as synchronise_clocks
+
+    spec, sync = experiment.pressure, experiment.sync
+    try:
+        recording = synchronise_clocks(
+            tracked,
+            log,
+            experiment=experiment.name,
+            role=experiment.role,
+            bends=experiment.actuator.bends,
+            method="common_clock" if spec.constant else sync.method,
+            value_s=sync.value_s,
+            channel=sync.channel,
+            repeat_of=experiment.repeat_of,
+            gravity_deg=tracked.dataset.attrs.get("gravity_deg", experiment.rig.gravity_deg),
+        )
+    except RfeaError as error:
+        if few := few_frames(tracked):  # the clocks are not what is wrong
+            raise DataError(f"{experiment.name}: track: {few}") from error
+        _refuse_doubtful(log, tracked.time_s, experiment, error)
+        raise
+    seen_s = recording.time_s
+    if np.mean((seen_s >= log.time_s[0]) & (seen_s <= log.time_s[-1])) < LEAST_MEASURED:
+        _refuse_doubtful(log, seen_s, experiment)  # hardly a frame has a pressure, and it says why
+    return recording
+
+
+def _refuse_doubtful(
+    log: PressureLog, time_s: FloatArray, experiment: ExperimentSpec, cause: Exception | None = None
+) -> None:
+    """Raise where the log, beside the times (frames,) of a track, asks whether it is declared rightly."""
+    if doubt := next((text for text in log_doubts(log, time_s) if "?" in text), ""):
+        raise InputError(f"{experiment.name}: pressure: {doubt}") from cause
 
 
 def rig_attributes(experiment: ExperimentSpec) -> dict[str, str | float]:

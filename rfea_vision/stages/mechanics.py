@@ -11,6 +11,7 @@ from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, Model
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record
+from rfea_vision.options.given import refuse_impossible_lever
 from rfea_vision.progress import Progress
 from rfea_vision.stages import measurement
 from rfea_vision.stages.naming import climb_apart, fit_apart, fitted_with
@@ -77,6 +78,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
         from rfea_vision.fitting.problem import parse_effects
 
         parse_effects(options.effects, options.segments)
+    _refuse_impossible(work, options)
     recordings = measurement.recordings(work, *PREDICTED_ROLES)
     actuator = common_actuator(work, recordings)
     options = fit_apart(work, options)
@@ -98,6 +100,12 @@ def _refuse_unknown(effects: tuple[str, ...], files: tuple[Path, ...]) -> None:
         from rfea_vision.effects.catalogue import find_effects
 
         find_effects([name.partition("@")[0] for name in effects], files)
+
+
+def _refuse_impossible(work: Runner, options: FitOptions) -> None:
+    """What no tube of the campaign can have is told before anything is measured, too."""
+    for experiment in work.campaign.with_role("train"):
+        refuse_impossible_lever(options.fixed, experiment.actuator)
 
 
 def _fitted(
@@ -201,6 +209,7 @@ def propose(work: Runner, name: str, file: Path | None) -> Proposal:
 def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Stored[Ladder]:
     """Climb the ladder; every rung is written as it comes, and a climb that was interrupted goes on from there."""
     _refuse_unknown(options.effects, (*options.effect_files, *critique.effect_files))
+    _refuse_impossible(work, options)
     recordings = measurement.recordings(work, "train", "validate", "test")
     actuator = common_actuator(work, recordings)
     options, critique = climb_apart(work, options), _with_files(critique, options)

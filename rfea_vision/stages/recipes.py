@@ -137,7 +137,7 @@ def load_recipe(name_or_path: str) -> Recipe:
     return recipe
 
 
-def _look_beside(folder: Path, steps: Any) -> None:
+def _look_beside(folder: Path, steps: object) -> None:
     """Make effect files that steps name relative to the recipe's own `folder`: it may run elsewhere, on other machines, too."""
     for step in steps if isinstance(steps, list) else ():
         for options in step.values() if isinstance(step, dict) else ():

@@ -255,7 +255,7 @@ class Target:
 
 
 def search(seen: FilteredMotion, target: Target) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Every offset at which enough of the motion lies within the log; the share of the pressure that is explained.
+    """Every offset (k,) in s at which enough of the motion lies within the log; the share (k,) of the pressure that is explained.
 
     Twice: as a share of the whole motion, and of the part within the log.
     """
@@ -297,7 +297,10 @@ def _projector(x: FloatArray) -> FloatArray:
 
 
 def refine(seen: FilteredMotion, target: Target, offset: float, curve: tuple[FloatArray, FloatArray]) -> Alignment:
-    """Newton steps to the best offset, its standard error, and the drift."""
+    """Newton steps from an offset (s) to the best one, its standard error, and the drift.
+
+    curve : offsets (k,) in s and shares (k,) that are explained, as `search` finds them; they are handed on
+    """
     use = seen.solid & target.inside(seen.grid + offset - COARSE_S) & target.inside(seen.grid + offset + COARSE_S)
     columns = seen.columns(seen.raw, use)
     each = seen.noises(use, columns)

@@ -68,7 +68,10 @@ class Moments:
 
 
 def moments(columns: FloatArray, noises: FloatArray, pressure: FloatArray, rate: float) -> Moments:
-    """Sums from columns (sections, n, C), replicates of the terms' noise (R, sections, n, C - 2), pressure (n,)."""
+    """Sums of products of `columns` (sections, n, C), replicates of the terms' `noises` (R, sections, n, C - 2), `pressure` (n,).
+
+    They are kept stretch by stretch, at `rate` samples per second, so that any stretch can be left out.
+    """
     sections, n, count = columns.shape
     scale = np.sqrt(np.sum(columns**2, axis=(0, 1))) + 1e-12
     unit, small = columns / scale, noises / scale[FIRST_TERM:]

@@ -6,6 +6,7 @@ from pathlib import PurePath
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Recording, Track
@@ -58,13 +59,7 @@ def synchronise(
     notes = check_log(log_time, pressure, experiment, moving=method == "motion")
     alignment = _align(track, log, experiment, bends, method, value_s, channel, gravity_deg)
     shifted = track.time_s * (1 + 1e-6 * alignment.drift_ppm) + alignment.offset_s
-    covered = (shifted >= log_time[0]) & (shifted <= log_time[-1])
-    if not np.any(covered & track.valid):
-        kind = InputError if method in ("common_clock", "offset") else DataError  # what was declared, or what was found
-        raise kind(
-            f"{experiment}: sync: no frame lies within the log: by '{method}' they go from {shifted[0]:.6g} to {shifted[-1]:.6g} s, "
-            f"and the log from {log_time[0]:.6g} to {log_time[-1]:.6g} s; correct sync.value, or use sync.method motion"
-        )
+    covered = _covered(shifted, track, log_time, experiment, method)
     if np.mean(covered) < 0.98:
         notes.append(f"{100 * np.mean(~covered):.0f} % of the frames lie outside the log")
     dataset = _on_log_clock(track, log, shifted)
@@ -90,6 +85,20 @@ def synchronise(
     if repeat_of:
         dataset.attrs["repeat_of"] = repeat_of
     return Recording(dataset)
+
+
+def _covered(
+    shifted: FloatArray, track: Track, log_time: FloatArray, experiment: str, method: str
+) -> NDArray[np.bool_]:
+    """Which frames (n,) lie within the log; an error where none does that was measured."""
+    covered = (shifted >= log_time[0]) & (shifted <= log_time[-1])
+    if not np.any(covered & track.valid):
+        kind = InputError if method in ("common_clock", "offset") else DataError  # what was declared, or what was found
+        raise kind(
+            f"{experiment}: sync: no frame lies within the log: by '{method}' they go from {shifted[0]:.6g} to {shifted[-1]:.6g} s, "
+            f"and the log from {log_time[0]:.6g} to {log_time[-1]:.6g} s; correct sync.value, or use sync.method motion"
+        )
+    return covered
 
 
 def _on_log_clock(track: Track, log: PressureLog, time_s: FloatArray) -> xr.Dataset:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.drive import ValveCommands
@@ -205,25 +205,23 @@ class TwinOptions:
             raise InputError("simulate: a video needs layout 'middle'; rigid bodies have no smooth outline")
 
 
-def paper_campaign(**changes: Any) -> TwinOptions:
-    """Return the twin of the paper's tube: its 8-DoF table as truth, joints at the start, steps to 270 and 220 kPa.
+def paper_campaign(roles: tuple[str, ...] = ("train", "validate")) -> TwinOptions:
+    """Return the twin of the paper's tube: its 8-DoF table as truth, joints at the start, steps to 270 kPa (train) and 220 kPa.
 
     Parameters
     ----------
-    changes : other options, as of `TwinOptions`
+    roles : role of every experiment, in order
     """
-    options = TwinOptions(
+    return TwinOptions(
         base=BaseParameters(),
         joints=8,
         layout="start",
-        roles=("train", "validate"),
+        roles=roles,
+        kinds=("steps",) * len(roles),
+        peaks_kPa=tuple(270.0 if role == "train" else 220.0 for role in roles),
         sync="common_clock",
         step_s=0.00025,
     )
-    roles = changes.get("roles", options.roles)
-    peaks = tuple(270.0 if role == "train" else 220.0 for role in roles)
-    options = replace(options, roles=roles, kinds=("steps",) * len(roles), peaks_kPa=peaks)
-    return replace(options, **changes)
 
 
 def unknown_parameter(key: str) -> str:

@@ -88,24 +88,8 @@ def track_frames(
     scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg)
     lamp = lamp_window(lamp_box, source.size)
     shutter = shutter_of(source, line_delay_s, lamp)
-    follower: Follower | BodyFollower = Follower(scene)
-    rows = Rows(nodes, segments)
-    pointed = scene.clamp_px is not None and scene.tip_px is not None
-    total = source.frame_count or len(source.times_s())  # Matroska does not say how many
-    with closing(read_ahead(source.frames(0), frames_ahead(source.size))) as frames:
-        for done, (time_s, luma) in enumerate(frames):
-            reason = follower.next(luma, time_s)
-            if follower.good < rows.good:
-                rows.reject_all()
-            rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
-            if follower.start is None and done >= GIVE_UP_AFTER:
-                break
-            not_there = follower.start is None and done + 1 >= FIRST_TRIES
-            if pointed and (not_there or too_few(len(rows), rows.good, rows.copies)):
-                break
-            if progress is not None and (done % 8 == 0 or done + 1 == total):
-                progress(done + 1, max(total, done + 1))
-    if pointed and rows.share < EDGES_ENOUGH:
+    follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
+    if _is_pointed_at(scene) and rows.share < EDGES_ENOUGH:
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
         # Where the body reads nothing, nothing is where it was pointed at.
         if seen.good == 0 or rows.share < max(EDGES_ALONE, seen.share):
@@ -113,16 +97,7 @@ def track_frames(
     if len(rows) == 0:
         raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
     if follower.start is None or rows.share < LEAST_SHARE:
-        looked = f"the first {len(rows)}" if len(rows) < total else str(len(rows))
-        measured = f"{rows.good} of {looked} frames could be measured" if rows.any_valid else "no tube found"
-        remedy, off = "", ""
-        if follower.start is not None and rows.good >= 3:
-            told = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, {})
-            if isinstance(follower, Follower):  # edges alone rest on the side
-                remedy = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], actuator.bends)
-            off = scale_doubt(told.attrs["length_check"])
-        remedy = remedy or next_hint(source, scene, rows.reasons, scale_off=off)
-        raise DataError(f"{source.path}: {measured} ({rows.commonest_reason}); {remedy}")
+        raise DataError(f"{source.path}: {_why_lost(source, calibration, scene, vertical, follower, rows)}")
     attributes = {
         "followed_by": "edges" if isinstance(follower, Follower) else "body",
         "source": source.path.name,
@@ -135,6 +110,64 @@ def track_frames(
         off = scale_doubt(data.attrs["length_check"])
         data.attrs["advice"] = next_hint(source, scene, rows.reasons, scale_off=off)
     return Track(data)
+
+
+def _is_pointed_at(scene: Scene) -> bool:
+    """Whether a person has said where the tube is in the first frame."""
+    return scene.clamp_px is not None and scene.tip_px is not None
+
+
+def follow_edges(
+    source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress
+) -> tuple[Follower | BodyFollower, Rows]:
+    """Follow the edges, as far as there is a tube to follow; if a tube was pointed at, as far as edges alone will do."""
+    follower, pointed, total = Follower(scene), _is_pointed_at(scene), _frame_count(source)
+    with closing(read_ahead(source.frames(0), frames_ahead(source.size))) as frames:
+        for done, (time_s, luma) in enumerate(frames):
+            reason = follower.next(luma, time_s)
+            if follower.good < rows.good:
+                rows.reject_all()
+            rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
+            if follower.start is None and done >= GIVE_UP_AFTER:
+                break
+            not_there = follower.start is None and done + 1 >= FIRST_TRIES
+            if pointed and (not_there or too_few(len(rows), rows.good, rows.copies)):
+                break
+            _tell(progress, done, total)
+    return follower, rows
+
+
+def _why_lost(
+    source: FrameSource,
+    calibration: Calibration,
+    scene: Scene,
+    vertical: str | dict[str, Any],
+    follower: Follower | BodyFollower,
+    rows: Rows,
+) -> str:
+    """How little of a film could be measured, the commonest reason, and what would help most."""
+    total = _frame_count(source)
+    looked = f"the first {len(rows)}" if len(rows) < total else str(len(rows))
+    measured = f"{rows.good} of {looked} frames could be measured" if rows.any_valid else "no tube found"
+    remedy, off = "", ""
+    if follower.start is not None and rows.good >= 3:
+        told = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, {})
+        if isinstance(follower, Follower):  # edges alone rest on the side
+            remedy = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], scene.actuator.bends)
+        off = scale_doubt(told.attrs["length_check"])
+    remedy = remedy or next_hint(source, scene, rows.reasons, scale_off=off)
+    return f"{measured} ({rows.commonest_reason}); {remedy}"
+
+
+def _frame_count(source: FrameSource) -> int:
+    """How many frames there are; Matroska does not say how many, so that they are counted."""
+    return source.frame_count or len(source.times_s())
+
+
+def _tell(progress: Progress, done: int, total: int) -> None:
+    """Tell of a frame now and then."""
+    if progress is not None and (done % 8 == 0 or done + 1 == total):
+        progress(done + 1, max(total, done + 1))
 
 
 def too_few(frames: int, good: int, copies: int) -> bool:
@@ -156,7 +189,7 @@ def follow_body(
     scale = scale_for(scene, source.size)
     follower = BodyFollower(scene, scale)
     still = StillView(np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half())
-    total = source.frame_count or len(source.times_s())  # Matroska does not say how many
+    total = _frame_count(source)
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     with closing(read_ahead(source.colours(scale), frames_ahead(source.size))) as frames:
         for done, (time_s, picture) in enumerate(frames):
@@ -164,8 +197,7 @@ def follow_body(
             rows.append(time_s, reason, follower, np.nan if small is None else float(picture[small].mean()))
             if follower.hopeless() or too_late(done + 1, rows.good, rows.copies, total, lost=follower.missed):
                 break
-            if progress is not None and (done % 8 == 0 or done + 1 == total):
-                progress(done + 1, max(total, done + 1))
+            _tell(progress, done, total)
     return follower, rows
 
 

@@ -18,7 +18,7 @@ from starlette.responses import JSONResponse, RedirectResponse, Response, Stream
 from starlette.routing import Route
 
 from rfea_vision.errors import RfeaError
-from rfea_vision.files import storage_sentence
+from rfea_vision.files import storage_error
 from rfea_vision.workbench.desk import Desk
 from rfea_vision.workbench.loading import loaded
 
@@ -116,7 +116,7 @@ def _said(answer: str, *arguments: Any) -> Response:
     except RfeaError as error:
         return JSONResponse({"error": str(error)}, 422)
     except OSError as error:
-        said = storage_sentence(error) or f"{error.filename}: {error.strerror}"
+        said = str(storage_error(error) or f"{error.filename}: {error.strerror}")
         return JSONResponse({"error": said}, 422)
     except (KeyError, TypeError, ValueError) as error:
         return JSONResponse({"error": f"the page asked for something that is not there ({error})"}, 400)

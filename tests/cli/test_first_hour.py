@@ -217,7 +217,7 @@ def test_the_twin_plays_a_given_pressure(tmp_path):
 @pytest.mark.parametrize("text", ["1.5bar", "0.15 MPa", "150kPa"])
 def test_a_highest_pressure_may_have_a_point_in_it(tmp_path, monkeypatch, text):
     monkeypatch.chdir(tmp_path)
-    assert _played(text, {}) == {"pressure_max_kPa": pytest.approx(150.0)}
+    assert _played(text) == (pytest.approx(150.0), None)
 
 
 def test_every_command_that_ends_well_says_what_comes_next(tmp_path):
@@ -317,6 +317,8 @@ def test_slips_of_a_first_hour_end_where_they_should(tmp_path):
     assert (
         answer.code == 2 and "r_hyd=36mm: is longer than the tube is wide (actuator.outer_radius: 4 mm)" in answer.err
     )
+    assert not list(first.rglob("*.nc"))  # it is told before anything is measured
+    assert rfea("improve", first, "--fix", "r_hyd=36mm").code == 2 and not list(first.rglob("*.nc"))
     (second / "runs").mkdir()
     for name in ("steps", "sine"):
         shutil.move(second / name, second / "runs" / name)

@@ -1,6 +1,7 @@
 """The paper's recipe on a twin whose truth is the paper's 8-DoF table, and what a person may say beforehand."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from click.testing import CliRunner
@@ -19,7 +20,7 @@ def campaign(tmp_path_factory):
     from rfea_vision.twin import paper_campaign, simulate
 
     folder = tmp_path_factory.mktemp("paper") / "paper"
-    truth = simulate(folder, paper_campaign(duration_s=2.0, rate_Hz=240, seed=1, step_s=0.0005))
+    truth = simulate(folder, replace(paper_campaign(), duration_s=2.0, rate_Hz=240, seed=1, step_s=0.0005))
     work = open_campaign(folder)
     results = run_recipe(work, load_recipe("paper"))
     return work, truth["base"], results

@@ -18,7 +18,7 @@ from rfea_vision import open_campaign
 from rfea_vision.cli.root import run
 from rfea_vision.effects.catalogue import load_effect_file
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.files import storage_sentence, sweep, whole_file, write_text
+from rfea_vision.files import storage_error, sweep, whole_file, write_text
 from rfea_vision.stages import locks
 from rfea_vision.stages.locks import locked
 from tests.campaign.campaigns import write_campaign
@@ -135,36 +135,37 @@ def test_a_full_disk_keeps_what_was_there(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "number",
+    ("number", "code"),
     [
-        errno.ENOSPC,
-        errno.EDQUOT,
-        errno.EROFS,
-        errno.EACCES,
-        errno.ENOENT,
-        errno.EIO,
-        errno.ESTALE,
-        errno.EEXIST,
-        errno.EISDIR,
+        (errno.ENOSPC, 1),
+        (errno.EDQUOT, 1),
+        (errno.EROFS, 2),
+        (errno.EACCES, 2),
+        (errno.EPERM, 2),
+        (errno.ENOENT, 1),
+        (errno.EIO, 1),
+        (errno.ESTALE, 1),
+        (errno.EEXIST, 1),
+        (errno.EISDIR, 1),
     ],
 )
-def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, capsys, monkeypatch):
+def test_a_fault_of_the_disk_is_one_sentence(tmp_path, number, code, capsys, monkeypatch):
     campaign = write_campaign(tmp_path / "campaign")
 
     def fault(*_: object, **__: object) -> None:
         raise OSError(number, os.strerror(number), str(campaign / "rfea" / "steps"))
 
     monkeypatch.setattr("rfea_vision.readers.tracks.read_track", fault)
-    assert run(["track", str(campaign)]) == 1
+    assert run(["track", str(campaign)]) == code
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert "a fault in" not in said and str(campaign) in said and "what was finished is kept" in said
-    assert storage_sentence(OSError(errno.EINVAL, "x")) is None
+    assert storage_error(OSError(errno.EINVAL, "x")) is None
 
 
 def test_what_is_in_the_way_is_told_from_what_has_gone(tmp_path):
     (tmp_path / "there").touch()
     said = {
-        name: str(storage_sentence(FileExistsError(errno.EEXIST, "File exists", str(tmp_path / name))))
+        name: str(storage_error(FileExistsError(errno.EEXIST, "File exists", str(tmp_path / name))))
         for name in ("there", "gone")
     }
     assert "move it away" in said["there"] and "went away while it was worked on" in said["gone"]
@@ -173,7 +174,7 @@ def test_what_is_in_the_way_is_told_from_what_has_gone(tmp_path):
 def test_a_file_that_is_being_written_is_told_by_its_own_name(tmp_path):
     with pytest.raises(OSError) as failed, whole_file(tmp_path / "tube-A" / "recording.1.nc") as temporary:
         raise PermissionError(errno.EROFS, "Read-only file system", str(temporary))
-    assert str(storage_sentence(failed.value)).startswith(f"{tmp_path}/tube-A/recording.1.nc: Read-only file system;")
+    assert str(storage_error(failed.value)).startswith(f"{tmp_path}/tube-A/recording.1.nc: Read-only file system;")
 
 
 def test_a_raw_file_that_changes_while_it_is_read_is_not_taken(tmp_path, monkeypatch):

@@ -2,6 +2,7 @@
 
 import csv
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -19,7 +20,7 @@ def paper(tmp_path_factory):
     from rfea_vision.twin import paper_campaign, simulate
 
     folder = tmp_path_factory.mktemp("paper") / "twin"
-    simulate(folder, paper_campaign(duration_s=2.5))
+    simulate(folder, replace(paper_campaign(), duration_s=2.5))
     return folder
 
 

@@ -146,7 +146,13 @@ def points_table(source: str, points: Mapping[str, Points]) -> Table:
 
 @contextmanager
 def hdf5(path: Path) -> Generator[Any]:
-    """Open an HDF5 file to read, unless it leads to other files or announces more than a log holds."""
+    """Open an HDF5 file to read.
+
+    Raises
+    ------
+    InputError
+        If it leads to other files, or announces more than a log holds.
+    """
     import h5py
 
     with h5py.File(path, "r") as file:

@@ -120,6 +120,13 @@ def fit_frame(
         if whole and largest < (AT_ONCE_PX if turn == 0 else enough):
             break
         whole = whole or largest < 0.8 or turn >= 4
+    _describe(camera, state, work, noise, cap_used)
+
+
+@compiled
+def _describe(camera, state, work, noise, cap_used):
+    """Numbers of the fitted frame: length, bend, tip, width, noise, light steps and blurs."""
+    numbers = work.numbers
     numbers[LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     numbers[BEND] = turning(work.normal)
     numbers[TIP_X], numbers[TIP_Y] = project_point(camera, work.centre[VERTICES - 1, 0], work.centre[VERTICES - 1, 1])

@@ -1,0 +1,138 @@
+"""What all frames of a film share: the rig frame in the plane of motion, and the errors of clamp, camera and pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts import Calibration
+from rfea_vision.scatter import scatter
+from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
+from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, picture_errors
+from rfea_vision.vision.derive.rows import Rows
+from rfea_vision.vision.derive.smooth import Smoothed
+from rfea_vision.vision.derive.systematic import CalibrationError
+from rfea_vision.vision.edges import fitted
+from rfea_vision.vision.find.begin import Scene
+
+STRAIGHTEST_SHARE = 0.1
+STILL = 1.5  # variance of the start across the tube, over what its scatter misses
+CLAMP_SHARE = 0.7  # the clamp is read on the tube and on both sides of it, the end by its own light only
+
+
+@dataclass(frozen=True)
+class View:
+    """The rig frame in the plane, the side of the bend, and the errors that frames share.
+
+    Attributes
+    ----------
+    origin : (2,) mm in the plane, the middle of the first visible cross-section
+    to_rig : (2, 2) rows: the rig's x and y as directions in the plane
+    sign : 1 where the tube bends to the camera's left, else -1
+    inflation : variance of an edge over that of its noise
+    half_mm : half width
+    calibrated : what the camera's uncertainty moves
+    origin_sigma, lateral_sigma : standard errors (mm) of the clamp along and across the tube
+    from_picture : errors that the pictures tell of
+    """
+
+    origin: FloatArray
+    to_rig: FloatArray
+    sign: float
+    inflation: float
+    half_mm: float
+    calibrated: CalibrationError
+    origin_sigma: float
+    lateral_sigma: float
+    from_picture: PictureErrors
+
+    @property
+    def down(self) -> FloatArray:
+        """Direction (2,) in the plane in which the unloaded tube points."""
+        return -self.to_rig[1]
+
+    def in_rig(self, points: FloatArray) -> FloatArray:
+        """Points (..., 2) of the plane in the rig frame, mm."""
+        return (points - self.origin) @ self.to_rig.T
+
+
+def view_of(
+    rows: Rows,
+    smoothed: Smoothed,
+    inflation: float,
+    calibration: Calibration,
+    scene: Scene,
+    clamp_stderr_mm: tuple[float, float | None],
+    vertical: str | dict[str, Any],
+) -> View:
+    """Gather it from all frames that were measured, whose smoothed curves are given."""
+    coefficients, numbers = smoothed.coefficients, rows.good_ones("numbers")
+    origin = _origin(coefficients)
+    down = _rest_direction(coefficients) if vertical == "rest" else scene.down
+    start_variance = smoothed.variance_factor[0] * rows.good_ones("shift_variance", 0)
+    started = _start_stderr(coefficients, start_variance, scene.px_per_mm)
+    from_picture = picture_errors(numbers, scene.half_mm, scene.px_per_mm)
+    from_picture = from_picture.with_camera_moved(_start_across(coefficients), np.sqrt(start_variance))
+    return View(
+        origin=origin,
+        to_rig=np.array([[-down[1], down[0]], [-down[0], -down[1]]]),  # rows: camera-right, up
+        sign=scene.actuator.mirror,
+        inflation=inflation,
+        half_mm=float(np.median(rows.good_ones("width")[:, 1:-1])),
+        calibrated=CalibrationError(calibration, scene.camera, coefficients, origin),
+        origin_sigma=_clamp_stderr(*clamp_stderr_mm, inflation * np.median(numbers[:, fitted.TIP_VARIANCE])),
+        lateral_sigma=float(np.hypot(from_picture.shared_across, started)),
+        from_picture=from_picture,
+    )
+
+
+def _origin(coefficients: FloatArray) -> FloatArray:
+    """Middle of the first visible cross-section: the clamp does not move, so all frames are averaged."""
+    first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
+    starts = np.einsum("k,tkc->tc", first, coefficients)
+    return np.median(starts[min(len(starts) // 2, 30) :], axis=0)
+
+
+def _rest_direction(coefficients: FloatArray) -> FloatArray:
+    """Direction of the straightest frames' chord: the resting tube hangs straight down."""
+    points = np.matmul(basis_matrix(np.linspace(0, 1, 33), COEFFICIENTS), coefficients)
+    chord = points[:, -1] - points[:, 0]
+    length = np.linalg.norm(np.diff(points, axis=1), axis=-1).sum(axis=1)
+    straight = np.linalg.norm(chord, axis=1) / length
+    chosen = straight >= np.quantile(straight, 1 - STRAIGHTEST_SHARE)
+    down = np.median(chord[chosen] / np.linalg.norm(chord[chosen], axis=1, keepdims=True), axis=0)
+    return down / np.linalg.norm(down)
+
+
+def _clamp_stderr(seen: float, scatter: float | None, variance: float) -> float:
+    """Standard error of the clamp along the tube, the same in all frames.
+
+    A step in the light at the clamp is read as well as the one at the tube's end, whose variance is known. What the
+    frames do not show of it by their scatter is the same in all of them: the still parts of a compressed video.
+    """
+    if scatter is None:
+        return seen
+    return float(np.hypot(seen, CLAMP_SHARE * np.sqrt(max(variance - scatter**2, 0.0))))
+
+
+def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: float) -> float:
+    """Standard error across the tube of where it begins, the same in all frames.
+
+    Noise that changes from frame to frame averages out. What the edges miss by, and the frames do not show by their
+    scatter, is the same in all of them: a compressed video repeats the still parts of its pictures.
+    """
+    across = _start_across(coefficients)
+    noise = float(scatter(np.diff(across))) / np.sqrt(2) if len(across) > 4 else 0.0
+    shared = STILL * max(float(np.median(variance)) - noise**2, 0.0)
+    return float(np.sqrt((ORIGIN_PX / px_per_mm) ** 2 + shared + 1.57 * noise**2 / max(len(across), 1)))
+
+
+def _start_across(coefficients: FloatArray) -> FloatArray:
+    """Where the curves begin, along the normal of the tube at its clamp (t,) mm."""
+    first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
+    slope = np.matmul(basis_matrix(np.array([0.0]), COEFFICIENTS, 1)[0], coefficients)
+    normal = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.linalg.norm(slope, axis=1, keepdims=True)
+    return np.sum(np.einsum("k,tkc->tc", first, coefficients) * np.median(normal, axis=0), axis=1)
