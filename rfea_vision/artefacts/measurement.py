@@ -6,6 +6,7 @@ Angles and curvature are positive in the direction that ``actuator.bends`` names
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts.rows import CalibrationQuality, PhotoRecord
 from rfea_vision.errors import InputError
 from rfea_vision.files import read_dataset, write_dataset
 
@@ -115,6 +117,8 @@ class Actuator:
 Pixel = tuple[float, float]
 Box = tuple[float, float, float, float]
 Colour = tuple[int, int, int]
+Vertical = str | Mapping[str, Sequence[Sequence[float]]]
+"""The rig's axis: ``board``, ``rest`` or ``image``; or ``{"plumb": [[x, y], [x, y]]}``, two pixels on a line that hangs plumb."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +166,8 @@ class Calibration:
     plane_pose_covariance : (6, 6) of [rotation vector, translation in mm]
     joint_covariance : covariance of [fx, fy, cx, cy, distortion..., rotation vector, translation], if solved together
     plane_tilt_deg : angle between the optical axis and the plane's normal
-    photos : one record per photo: {file, used, reason, rms_px}
+    photos : one record per photo
+    quality : how far all this is to be trusted
     """
 
     image_width: int
@@ -177,8 +182,8 @@ class Calibration:
     plane_pose_covariance: FloatArray
     plane_tilt_deg: float
     vertical: str
-    photos: tuple[dict[str, Any], ...]
-    quality: dict[str, Any]
+    photos: tuple[PhotoRecord, ...]
+    quality: CalibrationQuality
     joint_covariance: FloatArray | None = None
 
     def __post_init__(self) -> None:

@@ -196,3 +196,98 @@ class TestScore(TypedDict, total=False):
     first_model_angle_rmse_deg: float | None
     experiments: dict[str, float | None]
     first_model_experiments: dict[str, float | None]
+
+
+class PhotoRecord(TypedDict):
+    """A photo of the board: whether the calibration used it, why not, and its RMS residual in px."""
+
+    file: str
+    used: bool
+    reason: str
+    rms_px: float | None
+
+
+class Coverage(TypedDict):
+    """Corners counted in fields of the picture, by rows and columns, and the edges of these in px."""
+
+    counts: list[list[int]]
+    x_edges_px: list[float]
+    y_edges_px: list[float]
+
+
+class PhotoResiduals(TypedDict):
+    """Corners of a photo, and how far from them the model is, in px."""
+
+    file: str
+    rms_px: float
+    x_px: list[float]
+    y_px: list[float]
+    dx_px: list[float]
+    dy_px: list[float]
+
+
+class CrossValidation(TypedDict, total=False):
+    """How far lenses from either half of the photos lie apart, beside what chance makes; or a `note` on why that is not known.
+
+    `halves` are the two packed cameras (29,), `ratio` the difference over what was predicted, `inflation` a factor on standard errors.
+    """
+
+    difference_mm: float
+    predicted_mm: float
+    ratio: float
+    inflation: float
+    halves: list[list[float]]
+    sentence: str
+    note: str
+
+
+class UncertaintyMap(TypedDict):
+    """Standard error in mm of a place on the plane, by rows and columns of pixels."""
+
+    x_px: list[float]
+    y_px: list[float]
+    sigma_mm: list[list[float]]
+    caption: str
+
+
+class PlaneQuality(TypedDict, total=False):
+    """The photo of the plane of motion and its RMS residual, the standard error of its tilt, and how far it is from the camera."""
+
+    file: str
+    rms_px: float
+    tilt_stderr_deg: float
+    distance_mm: float
+
+
+class RegionQuality(TypedDict, total=False):
+    """Standard error of places in a region, root mean square and worst, and by how much halves of the photos disagree there."""
+
+    sigma_mm: float
+    sigma_worst_mm: float
+    sigma_percent_of_length: float
+    sigma_worst_percent_of_length: float
+    cross_validated_mm: float
+    sentence: str
+
+
+class CalibrationQuality(TypedDict, total=False):
+    """How far a calibration is to be trusted; of one from a scale or from the file of another tool a `note` alone."""
+
+    note: str
+    noise_px: float
+    scale_stderr_percent: float
+    tilt_stderr_deg: float
+    lens_scores_px: dict[str, float]
+    lens_reason: str
+    sigma_px: float
+    board_offset_mm: float
+    corners_left_out: dict[str, int]
+    coverage: Coverage
+    residual_fields: list[PhotoResiduals]
+    warnings: list[str]
+    largest_turn_deg: float
+    advice: str
+    cross_validation: CrossValidation
+    uncertainty_map: UncertaintyMap
+    plane: PlaneQuality
+    region: RegionQuality

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from rfea_vision.artefacts.rows import Coverage
 from rfea_vision.calibration.bundle import Bundle
 from rfea_vision.calibration.corners import BoardView
 
@@ -20,7 +20,7 @@ _ROWS = ("top", "upper part", "middle", "middle", "lower part", "bottom")
 _COLUMNS = ("left", "left", "left of the middle", "middle", "middle", "right of the middle", "right", "right")
 
 
-def coverage(photos: Sequence[BoardView], size: tuple[int, int]) -> dict[str, Any]:
+def coverage(photos: Sequence[BoardView], size: tuple[int, int]) -> Coverage:
     """Corners counted in 6 x 8 fields of the picture."""
     every = np.concatenate([view.pixels for view in photos])
     counts, y_edges, x_edges = np.histogram2d(every[:, 1], every[:, 0], bins=(6, 8), range=((0, size[1]), (0, size[0])))

@@ -13,6 +13,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.lenses import LENSES
+from rfea_vision.artefacts.rows import CalibrationQuality, PhotoRecord, PlaneQuality
 from rfea_vision.calibration.advice import of_plane
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import Bundle, Lens, first_fisheye, solve_bundle, solve_pose
@@ -86,20 +87,21 @@ def calibrate(
     doubt = _check_plane(plane_view, views, size, model) if plane_view is not None else ""
     every = [*views, plane_view] if plane_view is not None else list(views)
     bundle = solve_bundle(every, size, model, joint_view=len(views) if plane_view is not None else None)
-    quality: dict[str, Any] = {
+    extra, inflate = assess(every, bundle, size, model, has_plane=plane_view is not None, scores=scores)
+    quality: CalibrationQuality = {
         "lens_scores_px": scores,
         "lens_reason": reason,
         "sigma_px": bundle.sigma_px,
         "board_offset_mm": board_offset_mm,
+        "corners_left_out": dropped,
+        **extra,
+        "warnings": [*extra.get("warnings", []), *([doubt] if doubt else [])],
     }
-    quality["corners_left_out"] = dropped
-    extra, inflate = assess(every, bundle, size, model, has_plane=plane_view is not None, scores=scores)
-    quality.update(extra)
-    quality["warnings"] = [*quality["warnings"], *([doubt] if doubt else [])]
-    records = tuple(
-        [{"file": v.file.name, "used": True, "reason": "", "rms_px": bundle.rms_of(i)} for i, v in enumerate(views)]
-        + [{"file": r.file.name, "used": False, "reason": r.reason, "rms_px": None} for r in refused]
-    )
+    records: list[PhotoRecord] = [
+        {"file": v.file.name, "used": True, "reason": "", "rms_px": bundle.rms_of(i)} for i, v in enumerate(views)
+    ]
+    for one in refused:
+        records.append({"file": one.file.name, "used": False, "reason": one.reason, "rms_px": None})
     found = _assemble(bundle, size, plane_view, records, quality, vertical, board_offset_mm, inflate)
     return found if tube_length_mm is None else with_region(found, clamp_px, tube_length_mm)
 
@@ -116,8 +118,7 @@ def with_region(
     else:
         places, origin = reach_of(calibration, np.asarray(clamp_px, dtype=float), tube_length_mm)
         where = "within reach of a tube clamped at camera.clamp"
-    region = over_region(calibration, places, origin, tube_length_mm)
-    region["sentence"] = region["sentence"].replace("where the tube is", where)
+    region = over_region(calibration, places, origin, tube_length_mm, where)
     return replace(calibration, quality={**calibration.quality, "region": region})
 
 
@@ -337,7 +338,7 @@ def levelled(rotation: FloatArray) -> FloatArray:
 
 def plane_of_motion(
     rotation: FloatArray, translation_mm: FloatArray, joint: FloatArray, board_offset_mm: float
-) -> tuple[dict[str, Any], dict[str, Any]]:
+) -> tuple[dict[str, Any], PlaneQuality]:
     """What a `Calibration` and its quality say of the plane of motion, from the pose of the board that lies in it.
 
     Parameters
@@ -363,8 +364,8 @@ def _assemble(
     bundle: Bundle,
     size: tuple[int, int],
     plane_view: BoardView | None,
-    records: tuple[dict[str, Any], ...],
-    quality: dict[str, Any],
+    records: Sequence[PhotoRecord],
+    quality: CalibrationQuality,
     vertical: str,
     board_offset_mm: float,
     inflate: float,
@@ -380,7 +381,7 @@ def _assemble(
         pose, joint = (bundle.rotations[-1], bundle.translations_mm[-1]), bundle.joint_covariance * inflate**2
         plane, described = plane_of_motion(*pose, joint, board_offset_mm)
         quality["plane"] = {"file": plane_view.file.name, "rms_px": bundle.rms_of(-1), **described}
-        quality["warnings"] = [*quality["warnings"], *of_plane(plane_view.file.name, plane["plane_tilt_deg"])]
+        quality["warnings"] = [*quality.get("warnings", []), *of_plane(plane_view.file.name, plane["plane_tilt_deg"])]
     return Calibration(
         image_width=size[0],
         image_height=size[1],
@@ -390,7 +391,7 @@ def _assemble(
         rms_px=bundle.rms_px,
         intrinsics_covariance=bundle.lens_covariance * inflate**2,
         vertical=vertical,
-        photos=records,
+        photos=tuple(records),
         quality=quality,
         **plane,
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rfea_vision.artefacts import Calibration
+from rfea_vision.artefacts.rows import CalibrationQuality, PlaneQuality
 from rfea_vision.calibration.advice import of_plane
 from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.bundle import Lens, project_board, solve_pose
@@ -47,7 +48,12 @@ def place_in_plane(
     own = variance * np.linalg.inv(by_pose.T @ by_pose)
     joint = np.block([[lens_covariance, cross], [cross.T, pull @ cross + own]])
     placed, described = plane_of_motion(rotation, translation, joint, board_offset_mm)
-    described = {"file": view.file.name, "rms_px": rms_distance(residuals), **described}
+    plane_quality: PlaneQuality = {"file": view.file.name, "rms_px": rms_distance(residuals), **described}
     warnings = [*calibration.quality.get("warnings", []), *of_plane(view.file.name, placed["plane_tilt_deg"])]
-    quality = {**calibration.quality, "plane": described, "board_offset_mm": board_offset_mm, "warnings": warnings}
+    quality: CalibrationQuality = {
+        **calibration.quality,
+        "plane": plane_quality,
+        "board_offset_mm": board_offset_mm,
+        "warnings": warnings,
+    }
     return replace(calibration, **placed, vertical=vertical, quality=quality)

@@ -9,12 +9,13 @@ scatters widely by chance: it is compared mode by mode with the covariance that 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.artefacts.rows import CalibrationQuality, CrossValidation, PhotoResiduals
 from rfea_vision.calibration import advice
 from rfea_vision.calibration.bundle import Bundle, solve_bundle
 from rfea_vision.calibration.corners import BoardView
@@ -36,19 +37,20 @@ def assess(
     *,
     has_plane: bool,
     scores: dict[str, float] | None = None,
-) -> tuple[dict[str, Any], float]:
+) -> tuple[CalibrationQuality, float]:
     """Coverage, residual fields, uncertainty map and cross-validated difference; and the factor on the uncertainties.
 
     `views` are the photos, the plane photo last if `has_plane`.
     """
     photos = views[:-1] if has_plane else views
-    quality: dict[str, Any] = {
-        "coverage": advice.coverage(photos, size),
+    covered = advice.coverage(photos, size)
+    quality: CalibrationQuality = {
+        "coverage": covered,
         "residual_fields": _residual_fields(views, bundle),
         "warnings": advice.warnings_of(bundle, photos, scores or {}),
         "largest_turn_deg": advice.largest_turn_deg(bundle, len(photos)),
+        "advice": advice.where_to_add(covered["counts"]),
     }
-    quality["advice"] = advice.where_to_add(quality["coverage"]["counts"])
     if not has_plane or bundle.joint_covariance is None:
         return quality, 1.0
     grid = _grid(size)
@@ -69,7 +71,7 @@ def assess(
 
 def _cross_validate(
     photos: Sequence[BoardView], plane_view: BoardView, size: tuple[int, int], model: str, grid: FloatArray
-) -> tuple[dict[str, Any], float]:
+) -> tuple[CrossValidation, float]:
     """Compare halves over several splits; the factor on the uncertainties comes from the split in the middle."""
     found = []
     for seed in range(SPLITS):
@@ -77,9 +79,10 @@ def _cross_validate(
             found.append(_compare_halves(photos, plane_view, size, model, grid, seed))
         except (DataError, np.linalg.LinAlgError):
             return {"note": "half of the photos do not determine the lens"}, 1.0
-    difference, expected = (float(np.sqrt(np.mean([row[key] ** 2 for row in found]))) for key in ("apart", "expected"))
-    excess = float(np.median([row["chi2"] / row["modes"] for row in found]))
-    allowed = float(np.median([chi2.ppf(CHANCE, row["modes"]) / row["modes"] for row in found]))
+    difference = float(np.sqrt(np.mean([row.apart_mm**2 for row in found])))
+    expected = float(np.sqrt(np.mean([row.expected_mm**2 for row in found])))
+    excess = float(np.median([row.chi2 / row.modes for row in found]))
+    allowed = float(np.median([chi2.ppf(CHANCE, row.modes) / row.modes for row in found]))
     inflation = float(np.clip(np.sqrt(excess), 1.0, LARGEST_INFLATION)) if excess > allowed else 1.0
     said = "the lens found from either half of the photos is the same within its uncertainty"
     if inflation > 1.0:
@@ -92,14 +95,24 @@ def _cross_validate(
         "predicted_mm": expected,
         "ratio": difference / max(expected, 1e-12),
         "inflation": inflation,
-        "halves": [camera.tolist() for camera in found[0]["cameras"]],
+        "halves": [camera.tolist() for camera in found[0].cameras],
         "sentence": f"{said} ({rounded(difference)} mm apart over the picture, {rounded(expected)} mm expected by chance)",
     }, inflation
 
 
+class _Halves(NamedTuple):
+    """Two packed cameras (29,), how far apart they put places, how far chance does, and that over it: of `modes` shifts together."""
+
+    cameras: list[FloatArray]
+    apart_mm: float
+    expected_mm: float
+    chi2: float
+    modes: int
+
+
 def _compare_halves(
     photos: Sequence[BoardView], plane_view: BoardView, size: tuple[int, int], model: str, grid: FloatArray, seed: int
-) -> dict[str, Any]:
+) -> _Halves:
     order = np.random.default_rng(seed).permutation(len(photos))
     cameras, fields = [], []
     for start in (0, 1):
@@ -115,13 +128,8 @@ def _compare_halves(
     keep = sizes**2 > MODE_SHARE * sizes[0] ** 2
     scores = (modes[keep] @ apart) / sizes[keep]
     places = apart.size / 2
-    return {
-        "cameras": cameras,
-        "apart": float(np.sqrt(np.sum(apart**2) / places)),
-        "expected": float(np.sqrt(np.sum(spread**2) / places)),
-        "chi2": float(scores @ scores),
-        "modes": int(keep.sum()),
-    }
+    by_chance = float(np.sqrt(np.sum(spread**2) / places))
+    return _Halves(cameras, float(np.sqrt(np.sum(apart**2) / places)), by_chance, float(scores @ scores), int(keep.sum()))
 
 
 def _camera_of(bundle: Bundle, view: int) -> FloatArray:
@@ -156,8 +164,8 @@ def _grid(size: tuple[int, int]) -> FloatArray:
     return np.stack(np.meshgrid(np.linspace(0.08 * w, 0.92 * w, 9), np.linspace(0.08 * h, 0.92 * h, 9)), axis=-1)
 
 
-def _residual_fields(views: Sequence[BoardView], bundle: Bundle) -> list[dict[str, Any]]:
-    fields = [
+def _residual_fields(views: Sequence[BoardView], bundle: Bundle) -> list[PhotoResiduals]:
+    fields: list[PhotoResiduals] = [
         {
             "file": view.file.name,
             "rms_px": round(bundle.rms_of(i), 4),

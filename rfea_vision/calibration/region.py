@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration, Track
+from rfea_vision.artefacts.rows import RegionQuality
 from rfea_vision.calibration.projection import (
     has_plane,
     perturbed_cameras,
@@ -43,8 +42,12 @@ def halves_difference_mm(calibration: Calibration, points_mm: FloatArray, origin
 
 
 def over_region(
-    calibration: Calibration, points_mm: FloatArray, origin_mm: FloatArray, length_mm: float
-) -> dict[str, Any]:
+    calibration: Calibration,
+    points_mm: FloatArray,
+    origin_mm: FloatArray,
+    length_mm: float,
+    where: str = "where the tube is",
+) -> RegionQuality:
     """Standard error and cross-validated difference over a region, and a sentence.
 
     Parameters
@@ -52,27 +55,30 @@ def over_region(
     points_mm : (n, 2) on the plane of motion
     origin_mm : (2,) the clamp on that plane
     length_mm : of the tube
+    where : the region, as the sentence calls it
     """
     sigma = np.sqrt(np.trace(place_covariance_mm2(calibration, points_mm, origin_mm), axis1=1, axis2=2))
     worst, usual = float(np.nanmax(sigma)), float(np.sqrt(np.nanmean(sigma**2)))
-    found: dict[str, Any] = {
+    found: RegionQuality = {
         "sigma_mm": usual,
         "sigma_worst_mm": worst,
         "sigma_percent_of_length": 100 * usual / length_mm,
         "sigma_worst_percent_of_length": 100 * worst / length_mm,
     }
     sentence = (
-        f"where the tube is, the calibration places a point to {usual:.3g} mm ({100 * usual / length_mm:.2g} % of the "
+        f"{where}, the calibration places a point to {usual:.3g} mm ({100 * usual / length_mm:.2g} % of the "
         f"tube's length), {worst:.3g} mm at worst"
     )
     apart = halves_difference_mm(calibration, points_mm, origin_mm)
     if apart is not None:
-        found["cross_validated_mm"] = float(np.sqrt(np.nanmean(apart**2)))
-        sentence += f"; two halves of the photos disagree there by {found['cross_validated_mm']:.3g} mm"
-    return found | {"sentence": sentence}
+        disagree_mm = float(np.sqrt(np.nanmean(apart**2)))
+        found["cross_validated_mm"] = disagree_mm
+        sentence += f"; two halves of the photos disagree there by {disagree_mm:.3g} mm"
+    found["sentence"] = sentence
+    return found
 
 
-def visited(calibration: Calibration, track: Track, length_mm: float) -> dict[str, Any] | None:
+def visited(calibration: Calibration, track: Track, length_mm: float) -> RegionQuality | None:
     """The same over the places that a tracked tube has visited; None where the track does not say where they are."""
     dataset = track.dataset
     needed = ("clamp_plane_x_mm", "clamp_plane_y_mm", "down_plane_x", "down_plane_y")

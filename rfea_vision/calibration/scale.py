@@ -6,8 +6,6 @@ lens is, how far it bends straight lines, and how squarely the camera looks at t
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +13,7 @@ from scipy.optimize import least_squares
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
+from rfea_vision.artefacts.rows import CalibrationQuality
 from rfea_vision.calibration.projection import rms_distance, rotation_matrix, tilt_deg
 from rfea_vision.errors import InputError
 
@@ -56,7 +55,7 @@ def scaled_by_distance(
     relative = float(np.sqrt(2 * (POINTING_PX / pixels) ** 2 + (error / distance_mm) ** 2 + DEPTH_SPREAD**2))
     pose = np.diag([*np.full(3, np.radians(TILT_SPREAD_DEG) ** 2), 0.0, 0.0, (relative * depth) ** 2])
     pose[2, 2] = 0.0  # the picture's own axes are those of the plane
-    described = {
+    described: CalibrationQuality = {
         "note": f"scale from {distance_mm:g} mm over {pixels:.0f} px; lens and tilt of the camera are assumed",
         "scale_stderr_percent": 100 * relative,
         "tilt_stderr_deg": TILT_SPREAD_DEG,
@@ -118,7 +117,7 @@ def scaled_by_places(
     joint = pick @ covariance @ pick.T
     joint[4, 4] = DISTORTION_SPREAD**2
     joint[14, 14] += (DEPTH_SPREAD * found.x[5]) ** 2
-    described = {"note": f"scale from {len(pixels)} places; the lens is assumed", "noise_px": noise_px}
+    described: CalibrationQuality = {"note": f"scale from {len(pixels)} places; the lens is assumed", "noise_px": noise_px}
     rotation = rotation_matrix(found.x[:3]) @ FACING
     return _calibration(size, length, rotation, found.x[3:6], joint[:9, :9], joint[9:, 9:], described, rms_px, joint)
 
@@ -136,7 +135,7 @@ def _calibration(
     translation: FloatArray,
     lens: FloatArray,
     pose: FloatArray,
-    quality: dict[str, Any],
+    quality: CalibrationQuality,
     rms_px: float,
     joint: FloatArray | None = None,
 ) -> Calibration:

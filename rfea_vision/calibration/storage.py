@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -12,6 +12,7 @@ import yaml
 
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.lenses import LENSES, lens_of
+from rfea_vision.artefacts.rows import CalibrationQuality
 from rfea_vision.calibration.scale import assumed_pose_covariance
 from rfea_vision.campaign.yaml_file import parse_yaml, read_text
 from rfea_vision.errors import InputError
@@ -189,6 +190,7 @@ def _from_values(path: Path, values: dict[str, Any]) -> Calibration:
     nothing = np.zeros((parameters, parameters))
     joint = values.get("joint_covariance")
     translation = np.ravel(np.asarray(values.get("plane_translation_mm", np.full(3, np.nan)), dtype=float))
+    unassessed = {"note": f"taken from {path.name}: its uncertainty is not known"}
     unknown = assumed_pose_covariance(translation)  # of a plane that was written by hand
     return Calibration(
         image_width=width,
@@ -204,7 +206,7 @@ def _from_values(path: Path, values: dict[str, Any]) -> Calibration:
         plane_tilt_deg=float(values.get("plane_tilt_deg", np.nan)),
         vertical=str(values.get("vertical", "board")),
         photos=tuple(values.get("photos_json", ())),
-        quality=dict(values.get("quality_json", {"note": f"taken from {path.name}: its uncertainty is not known"})),
+        quality=cast(CalibrationQuality, dict(values.get("quality_json", unassessed))),
         joint_covariance=None if joint is None else np.asarray(joint, dtype=float),
     )
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Actuator, Hints, bend_sign
+from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ class CameraSpec:
     photos: tuple[Path, ...] = ()
     plane: Path | None = None
     file: Path | None = None
-    vertical: str | dict[str, Any] = "board"
+    vertical: Vertical = "board"
     scale: ScaleSpec | None = None
     hints: Hints = field(default_factory=Hints)
     board_offset_mm: float = 0.0

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from rfea_vision.artefacts.rows import CalibrationQuality
 from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.options import Command, campaign_options, opened
 from rfea_vision.errors import DataError
@@ -81,7 +82,7 @@ def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bo
         say_next("rfea track", campaign, "--preview")
 
 
-def _judgement(quality: dict[str, Any]) -> list[str]:
+def _judgement(quality: CalibrationQuality) -> list[str]:
     """What the calibration says of itself, warnings last."""
     said = [
         quality.get("lens_reason"),

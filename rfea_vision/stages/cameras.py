@@ -75,7 +75,7 @@ def _calibrated(
 
     if size is not None:
         calibration = _scaled(camera, size, length_mm)
-        return calibration, str(calibration.quality["note"])
+        return calibration, calibration.quality.get("note", "")
     vertical, offset_mm = camera.vertical if isinstance(camera.vertical, str) else "plumb", camera.board_offset_mm
     if camera.file is not None:
         calibration = load_calibration(camera.file)

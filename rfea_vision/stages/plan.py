@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal, TypeVar
 
 from rfea_vision.campaign import Campaign, read_campaign
 from rfea_vision.errors import RfeaError
+from rfea_vision.progress import Progress
 from rfea_vision.stages.recipes import Recipe, run_recipe
 from rfea_vision.stages.runner import Stage
 from rfea_vision.stages.stored import Stored
@@ -35,7 +36,12 @@ class _Looking(Workspace):
     """A campaign that is looked at: a stage that would run stops here."""
 
     def run(
-        self, stage: Stage, *, make: Callable[..., Any], load: Callable[[], _Result], facts: Callable[[_Result], Any] | None = None
+        self,
+        stage: Stage,
+        *,
+        make: Callable[[Progress], tuple[_Result, list[Path], str]],
+        load: Callable[[], _Result],
+        facts: Callable[[_Result], Mapping[str, object]] = lambda result: {},
     ) -> Stored[_Result]:
         if not self.has(stage if stage.code is not None else replace(stage, code=make)):
             raise _NotYetError(f"{stage.name} {stage.subject}")

@@ -77,7 +77,7 @@ class Runner:
         *,
         make: Callable[[Progress], tuple[_Result, list[Path], str]],
         load: Callable[[], _Result],
-        facts: Callable[[_Result], Mapping[str, Any]] = lambda result: {},
+        facts: Callable[[_Result], Mapping[str, object]] = lambda result: {},
     ) -> Stored[_Result]:
         """Run a stage, or take what it made before if nothing that it depends on has changed.
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, Calibration, Hints, Track, bend_sign
+from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.photos import unlike_film
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
@@ -46,7 +46,7 @@ def track_frames(
     calibration: Calibration,
     actuator: Actuator,
     *,
-    vertical: str | dict[str, Any] = "board",
+    vertical: Vertical = "board",
     gravity_deg: float = 0.0,
     hints: Hints | None = None,
     lamp_box: Sequence[float] | None = None,
@@ -141,7 +141,7 @@ def _why_lost(
     source: FrameSource,
     calibration: Calibration,
     scene: Scene,
-    vertical: str | dict[str, Any],
+    vertical: Vertical,
     follower: Follower | BodyFollower,
     rows: Rows,
 ) -> str:
@@ -289,7 +289,7 @@ def matched_to(calibration: Calibration, source: FrameSource) -> Calibration:
 def make_scene(
     calibration: Calibration,
     actuator: Actuator,
-    vertical: str | dict[str, Any],
+    vertical: Vertical,
     hints: Hints,
     size: tuple[int, int],
     gravity_deg: float = 0.0,
@@ -310,9 +310,9 @@ def make_scene(
     return Scene(camera, actuator, down, px_per_mm, clamp, tip, hints)
 
 
-def down_direction(camera: FloatArray, vertical: str | dict[str, Any], middle_px: FloatArray) -> FloatArray:
+def down_direction(camera: FloatArray, vertical: Vertical, middle_px: FloatArray) -> FloatArray:
     """Unit vector of gravity on the plane; for ``rest`` the board's, until the resting tube is known."""
-    if isinstance(vertical, dict):
+    if isinstance(vertical, Mapping):
         plumb = np.asarray(vertical.get("plumb", []), dtype=float)
         if plumb.shape != (2, 2):
             raise InputError(
@@ -350,7 +350,7 @@ def gravity_seen_deg(calibration: Calibration, down: FloatArray, plumb_px: Array
 
 
 def rig_axes_mm(
-    calibration: Calibration, vertical: str | dict[str, Any], gravity_deg: float, bends: str
+    calibration: Calibration, vertical: Vertical, gravity_deg: float, bends: str
 ) -> Callable[[FloatArray], FloatArray]:
     """Return what turns pixels (..., 2) into mm (..., 2) along camera-right and up, from an origin of no meaning."""
     camera = camera_vector(calibration)

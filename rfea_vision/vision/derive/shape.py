@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
+from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import project
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
@@ -37,7 +38,7 @@ def build_dataset(
     calibration: Calibration,
     scene: Scene,
     clamp_stderr_mm: tuple[float, float | None],
-    vertical: str | dict[str, Any],
+    vertical: Vertical,
     attributes: dict[str, Any],
     shutter: Shutter | None = None,
 ) -> xr.Dataset:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
+from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
 from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, picture_errors
@@ -66,7 +66,7 @@ def view_of(
     calibration: Calibration,
     scene: Scene,
     clamp_stderr_mm: tuple[float, float | None],
-    vertical: str | dict[str, Any],
+    vertical: Vertical,
 ) -> View:
     """Gather it from all frames that were measured, whose smoothed curves are given."""
     coefficients, numbers = smoothed.coefficients, rows.good_ones("numbers")
