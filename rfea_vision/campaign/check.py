@@ -31,7 +31,7 @@ class CheckedCampaign:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _AllRuns:
     """What is kept of each run, to look at all of them together: by name the highest pressure (kPa), how far it and the tube go, the
     modulus (Pa) that goes with it, angles alone, logs, what moved, and centre lines.
     """
@@ -68,39 +68,39 @@ def check_campaign(
         problems += _camera_problems(camera, campaign, experiment)
         if progress is not None:
             progress(done + 1, total)
-    seen = _Seen()
+    runs = _AllRuns()
     for done, experiment in enumerate(active, start=len(cameras)):
         said = any(
             p.experiment in (None, experiment.name) and (p.key.startswith("pressure") or p.meant == "pressure") for p in problems
         )
-        problems += _experiment_problems(experiment, seen, pressure_said=said)
+        problems += _experiment_problems(experiment, runs, pressure_said=said)
         if progress is not None:
             progress(done + 1, total)
     for experiment in active:
-        odd = plausibility.beside_others(experiment.name, seen.highest_kPa)
-        if text := odd or plausibility.of_response(experiment.name, seen.responses):
+        odd = plausibility.beside_others(experiment.name, runs.highest_kPa)
+        if text := odd or plausibility.of_response(experiment.name, runs.responses):
             problems.append(_warning(experiment, "pressure", text))
     sized = any(p.key == "pressure" or p.key.startswith("actuator") for p in problems)
-    together = "" if sized else _odd_pressures(active, seen)
-    if text := together or following.together(list(seen.angles.values())):
+    together = "" if sized else _odd_pressures(active, runs)
+    if text := together or following.together(list(runs.angles.values())):
         problems.append(FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning"))
     for experiment in active:
-        problems += [_warning(experiment, key, text) for key, text in _beside_others(experiment, seen)]
-    for experiment, key, text in repeats.alike(active, seen.motions):
+        problems += [_warning(experiment, key, text) for key, text in _beside_others(experiment, runs)]
+    for experiment, key, text in repeats.alike(active, runs.motions):
         problems.append(_warning(experiment, key, text))
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     unpressed = tuple(item.name for item in active if item.pressure.missing)
     return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)), unpressed)
 
 
-def _beside_others(experiment: ExperimentSpec, seen: _Seen) -> list[tuple[str, str]]:
+def _beside_others(experiment: ExperimentSpec, runs: _AllRuns) -> list[tuple[str, str]]:
     """What a run says of itself that the pressures of others tell: keys and why."""
-    own, first = seen.logs.get(experiment.name), seen.logs.get(str(experiment.repeat_of))
+    own, first = runs.logs.get(experiment.name), runs.logs.get(str(experiment.repeat_of))
     found = [("repeat_of", repeats.of_repeat(own, first, str(experiment.repeat_of)))] if own and first else []
-    load_kg, highest_kPa = experiment.rig.conditions.get("payload.m", 0.0), max(seen.highest_kPa.values(), default=0.0)
+    load_kg, highest_kPa = experiment.rig.conditions.get("payload.m", 0.0), max(runs.highest_kPa.values(), default=0.0)
     found.append(("conditions.payload", of_load(load_kg, highest_kPa, experiment.actuator, experiment.rig.gravity_deg)))
-    if experiment.name in seen.lines:
-        found.append(("track", repeats.of_line(experiment.name, seen.lines)))
+    if experiment.name in runs.lines:
+        found.append(("track", repeats.of_line(experiment.name, runs.lines)))
     return [(key, text) for key, text in found if text]
 
 
@@ -110,13 +110,13 @@ def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FilePro
     return [_odd(campaign, key, text) for tube in tubes for key, text in of_tube(tube)]
 
 
-def _odd_pressures(active: list[ExperimentSpec], seen: _Seen) -> str:
+def _odd_pressures(active: list[ExperimentSpec], runs: _AllRuns) -> str:
     """Doubt the pressures of all runs of one tube together; empty where there is no doubt."""
     if len({item.actuator for item in active}) != 1:
         return ""
     gravities = {item.rig.gravity_deg for item in active}
-    highest = max(seen.highest_kPa.values(), default=None)
-    text = of_moduli(seen.moduli.values())
+    highest = max(runs.highest_kPa.values(), default=None)
+    text = of_moduli(runs.moduli.values())
     if text or highest is None or len(gravities) != 1:
         return text
     return of_weight(highest, active[0].actuator, gravities.pop())
@@ -211,20 +211,20 @@ def _some(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{len(names)} photos ({names[0]} to {names[-1]})"
 
 
-def _experiment_problems(experiment: ExperimentSpec, seen: _Seen, *, pressure_said: bool) -> list[FileProblem]:
+def _experiment_problems(experiment: ExperimentSpec, runs: _AllRuns, *, pressure_said: bool) -> list[FileProblem]:
     """Read what belongs to a run, and keep of it what is looked at together with the others."""
     run = _Run(experiment)
     try:
         if experiment.video is not None:
             _look_at_film(run, experiment.video)
         elif experiment.track is not None:
-            _look_at_track(run, experiment.track, seen)
+            _look_at_track(run, experiment.track, runs)
     except RfeaError as error:
         run.refuse("track" if experiment.track is not None else "video", str(error))
     if experiment.pressure.missing and not pressure_said:
         run.warn("pressure", "is missing, so nothing can be fitted; of a run at constant pressure write 'pressure: {value: 0 kPa}'")
     elif not experiment.pressure.missing and not experiment.pressure.constant:
-        _look_at_pressure(run, seen)
+        _look_at_pressure(run, runs)
     return run.problems
 
 
@@ -270,7 +270,7 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
         run.refuse("video", text)
 
 
-def _look_at_track(run: _Run, spec: TrackSpec, seen: _Seen) -> None:
+def _look_at_track(run: _Run, spec: TrackSpec, runs: _AllRuns) -> None:
     """Times and places of a track that another tool made."""
     from rfea_vision.readers.tracks import read_track
 
@@ -282,15 +282,15 @@ def _look_at_track(run: _Run, spec: TrackSpec, seen: _Seen) -> None:
         to_rig_mm=(lambda pixels: pixels) if run.in_px else None,  # lengths are not what is looked at here
     )
     run.track, run.seconds = track, track.time_s
-    seen.motions[experiment.name] = repeats.motion_of(track.dataset)
-    seen.lines[experiment.name] = repeats.line_of(track.dataset)
+    runs.motions[experiment.name] = repeats.motion_of(track.dataset)
+    runs.lines[experiment.name] = repeats.line_of(track.dataset)
     run.warn("track", *plausibility.of_gaps(track.time_s))
     if not run.in_px:
         tube = experiment.actuator
         run.warn("track", *(plausibility.of_track(track.dataset, 1e3 * tube.length) or of_stretch(track.dataset, tube)))
 
 
-def _look_at_pressure(run: _Run, seen: _Seen) -> None:
+def _look_at_pressure(run: _Run, runs: _AllRuns) -> None:
     """The log: by itself, beside the frames, and where the clocks are declared beside the motion."""
     from rfea_vision.readers.pressure import read_pressure
 
@@ -302,23 +302,23 @@ def _look_at_pressure(run: _Run, seen: _Seen) -> None:
         return
     for key, text in _unseen_signals(experiment, log):
         run.refuse(key, text)
-    seen.highest_kPa[name] = float(abs(log.pressure_kPa).max())
-    seen.logs[name] = log
+    runs.highest_kPa[name] = float(abs(log.pressure_kPa).max())
+    runs.logs[name] = log
     said = list(log.doubts) or plausibility.of_pressure(log.pressure_kPa, log.chambers)
     if track is not None and not run.in_px and not said:
         if moved := plausibility.response(track.dataset, log.pressure_kPa):
-            seen.responses[name] = moved
+            runs.responses[name] = moved
         gravity_deg = experiment.rig.gravity_deg
-        seen.moduli[name] = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, gravity_deg)
+        runs.moduli[name] = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, gravity_deg)
     if run.seconds is not None and len(run.seconds):
         filmed = experiment.video is not None and experiment.video.file is not None and experiment.video.rate_Hz is None
         said += plausibility.of_times(log.time_s, run.seconds, filmed=filmed)
     if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
-        said += _beside_the_motion(run, track, log, seen)
+        said += _beside_the_motion(run, track, log, runs)
     run.warn("pressure", *said)
 
 
-def _beside_the_motion(run: _Run, track: Track, log: PressureLog, seen: _Seen) -> list[str]:
+def _beside_the_motion(run: _Run, track: Track, log: PressureLog, runs: _AllRuns) -> list[str]:
     """Why the log may not be that of the track, by the clocks that are declared."""
     sync, zero_s = run.experiment.sync, track.dataset.attrs.get("clock_zero_s")
     if sync.method == "common_clock" and (text := log.zero_doubt(zero_s)):
@@ -326,7 +326,7 @@ def _beside_the_motion(run: _Run, track: Track, log: PressureLog, seen: _Seen) -
     shifted = track.time_s + log.zero_apart_s(zero_s) + (sync.value_s or 0.0)
     if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
         angle_deg = track.dataset["bend_angle"].values
-        seen.angles[run.experiment.name] = following.AngleRun(angle_deg, shifted, log.time_s, log.pressure_kPa)
+        runs.angles[run.experiment.name] = following.AngleRun(angle_deg, shifted, log.time_s, log.pressure_kPa)
     return following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
 
 

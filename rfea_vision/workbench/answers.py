@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from starlette.responses import JSONResponse, Response
 
 from rfea_vision.errors import InputError
+from rfea_vision.workbench.app_state import AppState, shown
 from rfea_vision.workbench.clocks import write_sync
 from rfea_vision.workbench.curves import write_curve
-from rfea_vision.workbench.desk import Desk, shown
 from rfea_vision.workbench.loading import loaded
 from rfea_vision.workbench.orders import order
 from rfea_vision.workbench.packets import packet
@@ -25,157 +25,157 @@ SANDBOX = "sandbox allow-scripts allow-downloads allow-modals"
 LONGEST_TRIAL_S = 10.0
 
 
-def campaigns(desk: Desk, asked: dict[str, Any]) -> Response:
-    """Every campaign on the desk with where it stands."""
+def campaigns(app: AppState, asked: dict[str, Any]) -> Response:
+    """Every campaign with where it stands."""
     found = []
-    for index, folder in enumerate(desk.campaigns):
-        state = state_of(folder, desk.out)
+    for index, folder in enumerate(app.campaigns):
+        state = state_of(folder, app.out)
         keep = ("name", "problems", "models", "next")
         measured = [item["recorded"] is not None for item in state["experiments"]]
         found.append(
             {key: state[key] for key in keep} | {"index": index, "folder": shown(folder), "measured": measured}
         )
-    desk.seen.set()
-    return JSONResponse({"folder": shown(desk.folder), "campaigns": found, "job": desk.worker.told()})
+    app.seen.set()
+    return JSONResponse({"folder": shown(app.folder), "campaigns": found, "job": app.worker.told()})
 
 
-def state(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def state(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """Where one campaign stands."""
-    found = state_of(desk.campaigns[index], desk.out, desk.failed.get(index, ""))
-    path, step = shown(desk.campaigns[index]), found["next"]
+    found = state_of(app.campaigns[index], app.out, app.failed.get(index, ""))
+    path, step = shown(app.campaigns[index]), found["next"]
     if step["do"]:
-        step["command"] = order(path, desk.out, step["do"], step["options"])[1]
-    return JSONResponse(found | {"path": path, "job": desk.worker.told(), "log": desk.log[-20:]})
+        step["command"] = order(path, app.out, step["do"], step["options"])[1]
+    return JSONResponse(found | {"path": path, "job": app.worker.told(), "log": app.log[-20:]})
 
 
-def evidence(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def evidence(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """Series and records for the figures."""
-    found = desk.bench(index).evidence()[1]
-    desk.seen.set()
+    found = app.opened(index).evidence()[1]
+    app.seen.set()
     return Response(found, media_type=BINARY)
 
 
-def clip(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def clip(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """The small rectified film of one experiment."""
-    experiments = desk.bench(index).evidence()[0].experiments
+    experiments = app.opened(index).evidence()[0].experiments
     film = experiments[number].clip if number < len(experiments) else None
     if film is None:
         raise InputError("there is no film of this run")
     return Response(film, media_type="video/mp4")
 
 
-def report(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def report(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """The report that lies in the campaign: in a sandbox, as whoever has the folder may have written it."""
-    content = (desk.bench(index).out / "report" / "index.html").read_bytes()
+    content = (app.opened(index).out / "report" / "index.html").read_bytes()
     policy = f"{SANDBOX}; {loaded('report.page').POLICY}"
     return Response(content, media_type="text/html", headers={"content-security-policy": policy})
 
 
-def effects(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def effects(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """The catalogue, and the laws of one's own that are open."""
     known = loaded("effects.catalogue")
-    own = [effect for file in desk.laws() for effect in known.load_effect_file(file)]
+    own = [effect for file in app.laws() for effect in known.load_effect_file(file)]
     listed = [*own, *known.catalogue().values()]
     return JSONResponse([
         {"id": item.id, "title": item.title, "kind": item.kind, "shows": item.shows, "own": item in own} for item in listed
     ])  # fmt: skip
 
 
-def model(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def model(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """Sliders of a model; its law is compiled meanwhile."""
-    chosen, player = _chosen(desk, index, asked), desk.bench(index).player()
+    chosen, player = _chosen(app, index, asked), app.opened(index).player()
     sliders = [slider.as_dict() for slider in player.open(chosen)]
     return JSONResponse({"sliders": sliders, "ready": player.ready(chosen)})
 
 
-def play(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def play(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """One look at a model under the sliders."""
     values = {str(name): float(value) for name, value in asked["values"].items()}
-    chosen, run, exact = _chosen(desk, index, asked), str(asked["experiment"]), bool(asked.get("exact"))
-    data = packet(*desk.bench(index).player().play(chosen, values, run, exact=exact))
+    chosen, run, exact = _chosen(app, index, asked), str(asked["experiment"]), bool(asked.get("exact"))
+    data = packet(*app.opened(index).player().play(chosen, values, run, exact=exact))
     return Response(data, media_type=BINARY)
 
 
-def job(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def job(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """Begin a command."""
-    return _begun(desk.begin(index, str(asked["do"]), dict(asked.get("options", {})), str(asked.get("label", ""))))
+    return _begun(app.begin(index, str(asked["do"]), dict(asked.get("options", {})), str(asked.get("label", ""))))
 
 
-def stop(desk: Desk, asked: dict[str, Any]) -> Response:
+def stop(app: AppState, asked: dict[str, Any]) -> Response:
     """Stop the command that is under way."""
-    desk.worker.stop()
+    app.worker.stop()
     return JSONResponse({"stopped": True})
 
 
-def _chosen(desk: Desk, index: int, asked: dict[str, Any]) -> Chosen:
+def _chosen(app: AppState, index: int, asked: dict[str, Any]) -> Chosen:
     """The model that is asked for; its effect files are those that this user has opened, and no others."""
     wanted = {str(effect).partition("@")[0] for effect in asked["effects"]}
-    files = [file for file in desk.laws() if wanted & loaded("workbench.laws").ids_of(file)]
-    return desk.bench(index).chosen(str(asked["model"]), tuple(map(str, asked["effects"])), tuple(files))
+    files = [file for file in app.laws() if wanted & loaded("workbench.laws").ids_of(file)]
+    return app.opened(index).chosen(str(asked["model"]), tuple(map(str, asked["effects"])), tuple(files))
 
 
 # -- pointing ------------------------------------------------------------------------------------------------------------
 
 
-def film(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def film(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Size and times of an experiment's film."""
-    return JSONResponse(loaded("workbench.pointing").film(desk.bench(index).experiment(number)))
+    return JSONResponse(loaded("workbench.pointing").film(app.opened(index).experiment(number)))
 
 
-def picture(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def picture(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """One frame of a film."""
     return Response(
-        loaded("workbench.pointing").picture(desk.bench(index).experiment(number), int(asked["frame"])),
+        loaded("workbench.pointing").picture(app.opened(index).experiment(number), int(asked["frame"])),
         media_type="image/jpeg",
     )
 
 
-def photo(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def photo(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """One photo of the board."""
-    return Response(loaded("workbench.pointing").photo(desk.bench(index).campaign(), number), media_type="image/jpeg")
+    return Response(loaded("workbench.pointing").photo(app.opened(index).campaign(), number), media_type="image/jpeg")
 
 
-def outline(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def outline(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """What was tracked in one frame."""
-    bench = desk.bench(index)
+    opened = app.opened(index)
     return JSONResponse(
-        loaded("workbench.pointing").outline(bench.campaign(), bench.experiment(number), int(asked["frame"]))
+        loaded("workbench.pointing").outline(opened.campaign(), opened.experiment(number), int(asked["frame"]))
     )
 
 
-def refused(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def refused(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Frames that were refused for one reason."""
-    bench = desk.bench(index)
+    opened = app.opened(index)
     return JSONResponse(
         {
             "frames": loaded("workbench.pointing").refused(
-                bench.campaign(), bench.experiment(number), str(asked["reason"])
+                opened.campaign(), opened.experiment(number), str(asked["reason"])
             )
         }
     )
 
 
-def hint(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def hint(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Write a hint into the files, or take it away."""
-    bench = desk.bench(index)
-    experiment, key, value = bench.experiment(number), str(asked["key"]), asked["value"]
+    opened = app.opened(index)
+    experiment, key, value = opened.experiment(number), str(asked["key"]), asked["value"]
     file = loaded("workbench.pointing").write_hint(
-        bench.campaign(), experiment, key, value, everywhere=bool(asked["all"])
+        opened.campaign(), experiment, key, value, everywhere=bool(asked["all"])
     )
     return JSONResponse({"file": shown(file)})
 
 
-def sync(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def sync(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Write how the clocks of a run are brought together."""
-    file = write_sync(desk.bench(index).experiment(number), asked)
+    file = write_sync(app.opened(index).experiment(number), asked)
     return JSONResponse({"file": shown(file)})
 
 
-def trial(desk: Desk, index: int, number: int, asked: dict[str, Any]) -> Response:
+def trial(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Follow the tube through the first seconds of a film; the lines come as events."""
-    experiment = desk.bench(index).experiment(number)
+    experiment = app.opened(index).experiment(number)
     options = {"name": experiment.name, "seconds": min(float(asked["seconds"]), LONGEST_TRIAL_S)}
-    return _begun(desk.hand(index, "try", options, f"Try the first {options['seconds']:g} s of {experiment.name}"))
+    return _begun(app.submit(index, "try", options, f"Try the first {options['seconds']:g} s of {experiment.name}"))
 
 
 def _begun(begun: bool) -> Response:
@@ -187,39 +187,39 @@ def _begun(begun: bool) -> Response:
 # -- laws, curves, batches -----------------------------------------------------------------------------------------------
 
 
-def law_template(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def law_template(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """A new law to begin with."""
     file, text = loaded("workbench.laws").new_law()
     return JSONResponse({"file": str(file), "text": text})
 
 
-def law_new(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def law_new(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """Where a law is written under a name that the user gives: a file that is not there yet."""
-    file = loaded("workbench.laws").named_file(str(asked["file"]), desk.campaigns)
+    file = loaded("workbench.laws").named_file(str(asked["file"]), app.campaigns)
     loaded("workbench.laws").refuse_taken(file)
     return JSONResponse({"file": str(file)})
 
 
-def law_open(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def law_open(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """The text of a law that the user names."""
-    file = loaded("workbench.laws").named_file(str(asked["file"]), desk.campaigns)
+    file = loaded("workbench.laws").named_file(str(asked["file"]), app.campaigns)
     text = loaded("workbench.laws").opened(file)
-    desk.begun_files.add(file)
+    app.begun_files.add(file)
     return JSONResponse({"file": str(file), "text": text})
 
 
-def law_check(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def law_check(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """Say what is wrong with a law or what it declares; with ``keep`` write it, and count it as the user's."""
-    file = loaded("workbench.laws").named_file(str(asked["file"]), desk.campaigns)
-    return JSONResponse(desk.check_law(file, str(asked["text"]), keep=bool(asked["keep"])))
+    file = loaded("workbench.laws").named_file(str(asked["file"]), app.campaigns)
+    return JSONResponse(app.check_law(file, str(asked["text"]), keep=bool(asked["keep"])))
 
 
-def curve(desk: Desk, index: int, asked: dict[str, Any]) -> Response:
+def curve(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     """Write an edited pressure curve beside the model whose diagnosis asked for it."""
-    file = write_curve(desk.bench(index).out, str(asked["model"]), asked["points"])
+    file = write_curve(app.opened(index).out, str(asked["model"]), asked["points"])
     return JSONResponse({"file": shown(file), "command": f"rfea simulate OUT --pressure {shown(file)}"})
 
 
-def batch(desk: Desk, asked: dict[str, Any]) -> Response:
+def batch(app: AppState, asked: dict[str, Any]) -> Response:
     """Run all campaigns."""
-    return _begun(desk.begin_all())
+    return _begun(app.begin_all())

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rfea_vision.distributed import dask_client, run_batch
-from rfea_vision.workbench.desk import shown
+from rfea_vision.workbench.app_state import shown
 
 EVERY_S = 1.0  # between two looks at the folders
 

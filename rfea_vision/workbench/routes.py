@@ -19,7 +19,7 @@ from starlette.routing import Route
 
 from rfea_vision.errors import RfeaError
 from rfea_vision.files import storage_error
-from rfea_vision.workbench.desk import Desk
+from rfea_vision.workbench.app_state import AppState
 from rfea_vision.workbench.loading import loaded
 
 #: Bytes of a question: a law of one's own has some thousand, the rest far less.
@@ -27,29 +27,29 @@ LARGEST_BODY = 1_000_000
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 
 
-def application(desk: Desk) -> Starlette:
-    """The server's routes over one desk."""
+def application(app: AppState) -> Starlette:
+    """The server's routes."""
 
     def get(path: str, answer: str) -> Route:
         async def endpoint(request: Request) -> Response:
-            return await _behind(answer, desk, *_place(desk, request), dict(request.query_params))
+            return await _behind(answer, app, *_place(app, request), dict(request.query_params))
 
         return Route(path, endpoint)
 
     def post(path: str, answer: str) -> Route:
         async def endpoint(request: Request) -> Response:
-            return await _behind(answer, desk, *_place(desk, request), await _body(request))
+            return await _behind(answer, app, *_place(app, request), await _body(request))
 
         return Route(path, endpoint, methods=["POST"])
 
     return Starlette(
         routes=[
-            Route("/", lambda request: RedirectResponse("c/0/" if desk.single else "c/all/")),
+            Route("/", lambda request: RedirectResponse("c/0/" if app.single else "c/all/")),
             Route("/c/all/", lambda request: static("index.html")),
             Route("/c/{index:int}/", lambda request: static("index.html")),
             Route("/static/{name}", lambda request: static(request.path_params["name"])),
             Route("/report/{name}", lambda request: of_report(request.path_params["name"])),
-            Route("/events", events(desk)),
+            Route("/events", events(app)),
             get("/campaigns", "campaigns"),
             post("/stop", "stop"),
             post("/batch", "batch"),
@@ -83,10 +83,10 @@ async def _behind(answer: str, *arguments: Any) -> Response:
     return await anyio.to_thread.run_sync(partial(_said, answer, *arguments), abandon_on_cancel=True)
 
 
-def _place(desk: Desk, request: Request) -> tuple[int, ...]:
+def _place(app: AppState, request: Request) -> tuple[int, ...]:
     """Numbers in the address: of the campaign, and of what is asked of it."""
     numbers = tuple(int(request.path_params[key]) for key in ("index", "number") if key in request.path_params)
-    if "index" in request.path_params and numbers[0] >= len(desk.campaigns):
+    if "index" in request.path_params and numbers[0] >= len(app.campaigns):
         raise HTTPException(404)
     return numbers
 
@@ -153,21 +153,21 @@ def of_report(name: str) -> Response:
     return Response("\n".join([*parts, f"export {{{', '.join(EXPORTED)}}};"]), media_type="text/javascript")
 
 
-def events(desk: Desk) -> Callable[[Request], Awaitable[Response]]:
+def events(app: AppState) -> Callable[[Request], Awaitable[Response]]:
     """Server-sent events of everything that happens."""
 
     async def stream() -> AsyncIterator[str]:
-        queue = desk.listen()
+        queue = app.listen()
         try:
             yield ": listening\n\n"
-            while not desk.ending():
+            while not app.ending():
                 try:
                     event = await asyncio.wait_for(queue.get(), 0.5)
                 except TimeoutError:
                     continue
                 yield f"data: {json.dumps(event, default=str)}\n\n"
         finally:
-            desk.leave(queue)
+            app.leave(queue)
 
     async def endpoint(request: Request) -> Response:
         return StreamingResponse(stream(), media_type="text/event-stream")

@@ -12,7 +12,7 @@ from pathlib import Path
 import uvicorn
 
 from rfea_vision.errors import RfeaError
-from rfea_vision.workbench.desk import Desk
+from rfea_vision.workbench.app_state import AppState
 from rfea_vision.workbench.guard import Guard
 from rfea_vision.workbench.loading import loaded
 from rfea_vision.workbench.routes import application
@@ -40,23 +40,23 @@ def serve(folder: Path, *, out: Path | None = None, port: int = 0, ready: Callab
     with socket.create_server(("127.0.0.1", port)) as listening:
         port = listening.getsockname()[1]
         token = secrets.token_urlsafe(TOKEN_BYTES)
-        desk = Desk(folder, out)
+        app = AppState(folder, out)
         config = uvicorn.Config(
-            Guard(application(desk), token, port), log_level="critical", lifespan="off", timeout_graceful_shutdown=1,
+            Guard(application(app), token, port), log_level="critical", lifespan="off", timeout_graceful_shutdown=1,
             http="h11", ws="none", access_log=False, server_header=False,
         )  # fmt: skip
         server = uvicorn.Server(config)
-        desk.ending = lambda: server.should_exit
-        announce = threading.Thread(target=_announce, args=(server, desk, ready, f"http://127.0.0.1:{port}/{token}/"))
+        app.ending = lambda: server.should_exit
+        announce = threading.Thread(target=_announce, args=(server, app, ready, f"http://127.0.0.1:{port}/{token}/"))
         announce.daemon = True
         announce.start()
         try:
             server.run(sockets=[listening])
         finally:
-            desk.close()
+            app.close()
 
 
-def _announce(server: uvicorn.Server, desk: Desk, ready: Callable[[str], None], address: str) -> None:
+def _announce(server: uvicorn.Server, app: AppState, ready: Callable[[str], None], address: str) -> None:
     """Say the address once the server answers; load what the first page needs, and when that is there what the first click will."""
     while not server.started and not server.should_exit:
         threading.Event().wait(0.01)
@@ -64,11 +64,11 @@ def _announce(server: uvicorn.Server, desk: Desk, ready: Callable[[str], None], 
         ready(address)
         loaded("workbench.answers")  # while the browser opens
         soon = ["play", "pointing"]
-        if desk.single:
+        if app.single:
             with suppress(RfeaError, OSError):  # said to the page when it asks
-                if not desk.bench(0).evidence()[0].steps:  # nothing to play yet: one looks at the films
+                if not app.opened(0).evidence()[0].steps:  # nothing to play yet: one looks at the films
                     soon.reverse()
-        desk.seen.wait()  # before the first page nothing is loaded that it does not show
+        app.seen.wait()  # before the first page nothing is loaded that it does not show
         for name in soon:
             loaded(f"workbench.{name}")
-        desk.worker.warm()
+        app.worker.warm()

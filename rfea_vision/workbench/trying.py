@@ -27,7 +27,7 @@ FIRST_FRAMES, LONGER = 24, 3
 
 
 @dataclass(frozen=True)
-class Beginning(FrameSource):
+class FirstFrames(FrameSource):
     """The first frames of another source."""
 
     whole: FrameSource = field(kw_only=True)
@@ -72,7 +72,7 @@ def try_hints(
     while True:
         count = min(count, total)
         facts = source.path, source.size, count, source.rate_Hz
-        piece = Beginning(*facts, quarter_turns=source.quarter_turns, whole=source, count=count)
+        piece = FirstFrames(*facts, quarter_turns=source.quarter_turns, whole=source, count=count)
         try:
             track = follow(experiment, calibration, piece)
         except DataError as error:

@@ -22,7 +22,7 @@ SAID_EVERY_S = 0.1  # a bar need not move more often
 Say = Callable[[dict[str, Any]], None]
 
 
-class Speaking(Listener):
+class EventListener(Listener):
     """Tells the server of every stage."""
 
     def __init__(self, say: Say) -> None:
@@ -69,8 +69,8 @@ def run_job(job: dict[str, Any], say: Say) -> Any:
     from rfea_vision.effects.permission import name_files
     from rfea_vision.stages import open_campaign
 
-    name_files(job["options"].get("effect_files", ()))  # the desk has seen that the user typed or opened them
-    work = open_campaign(job["campaign"], job.get("out"), listener=Speaking(say))
+    name_files(job["options"].get("effect_files", ()))  # the server has seen that the user typed or opened them
+    work = open_campaign(job["campaign"], job.get("out"), listener=EventListener(say))
     options = dict(job["options"])
     if job["do"] == "propose":
         options.pop("effect_files", None)  # it fits with those of its model, which are named now

@@ -76,7 +76,7 @@ def test_help_breaks_and_cuts_off_no_word_at_a_narrow_terminal(name):
     [
         ("from rfea_vision.cli.root import run; run(['-h'])", {"cv2", "numba", "av", "xarray", "distributed"}),
         ("from rfea_vision.workbench.routes import of_report; of_report('report.js')", {"cv2", "numba", "sympy", "xarray"}),
-        ("import rfea_vision.workbench.answers, rfea_vision.workbench.bench", {"cv2", "numba", "sympy", "distributed"}),
+        ("import rfea_vision.workbench.answers, rfea_vision.workbench.opened", {"cv2", "numba", "sympy", "distributed"}),
     ],
     ids=["help", "scripts of the workbench", "first page of the workbench"],
 )

@@ -11,7 +11,7 @@ import pytest
 
 from rfea_vision.errors import InputError
 from rfea_vision.workbench.answers import law_open
-from rfea_vision.workbench.desk import Desk
+from rfea_vision.workbench.app_state import AppState
 from rfea_vision.workbench.guard import Guard
 
 TOKEN, PORT = "secret", 8123
@@ -108,15 +108,15 @@ def test_the_server_listens_on_this_machine_alone_and_asks_for_json(serve, fitte
 
 
 def test_where_a_proposed_law_is_written_is_not_the_pages_to_say(fitted):
-    desk = Desk(fitted)
+    app = AppState(fitted)
     handed = []
-    desk.worker.submit = lambda job: handed.append(job) or True  # nothing is to be worked on here
+    app.worker.submit = lambda job: handed.append(job) or True  # nothing is to be worked on here
     try:
         with pytest.raises(InputError, match="not the page's to say"):
-            desk.begin(0, "propose", {"model": "base", "file": "/tmp/law.py"}, "")
-        assert desk.begin(0, "propose", {"model": "base"}, "")
+            app.begin(0, "propose", {"model": "base", "file": "/tmp/law.py"}, "")
+        assert app.begin(0, "propose", {"model": "base"}, "")
     finally:
-        desk.close()
+        app.close()
     file = handed[0]["options"]["file"]
     assert "effects/proposed_" in file and handed[0]["command"].endswith(f"base -o {file}")
 
@@ -126,20 +126,20 @@ def test_several_campaigns_do_not_share_a_folder_of_results(tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "campaign.yaml").write_text("format: rfea-campaign/1\n")
     with pytest.raises(InputError, match=r"--out .*: is for one campaign"):
-        Desk(tmp_path, tmp_path / "out")
-    assert Desk(tmp_path / "a", tmp_path / "out").single
+        AppState(tmp_path, tmp_path / "out")
+    assert AppState(tmp_path / "a", tmp_path / "out").single
 
 
 def test_typing_goes_over_no_law_that_was_not_opened(fitted, tmp_path):
-    desk, file = Desk(fitted), tmp_path / "mine.py"
+    app, file = AppState(fitted), tmp_path / "mine.py"
     file.write_text("# a year's work")
     try:
         with pytest.raises(InputError, match="is there already: open it"):
-            desk.check_law(file, "# typed", keep=True)
+            app.check_law(file, "# typed", keep=True)
         assert file.read_text() == "# a year's work"
-        law_open(desk, 0, {"file": str(file)})
+        law_open(app, 0, {"file": str(file)})
         with pytest.raises(InputError, match="no effect"):
-            desk.check_law(file, "# typed", keep=True)
+            app.check_law(file, "# typed", keep=True)
         assert file.read_text() == "# typed"
     finally:
-        desk.close()
+        app.close()

@@ -6,7 +6,7 @@ import pytest
 
 from rfea_vision.artefacts import Track
 from rfea_vision.campaign import load_campaign
-from rfea_vision.workbench.trying import Beginning
+from rfea_vision.workbench.trying import FirstFrames
 
 from .cabled import OFFSET_S, RUNS, write_campaign
 from .conftest import idle, until
@@ -25,7 +25,7 @@ def test_a_trial_sees_the_colours_that_the_track_sees(campaign):
     from rfea_vision.readers.video import open_video
 
     whole = open_video(campaign[0] / "steps" / "film.mp4")
-    piece = Beginning(whole.path, whole.size, 3, whole.rate_Hz, whole=whole, count=3)
+    piece = FirstFrames(whole.path, whole.size, 3, whole.rate_Hz, whole=whole, count=3)
     pictures = [picture for _, picture in piece.colours(0.5)]
     assert len(pictures) == 3 and (pictures[0][..., 0] != pictures[0][..., 2]).any()
 

@@ -41,7 +41,7 @@ def test_the_first_seconds_of_a_film_are_those_after_its_first_frame(monkeypatch
         path=Path("frames"), size=(640, 480), rate_Hz=None, quarter_turns=0, times_s=lambda: times_s
     )
 
-    def follow(item: Any, calibration: Any, piece: trying.Beginning) -> None:
+    def follow(item: Any, calibration: Any, piece: trying.FirstFrames) -> None:
         counts.append(len(piece.times_s()))
         raise DataError("there is no tube")
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from rfea_vision.workbench import hands
-from rfea_vision.workbench.desk import Desk
+from rfea_vision.workbench import process
+from rfea_vision.workbench.app_state import AppState
 from rfea_vision.workbench.evidence import stamps
-from rfea_vision.workbench.hands import Worker
+from rfea_vision.workbench.process import WorkerProcess
 from rfea_vision.workbench.routes import _said
 
 LIMIT_S = 60
@@ -19,15 +19,15 @@ LIMIT_S = 60
 @pytest.fixture
 def worker(tmp_path, monkeypatch):
     """Make a worker whose process is a shell script; what it tells stands in the attribute `told`."""
-    made: list[Worker] = []
+    made: list[WorkerProcess] = []
 
-    def make(script: str) -> Worker:
+    def make(script: str) -> WorkerProcess:
         file = tmp_path / "worker"
         file.write_text(f"#!/bin/sh\n{script}\n")
         file.chmod(0o755)
-        monkeypatch.setattr(hands.sys, "executable", str(file))
+        monkeypatch.setattr(process.sys, "executable", str(file))
         told: queue.SimpleQueue[dict] = queue.SimpleQueue()
-        made.append(Worker(told.put))
+        made.append(WorkerProcess(told.put))
         made[-1].told = told  # pyright: ignore[reportAttributeAccessIssue]
         return made[-1]
 
@@ -58,13 +58,13 @@ def test_a_job_that_is_stopped_leaves_the_next_one_alone(worker):
 
 
 def test_a_law_that_was_deleted_takes_nothing_else_away(fitted):
-    desk = Desk(fitted)
-    desk.own_files = {Path("/nowhere/gone.py")}
+    app = AppState(fitted)
+    app.own_files = {Path("/nowhere/gone.py")}
     try:
-        assert _said("effects", desk, 0, {}).status_code == 200
-        assert desk.laws() == []
+        assert _said("effects", app, 0, {}).status_code == 200
+        assert app.laws() == []
     finally:
-        desk.close()
+        app.close()
 
 
 def test_a_missing_file_is_told_in_a_sentence(monkeypatch):

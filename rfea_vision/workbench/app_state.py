@@ -1,4 +1,4 @@
-"""What lies on the desk: one campaign or a folder of them, the worker, and everyone who listens."""
+"""What the server knows: one campaign or a folder of them, the worker process, and the pages that listen."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
-from rfea_vision.workbench.hands import ENDS, Worker
 from rfea_vision.workbench.loading import loaded
 from rfea_vision.workbench.orders import order
+from rfea_vision.workbench.process import ENDS, WorkerProcess
+
+if TYPE_CHECKING:
+    from rfea_vision.workbench.opened import OpenedCampaign
 
 DEEPEST = 3  # folders below the one that was opened in which campaigns are looked for
 LOG_LINES = 200
@@ -26,7 +29,7 @@ MEASURING = ("calibrate", "track", "sync")
 LONGEST_START_S, LONGEST_CHECK_S = 600.0, 30.0  # loading what reads laws took 130 s on a busy machine
 
 
-class Desk:
+class AppState:
     """Campaigns by number, and the work that is under way on them.
 
     Attributes
@@ -54,21 +57,21 @@ class Desk:
         self.ending: Callable[[], bool] = lambda: False
         self.own_files: set[Path] = set()  # effect files that this user has typed or opened, and that are right
         self.begun_files: set[Path] = set()  # of these and the others, so that typing goes over no other file
-        self.worker = Worker(self.tell)
+        self.worker = WorkerProcess(self.tell)
         # checks laws, so that one that never ends can be stopped
-        self.judge = Worker(lambda event: None, prepared=False)
+        self.judge = WorkerProcess(lambda event: None, prepared=False)
         self._judging = threading.Lock()
-        self._benches: dict[int, Any] = {}
+        self._opened: dict[int, OpenedCampaign] = {}
         self.seen = threading.Event()  # whether a page has been given what it shows first
         self._listeners: set[tuple[asyncio.AbstractEventLoop, asyncio.Queue[dict[str, Any]]]] = set()
         self._lock = threading.Lock()
 
-    def bench(self, index: int) -> Any:
-        """The bench of one campaign, made when it is first looked at."""
+    def opened(self, index: int) -> OpenedCampaign:
+        """One campaign as it is read, from when it is first looked at."""
         with self._lock:
-            if index not in self._benches:
-                self._benches[index] = loaded("workbench.bench").Bench(self.campaigns[index], self.out)
-            return self._benches[index]
+            if index not in self._opened:
+                self._opened[index] = loaded("workbench.opened").OpenedCampaign(self.campaigns[index], self.out)
+            return self._opened[index]
 
     def begin(self, index: int, do: str, options: dict[str, Any], label: str) -> bool:
         """Hand a job to the worker; False if it is busy."""
@@ -82,7 +85,7 @@ class Desk:
         if own := self._own_of(index, options):
             options = {**options, "effect_files": own}
         kept, command = order(shown(self.campaigns[index]), self.out, do, options)
-        return self.hand(index, do, kept, label or do, command)
+        return self.submit(index, do, kept, label or do, command)
 
     def laws(self) -> list[Path]:
         """The user's own effect files, as far as they are still there."""
@@ -94,11 +97,11 @@ class Desk:
             return []
         wanted = {str(effect).partition("@")[0] for effect in options.get("add", [])}
         if "model" in options:
-            wanted |= set(self.bench(index).chosen(str(options["model"]), (), ()).fit.effects)
+            wanted |= set(self.opened(index).chosen(str(options["model"]), (), ()).fit.effects)
         return [str(file) for file in laws if wanted & loaded("workbench.laws").ids_of(file)]
 
-    def hand(self, index: int, do: str, options: dict[str, Any], label: str, command: str | None = None) -> bool:
-        """Hand a job to the worker as it stands; one without a command is no step of its own."""
+    def submit(self, index: int, do: str, options: dict[str, Any], label: str, command: str | None = None) -> bool:
+        """Submit a job to the worker as it stands; one without a command is no step of its own."""
         out = None if self.out is None else str(self.out)
         job = {
             "index": index,
@@ -111,7 +114,7 @@ class Desk:
         return self.worker.submit(job | ({"command": command} if command else {}))
 
     def begin_all(self) -> bool:
-        """Run all campaigns on the desk as `rfea batch` would; False if the worker is busy."""
+        """Run all campaigns as `rfea batch` would; False if the worker is busy."""
         folders = [shown(folder) for folder in self.campaigns]
         job = {
             "do": "batch",

@@ -1,4 +1,4 @@
-"""One campaign on the desk: its artefacts as the page wants them, and the player of its models."""
+"""One campaign that is open: its artefacts as the page wants them, and the player of its models."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rfea_vision.workbench.play import Chosen, Player
 
 
-class Bench:
+class OpenedCampaign:
     """Reads the results of a campaign anew when they have changed."""
 
     def __init__(self, folder: Path, out: Path | None) -> None:

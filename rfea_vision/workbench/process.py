@@ -16,7 +16,7 @@ PATIENCE_S = 2.0  # between a polite end and a kill; files are whole in either c
 Tell = Callable[[dict[str, Any]], None]
 
 
-class Worker:
+class WorkerProcess:
     """A process that does jobs; it is started with the first, and anew after one was stopped."""
 
     def __init__(self, tell: Tell, *, prepared: bool = True) -> None:
