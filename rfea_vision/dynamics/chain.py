@@ -46,7 +46,13 @@ class Chain:
 
     @classmethod
     def tube(cls, actuator: Actuator, segments: int, joints: Literal["middle", "start"] = "middle") -> Chain:
-        """Chain of the tube: joints in the middle of the arc they stand for, or at the start of each body (the paper's)."""
+        """Chain of the tube: joints in the middle of the arc they stand for, or at the start of each body (the paper's).
+
+        Raises
+        ------
+        InputError
+            If there is no segment, or `joints` is unknown.
+        """
         if segments < 1:
             raise InputError(f"segments: {segments} is too few; use at least 1")
         arc = actuator.length / segments
@@ -86,7 +92,13 @@ class Chain:
     def general(
         cls, length: Sequence[float], mass: Sequence[float], along: Sequence[float], inertia: Sequence[float]
     ) -> Chain:
-        """Any planar chain: link lengths (m), masses (kg), centres of mass from the hinge (m), inertias about them (kg m^2)."""
+        """Any planar chain: link lengths (m), masses (kg), centres of mass from the hinge (m), inertias about them (kg m^2), (n,) each.
+
+        Raises
+        ------
+        InputError
+            If their numbers differ.
+        """
         values = [np.asarray(v, dtype=float) for v in (length, mass, along, inertia)]
         n = values[0].size
         if any(v.shape != (n,) for v in values):

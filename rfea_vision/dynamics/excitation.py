@@ -87,7 +87,10 @@ class Excitation:
 
 @njit(cache=True, nogil=True)
 def lagged(values, step, nodes, T):
-    """First-order lag of a piecewise linear signal: value and d/dT at (steps, stages), exact; T = 0 is the signal itself."""
+    """First-order lag T (s) of a piecewise linear signal, `values` (steps + 1,) a `step` (s) apart: exact, T = 0 is the signal itself.
+
+    Returns value and d/dT (steps, stages) at the fractions `nodes` (stages,) of each step.
+    """
     steps, stages = values.size - 1, nodes.size
     out, slope = np.empty((steps, stages)), np.empty((steps, stages))
     y, dy = values[0], 0.0

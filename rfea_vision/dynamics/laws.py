@@ -6,7 +6,7 @@ parametrised at the rest radius (docs/physics.md).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -185,39 +185,28 @@ def compose(effects: Sequence[Effect]) -> ComposedLaw:
     by_name = sorted(effects, key=lambda effect: effect.id)
     joint = _base_joint(by_name)
     torque = _joint_torque(joint, by_name)
-    names, symbols, states, weights = list(BASE_PARAMETERS), list(BASE.values()), [], []
-    rates: list[sp.Expr] = []
-    relaxed: list[sp.Expr] = []
+    layout = laid_out(effects)
+    weights = {effect.id: sp.Symbol(f"weight__{effect.id}", real=True) for effect in layout}
+    names, symbols, states = list(BASE_PARAMETERS), list(BASE.values()), list[sp.Symbol]()
+    rates, relaxed = list[sp.Expr](), list[sp.Expr]()
     force: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
     mass: sp.Expr = sp.Integer(0)
-    place_in_joint: Any = {}
     numbers: Any = {}
-    layout = laid_out(effects)
     for effect in layout:
-        weight = sp.Symbol(f"weight__{effect.id}", real=True)
-        weights.append(weight)
-        for name, symbol in effect.symbol_map().items():
-            names.append(f"{effect.id}.{name}")
-            symbols.append(symbol)
-            absent = effect.parameters[name].absent
-            if absent is not None:
-                place_in_joint[symbol] = absent + weight * (symbol - absent)
+        names += [f"{effect.id}.{name}" for name in effect.symbol_map()]
+        symbols += effect.symbol_map().values()
         numbers.update({getattr(effect, name): sp.Float(value) for name, (_, value) in effect.constants.items()})
-        own_rates, own_relaxed = effect.state_rates(joint), effect.relaxed_states(joint)
-        for state in effect.states:
-            if state not in own_rates or state not in own_relaxed:
-                raise InputError(
-                    f"effect {effect.id}: state '{state}' needs an entry in state_rates and relaxed_states"
-                )
-            states.append(getattr(effect, state))
-            rates.append(sp.sympify(own_rates[state]))
-            relaxed.append(sp.sympify(own_relaxed[state]))
+        for state, rate, at_rest in _states_of(effect, joint):
+            states.append(state)
+            rates.append(rate)
+            relaxed.append(at_rest)
         fx, fy = effect.body_force(GIVEN["body"])
         force = (force[0] + fx, force[1] + fy)
         mass = mass + effect.added_mass(joint)
     if mass != 0:
         most = MOST_OUTFLOW * LINEAR_DENSITY * ARC
         mass = kept_above(mass, -most / 2, most / 2)
+    place_in_joint = _acting_by_weight(layout, weights)
 
     def final(expression: Any) -> Any:
         return sp.sympify(expression).xreplace(numbers)
@@ -235,7 +224,7 @@ def compose(effects: Sequence[Effect]) -> ComposedLaw:
         parameters=tuple(names),
         symbols=tuple(symbols),
         states=tuple(states),
-        weights=tuple(weights),
+        weights=tuple(weights.values()),
         torque=in_joint(torque),
         state_rates=tuple(in_joint(rate) for rate in rates),
         relaxed=tuple(in_joint(value) for value in relaxed),
@@ -250,6 +239,27 @@ def compose(effects: Sequence[Effect]) -> ComposedLaw:
             for chamber in chambers
         },
     )
+
+
+def _states_of(effect: Effect, joint: Joint) -> list[tuple[sp.Symbol, sp.Expr, sp.Expr]]:
+    """The hidden states of an effect at a joint: symbol, rate, and value at rest."""
+    rates, relaxed = effect.state_rates(joint), effect.relaxed_states(joint)
+    for state in effect.states:
+        if state not in rates or state not in relaxed:
+            raise InputError(f"effect {effect.id}: state '{state}' needs an entry in state_rates and relaxed_states")
+    return [
+        (getattr(effect, state), sp.sympify(rates[state]), sp.sympify(relaxed[state])) for state in effect.states
+    ]
+
+
+def _acting_by_weight(effects: Sequence[Effect], weights: Mapping[str, sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:
+    """What stands for each parameter at a joint at which its effect acts by its weight: 0 makes it absent."""
+    return {
+        symbol: absent + weights[effect.id] * (symbol - absent)
+        for effect in effects
+        for name, symbol in effect.symbol_map().items()
+        if (absent := effect.parameters[name].absent) is not None
+    }
 
 
 def composed(hook: Hook, effects: Sequence[Effect]) -> tuple[sp.Expr, ...]:

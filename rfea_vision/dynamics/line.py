@@ -1,6 +1,7 @@
 """From the sensors to the tube: what effects make of the pressure on its way, with the derivatives.
 
-`con` is the vector of constants of a model, in the order of `laws.CONSTANTS`.
+`par` is the vector of parameters in SI, in the order of the law's `parameters`; `con` that of the constants of a model, in the
+order of `laws.CONSTANTS`.
 """
 
 from __future__ import annotations
@@ -92,7 +93,10 @@ def _behind(
 def felt_pressure(
     law: CompiledLaw, par: FloatArray, con: FloatArray, excitation: Excitation, nodes: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Pressure in the tube at the stage times, and its derivative per parameter (no rows if there is none)."""
+    """Pressure (steps, stages) in Pa in the tube at the fractions `nodes` (stages,) of each step of the excitation.
+
+    And its derivative (steps, stages, parameters), with no rows if there is none.
+    """
     pressure, change = pressure_of_chambers(law, par, con, excitation)
     if change is None and not law.changes(*LINE_HOOKS):
         return lagged(pressure, excitation.step_s, nodes, 0.0)[0], np.zeros((0, 0, 0))

@@ -1,4 +1,9 @@
-"""Newton's method on one implicit stage of the chain. Legend as in `engine`."""
+"""Newton's method on one implicit stage of the chain. Legend as in `engine`.
+
+Arguments.
+    laws, system, work   of one run of n bodies, as in `system`              s       the stage's own weight, in s
+    sensed, felt         pressure at the sensor and in the tube, Pa          drive   outer torques (n,) in N m, or (0,)
+"""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def scaled(vector: NDArray[np.float64], from_segments: int, to_segments: int) ->
 
 
 def as_paper(vector: NDArray[np.float64], inner_radius: float = REST_RADIUS) -> dict[str, float]:
-    """k_0, m_k, b_0pos, ... in the units of the paper's table (per degree, at zero inner radius)."""
+    """k_0, m_k, b_0pos, ... in the units of the paper's table (per degree, at zero inner radius), of a vector (7,) in SI."""
     out: dict[str, float] = {}
     for index, (zero, slope) in enumerate((("k_0", "m_k"), ("b_0pos", "m_bpos"), ("b_0neg", "m_bneg"))):
         out[zero] = (vector[2 * index] - vector[2 * index + 1] * inner_radius) / PER_DEGREE

@@ -152,7 +152,13 @@ class Stepper:
         self.start(pressure_Pa)
 
     def start(self, pressure_Pa: float) -> Moment:
-        """Put the tube at rest in its static equilibrium at a pressure (Pa, gauge)."""
+        """Put the tube at rest in its static equilibrium at a pressure (Pa, gauge).
+
+        Raises
+        ------
+        DataError
+            If there is none.
+        """
         rest = self.model.steady(self.par, pressure_Pa)
         if not rest.found:
             raise DataError(f"no static equilibrium at {pressure_Pa / 1e3:.1f} kPa; start from a lower pressure")

@@ -2,6 +2,11 @@
 
 Parameters are taken in blocks of `LANES`, so that a body's rows for one block lie at fixed distances from each other
 in memory and every inner loop is machine vectors. Legend as in `engine`; a leading S is a derivative by parameters.
+
+    system, work     of one run, as in `system`             free       numbers of the parameters of one block, at most `LANES`
+    lanes, carry     of one block, rows as below            out_par    (n, 2 + m, parameters) of torque, added mass, state rates
+    z_lanes          of the m hidden states of each joint   width      doubles of a row that are reckoned with
+    s, w0, w1        weights of the stage and of the two before it, in s       stage, last   its number; whether it ends the step
 """
 
 from __future__ import annotations
@@ -207,13 +212,13 @@ def outward(system, work, lanes, carry, free, varies, width, w0, w1, s):
                 carry[C_VY + k] += gy * rate - om * hy * angle
         if i == 0:
             for k in range(width):  # the point about which the clamp turns
-                aside = carry[C_PIVOT + k]
-                carry[C_AX + k] -= aside * (al * ux + w2 * nx)
-                carry[C_AY + k] -= aside * (al * uy + w2 * ny)
-                carry[C_PX + k] += aside * (1.0 + nx)
-                carry[C_PY + k] += aside * ny
-                carry[C_VX + k] -= aside * om * ux
-                carry[C_VY + k] -= aside * om * uy
+                d_pivot = carry[C_PIVOT + k]
+                carry[C_AX + k] -= d_pivot * (al * ux + w2 * nx)
+                carry[C_AY + k] -= d_pivot * (al * uy + w2 * ny)
+                carry[C_PX + k] += d_pivot * (1.0 + nx)
+                carry[C_PY + k] += d_pivot * ny
+                carry[C_VX + k] -= d_pivot * om * ux
+                carry[C_VY + k] -= d_pivot * om * uy
 
 
 @njit(**INLINE)
@@ -232,13 +237,13 @@ def _added_outward(chain, body, out, lanes, carry, i, width):
     back = along - chain[i - 1, ALONG]
     px, py, ox, oy = -back * (al * ux + w2 * nx), -back * (al * uy + w2 * ny), -2 * back * om * ux, -2 * back * om * uy
     for k in range(width):
-        angle, rate, aside = lanes[i, S_PHI + k], lanes[i, S_OM + k], lanes[i, S_ACROSS + k]
-        dax = lanes[i, S_ACX + k] + px * angle + ox * rate + aside * (al * ux + w2 * nx) - carry[C_GX + k]
-        day = lanes[i, S_ACY + k] + py * angle + oy * rate + aside * (al * uy + w2 * ny) - carry[C_GY + k]
+        angle, rate, d_across = lanes[i, S_PHI + k], lanes[i, S_OM + k], lanes[i, S_ACROSS + k]
+        dax = lanes[i, S_ACX + k] + px * angle + ox * rate + d_across * (al * ux + w2 * nx) - carry[C_GX + k]
+        day = lanes[i, S_ACY + k] + py * angle + oy * rate + d_across * (al * uy + w2 * ny) - carry[C_GY + k]
         heavier = lanes[i, S_MASS + k] + grow * (angle - lanes[i - 1, S_PHI + k])
         lanes[i, S_FX + k] += heavier * ax + mass * dax
         lanes[i, S_FY + k] += heavier * ay + mass * day
-        lanes[i, S_EXTRA + k] += heavier * moment + mass * (qx * dax + qy * day + aside * outside) - turned * angle
+        lanes[i, S_EXTRA + k] += heavier * moment + mass * (qx * dax + qy * day + d_across * outside) - turned * angle
 
 
 @njit(**INLINE)
@@ -328,11 +333,11 @@ def _clamp(system, body, lanes, carry, D, width):
     ux, uy, compliance = body[0, UX], body[0, UY], system.line[2]
     hx, hy, gx, gy = to_hinge(ux, uy, system.base_length, system.line[3])
     fx, fy = body[1, FX], body[1, FY]
-    moment, turned, aside = body[1, TORQUE] + gx * fx + gy * fy, hx * fx + hy * fy, ux * fx + uy * fy
+    moment, turned, axial = body[1, TORQUE] + gx * fx + gy * fy, hx * fx + hy * fy, ux * fx + uy * fy
     for k in range(width):
         angle = lanes[0, S_PHI + k]
         total = carry[C_TORQUE + k] + gx * carry[C_FX + k] + gy * carry[C_FY + k] - turned * angle
-        total -= carry[C_PIVOT + k] * aside
+        total -= carry[C_PIVOT + k] * axial
         lanes[0, S_AL + k] = -(angle + carry[C_COMPLIANCE + k] * moment + compliance * total) / body[0, BETA]
     for b in range(D):
         for k in range(width):

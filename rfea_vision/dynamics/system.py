@@ -98,7 +98,13 @@ class Laws(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Working space of a stage; `body` has its columns named above."""
+    """Working space of a stage, of a chain with n bodies and m hidden states a joint.
+
+    body (n + 2, BODY_COLUMNS) by the columns above; theta, rate (n,) of the joints; out (n, columns) of the joint law
+    force (n, 2, 5 + parameters) and motion (n, 4) of the bodies, place and velocity; d (7,) what a sweep carries
+    z, z_star (n, m) hidden states and the known part of them; dz, zc, Sx, zp (n, m) their Newton step, own correction, and change
+        with x and with the pressure; inverse (n, m, m), small (m, m) for the states of a joint
+    """
 
     body: Any
     theta: Any
