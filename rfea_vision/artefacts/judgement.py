@@ -15,6 +15,7 @@ from rfea_vision.artefacts.rows import (
     PhaseRow,
     PressureRow,
     Profile,
+    Refit,
     ResidualTest,
     SegmentRow,
     StartRow,
@@ -256,6 +257,8 @@ class Diagnosis(_Json):
     explained_fraction: float | None = None
     next_experiment: NextExperiment | None = None
     warnings: list[str] = Field(default_factory=list)
+    # every model that the search has fitted: where the search from the next rung takes up those that it meets again
+    refits: list[Refit] = Field(default_factory=list)
 
     def rivals_of(self, effect: str) -> list[str]:
         """The other members of the tie that an effect belongs to: the data cannot tell it from these."""

@@ -108,6 +108,13 @@ class StudyRow(TypedDict):
     tip_path_mm: TipPath
 
 
+class Refit(TypedDict):
+    """A set of effects (with forms) that was refitted, and all parameters of the model that then has it, by name, SI."""
+
+    effects: list[str]
+    values: dict[str, float]
+
+
 class PhaseRow(TypedDict):
     """Error of a run in a phase, and what `share` of the run's squared error falls into it."""
 

@@ -10,7 +10,7 @@ import xarray as xr
 
 from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, Rung, WorstPlace
 from rfea_vision.artefacts.measurement import Actuator, Recording
-from rfea_vision.artefacts.rows import GoesWith
+from rfea_vision.artefacts.rows import GoesWith, Refit
 from rfea_vision.critique.evidence import candidate_rows, swallowed, to_rule_out
 from rfea_vision.critique.measures import Errors, errors_of, in_another_unit
 from rfea_vision.critique.next_experiment import design_next
@@ -49,11 +49,13 @@ def judge(
     where: Sequence[WorstPlace] = (),
     goes_with: Sequence[GoesWith] = (),
     scored: float | None = None,
+    known: Sequence[Refit] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Judgement:
     """Diagnose a solved fit: training runs fit, validation runs judge, test runs are not looked at.
 
-    `goes_with` is what the residual torque depends on; `scored` is the held-out error that `model.json` has.
+    `goes_with` is what the residual torque depends on; `scored` is the held-out error that `model.json` has; `known` is what the
+    search from a smaller model on the same chain has refitted: where it is met again, it is taken up and not begun anew.
     """
     asked = options or CritiqueOptions()
     problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
@@ -65,9 +67,10 @@ def judge(
         if progress is not None:
             progress(min(steps, EXPECTED_REFITS - 1), EXPECTED_REFITS)
 
-    trials = Trials(problem, asked.effect_files, step)
+    at = {frozenset(one["effects"]): one["values"] for one in known}
+    trials = Trials(problem, asked.effect_files, step, known=at)
     effects = offered(problem, fitted, candidates, asked.effect_files)
-    base = _errors_without_effects(problem, fitted) if fitted.options.effects else None
+    base = _errors_without_effects(problem, fitted, at.get(frozenset())) if fitted.options.effects else None
     search = Search(trials, trials.stands(fitted), effects, wide=asked.stand_ins, scored=scored, base=base)
     if candidates is None and screen_segments(
         problem, fitted, search.floor
@@ -87,13 +90,13 @@ def judge(
     return Judgement(diagnosis, search, verdict, pressure)
 
 
-def _errors_without_effects(problem: Problem, fitted: Fitted) -> Errors | None:
-    """Errors of the base model below one that has effects; None where it cannot be simulated."""
+def _errors_without_effects(problem: Problem, fitted: Fitted, known: Mapping[str, float] | None) -> Errors | None:
+    """Errors of the base model below one that has effects, begun where it is `known`; None where it cannot be simulated."""
     free = lever_free(fitted)
     fixed = {name: value for name, value in free.fixed.items() if "." not in name}
     options = replace(free, effects=(), fixed=fixed, name="base")
     try:
-        base = refit(problem, options, fitted.values, options.segments, fitted.solution.clocks)
+        base = refit(problem, options, known or fitted.values, options.segments, fitted.solution.clocks)
     except DataError:
         return None
     return errors_of(problem, base)
@@ -125,6 +128,7 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) 
         noise_floor_mm=search.floor if in_mm else None,
         noise_floor_deg=None if in_mm else search.floor,
         explained_fraction=verdict.share if verdict.named else None,
+        refits=search.trials.refits(),
         warnings=[
             *(swallowed(search.trials.problem, fitted, best, verdict.named) if verdict.named else []),
             *to_rule_out(search.effects, verdict.named, best.values),

@@ -13,7 +13,7 @@ import xarray as xr
 
 from rfea_vision.artefacts.judgement import Candidate, Comparison, Diagnosis, Ladder, ModelFit, Rung
 from rfea_vision.artefacts.measurement import Actuator, Recording
-from rfea_vision.artefacts.rows import TestScore
+from rfea_vision.artefacts.rows import Refit, TestScore
 from rfea_vision.critique.comparison import compare, goes_with
 from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
 from rfea_vision.critique.measures import common_runs, delta_bic, errors_of, matters
@@ -156,6 +156,7 @@ class _Climb:
     scored: Problem = field(init=False)  # in the steps in which that model was scored
     rungs: list[Rung] = field(default_factory=list)
     dropped: set[str] = field(default_factory=set)
+    known: list[Refit] = field(default_factory=list)  # what was refitted so far, on the chain as it stands
     last: Step = field(default_factory=Step)
     before: Fitted | None = None
     floor: float = 0.0
@@ -178,6 +179,7 @@ class _Climb:
         if diagnosis.verdict == "unexplained" and self.failed:  # the first model shows best what others have half taken up
             self.doubts.insert(0, f"Where it shows: {worst}" if worst else f"Where it showed before anything was added: {self.failed}")
         bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
+        self.known = diagnosis.refits
         self.rungs.append(
             Rung.of(
                 self.model,
@@ -208,6 +210,7 @@ class _Climb:
         had = {*map(plain, self.fitted.options.effects), plain(str(step.added))}
         self.dropped |= had - {*map(plain, model.effects), SEGMENTS}
         self.before, self.last = self.fitted, step
+        self.known = self.known if model.segments == self.model.segments else []
         self._stand_on(model)
 
     def ladder(self, first: Fitted, stopped: str, over: str) -> Ladder:
@@ -309,6 +312,7 @@ def _judged(
         where=comparison.where,
         goes_with=goes_with(comparison),
         scored=held_of(model),
+        known=climb.known,
     )
     if on_rung is not None:
         on_rung(model, predictions, comparison, judgement.diagnosis, judgement.next_pressure)

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+from rfea_vision.artefacts.rows import Refit
 from rfea_vision.critique.carrying import carried_over
 from rfea_vision.critique.measures import Errors, errors_of
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
@@ -78,6 +79,8 @@ class Trials:
     progress: Callable[[], None] = field(default=lambda: None)
     done: dict[frozenset[str], Trial | None] = field(default_factory=dict)
     rough: list[Observed] = field(default_factory=list)  # the training runs as a refit first meets them
+    #: Parameters by name, SI, by the sets of effects that an earlier search has refitted on a chain like this: where theirs begin.
+    known: Mapping[frozenset[str], Mapping[str, float]] = field(default_factory=dict)
     bent: bool = False  # whether the model as it stands is too far out of shape to begin a refit from
     stiff: dict[str, float] = field(default_factory=dict)  # base parameters that no fit has bent out of shape
     #: Where it is bent: by the sets of effects, the cost of the fit that their refit began from.
@@ -148,14 +151,18 @@ class Trials:
 
     def _solved(self, base: Trial, key: frozenset[str], start: Mapping[str, float]) -> Fitted | None:
         options, values, absent = self._options(base, key)
-        like, held = self._nearest(base, key)
-        grids = [values, *({**values, name: v} for name, points in self._grids(key, start).items() for v in points[1:])]
-        starts = [{**grid, **held, **start} for grid in grids]
-        if not self.bent and len(key - base.effects) == 1:  # the model as it stands may have swallowed what one effect does
-            starts.append({**values, **held, **self.stiff, **start})
-        if like is not base.fitted:  # a linear step from the model as it stands tells nothing of amplitudes there
-            starts.append({**values, **{n: v for n, v in start.items() if n not in absent}, **held})
-        best = self._from(options, starts, like)
+        best, held = None, base.fitted.values
+        if key in self.known:
+            best = self._in_full(options, {**values, **self.known[key]}, base.fitted)
+        if best is None:
+            like, held = self._nearest(base, key)
+            grids = [values, *({**values, n: v} for n, points in self._grids(key, start).items() for v in points[1:])]
+            starts = [{**grid, **held, **start} for grid in grids]
+            if not self.bent and len(key - base.effects) == 1:  # the present model may have swallowed what one effect does
+                starts.append({**values, **held, **self.stiff, **start})
+            if like is not base.fitted:  # a linear step from the present model tells nothing of amplitudes there
+                starts.append({**values, **{n: v for n, v in start.items() if n not in absent}, **held})
+            best = self._from(options, starts, like)
         smaller = [t for k, t in self.done.items() if t is not None and k < key and SEGMENTS not in k]
         nearest = min(smaller, key=lambda t: t.cost, default=base)
         if best is None or best.solution.cost > nearest.cost:
@@ -257,6 +264,10 @@ class Trials:
             values = like.values
             if arrived and options.loss != "huber":
                 return like
+        return self._in_full(options, values, like)
+
+    def _in_full(self, options: FitOptions, values: Mapping[str, float], like: Fitted) -> Fitted | None:
+        """Fit on all frames from one start; None where it cannot be simulated."""
         try:
             return refit(
                 self.problem, options, values, like.options.segments, like.solution.clocks,
@@ -264,6 +275,12 @@ class Trials:
             )  # fmt: skip
         except DataError:
             return None
+
+    def refits(self) -> list[Refit]:
+        """What is known of the chain as it stands, the smallest sets first: for the search from the next rung."""
+        fitted = {key: trial.fitted.values for key, trial in self.done.items() if trial is not None and SEGMENTS not in key}
+        known = {**self.known, **fitted}
+        return [Refit(effects=sorted(key), values={**known[key]}) for key in sorted(known, key=lambda k: (len(k), sorted(k)))]
 
 
 def _at_bound(fitted: Fitted) -> bool:

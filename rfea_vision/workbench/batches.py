@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rfea_vision.distributed import dask_client, run_batch
+from rfea_vision.units import counted
 from rfea_vision.workbench.app_state import shown
 
 EVERY_S = 1.0  # between two looks at the folders
@@ -43,6 +44,5 @@ def _tasks(client: Any) -> str:
     """What is computed now: tasks by kind, and where Dask's own page is."""
     kinds = Counter(str(key).rsplit("-", 5)[0].lstrip("_") for keys in client.processing().values() for key in keys)
     now = ", ".join(f"{count} x {kind}" for kind, count in sorted(kinds.items())) or "nothing yet"
-    return (
-        f"{len(client.scheduler_info()['workers'])} workers; under way: {now}. Dask's own page: {client.dashboard_link}"
-    )
+    workers = counted(len(client.scheduler_info()["workers"]), "worker")
+    return f"{workers}; under way: {now}. Dask's own page: {client.dashboard_link}"
