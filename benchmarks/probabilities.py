@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks._commit import commit
-from benchmarks.probability_sweep import sweep
+from benchmarks.probability_sweep import imitations, sweep
 from benchmarks.probability_tables import DOCUMENT, diagram, document
 from benchmarks.probable_campaigns import Case, draw, recordings_of
 from rfea_vision.artefacts import Actuator, Recording
@@ -155,7 +155,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     given = parser.parse_args(arguments)
     if given.sweep:
-        sys.stdout.write(sweep(read_results(FOLDER / "calibration.jsonl")) + "\n")
+        every = [line for path in sorted(FOLDER.glob("*.jsonl")) for line in read_results(path)]
+        sys.stdout.write(sweep(read_results(FOLDER / "calibration.jsonl")) + "\n" + imitations(every) + "\n")
         return 0
     if given.tables:
         write_text(DOCUMENT, document(read_results(given.to)))

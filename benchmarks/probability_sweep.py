@@ -29,12 +29,16 @@ def probabilities(line: dict[str, Any], rule: Rule) -> dict[str, float]:
     each = rule.posterior(weights)
     mates = {name: set(tie) for tie in line["tied"] for name in tie}
     found = {name for item in line["sets"] for name in item["effects"]}
-    return {
-        name: rule.told(
-            sum(p for item, p in zip(line["sets"], each, strict=True) if mates.get(name, {name}) & set(item["effects"]))
-        )
-        for name in found
-    }
+    imitated, out = imitated_effects(), {}
+    for name in found:
+        have = [mates.get(name, {name}) & set(item["effects"]) for item in line["sets"]]
+        out[name] = rule.told((p, bool(own & imitated)) for own, p in zip(have, each, strict=True) if own)
+    return out
+
+
+def imitated_effects() -> set[str]:
+    """Effects that a cause outside of the catalogue imitates, as their files say."""
+    return {name for name, effect in catalogue().items() if effect.imitated_by}
 
 
 def sweep(lines: Sequence[dict[str, Any]]) -> str:
@@ -73,10 +77,18 @@ def shares(lines: Sequence[dict[str, Any]]) -> tuple[float, float]:
 
     Of the effects that were refitted, as the bare rule weighs them, that leaves nothing to causes outside of the sets.
     """
-    bare = Rule(outside=0.0, unseen=0.0)
+    bare = Rule(outside=0.0, unseen=0.0, imitated=0.0)
     found = [
         one for line in lines if "sets" in line for one in claims({**line, "probability": probabilities(line, bare)})
     ]
     strong = [right for _, p, right in found if p > SURE]
     faint = [right for _, p, right in found if 0 < p < FAINT]
     return (len(strong) - sum(strong) + 1) / (len(strong) + 2), (sum(faint) + 1) / (len(faint) + 2)
+
+
+def imitations(lines: Sequence[dict[str, Any]]) -> str:
+    """Of the claims above 0.9 that hold an effect which a cause outside imitates: how many were right, and what Laplace's rule makes of it."""
+    found = [one for line in lines if "probability" in line for one in claims(line)]
+    strong = [right for names, p, right in found if p > SURE and imitated_effects() & set(names.split(" or "))]
+    share = (len(strong) - sum(strong) + 1) / (len(strong) + 2)
+    return f"Of what a cause outside imitates {sum(strong)} of {len(strong)} claims above {SURE:g} were right: imitated {share:.3f}."

@@ -57,7 +57,7 @@ def show_command(effect_id: str, options: CritiqueOptions, as_json: bool) -> Non
     say(f"{facts['id']}: {facts['title']}")
     for line in [*facts["law"].splitlines(), ""]:
         say(line)
-    for key in ("shows", "mistaken_for", "split_by", "reference"):
+    for key in ("shows", "mistaken_for", "imitated_by", "split_by", "reference"):
         if facts[key]:
             say(f"{key.replace('_', ' ')}: {facts[key]}")
     columns = ("unit", "absent", "lower", "upper", "text")
@@ -118,6 +118,7 @@ def _facts(effect: type[Effect]) -> dict[str, Any]:
         "law": " ".join((effect.__doc__ or "").split()),
         "shows": effect.shows,
         "mistaken_for": effect.mistaken_for,
+        "imitated_by": effect.imitated_by,
         "split_by": effect.split_by,
         "reference": effect.reference,
         "parameters": parameters,

@@ -15,13 +15,14 @@ of what the set has taken away of X since the base model, so that no second effe
 of the residual); and a discrepancy is a fault of the law, the same in every run, of which a longer record tells no more:
 the log of what a true law in another form leaves scatters by 2 / n_s from one tube to the next. Variances add: 1/n = 1/n_c + 1/n_s.
 
-Two things no evidence among the sets can tell: a cause outside of the catalogue that moves the tube as an effect of it does (a side
-wind is a tilted gravity), and an effect that is there and too weak to be worth a refit. Both are shares, counted.
+Two things no evidence among the sets can tell: a cause outside of the catalogue that moves the tube as an effect of it does (of few
+effects a well-known one: a side wind is a tilted gravity), and an effect that is there and too weak to be worth a refit. Both
+are shares, counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,8 @@ class Rule:
                          is half as often wrong there (benchmarks/probability_sweep.py, docs/critique.md)
     outside      -       probability that stays with causes outside of the catalogue, and of an effect that nothing speaks for:
     unseen       -       by Laplace's rule of succession, of strong claims on those campaigns and of faint ones
+    imitated     -       probability that stays with the cause outside that an effect's file says to imitate it: by the same rule, of
+                         such claims above 0.9 (gravity_tilt, or a tie with it) in all counts so far, of which 32 of 44 were right
     resolution   r       floors; what docs/formats.md calls too little to matter
     expected     -       effects missing from a model before anything was seen: one, which the catalogue's K share
     likely       -       a half: the probability from which an effect is named, by docs/formats.md
@@ -48,6 +51,7 @@ class Rule:
     independent: float = 12.0
     form: float = 0.05
     outside: float = 0.03
+    imitated: float = 0.28
     unseen: float = 0.01
     resolution: float = MATTERS_FLOORS
     expected: float = 1.0
@@ -86,9 +90,13 @@ class Rule:
         weights = np.exp(np.asarray(log_weights) - np.max(log_weights))
         return ((1 - self.outside) * weights / weights.sum()).tolist()
 
-    def told(self, share: float) -> float:
-        """Probability that an effect is there, from that of all sets that hold it."""
-        return self.unseen + (1 - self.unseen) * share
+    def told(self, sets: Iterable[tuple[float, bool]]) -> float:
+        """Probability that an effect, or a member of its tie, is there.
+
+        From the probability of every set that holds one of them, and whether a cause outside of the catalogue imitates that one.
+        """
+        left = (1 - self.imitated) / (1 - self.outside)
+        return self.unseen + (1 - self.unseen) * sum(left * p if imitated else p for p, imitated in sets)
 
 
 RULE = Rule()

@@ -228,8 +228,8 @@ class Search:
 
     def _can_win(self, size: int) -> bool:
         """Whether a set of so many effects that left nothing at all would be better than the best so far."""
-        runs = self.present.errors.runs
-        perfect = self._evidence(dict.fromkeys(runs, 0.0), {name: run.role for name, run in runs.items()})
+        roles = {name: run.role for name, run in self.present.errors.runs.items()}
+        perfect = self._evidence(dict.fromkeys(roles, 0.0), roles)
         return perfect - self.rule.price(size, len(catalogue())) > self.weigh()[0].weight
 
     def _forms(self) -> None:
@@ -259,13 +259,12 @@ class Search:
 
     def _in_other_forms(self, trial: Trial, own: str, others: Sequence[str]) -> None:
         """Refit an effect of a set in each of its other forms, with others of that set as they stand in it."""
-        values = dict(zip(trial.fitted.model.names, trial.fitted.par.tolist(), strict=True))
-        start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, others)}
+        start = {n: v for n, v in trial.fitted.values.items() if n.partition(".")[0] in map(plain, others)}
         for form in forms_of(own):
             self.trials.refit(self.present, (*others, form), start)
 
     def _rivals(self) -> None:
-        """Nobody is named without its rivals refitted in its place: those said to be mistaken for it, and those that look like it.
+        """Nobody is named without its rivals refitted in its place, and alone: those said to be mistaken for it, or that look like it.
 
         Of a rival that is as likely, the rivals are refitted, too; of one that does half as well, its other forms. An effect looks
         like another that is named alone where it would at a glance remove half as much, as a refit may turn out. Where the best
@@ -278,7 +277,8 @@ class Search:
             forms = [form for one in others for form in (forms_of(one) if left else ())]
             if len(best.added) == 1:
                 least = self.removes.get(own, np.inf) / LENIENT
-                others += [name for name, share in self.removes.items() if name != own and share >= least]
+                alike = [name for name, share in self.removes.items() if name != own and share >= least]
+                others += sorted(alike, key=lambda name: -self.removes[name])[: FIRST[0]]
             base = self.without(best, own) or self.present
             possible = {e.id for e in available(self.effects, {plain(one) for one in base.effects})}
             # of a grid its best point
@@ -291,6 +291,8 @@ class Search:
                 rival = self.trials.refit(base, (name,), start)
                 if rival is None:
                     continue
+                own_values = {n: v for n, v in rival.fitted.values.items() if n.partition(".")[0] == plain(name)}
+                self.trials.refit(self.present, (name,), own_values)  # it may do for all of them
                 if best.weight - self._weight(rival, set(rival.errors.runs)) < EVEN:
                     known = {*map(plain, names), *best.added}
                     names += [one for one in look_alikes(self.effects, plain(name)) if one not in known]
@@ -298,17 +300,22 @@ class Search:
                     names += [form for form in forms_of(plain(name)) if form not in names]
 
     def _leave_one_out(self) -> None:
-        """Refit the best set without each of its members; and every other that would be the best if it cost one effect less."""
-        weighed, price = self.weigh(), self.rule.price(1, len(catalogue()))
-        for item in weighed:
-            if len(item.added) < 2 or (item is not weighed[0] and item.weight + price <= weighed[0].weight):
-                continue
-            values = dict(zip(item.trial.fitted.model.names, item.trial.fitted.par.tolist(), strict=True))
-            for own in item.added:
-                rest = [one for one in item.trial.effects - self.present.effects if plain(one) != own]
-                if self.without(item, own) is None:
-                    start = {n: v for n, v in values.items() if n.partition(".")[0] in map(plain, rest)}
-                    self.trials.refit(self.present, rest, start)
+        """Refit the best set without each of its members; and every other that would be the best if it cost one effect less.
+
+        Until no set is new: one effect that does for two may do for three.
+        """
+        price, tried = self.rule.price(1, len(catalogue())), -1
+        while tried < (tried := len(self.trials.done)):
+            weighed = self.weigh()
+            for item in weighed:
+                if len(item.added) < 2 or (item is not weighed[0] and item.weight + price <= weighed[0].weight):
+                    continue
+                for own in item.added:
+                    rest = [one for one in item.trial.effects - self.present.effects if plain(one) != own]
+                    if self.without(item, own) is None:
+                        values = item.trial.fitted.values.items()
+                        start = {n: v for n, v in values if n.partition(".")[0] in map(plain, rest)}
+                        self.trials.refit(self.present, rest, start)
 
     # -- what it says --------------------------------------------------------------------------------------------------
 
@@ -344,10 +351,11 @@ class Search:
         group = {
             own: {own, *(next(iter(set(w.added) - set(weighed[0].added))) for w in rows)} for own, rows in ties.items()
         }
-        out: dict[str, float] = {}
+        imitated, out = {effect.id for effect in self.effects if effect.imitated_by}, dict[str, float]()
         for name in {one for item in weighed for one in item.added}:
             mates = next((members for members in group.values() if name in members), {name})
-            out[name] = self.rule.told(sum(item.probability for item in weighed if mates & set(item.added)))
+            have = [(item.probability, mates & set(item.added)) for item in weighed]
+            out[name] = self.rule.told((p, bool(own & imitated)) for p, own in have if own)
         return out
 
     def matters(self, weighed: Sequence[Weighed], own: str) -> bool:

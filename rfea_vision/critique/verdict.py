@@ -154,6 +154,12 @@ def title(search: Search, name: str) -> str:
     return TITLE if name == SEGMENTS else next(e.title for e in search.effects if e.id == plain(name))
 
 
+def _imitated(search: Search, name: str) -> str:
+    """What outside of the catalogue would move the tube in the same way, as an aside; empty for most."""
+    by = next((e.imitated_by for e in search.effects if e.id == plain(name)), "")
+    return f"; {by} would do the same" if by else ""
+
+
 def split_by(search: Search, name: str) -> str:
     """What would tell a candidate from its look-alikes; an effect of one's own need not say."""
     if name == SEGMENTS:
@@ -174,7 +180,7 @@ def foreseen(error: float) -> str:
 def _missing(search: Search, found: Verdict) -> str:
     problem, unit = search.trials.problem, search.floors.unit
     runs = "runs that were not used" if problem.validate else "the training runs (there are no validation runs)"
-    told = {one: f"{title(search, one)} (probability {percent(found.probability[one])})" for one in found.named}
+    told = {one: f"{title(search, one)} (probability {percent(found.probability[one])}{_imitated(search, one)})" for one in found.named}
     it = "it" if len(told) == 1 else "them"
     effects = [text for one, text in told.items() if one != SEGMENTS]  # a finer chain is no physics that is missing
     parts = [f"{' and '.join(effects)} {'is' if len(effects) == 1 else 'are'} missing"] if effects else []

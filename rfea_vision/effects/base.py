@@ -175,6 +175,7 @@ class Effect:
     reference: ClassVar[str]
     shows: ClassVar[str] = ""
     mistaken_for: ClassVar[str] = ""
+    imitated_by: ClassVar[str] = ""  # a cause outside of the catalogue, as common, that moves the tube in the same way
     split_by: ClassVar[str] = ""
     kind: ClassVar[str] = "tube"  # tube | load | pressure | measurement
     parameters: ClassVar[dict[str, EffectParameter]]

@@ -14,7 +14,7 @@ class Compressibility(Effect):
     title = "Compressible rubber"
     reference = "assumption 3 of the paper (bulk modulus about 2 GPa)"
     shows = "a slightly wider bore under pressure"
-    mistaken_for = "pressure_gain, radial_expansion"
+    mistaken_for = "pressure_gain, radial_expansion, pressure_stiffening (a wider bore has another spring)"
     split_by = "the volume that flows in against the angle"
     not_of = BEAMS
     parameters = {"c": EffectParameter("1/Pa", 0.0, 0.0, 1e-6, 5e-10, "one over the bulk modulus", display="1/GPa")}

@@ -18,7 +18,7 @@ class RadialExpansion(Effect):
     title = "The tube widens under pressure"
     reference = "assumption 2 of the paper"
     shows = "the width in the picture grows with the pressure"
-    mistaken_for = "a softer spring"
+    mistaken_for = "compressibility, pressure_stiffening (under pressure their bore or spring changes alike), a softer spring"
     split_by = "the measured width"
     not_of = BEAMS
     parameters = {

@@ -91,5 +91,6 @@ def typeset(effect: Effect) -> dict[str, str]:
         "text": (type(effect).__doc__ or "").strip(),
         "shows": effect.shows,
         "mistaken_for": effect.mistaken_for,
+        "imitated_by": effect.imitated_by,
         "split_by": effect.split_by,
     }

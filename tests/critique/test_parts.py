@@ -139,8 +139,16 @@ def test_something_is_left_for_causes_outside_of_the_catalogue_and_for_what_noth
     """No evidence among the sets makes a name surer than the share of causes that no set has."""
     sure = RULE.posterior([100.0, 0.0, 0.0])
     assert sum(sure) == pytest.approx(1 - RULE.outside)
-    assert RULE.told(sure[0]) < 1 - RULE.outside / 2
-    assert RULE.told(sure[1]) == pytest.approx(RULE.unseen)
+    assert RULE.told([(sure[0], False)]) < 1 - RULE.outside / 2
+    assert RULE.told([(sure[1], False)]) == pytest.approx(RULE.unseen)
+
+
+def test_what_a_known_cause_outside_imitates_is_never_sure():
+    """A side wind is a tilted gravity: it keeps its share of the sets that hold the tilt, and none of those with its rival in the tie."""
+    (sure,) = RULE.posterior([0.0])
+    assert RULE.likely < RULE.told([(sure, True)]) < 0.9 < RULE.told([(sure, False)])
+    assert RULE.told([(sure, True)]) == pytest.approx(RULE.unseen + (1 - RULE.unseen) * (1 - RULE.imitated))
+    assert RULE.told([(sure / 2, True)] * 2) < RULE.told([(sure / 2, True), (sure / 2, False)]) < RULE.told([(sure, False)])
 
 
 def test_two_that_share_a_claim_do_not_lose_it():
@@ -276,6 +284,7 @@ def test_a_claim_is_counted_once_for_a_tie_and_a_hidden_law_that_was_never_tried
 def test_what_the_odds_do_not_decide_is_claimed_together(monkeypatch):
     """Three effects of one kind, each with a quarter of the odds, are no reason to say that nothing is likely."""
     search: Any = object.__new__(Search)
+    search.effects = ()
     search.rule = RULE
     monkeypatch.setattr(Search, "matters", lambda *_: True)
     monkeypatch.setattr(Search, "without", lambda *_: None)  # so that none of them does alike
@@ -294,12 +303,13 @@ def test_what_the_odds_do_not_decide_is_claimed_together(monkeypatch):
     assert _likely(search, rows, search.tied(rows)) == ({}, pytest.approx(search.probabilities(rows, {})), [])
     ties, probability, likely = _likely(search, rows, search.as_likely(rows))
     assert likely == ["hysteresis"] and [row.added for row in ties["hysteresis"]] == [("maxwell",), ("mullins",)]
-    assert probability["hysteresis"] == probability["mullins"] == pytest.approx(RULE.told(0.77))
+    assert probability["hysteresis"] == probability["mullins"] == pytest.approx(RULE.told([(0.77, False)]))
 
 
 def test_where_many_do_alike_all_of_them_are_claimed_together(monkeypatch):
     """Eight laws with a tenth of the odds each are likely together, though no three of them are."""
     search: Any = object.__new__(Search)
+    search.effects = ()
     search.rule = RULE
     search.floors = SimpleNamespace(unit="deg", calibration=0.0)
     search.floor, search.present = 0.1, SimpleNamespace()
@@ -381,7 +391,7 @@ def _asked_in_other_forms(weighed: list[Any], structure: float) -> set[tuple[str
 
 
 def _weighed(members: Sequence[str], share: float) -> Any:
-    fitted = SimpleNamespace(model=SimpleNamespace(names=["com_offset.a"]), par=np.array([0.3]))
+    fitted = SimpleNamespace(values={"com_offset.a": 0.3})
     trial = SimpleNamespace(effects=frozenset(members), at_bound=False, fitted=fitted)
     return SimpleNamespace(added=tuple(members), share=share, trial=trial)
 
