@@ -87,8 +87,9 @@ def shares(lines: Sequence[dict[str, Any]]) -> tuple[float, float]:
 
 
 def imitations(lines: Sequence[dict[str, Any]]) -> str:
-    """Of the claims above 0.9 that hold an effect which a cause outside imitates: how many were right, and what Laplace's rule makes of it."""
+    """How many claims above 0.9 of what a cause outside imitates were right, and what Laplace's rule makes of it."""
     found = [one for line in lines if "probability" in line for one in claims(line)]
-    strong = [right for names, p, right in found if p > SURE and imitated_effects() & set(names.split(" or "))]
+    imitated = imitated_effects()
+    strong = [right for names, p, right in found if p > SURE and imitated & set(names.split(" or "))]
     share = (len(strong) - sum(strong) + 1) / (len(strong) + 2)
     return f"Of what a cause outside imitates {sum(strong)} of {len(strong)} claims above {SURE:g} were right: imitated {share:.3f}."

@@ -88,6 +88,20 @@ def test_a_refit_is_carried_from_thinned_runs_to_all_frames_of_any_kind(campaign
     assert found is not None and found.cost == pytest.approx(whole.solution.cost, rel=0.06)
 
 
+def test_what_an_earlier_search_has_fitted_is_taken_up_and_not_begun_anew(campaign, monkeypatch):
+    problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
+    options = FitOptions(segments=4, starts=0)
+    fitted = fit(problem, options)
+    first = judge(problem, fitted, candidates=("gravity_tilt", "payload")).diagnosis
+    assert [row["effects"] for row in first.refits if "payload" not in row["effects"]] == [[], ["gravity_tilt"]]
+    (tilted,) = (row["values"] for row in first.refits if row["effects"] == ["gravity_tilt"])
+    monkeypatch.setattr(Trials, "_from", lambda *_: pytest.fail("begun anew"))
+    trials = Trials(problem, known={frozenset({"gravity_tilt"}): tilted})
+    found = trials.refit(trials.stands(fitted), ("gravity_tilt",), {})
+    assert found is not None and found.fitted.values["gravity_tilt.angle"] == pytest.approx(-0.08, rel=0.1)
+    assert [row["effects"] for row in trials.refits()] == [[], ["gravity_tilt"]]
+
+
 @pytest.mark.study
 def test_a_score_test_that_fails_for_all_at_once_is_run_in_halves(campaign, monkeypatch):
     problem = make_problem(*campaign((("maxwell.k1", 0.1), ("maxwell.T", 0.5))))
@@ -144,11 +158,12 @@ def test_something_is_left_for_causes_outside_of_the_catalogue_and_for_what_noth
 
 
 def test_what_a_known_cause_outside_imitates_is_never_sure():
-    """A side wind is a tilted gravity: it keeps its share of the sets that hold the tilt, and none of those with its rival in the tie."""
+    """A side wind is a tilted gravity: it keeps its share of the sets that hold the tilt, and none of those with its rival."""
     (sure,) = RULE.posterior([0.0])
     assert RULE.likely < RULE.told([(sure, True)]) < 0.9 < RULE.told([(sure, False)])
     assert RULE.told([(sure, True)]) == pytest.approx(RULE.unseen + (1 - RULE.unseen) * (1 - RULE.imitated))
-    assert RULE.told([(sure / 2, True)] * 2) < RULE.told([(sure / 2, True), (sure / 2, False)]) < RULE.told([(sure, False)])
+    tied = RULE.told([(sure / 2, True), (sure / 2, False)])
+    assert RULE.told([(sure / 2, True)] * 2) < tied < RULE.told([(sure, False)])
 
 
 def test_two_that_share_a_claim_do_not_lose_it():
@@ -309,7 +324,6 @@ def test_what_the_odds_do_not_decide_is_claimed_together(monkeypatch):
 def test_where_many_do_alike_all_of_them_are_claimed_together(monkeypatch):
     """Eight laws with a tenth of the odds each are likely together, though no three of them are."""
     search: Any = object.__new__(Search)
-    search.effects = ()
     search.rule = RULE
     search.floors = SimpleNamespace(unit="deg", calibration=0.0)
     search.floor, search.present = 0.1, SimpleNamespace()

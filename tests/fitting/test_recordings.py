@@ -150,6 +150,7 @@ def test_a_run_that_begins_in_motion(runs):
     assert known.metrics["train"].tip_rmse_mm < 1.15 * FLOOR_MM
 
 
+@pytest.mark.study
 def test_the_zero_of_a_sensor_is_found_for_each_run(runs):
     recordings, actuator, truth = runs
     off = dict(zip(recordings, (2.0, -1.5, 1.0), strict=True))

@@ -81,6 +81,7 @@ def test_an_arm_that_swings_is_not_folded_into_its_clamp(tmp_path):
     assert off.max() < 0.05 * np.ptp(truth.tip_mm, axis=0).max()
 
 
+@pytest.mark.study
 def test_clear_silicone_before_a_cable_on_ruled_paper(tmp_path):
     """A translucent arm of nearly the paper's colour, which swells and swings across a cable that shows through it."""
     arm, room, bends = clear_scene(0)

@@ -14,7 +14,13 @@ SMALL = TwinOptions(
 )
 
 
-@pytest.mark.parametrize("scene", [Stress(), Stress(vfr=True, dropped=0.04)], ids=["plain", "uneven and lost frames"])
+@pytest.mark.parametrize(
+    "scene",
+    [
+        pytest.param(Stress(), id="plain"),
+        pytest.param(Stress(vfr=True, dropped=0.04), id="uneven and lost frames", marks=pytest.mark.study),
+    ],
+)
 def test_the_offset_of_a_rendered_film(tmp_path, scene):
     known = simulate(tmp_path / "twin", replace(SMALL, scene=scene))["experiments"]["steps-1"]
     said = open_campaign(tmp_path / "twin").sync()["steps-1"].dataset.attrs

@@ -77,6 +77,7 @@ def test_a_ferrule_of_another_grey_belongs_to_the_tube(small_lens):
     assert np.abs(error / track.dataset["tip_sigma"].values).max() < 4.0
 
 
+@pytest.mark.study
 def test_a_camera_that_is_bumped_and_stays_moved(small_lens):
     angles = 2.0 + 30.0 * np.sin(np.arange(56) / 12) ** 2
     pictures, times, shapes = film(small_lens, LIGHT, angles, rate_Hz=100)
