@@ -52,7 +52,8 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     gone = sum(reason.startswith("touches_border") for reason in reasons)
     if 2 * gone > sum(bool(reason) for reason in reasons):  # no hint shows what is not in the picture
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
-    if moved := base_moved(source, scene, len(reasons)):
+    lost = next((frame for frame, reason in enumerate(reasons) if reason and not reason.startswith("duplicate")), 0)
+    if moved := base_moved(source, scene, min(lost + TRIED, len(reasons))):
         return moved
     if scale_off and Counter(filter(None, reasons)).most_common(1)[0][0].startswith("width_off"):
         return scale_off
@@ -90,10 +91,10 @@ def base_moved(source: FrameSource, scene: Scene, count: int) -> str:
     half = 0.5 * scale * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
     foot = (scene.clamp_px.mean(axis=0) + 0.5) * scale - 0.5
     near, far = (round(reach * half) for reach in (AROUND_CLAMP, AROUND_CLAMP + ASIDE))
-    looked = {int(k) for k in np.linspace(0, min(count, TRIED) - 1, LOOKS)}
-    first, still = None, StillView(np.vstack([foot, (scene.line_px + 0.5) * scale - 0.5]), half)
+    looked = {int(k) for k in np.linspace(0, count - 1, LOOKS)}
+    rests, first, still = 0, None, StillView(np.vstack([foot, (scene.line_px + 0.5) * scale - 0.5]), half)
     with closing(source.colours(scale)) as pictures:
-        for frame, (_, seen) in enumerate(islice(pictures, min(count, TRIED))):
+        for frame, (_, seen) in enumerate(islice(pictures, count)):
             picture = still(seen)  # a camera that drifts is followed
             if frame not in looked:
                 continue
@@ -105,10 +106,12 @@ def base_moved(source: FrameSource, scene: Scene, count: int) -> str:
             row, column = np.unravel_index(int(np.argmax(alike)), alike.shape)
             off = float(np.hypot(row - (far - near), column - (far - near)))
             if off > BASE_MOVED * half and alike[row, column] > max(BASE_ALIKE, alike[far - near, far - near] + BASE_GONE):
+                cut = f"its first {rests + 1} frames" if rests >= BEGUN else "where both rest"
                 return (
                     f"what holds the tube has moved in the picture, by {off / scale:.0f} px in frame {frame}: hold the base and the "
-                    "camera still, or cut the film to where both rest"
+                    f"camera still, or cut the film to {cut}"
                 )
+            rests = frame
     return ""
 
 

@@ -193,8 +193,9 @@ def follow_body(
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     with closing(read_ahead(source.colours(scale), frames_ahead(source.size))) as frames:
         for done, (time_s, picture) in enumerate(frames):
-            reason = follower.next(still(picture), time_s)
-            rows.append(time_s, reason, follower, np.nan if small is None else float(picture[small].mean()))
+            reason = follower.next(still(picture, *follower.looked_at()), time_s)
+            light = np.nan if small is None else float(picture[small].mean())
+            rows.append(time_s, reason, follower, light, still.view(scale))
             if follower.hopeless() or too_late(done + 1, rows.good, rows.copies, total, lost=follower.missed):
                 break
             _tell(progress, done, total)

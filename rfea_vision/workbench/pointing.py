@@ -19,7 +19,7 @@ from rfea_vision.campaign import Campaign, ExperimentSpec, VideoSpec
 from rfea_vision.errors import InputError
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.stages.cameras import open_source
-from rfea_vision.vision.show.clip import rig_to_plane
+from rfea_vision.vision.show.clip import in_frame, rig_to_plane
 from rfea_vision.vision.track import matched_to
 from rfea_vision.workbench.state import POINTABLE
 from rfea_vision.workbench.yaml_edit import set_keys
@@ -92,7 +92,7 @@ class Tracked:
 def _tracked(file: Path, camera_file: Path, video: VideoSpec, changed: tuple[int, int]) -> Tracked:
     track = Track.load(file)
     camera = camera_vector(matched_to(load_calibration(camera_file), _source(video)))
-    lines = project(camera, rig_to_plane(track, track.dataset["midline"].values))
+    lines = in_frame(track, project(camera, rig_to_plane(track, track.dataset["midline"].values)))
     reasons = track.dataset["reason"].values.astype(str)
     details = track.dataset["reason_detail"].values.astype(str) if "reason_detail" in track.dataset else None
     return Tracked(lines, reasons, np.full(reasons.shape, "") if details is None else details)

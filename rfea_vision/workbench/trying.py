@@ -18,7 +18,7 @@ from rfea_vision.readers.video import FrameSource, Luma
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.cameras import open_source
 from rfea_vision.stages.measurement import follow
-from rfea_vision.vision.show.clip import rig_to_plane
+from rfea_vision.vision.show.clip import in_frame, rig_to_plane
 from rfea_vision.vision.track import matched_to
 
 #: The film is followed from its first frame in ever longer pieces, each the very track that `rfea track` would make of it: the
@@ -79,7 +79,7 @@ def try_hints(
             failure = str(error)
         else:
             failure = ""
-            lines = project(camera, rig_to_plane(track, track.dataset["midline"].values)).round(1)
+            lines = in_frame(track, project(camera, rig_to_plane(track, track.dataset["midline"].values))).round(1)
             reasons = track.dataset["reason"].values.astype(str)
             frames = [
                 {"frame": number, "reason": reason_of(str(reason)).words, "line": None if reason else line.tolist()}

@@ -255,6 +255,7 @@ def test_a_film_whose_body_is_lost_ends_before_its_end(monkeypatch):
     source = FolderSource(Path("film"), (160, 200), None, 1.0, (), times)
     blank = np.zeros((200, 160, 3), dtype=np.uint8)
     monkeypatch.setattr(BodyFollower, "next", lost)
+    monkeypatch.setattr(BodyFollower, "looked_at", lambda _: (np.zeros((1, 2)), np.inf))
     monkeypatch.setattr(FolderSource, "colours", lambda *_: ((time, blank) for time in times))
     actuator = Actuator(outer_radius=0.005, inner_radius=0.002, length=0.06)
     hints = Hints(clamp=((70.0, 30.0), (90.0, 30.0)), tip=(80.0, 150.0))
@@ -404,6 +405,20 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     assert said(narrow, everywhere) == "", "drawn out, it is thinner all along"
     body.points[1:3] = body.points[0] + [[1.5, -1.0], [2.5, 1.0]]
     assert said(narrow, everywhere) == "no_fit: the line that fits is folded", "it runs back into its clamp"
+
+
+@pytest.mark.parametrize(
+    ("first_share", "share", "says"),
+    [(0.66, 0.6, ""), (0.66, 0.4, "40 %"), (1.0, 0.6, "60 %"), (None, 0.6, ""), (None, 0.4, "40 %")],
+)
+def test_between_the_discs_of_an_arm_there_is_wall_from_the_first_frame_on(first_share, share, says):
+    line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
+    body = first_body(np.zeros((200, 160, 3), np.uint8), line, 12.0)
+    seen = None if first_share is None else 1.0
+    first = First(180.0, body.half, seen, np.ones(5), (200, 160), 100.0, 1.8, None, np.array([0.0, 1.0]), backing=first_share or 1.0)
+    everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
+    fit = Fit(body, 1e-3 * np.eye(25), np.eye(6), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
+    assert refused(first, fit) == (says and f"no_tube: {says} of what is there looks like the tube")
 
 
 def test_an_arm_that_rolls_up_lies_beside_itself_and_is_no_wider():

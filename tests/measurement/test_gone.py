@@ -78,3 +78,25 @@ def test_no_body_bends_anew_within_its_own_half_width(half, kept):
     wiggled = middle_of(0.3, 62.0) + np.column_stack([0 * wiggle, wiggle])
     left = gradual(wiggled, half) - middle_of(0.3, 62.0)
     assert np.std(left[:, 1]) <= kept * 0.51 and (kept < 1.0 or np.std(left[:, 1]) > 0.4)
+
+
+def test_a_shadow_however_deep_is_no_more_of_a_dark_body_that_swells():
+    """Braid with bright threads before a wall that the shadow beside it shows in its own hue, at two fifths of its light."""
+    line, rng = middle_of(0.2, 110.0), np.random.default_rng(1)
+    wall = np.full((240, 240, 3), (160.0, 185.0, 195.0))
+    threads = cv2.resize(rng.uniform(0, 45, (80, 80)), (240, 240), interpolation=cv2.INTER_NEAREST)[..., None] * (1.1, 1.0, 0.95)
+    tangent = np.gradient(line, axis=0)
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1, keepdims=True)
+    follower = follower_of(line)
+    for wide in (*np.full(6, 1.0), 1.4, *np.full(6, 1.9)):
+        half = HALF * (1.0 + (wide - 1.0) * np.clip(4 * SHARES, 0.0, 1.0))[:, None]
+        outline = np.round(16 * np.vstack([line + half * normal, (line - half * normal)[::-1]])).astype(np.int32)
+        lit, body = np.zeros((240, 240)), np.zeros((240, 240))
+        cv2.fillPoly(lit, [np.add(outline, (0, 16 * 9))], 1.0, cv2.LINE_AA, 4)
+        cv2.fillPoly(body, [outline], 1.0, cv2.LINE_AA, 4)
+        picture = wall * (1.0 - 0.6 * cv2.GaussianBlur(lit, (0, 0), 3.0))[..., None]
+        picture += body[..., None] * (threads - picture) + rng.normal(0, 1.5, picture.shape)
+        assert follower.next(np.clip(cv2.GaussianBlur(picture, (0, 0), 0.7), 0, 255).astype(np.uint8), 0.0) == ""
+    off = np.sum((follower.body.points - line) * normal, axis=1)
+    assert abs(np.median(follower.body.half[16:-8]) - 1.9 * HALF) < 1.0, "the shadow reaches 9 px farther"
+    assert abs(np.median(off[16:-16])) < 1.0

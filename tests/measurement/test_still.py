@@ -5,10 +5,12 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.body.still import StillView
+from rfea_vision.vision.show.clip import in_frame, rig_to_plane
 from testing.phone import Arm, Room, film
 
 
@@ -41,6 +43,12 @@ def test_the_view_is_that_of_the_wall_and_not_of_what_moves_before_it():
     true, told = (corners @ m[:, :2].T + m[:, 2] for m in (view, still.moved))
     np.testing.assert_allclose(told, true, atol=0.15)
     assert np.abs(back[150:220, 20:180].astype(float) - first[150:220, 20:180]).mean() < 4.0
+    around = still(seen, np.array([[100.0, 160.0]]), 40.0)
+    np.testing.assert_array_equal(around[120:200, 60:140], still(seen)[120:200, 60:140])
+    assert not around[:119].any() and not around[:, 141:].any()
+    film = corners * 2.0 + 0.5  # in a film whose pictures are seen half as large
+    told = film @ still.view(0.5)[:, :2].T + still.view(0.5)[:, 2]
+    np.testing.assert_allclose(told, true * 2.0 + 0.5, atol=0.3)
 
 
 def test_light_that_changes_does_not_move_a_ruled_wall():
@@ -69,15 +77,20 @@ def test_a_film_whose_camera_drifts_is_measured_as_if_it_had_stayed(x, y, zoom, 
         Room((240, 260), 2.2, (120.0, 40.0), ruled=6.0, clutter=3, seed=4),
     )
     bends = -np.concatenate([np.linspace(0.05, 0.9, 12), np.linspace(0.85, 0.05, 12)])
-    truth = film(
-        tmp_path / "film.mp4", arm, room, bends, view=lambda number: drifting(x, y, zoom, room.size, number / 23)
-    )
+
+    def seen(number: int) -> np.ndarray:
+        return drifting(x, y, zoom, room.size, number / 23)
+
+    truth = film(tmp_path / "film.mp4", arm, room, bends, view=seen)
     source = open_video(tmp_path / "film.mp4")
     calibration = scaled_by_distance(source.size, [[120.0, 40.0], [230.0, 40.0]], 50.0)
     actuator = Actuator(outer_radius=arm.half_width / 1e3, inner_radius=arm.half_width / 2e3, length=arm.length / 1e3)
     hints = Hints(clamp=truth.clamp_px, tip=truth.tip_px)
     track = track_frames(source, calibration, actuator, hints=hints, vertical="image")
     assert track.dataset.attrs["followed_by"] == "body" and track.valid.mean() >= 0.95
+    tips = in_frame(track, project(camera_vector(calibration), rig_to_plane(track, track.dataset["tip"].values))[:, None])[:, 0]
+    ends = [view[:, :2] @ tip + view[:, 2] for view, tip in zip(map(seen, range(24)), truth.centre_px[:, -1], strict=True)]
+    assert np.nanmedian(np.linalg.norm(tips - ends, axis=1)[-6:]) < 3.0, "drawn where the frame shows it"
     off = np.linalg.norm(track.dataset["tip"].values - truth.tip_mm, axis=1)
     swing = np.ptp(truth.tip_mm, axis=0).max()
     assert np.nanmedian(off[-6:]) < 0.03 * swing  # 12 px are 5.4 mm, a tenth of the swing

@@ -151,13 +151,18 @@ class BodyFollower:
         return reason
 
     def _lab(self, picture: NDArray[np.uint8]) -> Picture:
-        """CIELAB of a picture around where the body was, or of all of it where the body is looked for."""
+        """CIELAB of a picture in which the body is looked for."""
         if self.good == 0:
             self.wall = Wall(picture.shape)
-            return self.wall.look(picture, np.zeros((1, 2)), np.inf)
+        return self.wall.look(picture, *self.looked_at())
+
+    def looked_at(self) -> tuple[FloatArray, float]:
+        """Places (n, 2) px, and how far around them the next picture is looked at: where the body was, or all where it is sought."""
+        if self.good == 0:
+            return np.zeros((1, 2)), np.inf
         places = np.vstack([self.body.points, self.first_body.points]) if self.coloured.any() else self.body.points
         known = self.missed == 0 and self.guide is None
-        return self.wall.look(picture, places, LOOKED_AT * float(middle(self.body.half)) if known else np.inf)
+        return places, LOOKED_AT * float(middle(self.body.half)) if known else np.inf
 
     def _judged(self, lab: Picture, fit: Fit) -> Fit:
         """A fit with the reason for which it is no measurement: it leaves the hints, or breaks a rule."""
@@ -330,7 +335,7 @@ class BodyFollower:
         self.body, self.covariance = fit.body, fit.covariance
         if self.good == 0:
             self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
-            self.first.beside = fit.beside > SURELY_BESIDE
+            self.first.beside, self.first.backing = fit.beside > SURELY_BESIDE, float(np.mean(fit.backing))
         self.good, self.missed = self.good + 1, 0
         if self.end_offsets is None:
             self._learn_end(lab)

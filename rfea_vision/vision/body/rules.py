@@ -16,7 +16,9 @@ from rfea_vision.vision.find.begin import digits_of
 
 # Limits of the table at the end, set on the even scenes of testing/phone.py,
 # that of the last body width on scene 7.
-LEAST_BACKING = 0.65  # of the inside must look like the body,
+# Most of the inside looks like the body in the first frame (chosen: between an arm's discs wall was seen in a third of it),
+FIRST_BACKING = 0.5
+LEAST_BACKING = 0.65  # so much of that must look like it later,
 # In the first frame so much of the body must stand out from what is around it. Of ten hard scenes of testing/phone.py the
 # arms had 0.24 and more, and what was pointed at beside them (1.6 to 5 half widths) 0.15 at most.
 LEAST_STANDING_OUT = 0.2
@@ -49,9 +51,9 @@ ELSEWHERE = 0.1  # of the line may lie where region and exclude say that the bod
 
 @dataclass
 class First:
-    """The first frame, to which all others are compared: length and half width (S,) px, share of the edges seen.
+    """The first frame, to which all others are compared: length and half width (S,) px, shares of edges seen and of its inside.
 
-    `seen` is None while the first frame itself is judged; `standing_out` is the share of it that differs from what is
+    `seen` is None while the first frame itself is judged, and `backing` 1; `standing_out` is the share of it that differs from what is
     around it, piece by piece of its length; `shape` is that of the picture, `length_mm` the tube's; `allowed` (h, w)
     says where the hints let it be (None: everywhere); `leaves` (2,) is the direction in which it leaves its clamp; `beside`
     (S, 2) is where something beside it looks like it.
@@ -67,6 +69,7 @@ class First:
     allowed: NDArray[np.bool_] | None
     leaves: FloatArray
     beside: NDArray[np.bool_] | bool = False
+    backing: float = 1.0
 
 
 def elsewhere(first: First, points: FloatArray) -> float:
@@ -109,8 +112,8 @@ def _wall(first: First, fit: Fit) -> str:
 
 
 def _unlike(first: First, fit: Fit) -> str:
-    share = float(np.mean(fit.backing))
-    return "" if share >= LEAST_BACKING else f"{100 * share:.0f} % of what is there looks like the tube"
+    share, least = float(np.mean(fit.backing)), FIRST_BACKING if first.seen is None else LEAST_BACKING * first.backing
+    return "" if share >= least else f"{100 * share:.0f} % of what is there looks like the tube"
 
 
 def _hidden(first: First, fit: Fit) -> str:

@@ -16,7 +16,10 @@ from rfea_vision.vision.compiled import compiled, lean
 CLIP = 4.0  # of the evidence of one pixel
 SEEN = 3  # times that the wall must have been seen at a pixel
 WALL_SCATTER = 5.0  # grey levels: noise and compression of a still wall
-SHADOW = 12.0  # likewise, where it is darker than it was: the body throws shadows
+SHADOW = 12.0  # likewise, where it is darker than it was: the body throws shadows,
+# of any depth: from 38 levels on none is less likely than another. That of a black muscle that swelled was 110 levels deep, in the
+# wall's hue, and was taken for more of the muscle; a body of another hue or light is still told from it.
+UMBRA = 5.0
 LEAST_EVIDENCE = 0.35  # mean of the three pixels to either side of an edge
 EDGE_PX = 0.4  # standard error of an edge of full contrast
 RAYS = 7  # along the body through its end
@@ -62,7 +65,10 @@ def _evidence(picture, wall, times, relief, x, y, inside, outside, body, behind,
         body += 0.5 * off * off / inside[1, c]
     if times[i, j] >= SEEN:
         off = colour[0] - wall[i, j, 0]
-        behind = 0.5 * off * off * IN_SHADOW + LOG_IN_SHADOW if off < 0.0 else 0.5 * off * off * IN_LIGHT + LOG_IN_LIGHT
+        if off < 0.0:
+            behind = min(0.5 * off * off * IN_SHADOW, UMBRA) + LOG_IN_SHADOW
+        else:
+            behind = 0.5 * off * off * IN_LIGHT + LOG_IN_LIGHT
         for c in range(1, 3):
             off = colour[c] - wall[i, j, c]
             behind += 0.5 * off * off * IN_LIGHT

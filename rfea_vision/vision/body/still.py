@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.vision.body.wall import window_around
 
 CORNERS, APART_PX, LEAST_QUALITY = 150, 7.0, 0.03
 AROUND = 4.0  # half widths about the hinted line: corners there are the body's
@@ -38,8 +39,8 @@ class StillView:
         self._drifts = False
         self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one
 
-    def __call__(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The picture (h, w, 3) as it would be, had the camera stayed."""
+    def __call__(self, picture: NDArray[np.uint8], places: FloatArray | None = None, reach: float = np.inf) -> NDArray[np.uint8]:
+        """The picture (h, w, 3) as it would be, had the camera stayed; nothing of it farther than `reach` px from `places` (n, 2)."""
         if self._seen is not None and len(self._first) < LEAST_CORNERS:
             return picture
         grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
@@ -52,9 +53,22 @@ class StillView:
         self._drifts |= bool(np.abs(frame @ self.moved[:, :2].T + self.moved[:, 2] - frame).max() > LEAST_PX)
         if not self._drifts:
             return picture
+        window = window_around(picture.shape, np.zeros((1, 2)) if places is None else places, reach)
+        corner = np.array([window[1].start, window[0].start])
+        moved = np.column_stack([self.moved[:, :2], self.moved[:, 2] + self.moved[:, :2] @ corner])
+        turned = np.zeros_like(picture)
+        size = turned[window].shape[1::-1]
         back = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-        turned = cv2.warpAffine(picture, self.moved, grey.shape[::-1], flags=back, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(turned, dtype=np.uint8)
+        turned[window] = cv2.warpAffine(picture, moved, size, flags=back, borderMode=cv2.BORDER_REPLICATE)
+        return turned
+
+    def view(self, scale: float) -> FloatArray:
+        """Similarity (2, 3) from a place in the film's first picture to that in the last one, of pictures seen smaller by `scale`."""
+        if not self._drifts:
+            return np.eye(2, 3)
+        corner = np.full(2, 0.5 * scale - 0.5)  # places are those of pixel centres
+        turns = self.moved[:, :2]
+        return np.column_stack([turns, (turns @ corner + self.moved[:, 2] - corner) / scale])
 
     def _renew(self, grey: NDArray[np.uint8]) -> None:
         """Take new corners from a picture whose view is known."""

@@ -35,10 +35,7 @@ class Wall:
 
     def look(self, picture: Picture, places: FloatArray, reach: float) -> Picture:
         """CIELAB of a picture in BGR, in a window that holds all within `reach` px of `places` (n, 2); nothing elsewhere."""
-        size = picture.shape[1::-1]
-        left, top = np.clip(places.min(axis=0) - reach, 0, size).astype(int).tolist()
-        right, bottom = np.clip(places.max(axis=0) + reach, 0, size).astype(int).tolist()
-        self.window = slice(top, bottom), slice(left, right)
+        self.window = window_around(picture.shape, places, reach)
         lab = np.zeros_like(picture)
         lab[self.window] = cv2.cvtColor(picture[self.window], cv2.COLOR_BGR2LAB)
         return lab
@@ -74,6 +71,14 @@ class Wall:
             self.relief[within] = min(self._together / self._alone, 1.0) * self._lines[within]
             self._seen = None
         self._frames += 1
+
+
+def window_around(shape: tuple[int, ...], places: FloatArray, reach: float) -> tuple[slice, slice]:
+    """Rows and columns of a picture of `shape` that hold all within `reach` px of `places` (n, 2)."""
+    size = shape[1::-1]
+    left, top = np.clip(places.min(axis=0) - reach, 0, size).astype(int).tolist()
+    right, bottom = np.clip(places.max(axis=0) + reach, 0, size).astype(int).tolist()
+    return slice(top, bottom), slice(left, right)
 
 
 def slow_part(colour: NDArray[np.float32], known: NDArray[np.uint8], sigma: float) -> NDArray[np.float32]:

@@ -43,6 +43,7 @@ def _add_covariance(covariance, noise, total):
 Block = dict[str, NDArray[Any]]
 
 BLOCK = 1024  # frames
+STILL = np.eye(2, 3)  # the view of a camera that stays
 
 
 class Rows:
@@ -80,6 +81,7 @@ class Rows:
             "width_variance": (len(self._width_rows),),
             "numbers": (fitted.NUMBERS,),
             "lamp": (),
+            "view": (2, 3),
             "profile": (SAMPLES,),  # 256 steps to a grey level; pages that are never written need no memory
         }
         dtypes = {
@@ -161,14 +163,14 @@ class Rows:
         self.good, self.covariance_sum[:] = 0, 0.0
         self.material.clear()
 
-    def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan) -> None:
-        """Add a frame."""
+    def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan, view: NDArray[Any] = STILL) -> None:
+        """Add a frame; `view` (2, 3) is from places in the first picture to those in it."""
         n = len(self) % BLOCK
         if n == 0:
             self._blocks.append(self._new_block())
         block = self._blocks[-1]
         block["time"][n] = time_s
-        block["lamp"][n] = lamp
+        block["lamp"][n], block["view"][n] = lamp, view
         self.reasons.append(reason)
         self.copies += reason == "duplicate"
         if reason:

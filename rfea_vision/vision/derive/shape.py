@@ -46,7 +46,7 @@ def build_dataset(
     numbers = rows.good_ones("numbers")
     smoothed, inflation, beyond = _smoothed(rows, numbers, scene, shutter)
     view = view_of(rows, smoothed, inflation, calibration, scene, clamp_stderr_mm, vertical)
-    time, lamp = rows.of_all("time"), rows.of_all("lamp")
+    time, lamp, seen_from = (rows.of_all(name) for name in ("time", "lamp", "view"))
     profile = rows.good_ones("profile") if rows.marked else None
     data = _in_parts(rows, smoothed, view)
     marks = _add_marker_elongation(data, rows, numbers, profile, smoothed, view)
@@ -54,6 +54,8 @@ def build_dataset(
     variables = _of_all_frames(data, rows)
     if np.isfinite(lamp).any():
         variables["lamp"] = (("time",), lamp)
+    if np.ptp(seen_from, axis=0).any():
+        variables["view"] = (("time", "row", "column"), seen_from)
     dataset = xr.Dataset(
         {name: xr.Variable(dims, values, _units(name)) for name, (dims, values) in variables.items()},
         coords={
@@ -344,8 +346,9 @@ def _length_check(data: Derived, scene: Scene) -> dict[str, Any]:
 
 
 def _units(name: str) -> dict[str, str]:
-    if name == "lamp":
-        return {"long_name": "mean grey level in the lamp's box"}
+    told = {"lamp": "mean grey level in the lamp's box", "view": "affine map from a pixel of the first frame to that in this one"}
+    if name in told:
+        return {"long_name": told[name]}
     if name in ("edge_noise", "reason", "reason_detail"):
         return {}
     units = {"curvature": "1/mm", "bend_angle": "degree", "blur": "px"}

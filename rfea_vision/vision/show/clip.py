@@ -40,6 +40,17 @@ def rig_to_plane(track: Track, rig_mm: FloatArray) -> FloatArray:
     return origin + np.asarray(rig_mm) @ to_rig
 
 
+def in_frame(track: Track, pixels: FloatArray, frame: int | slice = slice(None)) -> FloatArray:
+    """Pixels of the first frame as one frame, or each of all (along the first axis), shows them: a camera that moves was followed.
+
+    `pixels` are (..., n, 2), and (frames, n, 2) for all frames.
+    """
+    if "view" not in track.dataset:
+        return pixels
+    view = track.dataset["view"].values[frame]
+    return pixels @ np.swapaxes(view[..., :2], -1, -2) + view[..., None, :, 2]
+
+
 def make_clip(
     source: FrameSource,
     track: Track,
@@ -67,7 +78,7 @@ def make_clip(
         axis=-1,
     )
     camera = camera_vector(matched_to(calibration, source))
-    maps = project(camera, rig_to_plane(track, rig)).astype(np.float32)
+    maps = project(camera, rig_to_plane(track, rig))
     times = track.time_s
     step = clip_step(times)
     shown: list[float] = []
@@ -82,7 +93,8 @@ def make_clip(
         stream.options = {"crf": str(crf), "preset": "fast", "bf": "0", "threads": "1"}  # by default as many as cores
         for number, (time, luma) in enumerate(source):
             if number % step == 0:
-                picture = cv2.remap(luma, maps, None, cv2.INTER_LINEAR, borderValue=0)  # pyright: ignore[reportCallIssue, reportArgumentType]
+                seen = in_frame(track, maps, min(number, len(times) - 1)).astype(np.float32)
+                picture = cv2.remap(luma, seen, None, cv2.INTER_LINEAR, borderValue=0)  # pyright: ignore[reportCallIssue, reportArgumentType]
                 frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="gray").reformat(
                     format="yuv420p"
                 )

@@ -14,7 +14,7 @@ from rfea_vision.artefacts import Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.files import whole_file
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.show.clip import clip_step, rig_to_plane
+from rfea_vision.vision.show.clip import clip_step, in_frame, rig_to_plane
 from rfea_vision.vision.track import matched_to
 
 RED, GREY = (220, 0, 60), (150, 150, 150)
@@ -55,14 +55,13 @@ def preview_video(
                     (edges[number, 1], (0, 176, 255)),
                     (midline[number], (220, 0, 60)),
                 ):
-                    pixels = project(camera, rig_to_plane(track, line))
+                    pixels = in_frame(track, project(camera, rig_to_plane(track, line)), number)
                     cv2.polylines(canvas, [np.round(pixels * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4)
-                tip = project(camera, rig_to_plane(track, midline[number, -1]))
-                cv2.circle(canvas, (round(tip[0]), round(tip[1])), 6, (220, 0, 60), 1, cv2.LINE_AA)
+                cv2.circle(canvas, (round(pixels[-1, 0]), round(pixels[-1, 1])), 6, (220, 0, 60), 1, cv2.LINE_AA)
             else:
                 before = np.flatnonzero(valid[:number])
                 if before.size:  # where it was last
-                    pixels = project(camera, rig_to_plane(track, midline[before[-1]]))
+                    pixels = in_frame(track, project(camera, rig_to_plane(track, midline[before[-1]])), number)
                     cv2.polylines(canvas, [np.round(pixels * 16).astype(np.int32)], False, GREY, 1, cv2.LINE_AA, 4)
                 for k, text in enumerate((str(reasons[number]), str(details[number]))):
                     cv2.putText(canvas, text, (20, 40 + 30 * k), cv2.FONT_HERSHEY_SIMPLEX, 1.0 - 0.4 * k, RED, 2)
