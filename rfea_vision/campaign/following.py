@@ -57,7 +57,7 @@ def of_pair(
     pressure_kPa: FloatArray,
     pushes_kPa: Mapping[str, FloatArray] | None = None,
 ) -> list[str]:
-    """Doubt that a log belongs to a run: a tube follows its pressure, and its motion tells most of it again.
+    """Doubt that a log belongs to a run: a tube follows its pressure, and its motion explains most of it.
 
     `time_s` (frames,) are those of the frames on the log's clock, `log_s` and `pressure_kPa` (samples,) the log's; `pushes_kPa`
     of several chambers what each adds to that sum, with its sign. Runs that are alike cannot be told apart by this.
@@ -237,7 +237,7 @@ class AngleRun:
 def _followed(
     motion: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray, lags_s: FloatArray
 ) -> tuple[float | None, float, float]:
-    """How much of a pressure a motion (n, 1 or 2) gives again at the lag (s) of these at which it does best, and the first slope then.
+    """Share of a pressure that a motion (n, 1 or 2) explains linearly at the best of these lags, that lag (s), and the first slope.
 
     The share is None where the pressure stands still.
     """
@@ -262,7 +262,7 @@ def _moves_back(track: xr.Dataset, motion: FloatArray, pressure_kPa: FloatArray)
 def _each_for_itself(
     motion: FloatArray, time_s: FloatArray, log_s: FloatArray, pushes_kPa: Mapping[str, FloatArray]
 ) -> tuple[float, list[str]]:
-    """How much of a motion (n, 1 or 2) several chambers tell, each with a lever of its own, and which bend against the strongest."""
+    """Share of a motion (n, 1 or 2) that chambers explain, each with a lever of its own, and which bend against the strongest."""
     centred = motion - motion.mean(axis=0)
     bend = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
     best, against = 0.0, list[str]()

@@ -180,7 +180,7 @@ def _moved(columns: _Columns, motion: tuple[Key, ...] | None) -> np.ndarray | No
 
 
 def _most_followed(columns: _Columns, names: Sequence[str], moved: np.ndarray) -> str:
-    """Of several pressures the one that a motion (rows, columns) of the same table gives again best."""
+    """Of several pressures the one that a motion (rows, columns) of the same table explains best."""
     shares = dict.fromkeys(names, -1.0)
     for name in names:
         values = columns.table.columns[name].astype(float)

@@ -1,4 +1,4 @@
-"""Data that are readable and plausible, and probably not what was meant: said aloud before anything is fitted to them."""
+"""Doubts about data that are readable, and probably not what was meant: told before anything is fitted to them."""
 
 from __future__ import annotations
 

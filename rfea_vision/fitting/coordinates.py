@@ -1,4 +1,4 @@
-"""What the optimiser turns: coordinates of order one in which the fit is well conditioned and k and b stay positive.
+"""Coordinates of the optimiser: of order one, in which the fit is well conditioned and k and b stay positive.
 
 In place of the slopes over the inner radius (which cancel against the value at rest, docs/physics.md 3.7) it turns the
 values at rest and at the largest radius that the recordings reach; both must be positive, so everything between is.

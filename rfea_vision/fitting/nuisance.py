@@ -1,4 +1,4 @@
-"""What nobody asked for but every run has: a sensor's zero, and the motion that a run begins with.
+"""Nuisance parameters of a run: a sensor's zero, and the motion that the run begins with.
 
 Both are told as pressure: a zero is a constant on top of the log, and a tube that moves when its log begins has been
 driven before it. Each unknown is an amplitude of order one times a wave on the excitation's grid. Amplitudes are found

@@ -73,7 +73,7 @@ def with_solution(fitted: Fitted, found: Fitted) -> Fitted:
 
 
 def coordinates_for(problem: Problem, options: FitOptions, model: Model) -> Coordinates:
-    """What the optimiser turns under these options."""
+    """Coordinates of the optimiser under these options."""
     return build(
         model,
         problem.actuator,
@@ -104,7 +104,7 @@ def on_few_bodies(options: FitOptions) -> FitOptions:
 
 
 def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
-    """Training runs thinned, in the longest steps that are not felt beside what a fit leaves: the farther off, the longer."""
+    """Training runs thinned, in the longest steps whose error is small beside the residual: the larger that, the longer."""
 
     def left(items: list[Observed]) -> FloatArray | None:
         found = evaluate(fitted.model, fitted.par, items, (), fitted.solution.clocks)
@@ -124,7 +124,7 @@ def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
 
 
 def in_long_steps(problem: Problem, model: Model, par: FloatArray, clocks: FloatArray | None = None) -> Problem:
-    """The same runs, each in the longest steps that nobody feels beside its noise; held-out runs in the shortest of these.
+    """The same runs, each in the longest steps whose error is small beside its noise; held-out runs in the shortest of these.
 
     A log of 1 kHz before a camera of 25 Hz would else cost eight times what the motion asks for.
 
@@ -203,7 +203,7 @@ def _solved(
     tolerance: float,
     loss: Literal["auto", "linear", "huber"],
 ) -> Solution | None:
-    """Roughly first, then as closely as what is left deserves.
+    """Solve roughly first, then to a tolerance that follows from the residual.
 
     A misfit of r standard deviations of the noise widens the intervals of all parameters about r-fold: its last digits are r^2
     times as idle as those of noise.

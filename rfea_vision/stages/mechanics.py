@@ -288,7 +288,7 @@ def _predict_test(work: Runner, ladder: Ladder, recordings: Recordings) -> list[
 def _finished(
     work: Runner, options: FitOptions, critique: CritiqueOptions, recordings: Recordings, actuator: Actuator
 ) -> list[tuple[ModelFit, Diagnosis]]:
-    """Rungs of the ladder as it stands that are still true, from the first up to one that is not."""
+    """Rungs of the ladder on disk that are up to date, from the first up to one that is not."""
     path = work.out / Ladder.FILE
     found: list[tuple[ModelFit, Diagnosis]] = []
     if "improve" in work.force or not path.is_file():

@@ -129,7 +129,7 @@ def beside_results(work: Runner, earlier: Path) -> Path:
 
 
 def _page_beside(work: Runner, name: str) -> Path:
-    """The page that puts a campaign beside `name`, which is whatever somebody called theirs."""
+    """The page that puts a campaign beside one called `name`, which may hold characters that no file name can."""
     safe = re.sub(r"[^\w.-]+", "-", name)[-60:]  # of a long path what tells it apart
     return work.out / "report" / f"beside-{safe}.html"
 

@@ -170,7 +170,7 @@ class Runner:
         return dict(sorted(found.items()))
 
     def tell(self, sentence: str) -> None:
-        """Say something in between, if there is something to say that was not said before."""
+        """Tell the listener a sentence, unless it is empty or was told before."""
         if sentence and sentence not in self._told:
             self._told.add(sentence)
             self.listener.note(sentence)

@@ -1,4 +1,4 @@
-"""What a measurement says against itself: sentences that its file holds, said once where people look."""
+"""Warnings about a track or recording: sentences that its file holds, told once in a session."""
 
 from __future__ import annotations
 

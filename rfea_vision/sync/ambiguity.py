@@ -25,7 +25,7 @@ def gaps_of(log_time_s: FloatArray) -> FloatArray:
 
 
 def outside_gaps(times: FloatArray, gaps: FloatArray, reach_s: float) -> NDArray[np.bool_]:
-    """Where `times` (samples,) are farther than `reach_s` from every gap: a filter carries what was made up there so far."""
+    """Which `times` (samples,) in s are farther than `reach_s` from every gap (k, 2): so far a filter spreads interpolated values."""
     good = np.ones(len(times), dtype=bool)
     for begin, end in gaps:
         good &= (times < begin - reach_s) | (times > end + reach_s)
@@ -48,7 +48,7 @@ def log_notes(log_time_s: FloatArray, gaps: FloatArray) -> list[str]:
 
 
 def repeat_notes(repeats: int, frames: int) -> list[str]:
-    """What is to be said of frames that show the picture before once more; a few are chance."""
+    """Notes on frames that repeat the picture before; none on a few, which are chance."""
     if repeats <= max(2, 0.003 * frames):
         return []
     return [f"at least {repeats} frames show the picture before once more, and were left out"]

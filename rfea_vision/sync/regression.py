@@ -88,7 +88,7 @@ def moments(columns: FloatArray, noises: FloatArray, pressure: FloatArray, rate:
 
 
 def no_more_noise_than_rest(found: Moments, columns: list[int]) -> float:
-    """Factor of the noise, at most 1: what high frequencies call noise can be motion that the frames hardly resolve.
+    """Factor on the noise, at most 1, that keeps it below the residual: fast motion looks like noise at high frequencies.
 
     The largest at which the normal equations stay positive and noise makes no more than what is unexplained.
     """

@@ -108,7 +108,7 @@ def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> Obse
 
 
 def repeated(time_s: FloatArray, amplitudes: FloatArray) -> NDArray[np.bool_]:
-    """Frames (n,) that show the picture before once more, as cameras do when they are late: theirs is an older instant.
+    """Which of n frames repeat the picture before, as late cameras do: they show an earlier instant than their time says.
 
     Where the motion of a frame stands out of the noise: those that hardly moved, between frames that did.
     """

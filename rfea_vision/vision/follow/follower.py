@@ -46,7 +46,7 @@ class Follower:
         self._begin_anew()
 
     def _begin_anew(self) -> None:
-        """Nothing is known of the tube yet, or what was taken for it was not the tube."""
+        """Reset: nothing is known of the tube yet, or what was followed was not the tube."""
         self.start: Initialisation | None = None
         self.judge = Judge(self.scene)
         self.state: fitted.State | None = None
