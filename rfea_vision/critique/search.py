@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,7 +25,7 @@ from rfea_vision.critique.screening import Screened, available, screened_rows, s
 from rfea_vision.critique.subsets import MOST_TOGETHER, CandidateSet, Combinations
 from rfea_vision.critique.trials import Trial, Trials, plain
 from rfea_vision.effects.base import Effect
-from rfea_vision.effects.catalogue import catalogue, forms_of
+from rfea_vision.effects.catalogue import catalogue, forms_of, look_alikes
 from rfea_vision.fitting.fit import stiff_start
 
 #: Sets of one, two, three and four effects that are refitted from the model as it stands, and from each better one found then.
@@ -73,6 +72,7 @@ class Search:
         self.screened: list[Screened] = []
         # By effect: the share of the squared error that it takes away by itself, at a glance.
         self.removes: dict[str, float] = {}
+        self._against_rivals = set[frozenset[str]]()  # sets whose rivals were refitted
         self._quietest: Trial | None = None
         self.floors = self._settled()
 
@@ -164,7 +164,11 @@ class Search:
             if best.effects in seen or SEGMENTS in best.effects:
                 break
             centre = best
-        self._leave_one_out()
+        for _ in range(ROUNDS):  # nor is the last one believed without its rivals
+            self._leave_one_out()
+            if self.weigh()[0].trial.effects in self._against_rivals:
+                break
+            self._rivals()
         return self._led(self.weigh())
 
     def _led(self, weighed: list[Weighed]) -> list[Weighed]:
@@ -267,17 +271,23 @@ class Search:
         """Nobody is named without its rivals refitted in its place, and alone: those said to be mistaken for it, or that look like it.
 
         Of a rival that is as likely, the rivals are refitted, too; of one that does half as well, its other forms. An effect looks
-        like another that is named alone where it would at a glance remove half as much, as a refit may turn out. Where the best
+        like another where it is as likely by itself, and like one that is named alone where it would at a glance remove half as
+        much, as a refit may turn out. Where the best
         set leaves something, those said to be mistaken for it are tried in all their forms.
         """
-        best = self.weigh()[0]
+        weighed = self.weigh()
+        best, alone = weighed[0], {w.added[0]: w.weight for w in weighed if len(w.added) == 1}
+        self._against_rivals.add(best.trial.effects)
         left = self.structure(best.trial) >= STRUCTURE_FLOORS
+        least = max(w.weight for w in weighed if not w.added)
         for own in best.added:
             others = [one for one in look_alikes(self.effects, own) if one not in best.added]
             forms = [form for one in others for form in (forms_of(one) if left else ())]
+            if alone.get(own, -np.inf) > least:
+                others += [one for one in alone if one not in best.added and alone[own] - alone[one] < EVEN]
             if len(best.added) == 1:
-                least = self.removes.get(own, np.inf) / LENIENT
-                alike = [name for name, share in self.removes.items() if name != own and share >= least]
+                half = self.removes.get(own, np.inf) / LENIENT
+                alike = [name for name, share in self.removes.items() if name != own and share >= half]
                 others += sorted(alike, key=lambda name: -self.removes[name])[: FIRST[0]]
             base = self.without(best, own) or self.present
             possible = {e.id for e in available(self.effects, {plain(one) for one in base.effects})}
@@ -342,7 +352,7 @@ class Search:
         }
 
     def _alike(self, one: Trial, other: Trial, without: Trial) -> bool:
-        apart, change = _distance(one, other), _distance(one, without)
+        apart, change = one.distance(other), one.distance(without)
         unit = 1e-3 if self.floors.unit == "mm" else np.pi / 180
         return apart < max(ALIKE * change, self.rule.resolution * self.floor * unit)
 
@@ -382,21 +392,4 @@ def _in_place(weighed: Sequence[Weighed]) -> Iterator[tuple[str, Weighed]]:
                 yield own, other
 
 
-def _distance(one: Trial, other: Trial) -> float:
-    """Root mean square difference of two fits on the training runs: of the points (m), or of the angle (rad)."""
-    squares = []
-    pairs = zip(one.fitted.solution.evaluation.predicted, other.fitted.solution.evaluation.predicted, strict=True)
-    for a, b in pairs:
-        gap = (a.points - b.points) if a.points.shape[1] else (a.angle - b.angle)[:, None, None]
-        squares.append(float(np.mean(np.sum(gap**2, axis=2))))
-    return float(np.sqrt(np.mean(squares)))
-
-
-def look_alikes(effects: Sequence[Effect], name: str) -> list[str]:
-    """Effects that are said to be mistaken for one, or the other way round."""
-    own = next((e for e in effects if e.id == name), None)
-    said = set(re.findall(r"\w+", own.mistaken_for)) if own is not None else set()
-    return [e.id for e in effects if e.id != name and (e.id in said or name in re.findall(r"\w+", e.mistaken_for))]
-
-
-__all__ = ["Search", "Weighed", "available", "look_alikes"]
+__all__ = ["Search", "Weighed"]

@@ -12,6 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from rfea_vision.artefacts.rows import Refit
 from rfea_vision.critique.carrying import carried_over
 from rfea_vision.critique.measures import Errors, errors_of
@@ -61,6 +63,15 @@ class Trial:
     def free(self) -> int:
         """Parameters that were fitted."""
         return len(self.fitted.coordinates.free)
+
+    def distance(self, other: Trial) -> float:
+        """Root mean square difference of two fits on the training runs: of the points (m), or of the angle (rad)."""
+        seen = (trial.fitted.solution.evaluation.predicted for trial in (self, other))
+        squares = []
+        for a, b in zip(*seen, strict=True):
+            gap = (a.points - b.points) if a.points.shape[1] else (a.angle - b.angle)[:, None, None]
+            squares.append(float(np.mean(np.sum(gap**2, axis=2))))
+        return float(np.sqrt(np.mean(squares)))
 
 
 class Glance(NamedTuple):

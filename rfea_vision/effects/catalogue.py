@@ -6,6 +6,7 @@ import difflib
 import importlib
 import importlib.util
 import pkgutil
+import re
 from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib.metadata import entry_points
@@ -34,6 +35,12 @@ def catalogue() -> dict[str, type[Effect]]:
 def forms_of(effect_id: str) -> tuple[str, ...]:
     """Names by which the other forms of an effect are asked for: ``mullins:linear``."""
     return tuple(name for name, effect in _known().items() if effect.form and effect.id == effect_id)
+
+
+def look_alikes(effects: Sequence[Effect], name: str) -> list[str]:
+    """Ids of those of some effects that are said to be mistaken for one, or the other way round."""
+    said = {effect.id: set(re.findall(r"\w+", effect.mistaken_for)) for effect in effects}
+    return [one for one in said if one != name and (one in said.get(name, ()) or name in said[one])]
 
 
 @cache

@@ -88,6 +88,25 @@ def test_a_refit_is_carried_from_thinned_runs_to_all_frames_of_any_kind(campaign
     assert found is not None and found.cost == pytest.approx(whole.solution.cost, rel=0.06)
 
 
+def test_a_set_that_comes_to_the_top_last_has_its_rivals_refitted_too(monkeypatch):
+    """Leaving members out may bring up a set that no round has looked from."""
+    tops, against = ["first", "first", "last"], []
+    weighed = {name: SimpleNamespace(trial=SimpleNamespace(effects=frozenset({name}))) for name in tops}
+    search: Any = object.__new__(Search)
+    search.present, search._against_rivals = weighed["first"].trial, set()
+
+    def rivals() -> None:
+        against.append(tops[0])
+        search._against_rivals.add(frozenset({tops[0]}))
+
+    steps = {"_look_from": lambda *_: None, "_forms": lambda: None, "_rivals": rivals, "_led": lambda found: found}
+    monkeypatch.setattr(search, "weigh", lambda: [weighed[tops[0]]], raising=False)
+    monkeypatch.setattr(search, "_leave_one_out", lambda: tops.pop(0) if len(tops) > 1 else None, raising=False)
+    for name, step in steps.items():
+        monkeypatch.setattr(search, name, step, raising=False)
+    assert search.run()[0].trial.effects == {"last"} and against == ["first", "last"]
+
+
 def test_what_an_earlier_search_has_fitted_is_taken_up_and_not_begun_anew(campaign, monkeypatch):
     problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
     options = FitOptions(segments=4, starts=0)
