@@ -64,10 +64,10 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     if best >= before + GAIN * count:
         brings = f"tried, it reads {best} of the first {count} frames, and {before} were read without it"
         return f"{_scale_first(reasons)}check this against the picture and give it: {words} ({brings})"
+    if scene.clamp_px is not None and scene.tip_px is not None and (cut := _read_until(reasons)):
+        return cut  # no scale that is off loses a tube that it has let be read
     if scale_off:
         return scale_off
-    if scene.clamp_px is not None and scene.tip_px is not None and (cut := _read_until(reasons)):
-        return cut
     return _untried(scene, reasons) + (f" (guesses at it that were tried and brought nothing: {len(tried)})" if tried else "")
 
 

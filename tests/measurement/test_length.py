@@ -108,6 +108,8 @@ def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(m
     said = advice.next_hint(None, scene, [""] * 18 + ["edge_lost"] + [""] * 2 + lost)
     assert said.startswith("the hints fit the first 21 frames, of which 20 were read: cut the film to these")
     assert said.endswith("frame 21 (no_fit: folded)")
+    assert advice.next_hint(None, scene, [""] * 18 + lost, scale_off="the scale").startswith("the hints fit the first ")
+    assert advice.next_hint(None, scene, [""] * 5 + lost, scale_off="the scale") == "the scale"
     said = advice.next_hint(None, scene, [""] * 5 + lost)
     assert said == "see what changes in frame 5, the first that was refused (no_fit: folded), and check the hints against frame 0"
     assert advice.next_hint(None, scene, lost).startswith("check the hints")
