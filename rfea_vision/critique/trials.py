@@ -264,7 +264,8 @@ class Trials:
     def _from(self, options: FitOptions, starts: Sequence[Mapping[str, float]], like: Fitted) -> Fitted | None:
         """Fit on thinned runs in long steps from each start; the best of that carried over to all frames.
 
-        Where that leads nowhere it is fitted on these, and where a long step is survived by no start, the first.
+        Where that leads nowhere it is fitted on these, unless a smaller set leaves less: it is nobody's answer then. And where a
+        long step is survived by no start, the first is fitted.
         """
         self._derive_law(options)
         tried = side_by_side(lambda values: self._near(options, values, like), starts)
@@ -273,7 +274,9 @@ class Trials:
         if near is not None:
             like, arrived = carried_over(near, self.rough, self.problem.train, CARRIED_GAIN)
             values = like.values
-            if arrived and options.loss != "huber":
+            smaller = [t.cost for k, t in self.done.items() if t is not None and len(k) < len(options.effects)]
+            beaten = like is not near and like.solution.cost > min(smaller)  # by a set of fewer effects
+            if (arrived or beaten) and options.loss != "huber":
                 return like
         return self._in_full(options, values, like)
 
