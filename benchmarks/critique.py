@@ -1,8 +1,13 @@
-"""How long a verdict takes: four experiments of 20 s at 240 frames/s, 16 segments, one effect hidden, or one that no name fits."""
+"""How long a verdict takes, at 16 segments.
+
+Four experiments of 20 s at 240 frames/s, one effect hidden, or one that no name fits; and three of 60 s of which an inclinometer
+of 25 Hz has seen the angle alone, of a tube that is bent at rest, creeps and follows its pressure late.
+"""
 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 from benchmarks.probable_campaigns import by_twin
@@ -12,19 +17,22 @@ from rfea_vision.fitting.fit import fit, make_problem
 from rfea_vision.options import FitOptions
 from rfea_vision.twin import TwinOptions
 
+FILMED = TwinOptions(seed=5, duration_s=20.0, joints=24, roles=("train", "train", "train", "validate"))
+ANGLE_ALONE = TwinOptions(seed=4, duration_s=60.0, rate_Hz=25.0, observe="angle", roles=("train", "train", "validate"))
 CASES = {
-    "maxwell hidden": {"maxwell.k1": 0.05, "maxwell.T": 0.9},
-    "fan blowing, no name fits": {"fan.F": 0.05},
+    "maxwell hidden": replace(FILMED, hidden={"maxwell.k1": 0.05, "maxwell.T": 0.9}),
+    "fan blowing, no name fits": replace(FILMED, hidden={"fan.F": 0.05}),
+    "angle alone, three effects hidden": replace(
+        ANGLE_ALONE,
+        hidden={"maxwell.k1": 0.3, "maxwell.T": 1.2, "pressure_lag.T": 0.06, "rest_curvature.angle": 0.5},
+    ),
 }
 
 
 def run() -> list[dict[str, Any]]:
     """Wall-clock seconds of `diagnose` (from a fitted model) and of `improve` (from nothing)."""
     rows = []
-    for label, hidden in CASES.items():
-        options = TwinOptions(
-            hidden=hidden, seed=5, duration_s=20.0, joints=24, roles=("train", "train", "train", "validate")
-        )
+    for label, options in CASES.items():
         recordings, actuator = by_twin(options)
         problem = make_problem(recordings, actuator)
         fitted = fit(problem, FitOptions())
@@ -32,10 +40,15 @@ def run() -> list[dict[str, Any]]:
         diagnosis = judge(problem, fitted).diagnosis
         diagnose_s = time.perf_counter() - begun
         begun = time.perf_counter()
-        improve(recordings, actuator, FitOptions())
+        ladder = improve(recordings, actuator, FitOptions())
         improve_s = time.perf_counter() - begun
-        said = f"{label}: {diagnosis.verdict} {', '.join(diagnosis.named)}".strip()
-        rows += [_row(f"diagnose, {label}", diagnose_s, 60, said), _row(f"improve, {label}", improve_s, 300, said)]
+        runs = f"{len(options.roles)} experiments of {options.duration_s:g} s, 16 segments"
+        said = f"{runs}; {diagnosis.verdict} {', '.join(diagnosis.named)}".strip()
+        last = ladder.rungs[-1]
+        rows += [
+            _row(f"diagnose, {label}", diagnose_s, 60, said),
+            _row(f"improve, {label}", improve_s, 300, f"{runs}; {last.model}: {last.verdict}"),
+        ]
     return rows
 
 
@@ -46,5 +59,5 @@ def _row(name: str, seconds: float, target: float, said: str) -> dict[str, Any]:
         "unit": "s",
         "target": f"<= {target:g}",
         "met": seconds <= target,
-        "against": f"four experiments of 20 s, 16 segments; {said}",
+        "against": said,
     }

@@ -219,6 +219,7 @@ def _solved(
     return again if again is not None else solution
 
 
-def refit_from(problem: Problem, options: FitOptions, fitted: Fitted) -> Fitted:
-    """Fit with other options from where a fit ended, its clocks too; errors as of `refit`."""
-    return refit(problem, options, fitted.values, fitted.options.segments, fitted.solution.clocks)
+def refit_from(problem: Problem, options: FitOptions, fitted: Fitted, *, tolerance: float = 1e-7) -> Fitted:
+    """Fit with other options from where a fit ended, its clocks too; `tolerance` and errors as of `refit`."""
+    clocks = fitted.solution.clocks
+    return refit(problem, options, fitted.values, fitted.options.segments, clocks, tolerance=tolerance)
