@@ -14,7 +14,7 @@ RATE_HZ, FRAMES = 40.0, 100
 OFFSET_S = 1.234  # log clock minus camera clock
 CLAMP_PX, LENGTH_MM, PX_PER_MM = (120.0, 40.0), 90.0, 2.2
 #: Roles, and from when (s) which pressure (kPa) is held.
-RUNS = {"steps": ("train", {0.3: 120, 1.5: 40}), "held-out": ("validate", {0.3: 90, 1.1: 150, 1.8: 60})}
+RUNS = {"steps": ("train", {0.3: 120, 1.1: 40, 1.7: 75}), "held-out": ("validate", {0.3: 90, 1.1: 150, 1.8: 60})}
 
 
 def cables(picture: np.ndarray) -> None:
