@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy.io import savemat
 
+from rfea_vision.campaign.schema import PressurePart, TrackPart
 from rfea_vision.campaign.specs import PressureSpec, TrackSpec
 
 RATE_Hz = 100.0
@@ -48,19 +49,19 @@ def write_mdf(folder):
     with mdf.MDF(version="4.10") as file:
         file.append([mdf.Signal(PRESSURE_kPa * 10.0, TIME_S, name="P1", unit="hPa")])
         file.save(folder / "log.mf4", overwrite=True)
-    return PressureSpec(file=folder / "log.mf4", pressure="P1")
+    return PressureSpec(folder / "log.mf4", PressurePart(pressure="P1"))
 
 
 def write_mat(folder):
     savemat(folder / "log.mat", {"log": {"t": TIME_S, "p": PRESSURE_kPa / 100.0}})
-    return PressureSpec(file=folder / "log.mat", time="log.t", pressure="log.p", unit="bar")
+    return PressureSpec(folder / "log.mat", PressurePart(time="log.t", pressure="log.p", unit="bar"))
 
 
 def write_simulink(folder):
     """As 'To Workspace' writes a structure with time: a signal without a label first, then the pressure."""
     signals = [{"values": TIME_S[:, None] ** 2, "label": ""}, {"values": PRESSURE_kPa[:, None], "label": "p line"}]
     savemat(folder / "sim.mat", {"out": {"time": TIME_S[:, None], "signals": signals, "blockName": "rig/To Workspace"}})
-    return PressureSpec(file=folder / "sim.mat", time="out.time", pressure="out.p line", unit="kPa")
+    return PressureSpec(folder / "sim.mat", PressurePart(time="out.time", pressure="out.p line", unit="kPa"))
 
 
 def write_simulink73(folder):
@@ -73,13 +74,13 @@ def write_simulink73(folder):
                 items[0, place] = file.create_dataset(f"#refs#/{field}{place}", data=data).ref
     with (folder / "sim73.mat").open("r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-    return PressureSpec(file=folder / "sim73.mat", time="out.time", pressure="out.p line", unit="kPa")
+    return PressureSpec(folder / "sim73.mat", PressurePart(time="out.time", pressure="out.p line", unit="kPa"))
 
 
 def write_numbers(folder):
     """No header at all, as many a logger of one's own writes it."""
     np.savetxt(folder / "plain.txt", np.stack([TIME_S, 0.0 * TIME_S, PRESSURE_kPa], axis=1), fmt="%.12f")
-    return PressureSpec(file=folder / "plain.txt", time="c1", pressure="c3")
+    return PressureSpec(folder / "plain.txt", PressurePart(time="c1", pressure="c3"))
 
 
 def write_mat73(folder):
@@ -96,7 +97,7 @@ def write_mat73(folder):
         file.create_dataset("note", data=np.array([[82], [49]], dtype=np.uint16)).attrs["MATLAB_class"] = b"char"
     with (folder / "log.mat").open("r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
-    return PressureSpec(file=folder / "log.mat", time="log.t", pressure="runs(2).p", unit="bar")
+    return PressureSpec(folder / "log.mat", PressurePart(time="log.t", pressure="runs(2).p", unit="bar"))
 
 
 def write_lvm(folder):
@@ -116,7 +117,7 @@ def write_lvm(folder):
         lines += ["X_Value\tPressure\tValve\tComment"]
         lines += [f"\t{float(value)!r}\t0".replace(".", ",") for value in PRESSURE_kPa[part] / 100.0] + [""]
     (folder / "log.lvm").write_text("\n".join(lines), encoding="cp1252")
-    return PressureSpec(file=folder / "log.lvm", pressure="Pressure")
+    return PressureSpec(folder / "log.lvm", PressurePart(pressure="Pressure"))
 
 
 def write_bag(folder):
@@ -135,7 +136,7 @@ def write_bag(folder):
             head = header(stamp=stamp(sec=ns // 10**9, nanosec=ns % 10**9), frame_id="")
             raw = store.serialize_cdr(message(head, 1e3 * pressure, 0.0), message.__msgtype__)
             writer.write(topic, ns + 3_000_000, raw)
-    return PressureSpec(file=next((folder / "bag").glob("*.mcap")), pressure="/pressure.fluid_pressure")
+    return PressureSpec(next((folder / "bag").glob("*.mcap")), PressurePart(pressure="/pressure.fluid_pressure"))
 
 
 def write_dlc_text(folder):
@@ -143,7 +144,7 @@ def write_dlc_text(folder):
     values = np.concatenate([PIXELS, np.full((*PIXELS.shape[:2], 1), 0.99)], axis=2).reshape(len(TIME_S), -1)
     frame = pd.DataFrame(values, columns=pd.MultiIndex.from_tuples(names, names=["scorer", "bodyparts", "coords"]))
     frame.to_csv(folder / "dlc.csv")
-    return TrackSpec(folder / "dlc.csv", scale_mm=SCALE_mm, rate_Hz=RATE_Hz)
+    return TrackSpec(folder / "dlc.csv", TrackPart(scale=f"{SCALE_mm} mm", rate=f"{RATE_Hz} Hz"))
 
 
 def write_dlc(folder):
@@ -155,7 +156,7 @@ def write_dlc(folder):
     pickled = "(lp0\n" + "".join("(" + "".join(f"V{word}\n" for word in name) + "ta" for name in names) + "."
     with h5py.File(folder / "dlc.h5", "w") as file:
         file.create_dataset("df_with_missing/table", data=table).attrs["values_block_0_kind"] = np.bytes_(pickled)
-    return TrackSpec(folder / "dlc.h5", scale_mm=SCALE_mm, rate_Hz=RATE_Hz)
+    return TrackSpec(folder / "dlc.h5", TrackPart(scale=f"{SCALE_mm} mm", rate=f"{RATE_Hz} Hz"))
 
 
 def write_sleap(folder):
@@ -163,7 +164,7 @@ def write_sleap(folder):
         file["tracks"] = PIXELS.transpose(2, 1, 0)[None]
         file["node_names"] = [name.encode() for name in MARKS]
         file["point_scores"] = np.full((1, *PIXELS.shape[1::-1]), 0.9)
-    return TrackSpec(folder / "sleap.h5", scale_mm=SCALE_mm, rate_Hz=RATE_Hz)
+    return TrackSpec(folder / "sleap.h5", TrackPart(scale=f"{SCALE_mm} mm", rate=f"{RATE_Hz} Hz"))
 
 
 def write_tierpsy(folder):
@@ -173,7 +174,7 @@ def write_tierpsy(folder):
         file["coordinates/skeletons"] = PIXELS * SCALE_mm * 1000.0
         file["timeseries_data"] = rows
         file["timeseries_data"].attrs["fps"] = RATE_Hz
-    return TrackSpec(folder / "tube_featuresN.hdf5", points=(("all",),))
+    return TrackSpec(folder / "tube_featuresN.hdf5", TrackPart(points="all"))
 
 
 def write_movement(folder):
@@ -189,7 +190,7 @@ def write_movement(folder):
         {"fps": RATE_Hz, "time_unit": "seconds", "ds_type": "poses", "source_software": "SLEAP"},
     )
     dataset.to_netcdf(folder / "poses.nc", engine="h5netcdf")
-    return TrackSpec(folder / "poses.nc", scale_mm=SCALE_mm)
+    return TrackSpec(folder / "poses.nc", TrackPart(scale=f"{SCALE_mm} mm"))
 
 
 def write_c3d(folder):
@@ -207,7 +208,7 @@ def write_c3d(folder):
     file["parameters"]["ANALOG"]["UNITS"]["value"] = ["kPa"]
     file["data"]["analogs"] = PRESSURE_kPa[None, None, :]
     file.write(str(folder / "run.c3d"))
-    return TrackSpec(folder / "run.c3d", axes=("x", "z"))
+    return TrackSpec(folder / "run.c3d", TrackPart(axes=("x", "z")))
 
 
 def write_motive(folder):
@@ -228,7 +229,7 @@ def write_motive(folder):
         for place, (time, row) in enumerate(zip(TIME_S, space, strict=True))
     ]
     (folder / "take.csv").write_text("\n".join([*head, *rows]) + "\n")
-    return TrackSpec(folder / "take.csv", axes=("x", "y"), points=tuple((f"set:{mark}",) for mark in MARKS))
+    return TrackSpec(folder / "take.csv", TrackPart(axes=("x", "y"), points=[f"set:{mark}" for mark in MARKS]))
 
 
 LOGS = [write_csv, write_parquet, write_mdf, write_mat, write_mat73, write_simulink, write_simulink73, write_numbers]

@@ -7,7 +7,6 @@ from rfea_vision.campaign.specs import (
     Campaign,
     ExperimentSpec,
     PressureSpec,
-    SyncSpec,
     TrackSpec,
     VideoSpec,
 )
@@ -19,7 +18,6 @@ __all__ = [
     "FileProblem",
     "PressureSpec",
     "Reading",
-    "SyncSpec",
     "TrackSpec",
     "VideoSpec",
     "load_campaign",

@@ -247,7 +247,7 @@ class _Run:
     def in_px(self) -> bool:
         """Whether the track is looked at in pixels, which a camera makes mm later."""
         spec = self.experiment.track
-        return spec is not None and self.experiment.camera is not None and spec.scale_mm is None
+        return spec is not None and self.experiment.camera is not None and spec.keys.scale is None
 
 
 def _look_at_film(run: _Run, video: VideoSpec) -> None:
@@ -278,7 +278,7 @@ def _look_at_track(run: _Run, spec: TrackSpec, runs: _AllRuns) -> None:
     track = read_track(
         spec.file,
         bends=experiment.actuator.bends,
-        spec=spec,
+        spec=spec.keys,
         to_rig_mm=(lambda pixels: pixels) if run.in_px else None,  # lengths are not what is looked at here
     )
     run.track, run.seconds = track, track.time_s
@@ -323,7 +323,7 @@ def _beside_the_motion(run: _Run, track: Track, log: PressureLog, runs: _AllRuns
     sync, zero_s = run.experiment.sync, track.dataset.attrs.get("clock_zero_s")
     if sync.method == "common_clock" and (text := log.zero_doubt(zero_s)):
         run.warn("sync", text)
-    shifted = track.time_s + log.zero_apart_s(zero_s) + (sync.value_s or 0.0)
+    shifted = track.time_s + log.zero_apart_s(zero_s) + (sync.value or 0.0)
     if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
         angle_deg = track.dataset["bend_angle"].values
         runs.angles[run.experiment.name] = following.AngleRun(angle_deg, shifted, log.time_s, log.pressure_kPa)
@@ -341,7 +341,7 @@ def _unseen_signals(experiment: ExperimentSpec, log: PressureLog) -> list[tuple[
         log.signal(sync.method, sync.channel)
     except InputError as error:
         return [("sync.channel", str(error))]
-    if sync.method == "led" and sync.box is None:
+    if sync.method == "led" and sync.lamp_box is None:
         return [("sync.box", "is missing; the method 'led' needs the lamp's box in the picture, [x, y, width, height] in px")]
     return []
 

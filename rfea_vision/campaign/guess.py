@@ -202,9 +202,8 @@ def _pressure(
     names = columns.numeric()
     by_unit = [name for name in names if said_unit(table, name, "kPa") is not None]
     by_word = columns.called(names, column_words()["pressure"])
-    ambient = columns.called(by_unit + by_word, column_words()["ambient"]) or columns.called(
-        names, column_words()["ambient"]
-    )
+    air = column_words()["ambient"]
+    ambient = columns.called(by_unit + by_word, air) or columns.called(names, air)
     found = columns.moving(columns.measured([name for name in dict.fromkeys(by_word + by_unit) if name not in ambient]))
     if chambers := _chambers(columns, found):
         return tuple((*time, *said, *_column(table, name, ambient, tuple(chambers))) for name, said in chambers.items())
@@ -255,18 +254,13 @@ def _chambers(columns: _Columns, names: list[str]) -> dict[str, tuple[Key, ...]]
         return {}
     apart = [side & set(known["opposite"]) for side in sides]
     both = len(names) == 2 and bool(apart[0]) != bool(apart[1])
-    unsure = (
-        "the two sides bend the tube to both; which of them as 'bends' says is not known: exchange the signs if needed"
-    )
-    out = {}
-    for name, opposite in zip(names, apart, strict=True):
-        sign = Key(
-            "sign",
-            -1 if opposite else 1,
-            unsure if both else "nothing says which way it bends the tube; -1 for the other",
-        )
-        out[name] = (Key("chamber", called[name], "its header says so"), Key("pressure", name), sign)
-    return out
+    why = "nothing says which way it bends the tube; -1 for the other"
+    if both:
+        why = "the two sides bend the tube to both; which of them as 'bends' says is not known: exchange the signs if needed"
+    return {
+        name: (Key("chamber", called[name], "its header says so"), Key("pressure", name), Key("sign", -1 if opposite else 1, why))
+        for name, opposite in zip(names, apart, strict=True)
+    }
 
 
 def _reference(table: Table, alike: list[str], unit: str, ambient: list[str]) -> tuple[Key, ...]:

@@ -283,7 +283,7 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
         if item.repeat_of is not None and complete and (item.repeat_of not in names or item.repeat_of == item.name):
             message = f"no other experiment is called '{item.repeat_of}'; there are {', '.join(names)}"
             problems.append(FileProblem(item.file, message, "repeat_of", experiment=item.name))
-    chambers = {item.name: sorted(part.chamber for part in item.pressure.chambers) for item in experiments}
+    chambers = {item.name: sorted(part.name for part in item.pressure.chambers) for item in experiments}
     for item in experiments:
         if not item.pressure.missing and chambers[item.name] != (first := chambers[experiments[0].name]):
             own, other = (
@@ -293,7 +293,7 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
                 f"has the chambers {own}, '{experiments[0].name}' has {other}; name the same ones in all experiments"
             )
             problems.append(FileProblem(item.file, message, "pressure", experiment=item.name))
-    both_ways = [item for item in experiments if {part.sign for part in item.pressure.chambers} == {1, -1}]
+    both_ways = [item for item in experiments if {part.keys.sign for part in item.pressure.chambers} == {1, -1}]
     if any(item.actuator.kind == "tube" for item in both_ways):
         message = (
             "a tube has its inextensible side on one side, and the chambers bend it to both; a section that bends about its "

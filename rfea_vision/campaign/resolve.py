@@ -20,15 +20,12 @@ from rfea_vision.campaign.schema import (
     ScalePart,
     SectionPart,
     SyncPart,
-    TrackPart,
 )
 from rfea_vision.campaign.specs import (
     CameraSpec,
     ExperimentSpec,
     PressureSpec,
     RigSpec,
-    ScaleSpec,
-    SyncSpec,
     TrackSpec,
     VideoSpec,
     gravity_deg,
@@ -74,6 +71,7 @@ def resolve_camera(
             except InputError as error:  # "camera.board.marker: what is wrong with it"
                 key, _, message = str(error).partition(": ")
                 finder.complain(key, message)
+    _check_scale(part, finder)
     vertical = part.vertical.model_dump() if isinstance(part.vertical, PlumbPart) else part.vertical
     camera = CameraSpec(
         board=board,
@@ -81,7 +79,7 @@ def resolve_camera(
         plane=finder.file("camera.plane", part.plane),
         file=finder.file("camera.file", part.file),
         vertical=vertical,
-        scale=_scale(part, finder),
+        scale=part.scale,
         hints=_hints(part, finder),
         board_offset_mm=part.board_offset * 1000.0,
         lens=part.lens or _lens_of(part.profile),
@@ -90,15 +88,13 @@ def resolve_camera(
     return (None if finder.problems else camera), finder.problems
 
 
-def _scale(part: CameraPart, finder: Finder) -> ScaleSpec | None:
+def _check_scale(part: CameraPart, finder: Finder) -> None:
     scale = part.scale
-    if scale is None:
-        return None
+    if scale == "tube" and (part.clamp is None or part.tip is None) and finder.experiment is not None:
+        lacking = "clamp" if part.clamp is None else "tip"
+        finder.complain(f"camera.{lacking}", "is missing; 'scale: tube' measures from camera.clamp to camera.tip")
     if not isinstance(scale, ScalePart):
-        if (part.clamp is None or part.tip is None) and finder.experiment is not None:
-            lacking = "clamp" if part.clamp is None else "tip"
-            finder.complain(f"camera.{lacking}", "is missing; 'scale: tube' measures from camera.clamp to camera.tip")
-        return ScaleSpec()
+        return
     count = len(scale.points)
     if (scale.distance is None) == (scale.places is None):
         finder.complain("camera.scale", f"needs either distance or places; for example '{SCALE_EXAMPLE}'")
@@ -106,12 +102,6 @@ def _scale(part: CameraPart, finder: Finder) -> ScaleSpec | None:
         finder.complain("camera.scale.points", f"a distance lies between two different points, found {count}; give two")
     elif scale.places is not None and len(scale.places) != count:
         finder.complain("camera.scale.places", f"has {len(scale.places)} places for {count} points; give one for each")
-    return ScaleSpec(
-        scale.points,
-        None if scale.distance is None else 1e3 * scale.distance,
-        tuple((1e3 * x, 1e3 * y) for x, y in scale.places or ()),
-        None if scale.error is None else 1e3 * scale.error,
-    )
 
 
 def _hints(part: CameraPart, finder: Finder) -> Hints:
@@ -193,7 +183,8 @@ def _source(parsed: ExperimentFile, finder: Finder) -> tuple[VideoSpec | None, T
         return None, None
     if names == ["track"]:
         assert parsed.track is not None
-        return None, _track(parsed.track, finder)
+        file = finder.file("track.file", parsed.track.file)
+        return None, None if file is None else TrackSpec(file, parsed.track)
     if names == ["frames"]:
         assert parsed.frames is not None
         folder = finder.file("frames.folder", parsed.frames.folder, folder=True)
@@ -204,21 +195,6 @@ def _source(parsed: ExperimentFile, finder: Finder) -> tuple[VideoSpec | None, T
         return VideoSpec(None, folder, times, rate, within), None
     assert parsed.video is not None
     return VideoSpec(finder.file("video.file", parsed.video.file), rate_Hz=parsed.video.rate), None
-
-
-def _track(part: TrackPart, finder: Finder) -> TrackSpec | None:
-    path = finder.file("track.file", part.file)
-    if path is None:
-        return None
-    named = ["all"] if part.points == "all" else part.points or []
-    return TrackSpec(
-        path,
-        points=tuple(tuple(item) if isinstance(item, list) else (item,) for item in named),
-        scale_mm=None if part.scale is None else 1e3 * part.scale,
-        rate_Hz=part.rate,
-        origin=None if part.origin is None else tuple(part.origin),
-        **part.model_dump(include={"individual", "axes", "confidence", "time", "angle", "unit", "time_unit"}),
-    )
 
 
 #: What has no meaning for a body of this kind.
@@ -314,7 +290,7 @@ def _pressure(part: PressurePart, finder: Finder) -> PressureSpec:
     if part.value is not None:
         if part.file is not None or part.url is not None:
             finder.complain("pressure.value", "stands beside a log; keep the log, or the constant value")
-        return PressureSpec(folder=finder.folders[0], value_kPa=part.value, chamber=part.chamber or "", sign=part.sign)
+        return PressureSpec(keys=part.model_copy(update={"url": None}), folder=finder.folders[0])
     if (part.file is None) == (part.url is None):
         finder.complain(
             "pressure", "exactly one of 'file' and 'url' is needed; for example 'pressure: {file: pressure.csv}'"
@@ -323,18 +299,11 @@ def _pressure(part: PressurePart, finder: Finder) -> PressureSpec:
         finder.complain(
             "pressure.query", "is missing; a database needs a query such as 'SELECT t, p FROM log WHERE run = 7'"
         )
-    return PressureSpec(
-        file=finder.file("pressure.file", part.file),
-        url=finder.database(part.url),
-        ambient_kPa=part.ambient if isinstance(part.ambient, float) else 0.0,
-        ambient=part.ambient if isinstance(part.ambient, str) else None,
-        folder=finder.folders[0],
-        chamber=part.chamber or "",
-        **part.model_dump(include={"query", "time", "pressure", "unit", "time_unit", "reference", "sign"}),
-    )
+    file = finder.file("pressure.file", part.file)
+    return PressureSpec(file, part.model_copy(update={"url": finder.database(part.url)}), finder.folders[0])
 
 
-def _sync(part: SyncPart, finder: Finder) -> SyncSpec:
+def _sync(part: SyncPart, finder: Finder) -> SyncPart:
     if part.method == "offset" and part.value is None:
         finder.complain(
             "sync.value",
@@ -344,4 +313,4 @@ def _sync(part: SyncPart, finder: Finder) -> SyncSpec:
         finder.complain(
             "sync.value", f"has no meaning with the method '{part.method}'; drop it or write 'method: offset'"
         )
-    return SyncSpec(part.method, part.value, part.box or part.led, part.channel)
+    return part

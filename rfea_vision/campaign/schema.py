@@ -1,7 +1,7 @@
 """What may stand in campaign.yaml and experiment.yaml: the keys, their kinds and their units.
 
-These models describe one file as it is written. Inheritance, paths and whatever else needs the folder: see `loading`.
-`rfea schema` prints them as JSON Schema.
+These models describe one file as it is written. Inheritance, paths and whatever else needs the folder: see `loading`; what
+needs nothing of it goes to the stages as it stands here. `rfea schema` prints the models as JSON Schema.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema
 
+from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.units import conversion_factor, parse_quantity, pressure_unit, split_quantity
@@ -46,27 +47,15 @@ def _pressure_or_column(value: object) -> object:
     return parse_quantity(value, "kPa", example="101.3 kPa")
 
 
-def _pressure_unit(value: object) -> object:
-    if isinstance(value, str):
-        conversion_factor(pressure_unit(value)[0], "kPa")
-    return value
+def _unit_of(kind: str) -> BeforeValidator:
+    """Return the validator that refuses a unit which does not convert to that of its `kind`."""
 
+    def check(value: object) -> object:
+        if isinstance(value, str):
+            conversion_factor(pressure_unit(value)[0] if kind == "kPa" else value, kind)
+        return value
 
-def _angle_unit(value: object) -> object:
-    if isinstance(value, str):
-        conversion_factor(value, "deg")
-    return value
-
-
-def _time_unit(value: object) -> object:
-    if isinstance(value, str):
-        conversion_factor(value, "s")
-    return value
-
-
-def _design(value: object) -> object:
-    """Read ``12`` and ``30 g`` as number and unit."""
-    return split_quantity(value)
+    return BeforeValidator(check)
 
 
 def _sync(value: object) -> object:
@@ -217,12 +206,12 @@ class ActuatorPart(_Part):
     mass_per_length: MassPerLength | None = None
     section: SectionPart | None = None
     material: Text | None = None
-    outer_radius: Length = 0.004
-    inner_radius: Length = 0.003
-    length: LongLength = 0.155
-    density: Density = 965.0
-    fluid_density: Density = 1000.0
-    bends: Literal["left", "right"] = "left"
+    outer_radius: Length = Actuator.outer_radius
+    inner_radius: Length = Actuator.inner_radius
+    length: LongLength = Actuator.length
+    density: Density = Actuator.density
+    fluid_density: Density = Actuator.fluid_density
+    bends: Literal["left", "right"] = Actuator.bends
 
 
 class BoardPart(_Part):
@@ -307,12 +296,18 @@ class TrackPart(_Part):
     axes: tuple[Axis, Axis] | None = None
     scale: Length | None = None
     rate: Rate | None = None
-    origin: list[float] | None = Field(None, min_length=2, max_length=3)
+    origin: list[float] | None = Field(default=None, min_length=2, max_length=3)
     confidence: Annotated[float, Field(ge=0.0, le=1.0)] = 0.6
     time: Text | None = None
     angle: Text | None = None
-    unit: Annotated[str | None, BeforeValidator(_angle_unit)] = None
-    time_unit: Annotated[str | None, BeforeValidator(_time_unit)] = None
+    unit: Annotated[str | None, _unit_of("deg")] = None
+    time_unit: Annotated[str | None, _unit_of("s")] = None
+
+    @property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """The points from the clamp to the tip, a single one as a group of one; ``(("all",),)`` for all in the file's order."""
+        named = ["all"] if self.points == "all" else self.points or []
+        return tuple(tuple(item) if isinstance(item, list) else (item,) for item in named)
 
 
 class PressurePart(_Part):
@@ -331,8 +326,8 @@ class PressurePart(_Part):
     query: str | None = None
     time: Text | None = None
     pressure: Text | None = None
-    unit: Annotated[str | None, BeforeValidator(_pressure_unit)] = None
-    time_unit: Annotated[str | None, BeforeValidator(_time_unit)] = None
+    unit: Annotated[str | None, _unit_of("kPa")] = None
+    time_unit: Annotated[str | None, _unit_of("s")] = None
     reference: Literal["gauge", "absolute"] | None = None
     ambient: Ambient = 101.325
 
@@ -355,6 +350,11 @@ class SyncPart(_Part):
     box: tuple[float, float, float, float] | None = None
     led: tuple[float, float, float, float] | None = None
     channel: Text | None = None
+
+    @property
+    def lamp_box(self) -> tuple[float, float, float, float] | None:
+        """Where the lamp is in the picture, by either name."""
+        return self.box or self.led
 
 
 class _Shared(_Part):
@@ -381,7 +381,7 @@ class CampaignFile(_Shared):
 
     format: Literal["rfea-campaign/1"] = "rfea-campaign/1"
     name: Text | None = None
-    design: dict[str, Annotated[tuple[float, str], BeforeValidator(_design), _shown("30 g")]] | None = None
+    design: dict[str, Annotated[tuple[float, str], BeforeValidator(split_quantity), _shown("30 g")]] | None = None
 
 
 class ExperimentFile(_Shared):

@@ -1,14 +1,18 @@
-"""What the stages work on: a campaign and its experiments, with units resolved, paths absolute and inheritance done."""
+"""What the stages work on: a campaign and its experiments, with units resolved, paths absolute and inheritance done.
+
+Keys that mean the same in every folder are not said again: they stand in the parts of `schema`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rfea_vision.artefacts import Actuator, Hints, bend_sign
 from rfea_vision.artefacts.measurement import Vertical
+from rfea_vision.campaign.schema import PressurePart, ScalePart, SyncPart, TrackPart
 from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,28 +31,18 @@ def gravity_deg(given: str | float, bends: str) -> float | None:
 
 
 @dataclass(frozen=True)
-class ScaleSpec:
-    """Points in pixels whose distance (two) or places on the plane (four or more) in mm are known.
-
-    No points: the tube's own length between `camera.clamp` and `camera.tip`.
-    """
-
-    points: tuple[Pixel, ...] = ()
-    distance_mm: float | None = None
-    places_mm: tuple[Pixel, ...] = ()
-    error_mm: float | None = None
-
-
-@dataclass(frozen=True)
 class CameraSpec:
-    """How pictures are turned into millimetres: a board with photos, the file of an earlier calibration, or a scale."""
+    """How pictures are turned into millimetres: a board with photos, the file of an earlier calibration, or a scale.
+
+    The scale ``tube`` is the tube's own length between the hints `clamp` and `tip`.
+    """
 
     board: Board | None = None
     photos: tuple[Path, ...] = ()
     plane: Path | None = None
     file: Path | None = None
     vertical: Vertical = "board"
-    scale: ScaleSpec | None = None
+    scale: ScalePart | Literal["tube"] | None = None
     hints: Hints = field(default_factory=Hints)
     board_offset_mm: float = 0.0
     lens: str = "auto"
@@ -71,57 +65,34 @@ class VideoSpec:
 
 @dataclass(frozen=True)
 class TrackSpec:
-    """A track made by another tool; of named points, which lie on the tube and how they become mm in the rig frame.
-
-    Attributes
-    ----------
-    points : from the clamp to the tip; of a group the mean counts; ``("all",)`` for all in the file's order
-    axes : of the file, that are the rig's x and y, such as ``("x", "-z")``
-    scale_mm : length of one unit of the file
-    rate_Hz : of the frames, where the file names no times
-    origin : place of the clamp in the file's units, where none of the points is there
-    confidence : points that the tracker trusts less are left out
-    time, angle : columns of a table, where they are not called ``time_s`` and ``angle_deg``
-    unit, time_unit : of these columns, where the header does not say it
-    """
+    """A track made by another tool, and the keys that say how to read it."""
 
     file: Path
-    points: tuple[tuple[str, ...], ...] = ()
-    individual: str | None = None
-    axes: tuple[str, str] | None = None
-    scale_mm: float | None = None
-    rate_Hz: float | None = None
-    origin: tuple[float, ...] | None = None
-    confidence: float = 0.6
-    time: str | None = None
-    angle: str | None = None
-    unit: str | None = None
-    time_unit: str | None = None
+    keys: TrackPart = field(default_factory=TrackPart)
 
 
 @dataclass(frozen=True)
 class PressureSpec:
-    """A pressure log in a file or behind a database URL, and how to read it; `ambient` names a column.
+    """A pressure log in a file or behind a database URL, or a constant pressure, and the keys that say how to read it.
 
-    With `value_kPa` there is no log: the pressure was constant. Of several chambers this is the first one, named `chamber`,
-    and `further` are the others: what bends is the sum of all pressures, each times its `sign`.
+    Of several chambers this is the first one, and `further` are the others: what bends is the sum of all pressures, each times
+    its sign. Names of databases are looked up from `folder`.
     """
 
     file: Path | None = None
-    url: str | None = None
-    query: str | None = None
-    time: str | None = None
-    pressure: str | None = None
-    unit: str | None = None
-    time_unit: str | None = None
-    reference: str | None = None
-    ambient_kPa: float = 101.325
-    ambient: str | None = None
+    keys: PressurePart = field(default_factory=PressurePart)
     folder: Path = Path()
-    value_kPa: float | None = None
-    chamber: str = ""
-    sign: int = 1
     further: tuple[PressureSpec, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """What the chamber is called; empty of one alone."""
+        return self.keys.chamber or ""
+
+    @property
+    def constant_kPa(self) -> float | None:
+        """The pressure of a chamber without a log; None where there is one, or should be."""
+        return self.keys.value
 
     @property
     def chambers(self) -> tuple[PressureSpec, ...]:
@@ -136,27 +107,17 @@ class PressureSpec:
     @property
     def missing(self) -> bool:
         """Whether some chamber has neither a log nor a constant pressure."""
-        return any((part.file, part.url, part.value_kPa) == (None, None, None) for part in self.chambers)
+        return any((part.file, part.keys.url, part.constant_kPa) == (None, None, None) for part in self.chambers)
 
     @property
     def acts(self) -> bool:
         """Whether some chamber has a log, or a constant pressure other than none."""
-        return any(part.file or part.url or part.value_kPa for part in self.chambers)
+        return any(part.file or part.keys.url or part.constant_kPa for part in self.chambers)
 
     @property
     def constant(self) -> bool:
         """Whether there is no log at all: the pressure of every chamber was constant."""
-        return all(part.value_kPa is not None for part in self.chambers)
-
-
-@dataclass(frozen=True)
-class SyncSpec:
-    """How the two clocks are brought together; `value_s` is log clock minus camera clock, `box` the lamp's."""
-
-    method: str = "motion"
-    value_s: float | None = None
-    box: tuple[float, float, float, float] | None = None
-    channel: str | None = None
+        return all(part.constant_kPa is not None for part in self.chambers)
 
 
 @dataclass(frozen=True)
@@ -192,7 +153,7 @@ class ExperimentSpec:
     video: VideoSpec | None
     track: TrackSpec | None
     pressure: PressureSpec
-    sync: SyncSpec
+    sync: SyncPart
     repeat_of: str | None = None
     recorded_at: str | None = None
     memory: str = "fresh"

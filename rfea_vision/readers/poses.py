@@ -16,7 +16,7 @@ from rfea_vision.readers.kinds.base import Points, Table, listed, points_of_colu
 from rfea_vision.units import conversion_factor
 
 if TYPE_CHECKING:
-    from rfea_vision.campaign.specs import TrackSpec
+    from rfea_vision.campaign.schema import TrackPart
 
 _TURNED = re.compile(r"(?i)(?:^|[^a-z])(?:q|quat\w*|rot\w*|orient\w*)[ _.]*[xyzw0-3]$")
 """Headers of a quaternion: qx, q0, quat_w, pose.orientation.z, Rotation X."""
@@ -31,7 +31,7 @@ _FAR = 1e9
 """Pixels, or a thousand kilometres in mm: no place on a tube, and squares of much more overflow."""
 
 
-def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
+def points_in(table: Table, spec: TrackPart | None) -> Points | None:
     """Return the points that `spec` asks for, or None for a table in which it asks for none.
 
     Raises
@@ -39,7 +39,7 @@ def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
     InputError
         If poses need a word that is missing: which points, which individual.
     """
-    if not table.points and (spec is None or not spec.points):
+    if not table.points and (spec is None or not spec.groups):
         return None
     if table.points:
         individual = spec.individual if spec is not None else None
@@ -53,7 +53,7 @@ def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
         assert spec is not None
         time = spec.time or ("time_s" if "time_s" in table.columns else None)
         time_s = None if time is None else in_unit(table, time, "s", "track.time", spec.time_unit)
-        asked = {name for group in spec.points for name in group}
+        asked = {name for group in spec.groups for name in group}
         found = points_of_columns(table.source, table.columns, table.units, time_s, asked)
         if found is None:
             names = listed(list(table.columns))
@@ -62,7 +62,7 @@ def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
                 "written as their names, 'c2,c3'"
             )
         points = found
-    if spec is None or not spec.points:
+    if spec is None or not spec.groups:
         example = f"points: [{', '.join(points.names[:1] + points.names[-1:])}]"
         what = f"name those from the clamp to the tip, for example '{example}'"
         raise InputError(f"{table.source}: track.points: {what}; there are: {listed(points.names)}")
@@ -70,7 +70,7 @@ def points_in(table: Table, spec: TrackSpec | None) -> Points | None:
 
 
 def nodes_of_points(
-    points: Points, spec: TrackSpec, to_rig_mm: Lengths | None
+    points: Points, spec: TrackPart, to_rig_mm: Lengths | None
 ) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
     """Bring points into the rig frame.
 
@@ -93,7 +93,7 @@ def nodes_of_points(
             axes = points.positions.shape[2]
             raise InputError(f"{points.source}: track.origin: {len(spec.origin)} numbers, the file has {axes} axes")
         marks_mm = marks_mm - to_mm(np.asarray(spec.origin, dtype=float))
-    elif len(spec.points) == 1 and marks.shape[1] == 1:
+    elif len(spec.groups) == 1 and marks.shape[1] == 1:
         raise InputError(f"{points.source}: track.origin: is missing; one point alone does not say where the clamp is")
     else:
         clamp_mm = marks_mm[np.isfinite(marks_mm[:, 0]).all(axis=1), 0]
@@ -108,14 +108,14 @@ def nodes_of_points(
     return time_s, even_nodes(marks_mm), None
 
 
-def _chosen(points: Points, spec: TrackSpec) -> FloatArray:
+def _chosen(points: Points, spec: TrackPart) -> FloatArray:
     """Return (time, mark, axis) of the points asked for; of a group the mean."""
     positions = unseen(points.positions, points.confidence, spec.confidence)
     positions = np.where(np.abs(positions) < _FAR, positions, np.nan)
-    if spec.points == (("all",),) and "all" not in points.names:
+    if spec.groups == (("all",),) and "all" not in points.names:
         return positions
     out = []
-    for group in spec.points:
+    for group in spec.groups:
         for name in group:
             if name not in points.names:
                 close = difflib.get_close_matches(name, points.names, n=1)
@@ -127,10 +127,10 @@ def _chosen(points: Points, spec: TrackSpec) -> FloatArray:
     return np.stack(out, axis=1)
 
 
-def _to_mm(points: Points, spec: TrackSpec, to_rig_mm: Lengths | None) -> Lengths:
+def _to_mm(points: Points, spec: TrackPart, to_rig_mm: Lengths | None) -> Lengths:
     """Return what turns (..., axis) of the file into (..., 2) mm along the rig's axes."""
     dimensions = points.positions.shape[2]
-    if to_rig_mm is not None and spec.scale_mm is None and points.unit in ("", "px", "pixels") and dimensions == 2:
+    if to_rig_mm is not None and spec.scale is None and points.unit in ("", "px", "pixels") and dimensions == 2:
         return to_rig_mm
     axes = spec.axes or (("x", "-y" if points.y_down else "y") if dimensions == 2 else None)
     if axes is None:
@@ -138,8 +138,9 @@ def _to_mm(points: Points, spec: TrackSpec, to_rig_mm: Lengths | None) -> Length
         raise InputError(f"{points.source}: track.axes: is missing for positions in space; write for example {example}")
     if any("xyz".index(axis[-1]) >= dimensions for axis in axes):
         raise InputError(f"{points.source}: track.axes: {list(axes)}, but the file has only {'xyz'[:dimensions]}")
-    scale_mm = spec.scale_mm
-    if scale_mm is None:
+    if spec.scale is not None:
+        scale_mm = 1e3 * spec.scale
+    else:
         if points.unit in ("", "px", "pixels"):
             what = "positions are pixels" if points.unit else "the file does not say its unit"
             remedy = "write 'scale: 0.25 mm' (the length of one), or a camera with its calibration"
@@ -156,10 +157,10 @@ def _to_mm(points: Points, spec: TrackSpec, to_rig_mm: Lengths | None) -> Length
     return lambda values: values @ matrix.T
 
 
-def _times(points: Points, spec: TrackSpec) -> FloatArray:
+def _times(points: Points, spec: TrackPart) -> FloatArray:
     count = len(points.positions)
-    if spec.rate_Hz is not None:
-        return np.arange(count) / spec.rate_Hz
+    if spec.rate is not None:
+        return np.arange(count) / spec.rate
     if points.time_s is None:
         raise InputError(f"{points.source}: track.rate: is missing; the file counts frames, write 'rate: 240 Hz'")
     right = np.isfinite(points.time_s) & (np.diff(points.time_s, prepend=-np.inf) > 0)

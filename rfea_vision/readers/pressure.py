@@ -17,6 +17,7 @@ from rfea_vision.readers.tables import read_table
 from rfea_vision.units import counted, pressure_unit
 
 if TYPE_CHECKING:
+    from rfea_vision.campaign.schema import PressurePart
     from rfea_vision.campaign.specs import PressureSpec
 
 #: s by which clocks of 24 and of 12 hours and one of summer time jump back, why, and how near to that a jump is one of them: no log
@@ -114,9 +115,9 @@ def read_pressure(spec: PressureSpec, name: str = "") -> PressureLog:
     """
     if spec.constant:
         raise InputError(f"{spec.folder}: pressure.value: a constant pressure has no log; use `constant_pressure`")
-    if not spec.chamber and spec.sign > 0:
+    if not spec.name and spec.keys.sign > 0:
         return _read_one(spec, name)
-    logs = [None if part.value_kPa is not None else _read_one(part, name) for part in spec.chambers]
+    logs = [None if part.constant_kPa is not None else _read_one(part, name) for part in spec.chambers]
     first = next(log for log in logs if log is not None)
     logs = [
         log and replace(log, time_s=log.time_s + first.zero_apart_s(log.clock_zero_s), clock_zero_s=first.clock_zero_s)
@@ -145,36 +146,37 @@ def _summed(
 ) -> PressureLog:
     """Bring the chambers' pressures to common times and add them up; None where a chamber has a constant pressure."""
     each = {
-        part.chamber: np.full(time_s.size, part.value_kPa)
+        part.name: np.full(time_s.size, part.constant_kPa)
         if log is None
         else np.interp(time_s, log.time_s, log.pressure_kPa)
         for part, log in zip(spec.chambers, logs, strict=True)
     }
-    total = np.sum([part.sign * each[part.chamber] for part in spec.chambers], axis=0)
-    if not spec.chamber:
+    total = np.sum([part.keys.sign * each[part.name] for part in spec.chambers], axis=0)
+    if not spec.name:
         return PressureLog(time_s, total, name, source, channels)
-    return PressureLog(time_s, total, name, source, channels, each, {part.chamber: part.sign for part in spec.chambers})
+    return PressureLog(time_s, total, name, source, channels, each, {part.name: part.keys.sign for part in spec.chambers})
 
 
 def _read_one(spec: PressureSpec, name: str) -> PressureLog:
     """Read the log of one chamber."""
-    if spec.url is not None:
-        table = read_query(spec.url, spec.query or "", spec.folder)
+    keys = spec.keys
+    if keys.url is not None:
+        table = read_query(keys.url, keys.query or "", spec.folder)
     elif spec.file is not None:
         table = read_table(spec.file)
     else:
         raise InputError(
             f"{spec.folder}: pressure: no file and no url; write for example 'pressure: {{file: pressure.csv}}'"
         )
-    time_name, pressure_name = _choose_columns(table, spec)
-    pressure_kPa, said = _in_kPa(table, pressure_name, spec.unit)
-    if (spec.reference or said) == "absolute":
-        pressure_kPa = pressure_kPa - _ambient_kPa(table, pressure_name, spec)
+    time_name, pressure_name = _choose_columns(table, keys)
+    pressure_kPa, said = _in_kPa(table, pressure_name, keys.unit)
+    if (keys.reference or said) == "absolute":
+        pressure_kPa = pressure_kPa - _ambient_kPa(table, pressure_name, keys)
     zero_s = clock_zero_s(table, time_name)
     if time_name is None:
         time_s = table.times_s[pressure_name]
     else:
-        time_s = in_unit(table, time_name, "s", "pressure.time", spec.time_unit)
+        time_s = in_unit(table, time_name, "s", "pressure.time", keys.time_unit)
     if time_name is not None and (np.diff(time_s) < 0).any() and (np.diff(pressure_kPa) > 0).all():
         text = (
             f"goes up and down, and '{pressure_name}' rises in every row, as a clock does; are the two columns swapped?"
@@ -185,8 +187,8 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
         for other, values in table.columns.items()
         if other not in (time_name, pressure_name) and values.shape == time_s.shape and values.dtype.kind in "fiub"
     }
-    doubts = [other_unit(table, pressure_name, "kPa", "pressure.unit", spec.unit), _twice(table, pressure_name)]
-    doubts += [other_unit(table, time_name, "s", "pressure.time_unit", spec.time_unit)] if time_name is not None else []
+    doubts = [other_unit(table, pressure_name, "kPa", "pressure.unit", keys.unit), _twice(table, pressure_name)]
+    doubts += [other_unit(table, time_name, "s", "pressure.time_unit", keys.time_unit)] if time_name is not None else []
     return PressureLog(
         time_s, pressure_kPa, name, table.source, others, clock_zero_s=zero_s, doubts=tuple(filter(None, doubts))
     )
@@ -212,12 +214,12 @@ def _in_kPa(table: Table, name: str, given: str | None) -> tuple[FloatArray, str
     return in_unit(table, name, "kPa", "pressure.pressure", unit), said
 
 
-def _ambient_kPa(table: Table, pressure: str, spec: PressureSpec) -> FloatArray | float:
+def _ambient_kPa(table: Table, pressure: str, keys: PressurePart) -> FloatArray | float:
     """Return what is subtracted from an absolute pressure: a number, or a column brought to the pressure's times."""
-    if spec.ambient is None:
-        return spec.ambient_kPa
-    name = column(table, spec.ambient, "pressure.ambient")
-    unit = None if said_unit(table, name, "kPa") else spec.unit
+    if not isinstance(keys.ambient, str):
+        return keys.ambient
+    name = column(table, keys.ambient, "pressure.ambient")
+    unit = None if said_unit(table, name, "kPa") else keys.unit
     ambient_kPa, _ = _in_kPa(table, name, unit)
     if name in table.times_s and pressure in table.times_s:
         return np.interp(table.times_s[pressure], table.times_s[name], ambient_kPa)
@@ -229,13 +231,13 @@ def _ambient_kPa(table: Table, pressure: str, spec: PressureSpec) -> FloatArray 
     return ambient_kPa
 
 
-def _choose_columns(table: Table, spec: PressureSpec) -> tuple[str | None, str]:
+def _choose_columns(table: Table, keys: PressurePart) -> tuple[str | None, str]:
     """Return the columns of time (None: the file keeps time with every channel) and pressure."""
     names = list(table.columns)
-    bare_pair = spec.time is None and spec.pressure is None and len(names) == 2 and spec.url is not None
+    bare_pair = keys.time is None and keys.pressure is None and len(names) == 2 and keys.url is not None
     if bare_pair and not {"time_s", "pressure_kPa"} & set(names):
         return names[0], names[1]  # SELECT t, p FROM ...
-    pressure = column(table, spec.pressure or "pressure_kPa", "pressure.pressure")
-    if spec.time is None and pressure in table.times_s:
+    pressure = column(table, keys.pressure or "pressure_kPa", "pressure.pressure")
+    if keys.time is None and pressure in table.times_s:
         return None, pressure
-    return column(table, spec.time or "time_s", "pressure.time"), pressure
+    return column(table, keys.time or "time_s", "pressure.time"), pressure

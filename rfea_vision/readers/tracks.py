@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +23,7 @@ from rfea_vision.scatter import rounding_noise, third_difference_noise
 from rfea_vision.units import counted
 
 if TYPE_CHECKING:
-    from rfea_vision.campaign.specs import TrackSpec
+    from rfea_vision.campaign.schema import TrackPart
 
 
 _NODE = re.compile(r"^([xy])(\d+)_mm$")
@@ -36,7 +35,7 @@ _LAST_CHORDS = 4
 
 
 def read_track(
-    path: Path, *, bends: str = "left", spec: TrackSpec | None = None, to_rig_mm: Lengths | None = None
+    path: Path, *, bends: str = "left", spec: TrackPart | None = None, to_rig_mm: Lengths | None = None
 ) -> Track:
     """Read a table of positions in the rig frame (camera-right x, mm) or of angles (deg), or poses of another tool.
 
@@ -120,20 +119,21 @@ def _complete(table: Table, count: int, *measured: FloatArray | None) -> NDArray
     return valid
 
 
-def _refuse_keys_of_points(path: Path, spec: TrackSpec | None) -> None:
+def _refuse_keys_of_points(path: Path, spec: TrackPart | None) -> None:
     """Refuse what is said of named points where there are none: it would be left out without a word."""
-    for field in fields(spec) if spec is not None else ():
-        key = field.name.split("_")[0]
-        if key in _OF_POINTS and getattr(spec, field.name) != field.default:
+    if spec is None:
+        return
+    for key in _OF_POINTS:
+        if getattr(spec, key) != type(spec).model_fields[key].default:
             text = "means nothing without 'points'; leave it out, or name the points on the tube with 'track.points'"
             raise InputError(f"{path}: track.{key}: {text}")
 
 
-def _why_not(points: Points | None, spec: TrackSpec | None) -> NDArray[np.str_]:
+def _why_not(points: Points | None, spec: TrackPart | None) -> NDArray[np.str_]:
     """Reasons (time,), or one for all, for which rows lack a number."""
     if points is None or spec is None or points.confidence is None:
         return np.array("not_tracked")
-    asked = {name for group in spec.points for name in group}
+    asked = {name for group in spec.groups for name in group}
     chosen = [place for place, name in enumerate(points.names) if name in asked or asked == {"all"}]
     return np.where((points.confidence[:, chosen] < spec.confidence).any(axis=1), "low_confidence", "not_tracked")
 
@@ -157,7 +157,7 @@ def noise_of(values: FloatArray) -> float:
     return float(max(spread, rounding_noise(values) or 1e-3, 1e-6))
 
 
-def _time(table: Table, spec: TrackSpec | None) -> FloatArray:
+def _time(table: Table, spec: TrackPart | None) -> FloatArray:
     """Times of the rows: as named, or those that the file itself keeps of the angle."""
     given, angle = spec and spec.time, (spec and spec.angle) or "angle_deg"
     name = given or "time_s"
@@ -180,7 +180,7 @@ def _time(table: Table, spec: TrackSpec | None) -> FloatArray:
     return time_s
 
 
-def _angle(table: Table, spec: TrackSpec | None) -> FloatArray | None:
+def _angle(table: Table, spec: TrackPart | None) -> FloatArray | None:
     given = spec and spec.angle
     if given is None and "angle_deg" not in table.columns:
         return None

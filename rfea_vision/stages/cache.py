@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from rfea_vision import __version__
 from rfea_vision.files import is_file, sha256_of, write_text
@@ -151,8 +151,8 @@ class StageCache:
 
 
 def plain(value: object) -> Any:
-    """Return dataclasses, paths and arrays as JSON values; a path counts by its name, for its content is hashed."""
-    if is_dataclass(value) and not isinstance(value, type):
+    """Return dataclasses, models, paths and arrays as JSON values; a path counts by its name, for its content is hashed."""
+    if isinstance(value, BaseModel) or (is_dataclass(value) and not isinstance(value, type)):
         return {key: plain(item) for key, item in vars(value).items()}
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}

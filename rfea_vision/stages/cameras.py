@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import Calibration, Hints
 from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
+from rfea_vision.campaign.schema import ScalePart
 from rfea_vision.errors import InputError
 from rfea_vision.progress import Progress
 from rfea_vision.stages.runner import Runner, Stage
@@ -117,11 +118,12 @@ def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Cali
     from rfea_vision.calibration.scale import TUBE_SPREAD, scaled_by_distance, scaled_by_places
 
     scale, hints = camera.scale, camera.hints
-    assert scale is not None
-    if scale.places_mm:
-        return scaled_by_places(size, scale.points, scale.places_mm, error_mm=scale.error_mm)
-    if scale.distance_mm is not None:
-        return scaled_by_distance(size, scale.points, scale.distance_mm, error_mm=scale.error_mm)
+    if isinstance(scale, ScalePart):
+        error_mm = None if scale.error is None else 1e3 * scale.error
+        if scale.distance is not None:
+            return scaled_by_distance(size, scale.points, 1e3 * scale.distance, error_mm=error_mm)
+        places_mm = [(1e3 * x, 1e3 * y) for x, y in scale.places or ()]
+        return scaled_by_places(size, scale.points, places_mm, error_mm=error_mm)
     assert hints.clamp is not None and hints.tip is not None
     (ax, ay), (bx, by) = hints.clamp
     line = [((ax + bx) / 2, (ay + by) / 2), *hints.centre_line, hints.tip]

@@ -47,7 +47,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
     calibration_file = calibration_path(work, experiment)
     calibration = calibration_of(work, experiment)
     camera, video = experiment.camera, experiment.video
-    lamp = experiment.sync.box if experiment.sync.method == "led" else None
+    lamp = experiment.sync.lamp_box if experiment.sync.method == "led" else None
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
         work.tell(compiling("vision"))
@@ -105,7 +105,7 @@ def follow(
         vertical=camera.vertical,
         gravity_deg=experiment.rig.gravity_deg or 0.0,
         hints=camera.hints,
-        lamp_box=sync.box if sync.method == "led" else None,
+        lamp_box=sync.lamp_box if sync.method == "led" else None,
         line_delay_s=camera.line_delay_s,
         progress=progress,
     )
@@ -184,7 +184,7 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
     source = experiment.track
     assert source is not None
 
-    camera = experiment.camera if source.points and source.scale_mm is None else None
+    camera = experiment.camera if source.keys.points and source.keys.scale is None else None
     calibration = None if camera is None else calibration_of(work, experiment).value
 
     def make(progress: Progress) -> tuple[Track, list[Path], str]:
@@ -196,7 +196,7 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
 
             gravity_deg, bends = experiment.rig.gravity_deg or 0.0, experiment.actuator.bends
             to_rig_mm = rig_axes_mm(calibration, camera.vertical, gravity_deg, bends)
-        found = read_track(source.file, bends=experiment.actuator.bends, spec=source, to_rig_mm=to_rig_mm)
+        found = read_track(source.file, bends=experiment.actuator.bends, spec=source.keys, to_rig_mm=to_rig_mm)
         doubts, tube = plausibility.of_gaps(found.time_s), experiment.actuator
         if camera is None:
             doubts += plausibility.of_track(found.dataset, 1e3 * tube.length) or of_stretch(found.dataset, tube)
@@ -239,7 +239,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
     log: PressureLog | None = None
     before = runs_before(work.campaign, experiment)
     also = [work.cache.sha256(work.out / experiment.name / "track.nc")]
-    if any(part.url is not None for part in spec.chambers):  # a database has no file to hash: its answer counts
+    if any(part.keys.url is not None for part in spec.chambers):  # a database has no file to hash: its answer counts
         from rfea_vision.readers.pressure import read_pressure
 
         log = read_pressure(spec, experiment.name)
@@ -297,7 +297,7 @@ def _on_one_clock(tracked: Track, log: PressureLog, experiment: ExperimentSpec) 
             role=experiment.role,
             bends=experiment.actuator.bends,
             method="common_clock" if spec.constant else sync.method,
-            value_s=sync.value_s,
+            value_s=sync.value,
             channel=sync.channel,
             repeat_of=experiment.repeat_of,
             gravity_deg=tracked.dataset.attrs.get("gravity_deg", experiment.rig.gravity_deg),

@@ -57,7 +57,7 @@ def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> 
         "pictures": item.video is not None,
         "logged": not item.pressure.missing,
         "hints": {key: plain(getattr(camera.hints, key)) for key in POINTABLE} if camera is not None else {},
-        "sync": {"method": sync.method, "value_s": sync.value_s, "box": sync.box, "channel": sync.channel},
+        "sync": {"method": sync.method, "value_s": sync.value, "box": sync.lamp_box, "channel": sync.channel},
         "bends": item.actuator.bends,
         "tracked": _track(folder / "track.nc"),
         "changed": _changed(item, cache),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sqlite3
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -106,7 +106,7 @@ def _of_other_tools(folder: Path) -> Iterator[Target]:
         yield Target(f"log {write.__name__[6:]}", spec.file.suffix, spec.file.read_bytes(), reading.log(spec))
     for write in written.POSES:
         spec = write(_new(folder / write.__name__))
-        named = replace(spec, points=spec.points or tuple((name,) for name in written.MARKS))
+        named = spec.keys.model_copy(update={"points": spec.keys.points or list(written.MARKS)})
         yield Target(f"poses {write.__name__[6:]}", spec.file.suffix, spec.file.read_bytes(), reading.track(named))
 
 

@@ -23,11 +23,12 @@ def log(spec: Any = None) -> Callable[[Path], None]:
 
     def read(path: Path) -> None:
         from rfea_vision.campaign import PressureSpec
+        from rfea_vision.campaign.schema import PressurePart
         from rfea_vision.readers.pressure import read_pressure
 
         if path.suffix == ".db":
             query = "SELECT time_s, pressure_kPa FROM log"
-            found = read_pressure(PressureSpec(url=f"sqlite:///{path.name}", query=query, folder=path.parent))
+            found = read_pressure(PressureSpec(None, PressurePart(url=f"sqlite:///{path.name}", query=query), path.parent))
         else:
             found = read_pressure(replace(spec or PressureSpec(), file=path, folder=path.parent))
         _in_order(found.time_s, found.pressure_kPa)
@@ -35,13 +36,13 @@ def log(spec: Any = None) -> Callable[[Path], None]:
     return read
 
 
-def track(spec: Any = None) -> Callable[[Path], None]:
-    """Read a track of another tool as `spec` says."""
+def track(keys: Any = None) -> Callable[[Path], None]:
+    """Read a track of another tool as `keys` say."""
 
     def read(path: Path) -> None:
         from rfea_vision.readers.tracks import read_track
 
-        found = read_track(path, spec=None if spec is None else replace(spec, file=path))
+        found = read_track(path, spec=keys)
         data, valid = found.dataset, found.valid
         _in_order(
             found.time_s, *(data[name].values[valid] for name in ("tip", "midline", "bend_angle") if name in data)

@@ -14,7 +14,8 @@ from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.following import AngleRun, _lost, of_pair, together
 from rfea_vision.campaign.plausibility import of_copies, of_times, of_upside_down
 from rfea_vision.campaign.repeats import alike, of_repeat
-from rfea_vision.campaign.specs import ExperimentSpec, PressureSpec, SyncSpec, TrackSpec
+from rfea_vision.campaign.schema import SyncPart
+from rfea_vision.campaign.specs import ExperimentSpec, PressureSpec, TrackSpec
 from rfea_vision.errors import DataError
 from rfea_vision.readers.pressure import PressureLog
 from tests.cli.console import rfea
@@ -324,7 +325,7 @@ def test_a_repeat_that_begins_later_on_its_log_is_one_and_a_run_that_looks_alike
     assert not of_repeat(again, first, "first")
     assert "to 0 % only" in of_repeat(PressureLog(time_s, -pressure), first, "first")
     rng = np.random.default_rng(1)
-    parts = (None, None, TrackSpec(Path("track.csv")), PressureSpec(), SyncSpec())
+    parts = (None, None, TrackSpec(Path("track.csv")), PressureSpec(), SyncPart())
     runs = [ExperimentSpec(name, Path(), "train", Actuator(), *parts) for name in ("a", "b", "c")]
     motion = {name: (pressure + 0.001 * rng.standard_normal(400))[:, None] for name in "ab"}
     assert alike(runs, motion | {"c": np.zeros((400, 1))}) == []

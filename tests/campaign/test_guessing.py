@@ -95,7 +95,7 @@ def test_an_encoder_beside_the_pressure_is_one_run_on_one_clock(tmp_path):
     write_campaign_from(tmp_path / "tube", [tmp_path / "messung.csv"])
     run = load_campaign(tmp_path / "tube").experiments[0]
     assert run.sync.method == "common_clock"
-    track = read_track(run.track.file, spec=run.track)
+    track = read_track(run.track.file, spec=run.track.keys)
     np.testing.assert_allclose(track.dataset["bend_angle"], ANGLE_deg, atol=1e-6)
     np.testing.assert_allclose(read_pressure(run.pressure).pressure_kPa, PRESSURE_kPa, atol=1e-9)
 
@@ -106,7 +106,7 @@ def test_a_track_has_the_unit_and_the_clock_of_its_columns(tmp_path):
     pd.DataFrame({**columns, "sensor": np.deg2rad(ANGLE_deg)}).to_csv(tmp_path / "run.csv", index=False)
     write_campaign_from(tmp_path / "tube", [tmp_path / "run.csv"])
     run = load_campaign(tmp_path / "tube").experiments[0]
-    track = read_track(run.track.file, spec=run.track)
+    track = read_track(run.track.file, spec=run.track.keys)
     np.testing.assert_allclose(track.time_s, TIME_S, atol=1e-9)
     np.testing.assert_allclose(track.dataset["bend_angle"], ANGLE_deg, atol=1e-6)
     np.testing.assert_allclose(read_pressure(run.pressure).time_s, TIME_S, atol=1e-9)
@@ -118,7 +118,7 @@ def test_columns_beside_a_clock_of_another_name_are_points(tmp_path):
     frame.rename(columns={"tip_x_mm": "end_x_mm", "tip_y_mm": "end_y_mm"}).to_csv(tmp_path / "run.csv", index=False)
     write_campaign_from(tmp_path / "tube", [tmp_path / "run.csv"])
     run = load_campaign(tmp_path / "tube").experiments[0]
-    np.testing.assert_allclose(read_track(run.track.file, spec=run.track).time_s, TIME_S, atol=1e-9)
+    np.testing.assert_allclose(read_track(run.track.file, spec=run.track.keys).time_s, TIME_S, atol=1e-9)
     np.testing.assert_allclose(read_pressure(run.pressure).pressure_kPa, PRESSURE_kPa, atol=1e-9)
 
 
@@ -143,7 +143,7 @@ def test_points_in_space_tell_how_the_tube_hangs(tmp_path):
     campaign = load_campaign(tmp_path / "tube")
     run, bends = campaign.experiments[0], campaign.actuator.bends
     assert bends == "right" and campaign.actuator.length == pytest.approx(0.120, rel=1e-3)
-    tip = read_track(run.track.file, spec=run.track).dataset["tip"]
+    tip = read_track(run.track.file, spec=run.track.keys).dataset["tip"]
     np.testing.assert_allclose(tip, hanging[["tip_x_mm", "tip_y_mm"]] * [-1.0, 1.0], atol=1e-6)
 
 
@@ -152,7 +152,7 @@ def test_two_nameless_columns_are_an_angle_where_nothing_else_moves(tmp_path):
         np.savetxt(tmp_path / f"{name}.txt", np.stack([TIME_S, ANGLE_deg], axis=1))
     write_campaign_from(tmp_path / "tube", [tmp_path / "small.txt", tmp_path / "large.txt"])
     run = load_campaign(tmp_path / "tube").experiments[0]
-    np.testing.assert_allclose(read_track(run.track.file, spec=run.track).dataset["bend_angle"], ANGLE_deg, atol=1e-6)
+    np.testing.assert_allclose(read_track(run.track.file, spec=run.track.keys).dataset["bend_angle"], ANGLE_deg, atol=1e-6)
 
 
 def test_numbers_without_a_header_are_asked_for_one(tmp_path):
@@ -190,7 +190,7 @@ def test_names_cannot_write_yaml(tmp_path):
     reading = read_campaign(tmp_path / "tube")
     assert not [item for item in reading.problems if item.severity == "error"]
     run = reading.campaign.experiments[0]
-    assert run.role == "train" and run.pressure.pressure == 'p: "} [kPa]' and run.pressure.file.name == odd.name
+    assert run.role == "train" and run.pressure.keys.pressure == 'p: "} [kPa]' and run.pressure.file.name == odd.name
 
 
 def test_nothing_is_overwritten_and_nothing_is_made_of_nothing(tmp_path):
@@ -222,7 +222,7 @@ def test_a_track_without_a_log_is_told_what_stands_for_one(tmp_path):
     path.write_text("\n".join(line.removeprefix("# ") for line in kept))
     campaign = load_campaign(tmp_path / "made")
     (run,) = campaign.experiments
-    assert run.pressure.value_kPa == 0.0 and run.rig.held
+    assert run.pressure.constant_kPa == 0.0 and run.rig.held
 
 
 CHAMBERS = [
@@ -243,7 +243,7 @@ def test_pressures_that_are_called_chambers_are_written_as_such(tmp_path, header
     tip_track("left").to_csv(tmp_path / "log_track.csv", index=False)
     written = write_campaign_from(tmp_path / "tube", [tmp_path])
     parts = load_campaign(tmp_path / "tube").experiments[0].pressure.chambers
-    assert [part.chamber for part in parts] == list(chambers) and [part.sign for part in parts] == list(signs)
+    assert [part.name for part in parts] == list(chambers) and [part.keys.sign for part in parts] == list(signs)
     log = read_pressure(load_campaign(tmp_path / "tube").experiments[0].pressure)
     for index, chamber in enumerate(chambers):
         np.testing.assert_allclose(log.chambers[chamber], (index + 1) * PRESSURE_kPa, atol=1e-6)

@@ -50,9 +50,9 @@ def test_experiments_inherit_and_override(campaign):
     edit(campaign / "sine" / "experiment.yaml", sync=None, pressure={"file": "pressure.csv", "unit": "psi"})
     loaded = load_campaign(campaign)
     steps, sine = loaded.experiment("steps"), loaded.experiment("sine")
-    assert (steps.pressure.unit, steps.pressure.reference) == ("bar", "absolute")
-    assert (sine.pressure.unit, sine.pressure.reference) == ("psi", "absolute")
-    assert (steps.sync.method, steps.sync.value_s) == ("offset", pytest.approx(0.012))
+    assert (steps.pressure.keys.unit, steps.pressure.keys.reference) == ("bar", "absolute")
+    assert (sine.pressure.keys.unit, sine.pressure.keys.reference) == ("psi", "absolute")
+    assert (steps.sync.method, steps.sync.value) == ("offset", pytest.approx(0.012))
     assert sine.sync.method == "led"
     assert (steps.actuator.bends, sine.actuator.bends) == ("right", "left")
     assert steps.actuator.length == sine.actuator.length
@@ -297,7 +297,7 @@ def _with_chambers(folder, given):
 def test_chambers_are_read_with_their_signs(tmp_path):
     folder = _with_chambers(tmp_path / "c", {"steps": TWO_CHAMBERS, "sine": TWO_CHAMBERS})
     pressure = load_campaign(folder).experiment("steps").pressure
-    assert [(part.chamber, part.sign) for part in pressure.chambers] == [("left", 1), ("right", -1)]
+    assert [(part.name, part.keys.sign) for part in pressure.chambers] == [("left", 1), ("right", -1)]
     assert len(pressure.files) == 1
     assert [problem.key for problem in read_campaign(folder).problems] == ["actuator.section"]
     campaign = folder / "campaign.yaml"

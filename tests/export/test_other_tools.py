@@ -10,7 +10,7 @@ import xarray as xr
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.artefacts.judgement import Parameter
-from rfea_vision.campaign.specs import TrackSpec
+from rfea_vision.campaign.schema import TrackPart
 from rfea_vision.errors import DataError
 from rfea_vision.export.crate import write_crate
 from rfea_vision.export.poses import write_movement
@@ -31,7 +31,7 @@ def recording():
 def test_poses_come_back(tmp_path):
     data = recording()
     write_movement(tmp_path / "run.nc", data, name="steps")
-    track = read_track(tmp_path / "run.nc", spec=TrackSpec(tmp_path / "run.nc", points=(("all",),)))
+    track = read_track(tmp_path / "run.nc", spec=TrackPart(points="all"))
     assert not track.valid[7] and track.valid.sum() == 49
     np.testing.assert_allclose(
         track.dataset["tip"].values[track.valid], data["midline"].values[track.valid, -1], atol=1e-6

@@ -86,7 +86,7 @@ def test_hints_stand_in_the_file(tmp_path):
     (tmp_path / "experiment.yaml").write_text(CAMPAIGN)
     experiment = load_campaign(tmp_path).experiments[0]
     assert experiment.camera is not None and experiment.camera.scale is not None
-    assert experiment.camera.scale.distance_mm == pytest.approx(155.0)
+    assert experiment.camera.scale.distance == pytest.approx(0.155)
     hints = experiment.camera.hints
     assert hints.colour == (0x70, 0x88, 0xA0)
     assert hints.region == (100, 50, 300, 640) and hints.exclude == ((0, 0, 60, 60),)

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from rfea_vision.campaign.guess import look
-from rfea_vision.campaign.specs import PressureSpec, TrackSpec
+from rfea_vision.campaign.schema import PressurePart, TrackPart
+from rfea_vision.campaign.specs import PressureSpec
 from rfea_vision.errors import InputError
 from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tables import KINDS, kind_of, read_table
@@ -42,8 +43,8 @@ def test_a_log_comes_back(tmp_path, write):
 def test_poses_become_a_track(tmp_path, write):
     spec = write(tmp_path)
     precise = 1e-3 if spec.file.suffix == ".c3d" else 1e-9  # c3d keeps 32 bits
-    spec = TrackSpec(**{**vars(spec), "points": spec.points or tuple((name,) for name in MARKS)})
-    track = read_track(spec.file, spec=spec)
+    keys = spec.keys.model_copy(update={"points": spec.keys.points or list(MARKS)})
+    track = read_track(spec.file, spec=keys)
     np.testing.assert_allclose(track.time_s, TIME_S, atol=1e-9)
     np.testing.assert_allclose(track.dataset["tip"], TIP_mm, atol=precise)
     nodes = track.dataset["midline"].values
@@ -75,7 +76,7 @@ def test_an_encoder_of_a_robot_is_a_track_on_its_own_clock(tmp_path):
     file = next((tmp_path / "bag").glob("*.mcap"))
     guessed = look(file)
     assert guessed.what == "track" and {key.name: key.value for key in guessed.motion}["angle"] == "/finger.position(1)"
-    track = read_track(file, spec=TrackSpec(file, angle="/finger.position(1)"))
+    track = read_track(file, spec=TrackPart(angle="/finger.position(1)"))
     np.testing.assert_allclose(track.time_s, TIME_S, atol=1e-6)
     np.testing.assert_allclose(np.deg2rad(track.dataset["bend_angle"]), angle, atol=1e-12)
 
@@ -126,17 +127,17 @@ def test_no_code_in_a_file_is_run(tmp_path):
     ("changes", "says"),
     [
         ({}, "track.points: name those from the clamp to the tip, for example 'points: [clamp, tip]'"),
-        ({"points": (("clamp",), ("tipp",))}, "no 'tipp'; there are: clamp, m1, m2, tip; did you mean 'tip'?"),
-        ({"points": (("clamp",), ("tip",)), "scale_mm": None}, "track.scale: is missing; positions are pixels"),
-        ({"points": (("clamp",), ("tip",)), "rate_Hz": None}, "track.rate: is missing"),
-        ({"points": (("tip",),)}, "track.origin: is missing"),
-        ({"points": (("clamp",), ("tip",)), "axes": ("x", "z")}, "track.axes"),
+        ({"points": ["clamp", "tipp"]}, "no 'tipp'; there are: clamp, m1, m2, tip; did you mean 'tip'?"),
+        ({"points": ["clamp", "tip"], "scale": None}, "track.scale: is missing; positions are pixels"),
+        ({"points": ["clamp", "tip"], "rate": None}, "track.rate: is missing"),
+        ({"points": ["tip"]}, "track.origin: is missing"),
+        ({"points": ["clamp", "tip"], "axes": ("x", "z")}, "track.axes"),
     ],
 )
 def test_what_poses_lack_is_said(tmp_path, changes, says):
     spec = write_sleap(tmp_path)
     with pytest.raises(InputError) as caught:
-        read_track(spec.file, spec=TrackSpec(**{**vars(spec), **changes}))
+        read_track(spec.file, spec=spec.keys.model_copy(update=changes))
     assert says in str(caught.value)
 
 
@@ -144,16 +145,16 @@ def test_a_camera_turns_pixels_into_mm_and_a_doubtful_point_is_a_gap(tmp_path):
     spec = write_sleap(tmp_path)
     with h5py.File(spec.file, "r+") as file:
         file["point_scores"][0, 3, 5] = 0.1
-    spec = TrackSpec(**{**vars(spec), "points": (("clamp",), ("tip",)), "scale_mm": None})
-    track = read_track(spec.file, spec=spec, to_rig_mm=lambda px: px * [SCALE_mm, -SCALE_mm])
+    keys = spec.keys.model_copy(update={"points": ["clamp", "tip"], "scale": None})
+    track = read_track(spec.file, spec=keys, to_rig_mm=lambda px: px * [SCALE_mm, -SCALE_mm])
     assert not track.valid[5] and track.valid.sum() == len(TIME_S) - 1
     np.testing.assert_allclose(track.dataset["tip"].values[track.valid], TIP_mm[track.valid], atol=1e-9)
 
 
 def test_groups_of_columns_are_points(tmp_path, shared_data):
     beam = Path(shared_data) / "clamped-beam" / "gravity_a.csv"
-    tips, bases = (tuple(f"{name}{i}" for i in (1, 2, 3)) for name in ("tip", "base"))
-    track = read_track(beam, spec=TrackSpec(beam, points=(bases, tips), axes=("x", "-z")))
+    tips, bases = ([f"{name}{i}" for i in (1, 2, 3)] for name in ("tip", "base"))
+    track = read_track(beam, spec=TrackPart(points=[bases, tips], axes=("x", "-z")))
     frame = pd.read_csv(beam)
     across = (
         frame[[f"{name}_x_mm" for name in tips]].mean(axis=1)
@@ -165,7 +166,7 @@ def test_groups_of_columns_are_points(tmp_path, shared_data):
 
 def test_another_tools_midlines(shared_data):
     file = Path(shared_data) / "worm-midlines" / "datasets" / "sample_data" / "features.h5"
-    track = read_track(file, spec=TrackSpec(file, points=(("all",),), scale_mm=0.01, rate_Hz=30.0))
+    track = read_track(file, spec=TrackPart(points="all", scale="0.01 mm", rate="30 Hz"))
     assert (~track.valid).sum() == 280 and len(track.time_s) == 1000
 
 
@@ -208,14 +209,14 @@ def test_numbers_as_people_elsewhere_write_them(tmp_path, text, encoding):
 )
 def test_units_and_what_pressure_is_measured_against(tmp_path, columns, keys):
     pd.DataFrame({"time_s": TIME_S, **columns}).to_csv(tmp_path / "log.csv", index=False)
-    log = read_pressure(PressureSpec(file=tmp_path / "log.csv", pressure=next(iter(columns)), **keys))
+    log = read_pressure(PressureSpec(tmp_path / "log.csv", PressurePart(pressure=next(iter(columns)), **keys)))
     np.testing.assert_allclose(log.pressure_kPa, PRESSURE_kPa, rtol=1e-9, atol=1e-9)
 
 
 def test_an_ambient_column_that_is_not_there(tmp_path):
     spec = write_csv(tmp_path)
     with pytest.raises(InputError, match=r"no column 'room' \(pressure.ambient\)"):
-        read_pressure(PressureSpec(file=spec.file, reference="absolute", ambient="room"))
+        read_pressure(PressureSpec(spec.file, PressurePart(reference="absolute", ambient="room")))
 
 
 def test_frames_of_an_unsure_tracker_say_so(tmp_path):
@@ -223,7 +224,7 @@ def test_frames_of_an_unsure_tracker_say_so(tmp_path):
     with h5py.File(spec.file, "r+") as file:
         file["point_scores"][0, 1, 7] = 0.2
         file["tracks"][0, :, 2, 9] = np.nan
-    track = read_track(spec.file, spec=TrackSpec(**{**vars(spec), "points": tuple((name,) for name in MARKS)}))
+    track = read_track(spec.file, spec=spec.keys.model_copy(update={"points": list(MARKS)}))
     assert list(track.dataset["reason"].values[6:10]) == ["", "low_confidence", "", "not_tracked"]
 
 
@@ -249,8 +250,8 @@ def test_files_of_one_run_that_begin_apart_are_brought_to_one_clock(tmp_path):
             file.header.start_time = datetime(2026, 3, 1, 12, 0, begun, tzinfo=UTC)
             file.append([Signal(PRESSURE_kPa, TIME_S, name="p", unit="kPa"), Signal(TIME_S, TIME_S, name="bend", unit="deg")])
             file.save(tmp_path / f"{name}.mf4", overwrite=True)
-    log = read_pressure(PressureSpec(file=tmp_path / "log.mf4", pressure="p"))
-    track = read_track(tmp_path / "track.mf4", spec=TrackSpec(tmp_path / "track.mf4", angle="bend"))
+    log = read_pressure(PressureSpec(tmp_path / "log.mf4", PressurePart(pressure="p")))
+    track = read_track(tmp_path / "track.mf4", spec=TrackPart(angle="bend"))
     assert log.zero_apart_s(track.dataset.attrs["clock_zero_s"]) == pytest.approx(3.0)
 
 
@@ -266,7 +267,7 @@ def test_channels_of_one_name_are_all_there(tmp_path):
     assert table.units == {"p": "bar", "p.1": "bar"}
     (tmp_path / "a.csv").write_text("time_s,p [bar],p [bar]\n0,1,2\n1,1,2\n")
     np.testing.assert_allclose(
-        read_pressure(PressureSpec(file=tmp_path / "a.csv", pressure="p [bar].1")).pressure_kPa, 200
+        read_pressure(PressureSpec(tmp_path / "a.csv", PressurePart(pressure="p [bar].1"))).pressure_kPa, 200
     )
 
 
@@ -306,21 +307,20 @@ def test_other_columns_do_not_put_points_into_space(tmp_path, more):
     columns = {"t [ms]": 1e3 * TIME_S} | {f"a_{axis}_mm": 0.0 * TIME_S for axis in "xy"}
     columns |= {"b_x_mm": TIP_mm[:, 0], "b_y_mm": TIP_mm[:, 1]}
     pd.DataFrame(columns | more).to_csv(tmp_path / "a.csv", index=False)
-    spec = TrackSpec(tmp_path / "a.csv", points=(("a",), ("b",)), time="t [ms]")
-    track = read_track(spec.file, spec=spec)
+    track = read_track(tmp_path / "a.csv", spec=TrackPart(points=["a", "b"], time="t [ms]"))
     np.testing.assert_allclose(track.dataset["tip"], TIP_mm)
     np.testing.assert_allclose(track.time_s, TIME_S)
 
 
 @pytest.mark.parametrize(
     ("key", "given"),
-    [("rate", {"rate_Hz": 120.0}), ("scale", {"scale_mm": 0.1}), ("origin", {"origin": (0.0, 0.0)}),
+    [("rate", {"rate": "120 Hz"}), ("scale", {"scale": "0.1 mm"}), ("origin", {"origin": [0.0, 0.0]}),
      ("axes", {"axes": ("x", "-y")}), ("individual", {"individual": "a"}), ("confidence", {"confidence": 0.9})],
 )  # fmt: skip
 def test_what_is_said_of_points_that_there_are_not_is_refused(tmp_path, key, given):
     pd.DataFrame({"time_s": TIME_S, "angle_deg": TIME_S}).to_csv(tmp_path / "a.csv", index=False)
     with pytest.raises(InputError, match=f"track.{key}: means nothing without 'points'"):
-        read_track(tmp_path / "a.csv", spec=TrackSpec(tmp_path / "a.csv", **given))
+        read_track(tmp_path / "a.csv", spec=TrackPart(**given))
 
 
 def test_columns_of_any_name_are_a_point(tmp_path):
@@ -328,10 +328,9 @@ def test_columns_of_any_name_are_a_point(tmp_path):
     time = np.arange(60) / 100
     tip = np.stack([-20 * np.sin(time), -100 * np.cos(time)], axis=1)
     np.savetxt(tmp_path / "raw.txt", np.column_stack([1e3 * time, np.full((60, 2), 3.0), np.ones(60), tip + 3.0]))
-    points = (("c2,c3",), ("c5, c6",))
-    spec = TrackSpec(tmp_path / "raw.txt", points=points, scale_mm=1.0, time="c1", time_unit="ms")
-    track = read_track(tmp_path / "raw.txt", spec=spec)
+    keys = TrackPart(points=["c2,c3", "c5, c6"], scale="1 mm", time="c1", time_unit="ms")
+    track = read_track(tmp_path / "raw.txt", spec=keys)
     np.testing.assert_allclose(track.dataset["tip"], tip, atol=1e-9)
     np.testing.assert_allclose(track.time_s, time, atol=1e-9)
     with pytest.raises(InputError, match=r"c1, c2, .*written as their names, 'c2,c3'"):
-        read_track(spec.file, spec=TrackSpec(**{**vars(spec), "points": (("c2,c9",), ("c7,c8",))}))
+        read_track(tmp_path / "raw.txt", spec=keys.model_copy(update={"points": ["c2,c9", "c7,c8"]}))

@@ -8,7 +8,7 @@ import sqlalchemy
 from scipy.io import savemat
 
 from rfea_vision.campaign import PressureSpec
-from rfea_vision.campaign.specs import TrackSpec
+from rfea_vision.campaign.schema import PressurePart, TrackPart
 from rfea_vision.errors import InputError
 from rfea_vision.readers.pressure import read_pressure
 from rfea_vision.readers.tracks import read_track
@@ -41,7 +41,7 @@ def write_parquet(folder):
 
 def write_mat(folder):
     savemat(folder / "p.mat", {"log": {"t": TIME_S, "p": PRESSURE_kPa / 100.0}})
-    return PressureSpec(file=folder / "p.mat", time="log.t", pressure="log.p", unit="bar")
+    return PressureSpec(folder / "p.mat", PressurePart(time="log.t", pressure="log.p", unit="bar"))
 
 
 def write_mdf(folder):
@@ -50,7 +50,7 @@ def write_mdf(folder):
     with MDF(version="4.10") as file:
         file.append([Signal(PRESSURE_kPa / 100.0, TIME_S, name="P1", unit="bar")])
         file.save(folder / "p.mf4", overwrite=True)
-    return PressureSpec(file=folder / "p.mf4", pressure="P1")
+    return PressureSpec(folder / "p.mf4", PressurePart(pressure="P1"))
 
 
 def write_database(folder):
@@ -58,7 +58,7 @@ def write_database(folder):
     frame = pd.DataFrame({"run": 7, "t": TIME_S, "p": PRESSURE_kPa})
     pd.concat([frame, frame.assign(run=8, p=0.0)]).to_sql("log", engine, index=False)
     engine.dispose()
-    return PressureSpec(url="sqlite:///log.db", query="SELECT t, p FROM log WHERE run = 7", folder=folder)
+    return PressureSpec(None, PressurePart(url="sqlite:///log.db", query="SELECT t, p FROM log WHERE run = 7"), folder)
 
 
 @pytest.mark.parametrize(
@@ -85,13 +85,13 @@ def test_other_columns_come_along(tmp_path):
         ({"time_ms": TIME_S * 1e3, "p_bar": PRESSURE_kPa / 100}, {"time": "time_ms", "pressure": "p_bar"}),
         ({"t [ms]": TIME_S * 1e3, "p [psi]": PRESSURE_kPa / 6.894757293168}, {"time": "t [ms]", "pressure": "p [psi]"}),
         ({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa + 101.325}, {"reference": "absolute"}),
-        ({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa + 99.0}, {"reference": "absolute", "ambient_kPa": 99.0}),
+        ({"time_s": TIME_S, "pressure_kPa": PRESSURE_kPa + 99.0}, {"reference": "absolute", "ambient": "99 kPa"}),
         ({"tick": TIME_S * 1e3, "pressure_kPa": PRESSURE_kPa}, {"time": "tick", "time_unit": "ms"}),
     ],
 )
 def test_columns_and_units_are_chosen(tmp_path, columns, keys):
     pd.DataFrame(columns).to_csv(tmp_path / "p.csv", index=False)
-    log = read_pressure(PressureSpec(file=tmp_path / "p.csv", **keys))
+    log = read_pressure(PressureSpec(tmp_path / "p.csv", PressurePart(**keys)))
     np.testing.assert_allclose(log.time_s, TIME_S, atol=1e-12)
     np.testing.assert_allclose(log.pressure_kPa, PRESSURE_kPa, rtol=1e-9)
 
@@ -166,25 +166,26 @@ def test_unknown_kinds_and_encodings_are_named(tmp_path):
 def test_a_bad_database_is_named(tmp_path, url, query, says):
     write_database(tmp_path)
     with pytest.raises(InputError) as caught:
-        read_pressure(PressureSpec(url=url, query=query, folder=tmp_path))
+        read_pressure(PressureSpec(None, PressurePart(url=url, query=query), tmp_path))
     assert says in str(caught.value) and "secret" not in str(caught.value)
     assert not (tmp_path / "gone.db").exists()
 
 
 def test_a_real_file_of_another_rig(shared_data):
     spec = PressureSpec(
-        file=Path(shared_data) / "static-pressure-tip" / "OverLapMat.mat", time="config(1).x", pressure="config(1).p"
+        Path(shared_data) / "static-pressure-tip" / "OverLapMat.mat",
+        PressurePart(time="config(1).x", pressure="config(1).p"),
     )
     with pytest.raises(InputError, match="goes up and down"):  # tip positions are no clock, and that is noticed
         read_pressure(spec)
 
 
-def _chambers(folder, right_s, **keys):
+def _chambers(folder, right_s):
     pd.DataFrame({"time_s": TIME_S, "p1": PRESSURE_kPa}).to_csv(folder / "left.csv", index=False)
     pd.DataFrame({"time_s": right_s, "p2": 3.0 + 2.0 * right_s}).to_csv(folder / "right.csv", index=False)
-    right = PressureSpec(file=folder / "right.csv", pressure="p2", chamber="right", sign=-1)
-    bias = PressureSpec(value_kPa=5.0, chamber="bias")
-    return PressureSpec(file=folder / "left.csv", pressure="p1", chamber="left", further=(right, bias), **keys)
+    right = PressureSpec(folder / "right.csv", PressurePart(pressure="p2", chamber="right", sign=-1))
+    bias = PressureSpec(keys=PressurePart(value="5 kPa", chamber="bias"))
+    return PressureSpec(folder / "left.csv", PressurePart(pressure="p1", chamber="left"), further=(right, bias))
 
 
 def test_chambers_are_added_with_their_signs_where_all_have_a_log(tmp_path):
@@ -211,13 +212,13 @@ def test_logs_and_a_track_with_dates_keep_what_lies_between_them(tmp_path):
         frame["pressure_kPa"] = frame["angle_deg"] = seconds + (first - 25)
         frame.to_csv(tmp_path / f"{name}.csv", index=False)
     left, right = (
-        PressureSpec(file=tmp_path / f"{name}.csv", time="clock", chamber=name, folder=tmp_path)
+        PressureSpec(tmp_path / f"{name}.csv", PressurePart(time="clock", chamber=name), tmp_path)
         for name in ("left", "right")
     )
     log = read_pressure(replace(left, further=(right,)))
     np.testing.assert_allclose(log.time_s[[0, -1]], [5.0, 19.9])
     np.testing.assert_allclose(log.pressure_kPa, 2 * log.time_s)
-    track = read_track(tmp_path / "track.csv", spec=TrackSpec(tmp_path / "track.csv", time="clock"))
+    track = read_track(tmp_path / "track.csv", spec=TrackPart(time="clock"))
     for method, value_s in (("common_clock", None), ("offset", -1.0)):
         found = synchronise(
             track, read_pressure(left), experiment="a", role="train", bends="left", method=method, value_s=value_s

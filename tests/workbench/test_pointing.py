@@ -127,7 +127,7 @@ def test_a_lamp_is_shown_and_brings_the_clocks_together(film, served, visit):
         page.text_content("#next-do")
     ]
     sync = load_campaign(folder).experiments[0].sync
-    assert (sync.method, sync.channel) == ("led", "blink") and list(sync.box) == drawn
+    assert (sync.method, sync.channel) == ("led", "blink") and list(sync.lamp_box) == drawn
     assert "# the only one" in (folder / "swing" / "experiment.yaml").read_text()
     assert unfit(page, "setup", "clock") == {}
 
