@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # slow to import
+    import h5py
     import xarray as xr
 
 
@@ -39,7 +40,7 @@ def read_own(path: Path, group: str | None, most_bytes: int) -> xr.Dataset | Non
         return None
 
 
-def _dimensions(items: list[tuple[str, Any]]) -> dict[str, tuple[str, ...]] | None:
+def _dimensions(items: list[tuple[str, h5py.Dataset]]) -> dict[str, tuple[str, ...]] | None:
     """Names of the dimensions of each variable; None if one stands in another group or has none."""
     scales = {item.id.__hash__(): name for name, item in items if item.attrs.get("CLASS") == b"DIMENSION_SCALE"}
     found = {}
@@ -59,12 +60,12 @@ def _dimensions(items: list[tuple[str, Any]]) -> dict[str, tuple[str, ...]] | No
     return found
 
 
-def _is_bare(item: Any) -> bool:
+def _is_bare(item: h5py.Dataset) -> bool:
     """Whether a dimension has a length and no values."""
     return bytes(item.attrs.get("NAME", b"")).startswith(b"This is a netCDF dimension but not a netCDF variable")
 
 
-def _variable(item: Any, dimensions: tuple[str, ...]) -> xr.Variable:
+def _variable(item: h5py.Dataset, dimensions: tuple[str, ...]) -> xr.Variable:
     import h5py
     import xarray as xr
 
@@ -75,7 +76,7 @@ def _variable(item: Any, dimensions: tuple[str, ...]) -> xr.Variable:
     return xr.Variable(dimensions, item[()], _attributes(item), {"dtype": item.dtype})
 
 
-def _attributes(item: Any) -> dict[str, Any]:
+def _attributes(item: h5py.Dataset | h5py.Group) -> dict[str, object]:
     import h5py
     from h5netcdf.attrs import Attributes
 

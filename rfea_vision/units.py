@@ -9,7 +9,7 @@ import difflib
 import math
 import re
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import pint
@@ -78,7 +78,7 @@ def _unit(text: str) -> pint.Unit:
         raise
 
 
-def dimension_of(unit: str) -> Any:
+def dimension_of(unit: str) -> object:
     """Return the dimension of a unit, of pint's type, which compares, multiplies and takes powers."""
     return _registry().Unit(unit).dimensionality
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -325,7 +325,7 @@ def _actuator(
 
 
 def _validate(
-    model: type[_Model], content: Mapping[str, Any], files: tuple[YamlFile, ...], experiment: str | None = None
+    model: type[_Model], content: Mapping[str, object], files: tuple[YamlFile, ...], experiment: str | None = None
 ) -> tuple[_Model, list[FileProblem]]:
     """Return the file as far as it is valid: parts with a problem are left out, and their problems returned."""
     try:
@@ -348,7 +348,7 @@ _ALTERNATIVES = {
 _KINDS = {"sync": "method", "section": "kind"}
 
 
-def _merge(below: Mapping[str, Any], above: Mapping[str, Any], part: str = "") -> dict[str, Any]:
+def _merge(below: Mapping[str, object], above: Mapping[str, object], part: str = "") -> dict[str, object]:
     """Return `above` laid over `below`, mapping by mapping; what stands in the place of an inherited key replaces it."""
     kind, keys = _KINDS.get(part, ""), _ALTERNATIVES.get(part, set())
     if kind in below and kind in above and below[kind] != above[kind]:

@@ -34,7 +34,7 @@ class FileProblem:
         where = f"{self.file}:{self.line}" if self.line else str(self.file)
         return f"{where}: {self.key}: {self.message}" if self.key else f"{where}: {self.message}"
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the problem as plain JSON values."""
         return {**vars(self), "file": str(self.file)}
 

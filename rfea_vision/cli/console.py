@@ -9,7 +9,7 @@ import sys
 import textwrap
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
 from click.core import ParameterSource
@@ -60,12 +60,12 @@ def print_error(message: str, exit_code: int, *, as_json: bool, quiet: bool = Fa
         click.echo(json.dumps({"status": "error", "exit_code": exit_code, "error": message}))
 
 
-def print_json(value: Any) -> None:
+def print_json(value: object) -> None:
     """Print one JSON document on stdout; NaN is not JSON and becomes null."""
     click.echo(json.dumps(_finite(value), indent=1, default=str))
 
 
-def _finite(value: Any) -> Any:
+def _finite(value: object) -> object:
     if isinstance(value, dict):
         return {str(key): _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -142,7 +142,7 @@ def _carried(command: str) -> list[str]:
     return words
 
 
-def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]], *, left: int = 1) -> None:
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]], *, left: int = 1) -> None:
     """Print a table on stdout; the first `left` columns are text, the others numbers.
 
     Where the terminal is too narrow for it, every row becomes a few lines of its own: no word is broken.
@@ -175,7 +175,7 @@ def _print_lines(title: str, columns: Sequence[str], cells: Sequence[Sequence[st
         say(", ".join(told), indent="  ")
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """Return a cell of a table: a number to the digits that count, nothing as a dash."""
     if value is None or value == "":
         return "-"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -106,7 +106,7 @@ def _known(effect_files: tuple[Path, ...]) -> dict[str, type[Effect]]:
     return {**catalogue(), **own}
 
 
-def _facts(effect: type[Effect]) -> dict[str, Any]:
+def _facts(effect: type[Effect]) -> dict[str, object]:
     parameters = {
         name: {"unit": item.unit, "absent": item.absent, "lower": item.lower, "upper": item.upper, "text": item.text}
         for name, item in effect.parameters.items()

@@ -174,7 +174,7 @@ def _played(pressure: str) -> tuple[float | None, Programme | None]:
     return None, given_programme(log.time_s, 1e3 * log.pressure_kPa)
 
 
-def _simulate_like(out: Path, campaign: Path, hidden: dict[str, float], seed: int, write_truth: bool) -> dict[str, Any]:
+def _simulate_like(out: Path, campaign: Path, hidden: dict[str, float], seed: int, write_truth: bool) -> dict[str, object]:
     """A twin of a campaign: fit the base model if there is no model yet, then play its logs to a tube like that."""
     from rfea_vision.artefacts import Actuator
     from rfea_vision.twin import TwinOptions

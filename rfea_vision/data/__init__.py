@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -32,7 +31,7 @@ def data_folder(name: str) -> Path:
     return folder
 
 
-def read_board(name: str) -> dict[str, Any]:
+def read_board(name: str) -> dict[str, object]:
     """Return the keys of a board in calib/boards, as they would stand under ``camera.board``.
 
     Raises
@@ -43,7 +42,7 @@ def read_board(name: str) -> dict[str, Any]:
     return {key: value for key, value in _read_page("boards", name).items() if key != "title"}
 
 
-def read_camera_profile(name: str) -> dict[str, Any]:
+def read_camera_profile(name: str) -> dict[str, object]:
     """Return a camera profile of calib/cameras: title, lens and notes.
 
     Raises
@@ -63,7 +62,7 @@ def _pages(kind: str) -> list[str]:
     return sorted(path.stem for path in (data_folder("calib") / kind).glob("*.yaml"))
 
 
-def _read_page(kind: str, name: str) -> dict[str, Any]:
+def _read_page(kind: str, name: str) -> dict[str, object]:
     known = _pages(kind)
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)

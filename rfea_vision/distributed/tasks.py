@@ -19,6 +19,7 @@ from rfea_vision.readers.apart import isolating
 
 if TYPE_CHECKING:
     from rfea_vision.artefacts import Rung
+    from rfea_vision.stages import Workspace
 
 _PATIENCE_S = 60.0  # for a lock that another worker holds
 
@@ -122,14 +123,14 @@ def finish(folder: str, out: str | None, failures: Mapping[str, str], settings: 
     return BatchResult(folder, "partly" if errors else "done", errors, rungs, str(page) if page.is_file() else None)
 
 
-def told_of(rung: Rung) -> dict[str, Any]:
+def told_of(rung: Rung) -> dict[str, object]:
     """What a batch tells of a rung."""
     told = {"model": rung.model, f"validate_{rung.unit}": rung.error("validate"), "verdict": rung.verdict}
     return told | {"added": rung.added, "tied": list(rung.tied)}
 
 
 @contextmanager
-def _working(folder: str, out: str | None, settings: Settings, part: str | None) -> Iterator[Any]:
+def _working(folder: str, out: str | None, settings: Settings, part: str | None) -> Iterator[Workspace]:
     """A campaign to work on, alone or, with a `part`, beside the tasks of its other parts."""
     from rfea_vision.campaign import read_campaign
     from rfea_vision.stages import Workspace

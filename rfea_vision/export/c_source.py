@@ -72,7 +72,7 @@ class _Writer:
             return items[symbol]
         return f"{float(self.numbers[symbol])!r} /* {self.names.get(symbol, symbol)} */"
 
-    def _text(self, value: Any) -> str:
+    def _text(self, value: object) -> str:
         try:
             return str(self.printer.doprint(value))
         except Exception as error:  # SymPy raises several kinds

@@ -8,13 +8,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rfea_vision.errors import InputError
 from rfea_vision.figures.plates import Bars, Lines, Map, Plate, Series, told_apart
 from rfea_vision.files import whole_file, write_text
+
+if TYPE_CHECKING:  # of an extra
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 FORMATS = ("pdf", "svg", "png")
 COLUMN_IN, TEXT_IN = 3.5, 7.16
@@ -95,7 +99,7 @@ def as_svg(plate: Plate) -> str:
 
 
 @contextmanager
-def _drawing(style: str, salt: str = "rfea") -> Iterator[Callable[[Plate], Any]]:
+def _drawing(style: str, salt: str = "rfea") -> Iterator[Callable[[Plate], Figure]]:
     """Give a function that draws a plate, with matplotlib set as the style asks and as it was before afterwards."""
     try:
         import matplotlib
@@ -113,9 +117,9 @@ def _drawing(style: str, salt: str = "rfea") -> Iterator[Callable[[Plate], Any]]
         "pdf.fonttype": 42, "axes.unicode_minus": True, "path.simplify": True, "image.cmap": "viridis",
         "axes.prop_cycle": cycler(color=_CYCLE),
     }  # fmt: skip
-    draw: dict[type, Callable[[Any, Any], None]] = {Lines: _lines, Map: _map, Bars: _bars}
+    draw: dict[type, Callable[[Axes, Any], None]] = {Lines: _lines, Map: _map, Bars: _bars}
 
-    def figure_of(plate: Plate) -> Any:
+    def figure_of(plate: Plate) -> Figure:
         width = TEXT_IN if plate.wide else COLUMN_IN
         figure = Figure(figsize=(width, COLUMN_IN * _tallness(plate)), layout="constrained")
         draw[type(plate)](figure.subplots(), plate)
@@ -138,7 +142,7 @@ def _tallness(plate: Plate) -> float:
     return float(np.clip(0.25 + 0.75 * tall / max(wide, 1e-9), 0.5, 0.95))  # a quarter for labels and legend
 
 
-def _lines(axes: Any, plate: Lines) -> None:
+def _lines(axes: Axes, plate: Lines) -> None:
     for item in plate.series:
         _curve(axes, item)
     if plate.equal:
@@ -154,7 +158,7 @@ def _lines(axes: Any, plate: Lines) -> None:
         _legend(axes, plate)
 
 
-def _legend(axes: Any, plate: Lines) -> None:
+def _legend(axes: Axes, plate: Lines) -> None:
     """Above the axes, where it hides nothing; many runs in the same two strokes need but two entries."""
     handles, names = axes.get_legend_handles_labels()
     roles = [item.role for item in plate.series]
@@ -169,7 +173,7 @@ def _legend(axes: Any, plate: Lines) -> None:
                 handlelength=1.6, columnspacing=1.0)  # fmt: skip
 
 
-def _curve(axes: Any, item: Series) -> None:
+def _curve(axes: Axes, item: Series) -> None:
     stroke = _STROKES.get(item.role, {"linewidth": 1.0})
     (line,) = axes.plot(item.x, item.y, label=item.name, **stroke)
     if item.sigma is not None and item.role not in ("dots", "rings"):
@@ -178,7 +182,7 @@ def _curve(axes: Any, item: Series) -> None:
         axes.errorbar(item.x, item.y, item.sigma, fmt="none", ecolor=line.get_color(), elinewidth=0.7)
 
 
-def _map(axes: Any, plate: Map) -> None:
+def _map(axes: Axes, plate: Map) -> None:
     top = float(np.nanmax(np.abs(plate.values))) if np.isfinite(plate.values).any() else 1.0
     colours = {"cmap": "RdBu_r", "vmin": -top, "vmax": top} if plate.signed else {}
     mesh = axes.pcolormesh(plate.x_values, plate.y_values, plate.values, shading="nearest", rasterized=True, **colours)
@@ -194,7 +198,7 @@ def _map(axes: Any, plate: Map) -> None:
         axes.invert_yaxis()
 
 
-def _bars(axes: Any, plate: Bars) -> None:
+def _bars(axes: Axes, plate: Bars) -> None:
     count = len(plate.sets)
     place = np.arange(len(plate.categories))
     for index, (label, values) in enumerate(plate.sets):

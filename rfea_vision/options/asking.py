@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pydantic import AliasChoices, BeforeValidator, ConfigDict, TypeAdapter, ValidationError, ValidationInfo
+from pydantic import AliasChoices, BeforeValidator, ConfigDict, JsonValue, TypeAdapter, ValidationError, ValidationInfo
 from pydantic.fields import FieldInfo
 
 from rfea_vision.effects.permission import name_files, refuse_unnamed
@@ -149,7 +149,7 @@ def explain(found: Any) -> str:
     return str(cause) if found["type"] == "value_error" else found["msg"][0].lower() + found["msg"][1:]
 
 
-def as_record(options: object) -> dict[str, Any]:
+def as_record(options: object) -> dict[str, JsonValue]:
     """Return the options that differ from their defaults as JSON values, from which `from_record` makes them again.
 
     What is not asked for leaves no trace, so that a result stays fresh when an option is added to the tool.

@@ -38,7 +38,7 @@ def units_of(effect_files: Sequence[Path]) -> dict[str, str]:
     }
 
 
-def known_values(read: Callable[[Sequence[str], Mapping[str, str]], Mapping[str, Any]]) -> BeforeValidator:
+def known_values(read: Callable[[Sequence[str], Mapping[str, str]], Mapping[str, object]]) -> BeforeValidator:
     """Take what people write, ``r_hyd=3.6mm`` or ``{r_hyd: 3.6 mm}``, for values in SI; a mapping in Python is in SI already."""
 
     def parse(value: object, info: ValidationInfo) -> object:

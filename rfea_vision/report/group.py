@@ -137,7 +137,7 @@ def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes beside one
     )  # fmt: skip
 
 
-def _row(tube: GroupMember) -> dict[str, Any]:
+def _row(tube: GroupMember) -> dict[str, object]:
     step = tube.last
     shown = errors_of(step, tube.evidence) if step is not None else None
     verdict = step.verdict if step is not None else ""
@@ -146,7 +146,7 @@ def _row(tube: GroupMember) -> dict[str, Any]:
             "model": step.rung.model if step is not None else ""}  # fmt: skip
 
 
-def _effects(tube: GroupMember) -> dict[str, dict[str, Any]]:
+def _effects(tube: GroupMember) -> dict[str, dict[str, object]]:
     """What each effect is to a tube: part of its model, named beyond it, or tied; with probability and share where known."""
     if tube.last is None:
         return {}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from rfea_vision.report.collect import Evidence, collect
 
@@ -64,7 +63,7 @@ def _has_angle(evidence: Evidence, run: str) -> bool:
     return any(e.name == run and e.recording is not None and "bend_angle" in e.recording for e in evidence.experiments)
 
 
-def _model_cells(model: str, run: str | None) -> list[dict[str, Any]]:
+def _model_cells(model: str, run: str | None) -> list[dict[str, object]]:
     cells = [
         _text(f"## The model `{model}`"),
         _code(f"model = rfea / 'models' / {model!r}\nfit = json.loads((model / 'model.json').read_text())"),
@@ -76,9 +75,9 @@ def _model_cells(model: str, run: str | None) -> list[dict[str, Any]]:
     return cells
 
 
-def _text(source: str) -> dict[str, Any]:
+def _text(source: str) -> dict[str, object]:
     return {"cell_type": "markdown", "metadata": {}, "source": source}
 
 
-def _code(source: str) -> dict[str, Any]:
+def _code(source: str) -> dict[str, object]:
     return {"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": source}

@@ -94,7 +94,7 @@ def _packed(evidence: Evidence, titles: Mapping[str, str]) -> tuple[list[dict[st
     return experiments, rungs, packed  # pyright: ignore[reportPossiblyUnboundVariable]
 
 
-def _budget(experiments: Any, rungs: Any, calibration: Any, packed: str) -> int:
+def _budget(experiments: object, rungs: object, calibration: object, packed: str) -> int:
     """Characters that are left for films."""
     records = len(safe_json([experiments, rungs, calibration]))
     return max(0, SIZE_LIMIT_BYTES - len(packed) - records - TEXT_BYTES)
@@ -142,13 +142,13 @@ def static(name: str) -> Markup:
     return Markup(resources.files("rfea_vision.report").joinpath("static", name).read_text(encoding="utf-8"))
 
 
-def safe_json(value: Any) -> Markup:
+def safe_json(value: object) -> Markup:
     """JSON that may stand inside a script element: no NaN, no closing tag."""
     text = json.dumps(finite(value), separators=(",", ":"), allow_nan=False, default=str)
     return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
 
 
-def finite(value: Any) -> Any:
+def finite(value: object) -> object:
     """The same with None in place of what JSON cannot say."""
     if isinstance(value, dict):
         return {str(key): finite(item) for key, item in value.items()}
@@ -159,7 +159,7 @@ def finite(value: Any) -> Any:
     return value
 
 
-def _calibration(evidence: Evidence) -> dict[str, Any]:
+def _calibration(evidence: Evidence) -> dict[str, object]:
     """What the calibration knows about itself: residuals by photo, the worst first, and the map of uncertainty."""
     quality = (evidence.camera or {}).get("quality") or {}
     kept = {key: quality[key] for key in ("uncertainty_map", "coverage") if key in quality}
@@ -178,7 +178,7 @@ def _picture(evidence: Evidence, file: str) -> str | None:
     return None if data is None else f"data:image/jpeg;base64,{base64.b64encode(data).decode('ascii')}"
 
 
-def _in_order(evidence: Evidence, scores: Mapping[str, Any]) -> list[tuple[str, Any]]:
+def _in_order(evidence: Evidence, scores: Mapping[str, object]) -> list[tuple[str, object]]:
     """Scores by run, in the same order on every rung."""
     names = [experiment.name for experiment in evidence.experiments]
     return sorted(scores.items(), key=lambda item: names.index(item[0]) if item[0] in names else len(names))

@@ -16,7 +16,7 @@ from rfea_vision.report.page import environment, static
 def render_paper(
     title: str,
     plates: Sequence[Plate],
-    table: Sequence[Mapping[str, Any]],
+    table: Sequence[Mapping[str, object]],
     fits: Mapping[str, ModelFit],
     runs: Mapping[str, str | None],
     peaks_kPa: Mapping[str, float],

@@ -115,7 +115,7 @@ def _pose_rows(experiment: Experiment, data: xr.Dataset, pack: Pack) -> np.ndarr
     return nearest((data["time"].values - offset_s) / (1 + drift), frames)  # on the camera's clock
 
 
-def _gaps(data: xr.Dataset) -> list[dict[str, Any]]:
+def _gaps(data: xr.Dataset) -> list[dict[str, object]]:
     """Stretches of frames that were set aside, with the reason of the first."""
     time, valid, reason = data["time"].values, data["valid"].values.astype(bool), data["reason"].values.astype(str)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~valid).astype(int), [0]])))
@@ -190,7 +190,7 @@ def pack_modelled(
     return record
 
 
-def _error(modelled: xr.Dataset, rows: np.ndarray, pack: Pack) -> dict[str, Any]:
+def _error(modelled: xr.Dataset, rows: np.ndarray, pack: Pack) -> dict[str, object]:
     """Length of the stored gap at the tip; for an inclinometer, the gap in angle."""
     if "tip_residual" in modelled:
         gap = modelled["tip_residual"].values[rows].astype(float)
@@ -200,7 +200,7 @@ def _error(modelled: xr.Dataset, rows: np.ndarray, pack: Pack) -> dict[str, Any]
     return {}
 
 
-def _stretches(labels: np.ndarray, time: np.ndarray) -> list[list[Any]]:
+def _stretches(labels: np.ndarray, time: np.ndarray) -> list[list[object]]:
     """Runs of equal labels as [label, from, to]."""
     starts = np.concatenate([[0], 1 + np.flatnonzero(labels[1:] != labels[:-1])])
     stops = np.concatenate([starts[1:], [len(labels) - 1]])

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
@@ -87,7 +87,7 @@ def _cell(value: object) -> str:
     return "" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def table_one(fits: Mapping[str, ModelFit]) -> list[dict[str, Any]]:
+def table_one(fits: Mapping[str, ModelFit]) -> list[dict[str, object]]:
     """Table I: published beside found with its 95 % interval, in the paper's units, one row per parameter and model."""
     rows = []
     for key in _NAMES:

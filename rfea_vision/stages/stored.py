@@ -14,14 +14,14 @@ class Stored(Generic[_Value]):
     A command that finds everything unchanged reads only what it prints.
     """
 
-    def __init__(self, load: Callable[[], _Value], facts: Mapping[str, Any] | None = None) -> None:
+    def __init__(self, load: Callable[[], _Value], facts: Mapping[str, object] | None = None) -> None:
         self._load = load
         self._loaded: list[_Value] = []
         #: what its record says of it, or nothing
         self.facts: Mapping[str, Any] = facts or {}
 
     @classmethod
-    def of(cls, value: _Value, facts: Mapping[str, Any] | None = None) -> Stored[_Value]:
+    def of(cls, value: _Value, facts: Mapping[str, object] | None = None) -> Stored[_Value]:
         """Return a result that is in memory already."""
         return cls(lambda: value, facts)
 

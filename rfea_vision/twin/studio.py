@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import av
 import cv2
@@ -174,7 +173,7 @@ class Studio:
         shade = shadow_of(stress.shadow, width, height) if stress.shadow else None
         return replace(scene, stress=stress, shade=shade)
 
-    def write_calibration(self, folder: Path) -> dict[str, Any]:
+    def write_calibration(self, folder: Path) -> dict[str, object]:
         """Write the photos; return the campaign's ``camera`` section."""
         folder.mkdir()
         poses = board_poses(self.camera, self.board, self.options.photos, self.generator)

@@ -123,7 +123,7 @@ def whole_campaign(out: Path) -> Iterator[Path]:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def truth_of(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dict[str, Any]:
+def truth_of(options: TwinOptions, base: dict[str, float], runs: list[Run]) -> dict[str, object]:
     """What `simulate` returns: hidden effects and their parameters (SI), base parameters, noise, and offsets (s) by run."""
     hidden = with_partners(options.hidden)
     return {
@@ -145,7 +145,7 @@ def _noise(options: TwinOptions) -> dict[str, float]:
     return {"noise_mm": options.noise_mm}
 
 
-def write_campaign(folder: Path, name: str, options: TwinOptions, camera: dict[str, Any] | None) -> None:
+def write_campaign(folder: Path, name: str, options: TwinOptions, camera: dict[str, object] | None) -> None:
     """Write campaign.yaml; `camera` is its section of that name, None of a campaign of tracks."""
     tube = options.actuator
     content: dict[str, Any] = {

@@ -20,7 +20,7 @@ from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import InputError
 
 
-def check(file: Path) -> dict[str, Any]:
+def check(file: Path) -> dict[str, object]:
     """What the file declares: every effect with its parameters and its law.
 
     Raises

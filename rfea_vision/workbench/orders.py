@@ -59,5 +59,5 @@ def order(campaign: str, out: Path | None, do: str, options: Mapping[str, Any]) 
     return kept, shlex.join(words)
 
 
-def _listed(value: Any) -> Sequence[str]:
+def _listed(value: object) -> Sequence[str]:
     return [str(item) for item in value] if isinstance(value, list) else []

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import Any
 
 from rfea_vision.report.pack import Pack
 from rfea_vision.report.page import finite
 
 
-def packet(header: dict[str, Any], pack: Pack) -> bytes:
+def packet(header: dict[str, object], pack: Pack) -> bytes:
     """Length of the header (4 bytes, little endian), the header, the block; the block begins at an even byte."""
     text = json.dumps(finite(header), separators=(",", ":"), allow_nan=False, default=str).encode()
     text += b" " * (-len(text) % 2)

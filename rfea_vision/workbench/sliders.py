@@ -42,7 +42,7 @@ class Slider:
     interval: tuple[float, float] | None = None
     fitted: bool = False
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Plain values for the page."""
         return asdict(self)
 

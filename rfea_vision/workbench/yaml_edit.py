@@ -45,7 +45,7 @@ def set_keys(file: Path, values: Mapping[Keys, Any]) -> None:
         temporary.write_bytes(text.encode("utf-8"))  # no line end is translated
 
 
-def with_key(text: str, keys: Keys, value: Any) -> str:
+def with_key(text: str, keys: Keys, value: object) -> str:
     """The text with one key set.
 
     Raises
@@ -67,14 +67,14 @@ def with_key(text: str, keys: Keys, value: Any) -> str:
     return changed
 
 
-def _unshared(value: Any) -> Any:
+def _unshared(value: object) -> Any:
     """The same without the identity that aliases have."""
     if isinstance(value, dict):
         return {key: _unshared(item) for key, item in value.items()}
     return [_unshared(item) for item in value] if isinstance(value, list) else value
 
 
-def _changed(text: str, keys: Keys, value: Any) -> str:
+def _changed(text: str, keys: Keys, value: object) -> str:
     node = yaml.compose(text, Loader=yaml.SafeLoader)
     if node is None:
         return text + _lines(keys, value, 0, "\n")
@@ -95,7 +95,7 @@ def _changed(text: str, keys: Keys, value: Any) -> str:
     raise ValueError("no key was given")
 
 
-def _replaced(text: str, key: yaml.Node, node: yaml.Node, value: Any) -> str:
+def _replaced(text: str, key: yaml.Node, node: yaml.Node, value: object) -> str:
     if node.start_mark.index < key.end_mark.index:
         raise ValueError(f"{key.value} is an alias of another part")
     start = node.start_mark.index
@@ -106,7 +106,7 @@ def _replaced(text: str, key: yaml.Node, node: yaml.Node, value: Any) -> str:
     return text[:start] + lead + _flow(value) + text[end:]
 
 
-def _inserted(text: str, node: yaml.MappingNode, keys: Keys, value: Any, newline: str) -> str:
+def _inserted(text: str, node: yaml.MappingNode, keys: Keys, value: object, newline: str) -> str:
     if node.flow_style:
         last = _end(node.value[-1][1]) if node.value else node.start_mark.index + 1
         return text[:last] + (", " if node.value else "") + _flow(_nested(keys, value))[1:-1] + text[last:]
@@ -125,17 +125,17 @@ def _end(node: yaml.Node) -> int:
     return node.end_mark.index
 
 
-def _lines(keys: Keys, value: Any, column: int, newline: str) -> str:
+def _lines(keys: Keys, value: object, column: int, newline: str) -> str:
     lines = [f"{' ' * (column + INDENT * depth)}{key}:" for depth, key in enumerate(keys)]
     lines[-1] += " " + _flow(value)
     return newline.join(lines) + newline
 
 
-def _nested(keys: Keys, value: Any) -> Any:
+def _nested(keys: Keys, value: object) -> object:
     return value if not keys else {keys[0]: _nested(keys[1:], value)}
 
 
-def _flow(value: Any) -> str:
+def _flow(value: object) -> str:
     """A value on one line."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"

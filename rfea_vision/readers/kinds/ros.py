@@ -7,7 +7,6 @@ of the message's header where it has one, else those of its arrival, both in s a
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -48,7 +47,7 @@ def read_bag(path: Path) -> Table:
     return Table(str(path), arrays, units, seconds_of, _points(str(path), arrays, units, seconds_of), first * 1e-9)
 
 
-def _numbers(name: str, value: Any) -> list[tuple[str, float]]:
+def _numbers(name: str, value: object) -> list[tuple[str, float]]:
     if isinstance(value, bool | int | float | np.number):
         return [(name, float(value))]
     if isinstance(value, np.ndarray):
