@@ -224,7 +224,7 @@ class AngleRun:
     pressure_kPa: FloatArray
 
     def squares(self, lag_s: float) -> FloatArray:
-        """Sums of squares of the angle and of the pressure so much earlier, each about its mean, and of their products."""
+        """(3,) sums of squares of the angle and of the pressure so much earlier, each about its mean, and of their products."""
         seen = np.isfinite(self.angle_deg) & (self.time_s >= self.log_s[0]) & (self.time_s <= self.log_s[-1])
         if seen.sum() < 20:
             return np.zeros(3)

@@ -73,7 +73,13 @@ def read_yaml(path: Path) -> YamlFile:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file of settings; whoever made it, it does not fill the memory or block."""
+    """The text of a file of settings; whoever made it, it does not fill the memory or block.
+
+    Raises
+    ------
+    InputError
+        If it is no plain file, or larger than settings are.
+    """
     if not path.is_file() and path.exists() and not path.is_dir():
         raise InputError(f"{path}: is no plain file; put one in its place")
     with path.open("rb") as stream:

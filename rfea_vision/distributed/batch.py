@@ -90,7 +90,13 @@ def results_of(folder: Path, out: Path | None) -> Path:
 
 
 def refuse_shared_results(folders: Sequence[Path], out: Path | None) -> None:
-    """Raise if two campaigns would write to the same folder."""
+    """Raise if two campaigns would write to the same folder.
+
+    Raises
+    ------
+    InputError
+        With both campaigns and the folder.
+    """
     seen: dict[Path, Path] = {}
     for folder in folders:
         where = results_of(folder, out)

@@ -48,7 +48,13 @@ class Security:
     key: Path | None = None
 
     def for_dask(self) -> Any:
-        """Return what Dask wants, or None where nothing is given: then Dask's own configuration counts."""
+        """Return what Dask wants, or None where nothing is given: then Dask's own configuration counts.
+
+        Raises
+        ------
+        InputError
+            If one of the three files is not given, or not there.
+        """
         if self.authority is None and self.certificate is None and self.key is None:
             return None
         from distributed import Security as DaskSecurity

@@ -99,7 +99,13 @@ def read_values(option: str, items: Sequence[str], units: Mapping[str, str]) -> 
 
 
 def read_priors(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
-    """Read ``payload.m=2g±0.1g``; ``+-`` and ``+/-`` do as well."""
+    """Read ``payload.m=2g±0.1g``; ``+-`` and ``+/-`` do as well.
+
+    Raises
+    ------
+    InputError
+        If one has no standard error above zero, or a value or its unit cannot be read.
+    """
     out = {}
     known = {**units, MODULUS: "Pa"}
     for item, name, text in _split("--prior", items, known):
@@ -114,7 +120,13 @@ def read_priors(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tup
 
 
 def read_bounds(items: Sequence[str], units: Mapping[str, str]) -> dict[str, tuple[float, float]]:
-    """Read ``r_hyd=3mm..4mm``."""
+    """Read ``r_hyd=3mm..4mm``.
+
+    Raises
+    ------
+    InputError
+        If the first value of one is not below the second, or a value or its unit cannot be read.
+    """
     out = {}
     for item, name, text in _split("--bound", items, units):
         parts = text.split("..")

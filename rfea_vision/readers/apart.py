@@ -99,7 +99,13 @@ def _text(item: Any) -> Any:
 
 
 def receive(read: Any) -> Any:
-    """Read what `send` wrote; `read` returns exactly so many bytes."""
+    """Read what `send` wrote; `read` returns exactly so many bytes.
+
+    Raises
+    ------
+    EOFError
+        If more is announced than is read at most.
+    """
     (length,) = _LENGTH.unpack(read(_LENGTH.size))
     if length > MOST_BYTES:
         raise EOFError

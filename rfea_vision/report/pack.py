@@ -59,7 +59,13 @@ def stride(count: int, most: int) -> np.ndarray:
 
 
 def nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """For each wanted time, the row (wanted,) of the sorted `times` that lies nearest; both in s."""
+    """For each wanted time, the row (wanted,) of the sorted `times` that lies nearest; both in s.
+
+    Raises
+    ------
+    ValueError
+        If there are no times.
+    """
     if len(times) == 0:
         raise ValueError("no times to choose from")
     after = np.clip(np.searchsorted(times, wanted), 1, max(1, len(times) - 1))

@@ -37,11 +37,6 @@ def _hash(home: Path, name: str) -> str:
     return digest.hexdigest()[:16]
 
 
-def modules_of(work: Callable[..., object]) -> frozenset[str]:
-    """Return the modules of this package that a function depends on, beside the file in which it stands."""
-    return _read(*_place(work))[1]
-
-
 def _place(work: Callable[..., object]) -> tuple[Path, str]:
     """Where a function stands: what is remembered of it must not hold the function, and with it all that it holds."""
     return Path(work.__code__.co_filename), work.__qualname__

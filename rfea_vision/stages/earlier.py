@@ -42,7 +42,13 @@ def runs_before(campaign: Campaign, experiment: ExperimentSpec) -> list[Experime
 
 
 def with_earlier_pressure(recording: Recording, campaign: Campaign, experiment: ExperimentSpec) -> Recording:
-    """Return the recording with the pressure of the runs whose memory it carries, on its own log's clock."""
+    """Return the recording with the pressure of the runs whose memory it carries, on its own log's clock.
+
+    Raises
+    ------
+    InputError
+        If one of those runs has no log.
+    """
     before = runs_before(campaign, experiment)
     if not before:
         return recording

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
-    """Track one experiment's pictures, or read the track that another tool made."""
+    """Track one experiment's pictures, or read the track that another tool made; InputError if it has neither."""
     path = work.out / experiment.name / "track.nc"
     if experiment.track is not None:
         return _foreign_track(work, experiment, path)
@@ -227,7 +227,7 @@ def _foreign_track(work: Runner, experiment: ExperimentSpec, path: Path) -> Stor
 
 
 def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
-    """Bring the track and the pressure log of one experiment on one clock."""
+    """Bring the track and the pressure log of one experiment on one clock; InputError if it has no pressure."""
     tracked = track(work, experiment)
     spec, sync = experiment.pressure, experiment.sync
     if spec.missing:

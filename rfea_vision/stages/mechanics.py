@@ -127,7 +127,7 @@ def _fitted(
 
 
 def fitted(work: Runner, name: str) -> Stored[ModelFit]:
-    """Return a model by name, fitted again with the same choices if it is out of date."""
+    """Return a model by name, fitted again with the same choices if it is out of date; InputError if there is none."""
     options = fitted_with(work.cache.record(f"fit/{name}"))
     if options is not None:
         return fit(work, options)
@@ -196,7 +196,7 @@ def _diagnosed(
 
 
 def propose(work: Runner, name: str, file: Path | None) -> Proposal:
-    """Write a law for what a model leaves."""
+    """Write a law for what a model leaves; InputError if the file is not called as a Python file is."""
     from rfea_vision.critique import propose as propose_law
 
     target = file or model_folder(work, name) / "proposed.py"
@@ -385,7 +385,7 @@ def _recording_hashes(work: Runner, recordings: Recordings, roles: Sequence[str]
 
 
 def common_actuator(work: Runner, recordings: Recordings) -> Actuator:
-    """Return the tube that the experiments share; the direction of bending may differ from run to run."""
+    """Return the tube that the experiments share; the direction of bending may differ from run to run. DataError if they share none."""
     first = work.campaign.actuator
     tubes = {name: replace(work.campaign.experiment(name).actuator, bends=first.bends) for name in recordings}
     if len(set(tubes.values())) > 1:

@@ -192,7 +192,13 @@ class Runner:
         return [item for item in self.campaign.experiments if item.role != "ignore" and item.name not in self.failures]
 
     def each(self, names: Sequence[str], action: Callable[[ExperimentSpec], _Result], verb: str) -> dict[str, _Result]:
-        """Do something to each experiment; one that fails does not keep the others from being done."""
+        """Do something to each experiment; one that fails does not keep the others from being done.
+
+        Raises
+        ------
+        RfeaError
+            Where failing is not tolerated: the first failure, with the names of the others.
+        """
         chosen = [self.campaign.experiment(name) for name in names] if names else self.active()
         results: dict[str, _Result] = {}
         failures: dict[str, RfeaError] = {}

@@ -46,7 +46,7 @@ class Moments:
     scale: FloatArray
 
     def solve(self, columns: list[int], without: int | None = None) -> FloatArray:
-        """Coefficients of `columns`, all stretches together or all but one."""
+        """Coefficients (column,) of `columns`, all stretches together or all but one."""
         keep = np.arange(len(self.gram)) != (-1 if without is None else without)
         pick = np.ix_(columns, columns)
         values, vectors = np.linalg.eigh((self.gram[keep].sum(0) - self.noise[keep].sum(0))[pick])

@@ -71,7 +71,13 @@ def build_plant(options: TwinOptions) -> tuple[Plant, BaseParameters]:
 
 
 def highest_pressure(plant: Plant, options: TwinOptions) -> float:
-    """Highest pressure of the excitations, in Pa: that of the options, or less where the tube would bend too far."""
+    """Highest pressure of the excitations, in Pa: that of the options, or less where the tube would bend too far.
+
+    Raises
+    ------
+    DataError
+        If the tube stands at no pressure.
+    """
     highest, why = options.pressure_max_kPa * 1e3, ""
     for _ in range(60):
         try:
@@ -186,7 +192,7 @@ def misread_plane(points_mm: FloatArray, hidden: dict[str, float]) -> FloatArray
 
 
 def noise_like(shape: tuple[int, ...], sigma: float, correlation: float, generator: np.random.Generator) -> FloatArray:
-    """Stationary AR(1) noise along the first axis."""
+    """Stationary AR(1) noise (as `shape` says) along the first axis, `sigma` its standard deviation in any unit."""
     white = generator.standard_normal(shape)
     white[1:] *= np.sqrt(1 - correlation**2)
     return sigma * np.asarray(lfilter([1.0], [1.0, -correlation], white, axis=0))

@@ -129,6 +129,11 @@ class JointLaw:
         """The same (first row) `step` seconds after `memory`, and its slope over the rate where theta follows it (second row).
 
         nudge : rad/s, the rate's change in the divided difference; away from 0, where the damper's two branches meet
+
+        Raises
+        ------
+        DataError
+            As for `torque`.
         """
         found = np.empty((2, theta.size))
         status = _torques(self._constants, self._along, theta, rate, *memory, p, time, step, nudge, found)

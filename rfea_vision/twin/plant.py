@@ -108,7 +108,7 @@ class Plant:
 
         Parameters
         ----------
-        pressure_Pa : felt pressure as a function of time
+        pressure_Pa : felt pressure (time,) as a function of times (time,) in s
         step_s : of the integrator; at 1 ms the tip is right to a fiftieth of a millimetre (tests/twin/test_plant.py)
         supply : felt pressure at the end of a step, by its time and the flow into the tube (m^3/s) before it; where it
             is given, `pressure_Pa` counts at the start only

@@ -74,7 +74,13 @@ class AppState:
             return self._opened[index]
 
     def begin(self, index: int, do: str, options: dict[str, Any], label: str) -> bool:
-        """Hand a job to the worker; False if it is busy."""
+        """Hand a job to the worker; False if it is busy.
+
+        Raises
+        ------
+        InputError
+            If it names an effect file or a target that the page may not.
+        """
         files = {str(file) for file in self.laws()}
         if not set(map(str, options.get("effect_files", []))) <= files:
             raise InputError("effect_files: only a law that was opened or written in this workbench is run")

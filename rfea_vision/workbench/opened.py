@@ -58,7 +58,13 @@ class OpenedCampaign:
             return self._campaign[1]
 
     def experiment(self, number: int) -> ExperimentSpec:
-        """An experiment by its number on the page: those with the role `ignore` are not counted."""
+        """An experiment by its number on the page: those with the role `ignore` are not counted.
+
+        Raises
+        ------
+        InputError
+            If there is none of this number.
+        """
         active = [item for item in self.campaign().experiments if item.role != "ignore"]
         if not 0 <= number < len(active):
             raise InputError(f"{self.folder}: has no experiment {number + 1}")

@@ -63,7 +63,13 @@ def picture(experiment: ExperimentSpec, frame: int) -> bytes:
 
 
 def photo(campaign: Campaign, index: int) -> bytes:
-    """One photo of the board as a JPEG."""
+    """One photo of the board as a JPEG.
+
+    Raises
+    ------
+    InputError
+        If there is no such photo, or it cannot be read.
+    """
     photos = campaign.camera.photos if campaign.camera is not None else ()
     if not 0 <= index < len(photos):
         raise InputError(f"{campaign.root}: has no photo {index + 1} of the board")

@@ -24,7 +24,7 @@ def made_by(stage: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def modules(stage: Callable[..., Any]) -> set[str]:
-    return {name.removeprefix("rfea_vision.") for name in code.modules_of(stage)}
+    return {name.removeprefix("rfea_vision.") for name in code._read(*code._place(stage))[1]}
 
 
 @pytest.mark.parametrize(

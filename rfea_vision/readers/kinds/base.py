@@ -21,7 +21,13 @@ MOST_VALUES = 50_000_000
 
 
 def refuse_too_much(path: Path, values: float) -> None:
-    """Raise the error of a file that holds, or says that it holds, more than a log can."""
+    """Raise the error of a file that holds, or says that it holds, more than a log can.
+
+    Raises
+    ------
+    InputError
+        With both numbers of values.
+    """
     if values > MOST_VALUES:
         raise InputError(
             f"{path}: announces {values:.2g} values, {MOST_VALUES:.2g} are read at most; export a part of it"
@@ -204,7 +210,7 @@ def points_of_columns(
     time_s: FloatArray | None,
     asked: Collection[str] = (),
 ) -> Points | None:
-    """Gather columns such as ``tip1_x_mm, tip1_y_mm`` or ``/tip.point.x`` as points; None where there are none.
+    """Gather columns (row,) such as ``tip1_x_mm, tip1_y_mm`` or ``/tip.point.x`` as points; None where there are none.
 
     They lie in space where one that is `asked` for (none: any) has all three axes, and have the unit that these agree on. A name
     that is asked for may list its two or three columns: ``c2,c3``.

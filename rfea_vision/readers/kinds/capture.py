@@ -45,7 +45,13 @@ _MOTIVE_UNITS = {"meters": "m", "centimeters": "cm", "millimeters": "mm", "inche
 
 
 def read_motive(path: Path) -> Table:
-    """Read the positions of markers and rigid bodies; above the data stand, line by line, kinds, names, ids and quantities."""
+    """Read the positions of markers and rigid bodies; above the data stand, line by line, kinds, names, ids and quantities.
+
+    Raises
+    ------
+    InputError
+        If its header is not there, or it holds no positions.
+    """
     rows = [row for row in csv.reader(decoded(path).splitlines()) if any(map(str.strip, row))]
     head = next((at for at, row in enumerate(rows[:12]) if row[0] == "Frame" and row[1:2] and "Time" in row[1]), 0)
     if head < 3:

@@ -29,7 +29,13 @@ def read_parquet(path: Path) -> Table:
 
 
 def read_mdf(path: Path) -> Table:
-    """Read a measurement data file; every channel keeps its own times."""
+    """Read a measurement data file; every channel keeps its own times.
+
+    Raises
+    ------
+    InputError
+        If it announces too much, or a channel is computed by a formula in the file.
+    """
     from asammdf import MDF
 
     columns, units, times = {}, {}, {}

@@ -20,7 +20,13 @@ _END = "***End_of_Header***"
 
 
 def read_lvm(path: Path) -> Table:
-    """Read one table; every channel keeps its own times. Of a file with several tables the rows follow one another."""
+    """Read one table; every channel keeps its own times. Of a file with several tables the rows follow one another.
+
+    Raises
+    ------
+    InputError
+        If its header does not end, or its tables have different channels.
+    """
     lines = decoded(path).splitlines()
     ends = [index for index, line in enumerate(lines) if line.strip() == _END]
     if len(ends) < 2:

@@ -70,7 +70,13 @@ def _dlc(path: Path, names: Sequence[Sequence[str]], data: np.ndarray) -> Table:
 
 
 def read_sleap(path: Path) -> Table:
-    """Read SLEAP's analysis file: tracks (individual, xy, node, frame)."""
+    """Read SLEAP's analysis file: tracks (individual, xy, node, frame).
+
+    Raises
+    ------
+    InputError
+        If the shapes of tracks and nodes do not belong together.
+    """
     with hdf5(path) as file:
         positions = np.asarray(file["tracks"][()], dtype=float)
         nodes = tuple(_text(name) for name in file["node_names"][()])
@@ -120,7 +126,13 @@ def read_tierpsy(path: Path) -> Table:
 
 
 def read_movement(path: Path) -> Table:
-    """Read movement's netCDF of poses: position (time, space, keypoints, individuals)."""
+    """Read movement's netCDF of poses: position (time, space, keypoints, individuals).
+
+    Raises
+    ------
+    InputError
+        If it holds no position over x and y.
+    """
     import xarray as xr
 
     with hdf5(path):

@@ -30,7 +30,13 @@ _UNIT_CELL = re.compile(r"^\s*[\[(]?\s*([^\d\s\[\]()]{1,8}|m/s\^?2)?\s*[\])]?\s*
 
 
 def decoded(path: Path) -> str:
-    """Return the text: UTF-8, UTF-16 with its mark, or the Windows code page of western Europe."""
+    """Return the text: UTF-8, UTF-16 with its mark, or the Windows code page of western Europe.
+
+    Raises
+    ------
+    InputError
+        If it is too large, an archive, or no text.
+    """
     refuse_too_much(path, path.stat().st_size / _BYTES_PER_VALUE)
     raw = path.read_bytes()
     if raw[:4] == b"PK\x03\x04":
@@ -125,7 +131,13 @@ def _split_by_decimal_commas(header: str, rows: list[str], separator: str) -> in
 
 
 def read_text(path: Path) -> Table:
-    """Read one table of text."""
+    """Read one table of text.
+
+    Raises
+    ------
+    InputError
+        If it has no header, or nothing tells commas in numbers from those between columns.
+    """
     lines = [line for line in decoded(path).splitlines() if line.strip()]
     every = [line for line in lines if not _is_comment(line)]
     found = _headers(every)
