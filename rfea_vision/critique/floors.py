@@ -10,9 +10,8 @@ from rfea_vision.artefacts.judgement import Floors
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.noise import before_repeat, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
-from rfea_vision.fitting.residuals import predict_observed
 from rfea_vision.fitting.scoring import left_of
-from rfea_vision.fitting.solver import fit_clocks
+from rfea_vision.fitting.solver import at_own_clock
 from rfea_vision.scatter import third_difference_noise
 
 #: Differences over frames up to this far apart are noise, not motion: a tenth of the period of the fastest ringing seen (5 Hz).
@@ -100,9 +99,7 @@ def from_repeats(problem: Problem, fitted: Fitted) -> float | None:
 def _held_gaps(problem: Problem, fitted: Fitted) -> list[tuple[Observed, FloatArray]]:
     out = []
     for item in problem.validate:
-        one = predict_observed(
-            fitted.model, fitted.par, item, (), float(fit_clocks(fitted.model, [item], fitted.par)[0])
-        )
+        one = at_own_clock(fitted.model, item, fitted.par)
         if one is not None and item.has_tip == problem.train[0].has_tip:
             out.append((item, left_of(item, one)))
     return out

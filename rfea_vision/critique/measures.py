@@ -10,9 +10,9 @@ import numpy as np
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residual_tests import correlation_time
-from rfea_vision.fitting.residuals import Predicted, predict_observed
+from rfea_vision.fitting.residuals import Predicted
 from rfea_vision.fitting.scoring import gaps
-from rfea_vision.fitting.solver import fit_clocks
+from rfea_vision.fitting.solver import at_own_clock
 
 #: An effect matters if it lowers the held-out error by this share and by this many noise floors (docs/formats.md).
 MATTERS_SHARE = 0.10
@@ -109,8 +109,7 @@ def errors_of(problem: Problem, fitted: Fitted) -> Errors:
     for item in problem.validate:
         if item.name in odd:
             continue
-        clock = float(fit_clocks(fitted.model, [item], fitted.par)[0])
-        one = predict_observed(fitted.model, fitted.par, item, (), clock)
+        one = at_own_clock(fitted.model, item, fitted.par)
         if one is not None:
             runs[item.name] = mean_squares(item, one)
     return Errors(runs)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,7 +14,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.fitting.coordinates import Coordinates
 from rfea_vision.fitting.observed import Observed
-from rfea_vision.fitting.residuals import Evaluation, evaluate
+from rfea_vision.fitting.residuals import Evaluation, Predicted, by_clock, evaluate, rows
 from rfea_vision.scatter import NORMAL
 
 CLOCK_SCALE_S = 0.005  # a clock in units of order one for the optimiser; no result depends on it
@@ -254,19 +254,27 @@ def _largest_clock(item: Observed) -> float:
 
 def fit_clocks(model: Model, items: Sequence[Observed], par: FloatArray) -> FloatArray:
     """Clock offset (experiments,) in s for fixed parameters: what a held-out run may adjust, and nothing else."""
-    clocks = np.zeros(len(items))
-    for index, item in enumerate(items):
-        if not item.clock_free:
-            continue
-        limit = _largest_clock(item)
-        for _ in range(6 + int(limit / CLOCK_STEP_S)):
-            result = evaluate(model, par, [item], (), clocks[index : index + 1])
-            if result is None:
-                break
-            j = result.jacobian[:, 0]
-            known = item.clock_sigma**-2
-            step = -(float(j @ result.residual) + known * clocks[index]) / (float(j @ j) + known)
-            clocks[index] = np.clip(clocks[index] + np.clip(step, -CLOCK_STEP_S, CLOCK_STEP_S), -limit, limit)
-            if abs(step) < 1e-6:
-                break
-    return clocks
+    return np.array([_clock(item, by_clock(model, par, item)) if item.clock_free else 0.0 for item in items])
+
+
+def at_own_clock(model: Model, item: Observed, par: FloatArray) -> Predicted | None:
+    """What the camera would have seen of a run, its clock as `fit_clocks` finds it; None if the simulation fails."""
+    look = by_clock(model, par, item)
+    return look(_clock(item, look) if item.clock_free else 0.0)
+
+
+def _clock(item: Observed, look: Callable[[float], Predicted | None]) -> float:
+    limit, clock = _largest_clock(item), 0.0
+    for _ in range(6 + int(limit / CLOCK_STEP_S)):
+        seen = look(clock)
+        if seen is None:
+            break
+        residual, slope = rows(item, seen)
+        j, known = slope[:, 0], item.clock_sigma**-2
+        step = -(float(j @ residual) + known * clock) / (float(j @ j) + known)
+        if not np.isfinite(step):  # a motion that runs away
+            break
+        clock = float(np.clip(clock + np.clip(step, -CLOCK_STEP_S, CLOCK_STEP_S), -limit, limit))
+        if abs(step) < 1e-6:
+            break
+    return clock

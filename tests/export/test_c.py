@@ -16,7 +16,7 @@ from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.export import c_files
 from rfea_vision.export.fmu import _description
-from rfea_vision.fitting.residuals import seen_by_camera
+from rfea_vision.fitting.camera_view import seen_by_camera
 from tests.hostile import PAYLOADS
 
 TIME = np.arange(0, 0.8, 1e-3)

@@ -13,8 +13,8 @@ from rfea_vision.fitting.fit import fit, make_model, make_problem
 from rfea_vision.fitting.noise import noise_floor_mm
 from rfea_vision.fitting.observation import _without_jumps, observe_recording
 from rfea_vision.fitting.refit import refit_from
-from rfea_vision.fitting.residuals import evaluate
-from rfea_vision.fitting.solver import fit_clocks
+from rfea_vision.fitting.residuals import by_clock, evaluate, predict_observed
+from rfea_vision.fitting.solver import at_own_clock, fit_clocks
 from rfea_vision.options import FitOptions
 from tests.fitting.runs import NOISE_MM, OPTIONS, changed, noisy
 
@@ -123,7 +123,12 @@ def test_a_held_out_clock_is_found_as_far_off_as_sync_leaves_it(runs):
     par = np.array([truth[name] for name in model.names])
     item = replace(problem.train[0], clock_sigma=0.5)
     late = replace(item, excitation=replace(item.excitation, start_s=item.excitation.start_s + 0.4))
-    assert fit_clocks(model, [late], par)[0] == pytest.approx(0.4, abs=2e-3)
+    clock = fit_clocks(model, [late], par)[0]
+    assert clock == pytest.approx(0.4, abs=2e-3)
+    simulated = predict_observed(model, par, late, (), clock)
+    for read in (by_clock(model, par, late)(clock), at_own_clock(model, late, par)):
+        assert np.allclose(read.points, simulated.points, rtol=0, atol=1e-10)
+        assert np.allclose(read.dpoints, simulated.dpoints, rtol=1e-6, atol=1e-9)
 
 
 def late(data):
