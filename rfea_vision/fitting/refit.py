@@ -30,8 +30,9 @@ ROUGH_TOLERANCE = 1e-4
 #: by less than this share of it: far less than the refits that follow are to tell apart.
 LONGER_STEPS, FELT_SHARE = 2, 0.02
 #: All frames: the step is doubled while that moves what is seen by less than this share of its standard error, root mean square: it
-#: adds a 2500th to the squared error of noise alone.
-UNFELT = 0.02
+#: adds a 2500th to the squared error of noise alone. Or by less than this share of what the model leaves: a hundredth of its square at
+#: worst, and the more a model leaves, the less its last digits say.
+UNFELT, UNFELT_SHARE = 0.02, 0.005
 #: Bodies of thinned runs at most: twice as many move the paper's tube by 0.03 mm, a step of 2 ms by 0.08.
 ROUGH_SEGMENTS = 8
 #: Change of an angle (rad) at which a long step is solved: one iteration for nearly all; it moves the tip by a micrometre.
@@ -124,7 +125,7 @@ def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
 
 
 def in_long_steps(problem: Problem, model: Model, par: FloatArray, clocks: FloatArray | None = None) -> Problem:
-    """The same runs, each in the longest steps whose error is small beside its noise; held-out runs in the shortest of these.
+    """The same runs, each in the longest steps whose error is small beside its noise or its misfit; held-out runs in the shortest of these.
 
     A log of 1 kHz before a camera of 25 Hz would else cost eight times what the motion asks for.
 
@@ -144,7 +145,8 @@ def _in_long_steps(item: Observed, model: Model, par: FloatArray, clock: FloatAr
     while before is not None and 2 * item.excitation.step_s < SLOWEST_STEP_S * (1 + 1e-9):
         longer = item.coarser()
         after = evaluate(model, par, [longer], (), clock)
-        if after is None or np.linalg.norm(after.residual - before.residual) > UNFELT * np.sqrt(before.residual.size):
+        unfelt = max(UNFELT * np.sqrt(before.residual.size), UNFELT_SHARE * np.linalg.norm(before.residual))
+        if after is None or np.linalg.norm(after.residual - before.residual) > unfelt:
             break
         item = longer
     return item
