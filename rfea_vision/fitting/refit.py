@@ -125,7 +125,7 @@ def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
 
 
 def in_long_steps(problem: Problem, model: Model, par: FloatArray, clocks: FloatArray | None = None) -> Problem:
-    """The same runs, each in the longest steps whose error is small beside its noise or its misfit; held-out runs in the shortest of these.
+    """The same runs, each in the longest steps whose error is small beside noise or misfit; held-out runs in the shortest of these.
 
     A log of 1 kHz before a camera of 25 Hz would else cost eight times what the motion asks for.
 
