@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
@@ -33,7 +35,7 @@ def seen_by_camera(
     par: FloatArray,
     seen: Motion,
     fractions: FloatArray,
-    free: list[int],
+    free: Sequence[int],
     pressure: FloatArray,
     total: FloatArray | None = None,
     change: FloatArray | None = None,
@@ -73,7 +75,7 @@ def seen_by_camera(
 
 
 def _shifted_line(
-    model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: list[int], pressure: FloatArray
+    model: Model, par: FloatArray, seen: Motion, fractions: FloatArray, free: Sequence[int], pressure: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Shift of the centre line (frames, m, 2) away from the inextensible side, as against its first cross-section's."""
     felt, by_felt = sensed(model.law.felt_pressure, par, model._constants, pressure, None)
