@@ -190,6 +190,8 @@ def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) ->
         # Boards seen squarely say nothing of the focal length: begin with that of an ordinary camera.
         focal = 1.1 * max(size)
         start = np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1.0]])
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)  # several add up the photos in whatever order they come to them, and each order rounds in another way
     try:
         _, matrix, distortion, _, _ = cv2.calibrateCamera(
             objects, images, size, start, np.zeros(5), flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS
@@ -198,6 +200,8 @@ def first_lens(views: Sequence[BoardView], size: tuple[int, int], model: str) ->
         raise DataError(
             "camera.photos: the photos do not determine the lens; add some with the board turned by 20 to 40 deg"
         ) from error
+    finally:
+        cv2.setNumThreads(threads)
     coefficients = np.zeros(LENSES[model].coefficients)
     coefficients[0] = float(np.ravel(distortion)[0])
     return Lens(model, np.asarray(matrix, dtype=float), coefficients)

@@ -1,5 +1,7 @@
 """Calibration against rendered photos of a known lens."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -7,7 +9,9 @@ import yaml
 
 from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.calibration.board import Board
+from rfea_vision.calibration.bundle import Lens, first_lens, project_board
 from rfea_vision.calibration.calibrate import calibrate
+from rfea_vision.calibration.corners import BoardView
 from rfea_vision.calibration.projection import (
     pack_camera,
     perturbed_cameras,
@@ -35,6 +39,19 @@ def test_lens_and_plane_are_found_within_their_errors(calibrated, small_lens):
     np.testing.assert_allclose(plane - plane[0], rig, atol=0.15)
     tilt = np.degrees(np.arccos(small_lens.rotation[2, 2]))
     assert abs(calibration.plane_tilt_deg - tilt) < 0.2
+
+
+def test_the_lens_from_which_the_search_begins_is_the_same_to_the_last_bit_every_time():
+    """OpenCV's threads add up the photos in any order: of eight first lenses some four differed, and all that follows with them."""
+    rng, lens = np.random.default_rng(5), Lens("brown5", np.array([[500.0, 0, 320], [0, 501, 240], [0, 0, 1]]), np.zeros(5))
+    flat = np.stack(np.meshgrid(np.arange(9) * 12.0, np.arange(6) * 12.0), axis=-1).reshape(-1, 2)
+    views = []
+    for turn in rng.uniform(-0.5, 0.5, (14, 3)):
+        pixels = project_board(lens, np.eye(3), np.array([-40.0, -30.0, 220.0]), flat, turn)[0]
+        views.append(BoardView(Path("photo.png"), flat, pixels + rng.normal(0, 0.05, pixels.shape)))
+    threads = cv2.getNumThreads()
+    found = {first_lens(views, (640, 480), "brown5").vector.tobytes() for _ in range(8)}
+    assert len(found) == 1 and cv2.getNumThreads() == threads
 
 
 def test_pixels_and_millimetres_are_inverse(calibrated):

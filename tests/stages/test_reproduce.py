@@ -1,8 +1,13 @@
 """The paper from its parameters to its figures, on a short twin of its tube."""
 
 import csv
+import os
 import re
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -22,6 +27,41 @@ def paper(tmp_path_factory):
     folder = tmp_path_factory.mktemp("paper") / "twin"
     simulate(folder, replace(paper_campaign(), duration_s=2.5))
     return folder
+
+
+def kept(folder: Path) -> dict[str, bytes]:
+    """All that a campaign's folder holds, but for what is remembered of when its raw files were last changed."""
+    files = (path for path in folder.rglob("*") if path.is_file() and path.name != "hashes.json")
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def test_fitted_twice_it_is_twice_the_same_bytes(tmp_path):
+    """Twin, fits, table, drawings and page, from nothing, at another place."""
+    from rfea_vision.twin import paper_campaign, simulate
+
+    found = []
+    for place in ("here", "elsewhere/on a disk"):
+        folder = tmp_path / place / "twin"
+        simulate(folder, replace(paper_campaign(), duration_s=0.8, rate_Hz=60))
+        reproduce(Workspace(load_campaign(folder)), formats=["svg"])
+        found.append(kept(folder))
+    assert found[0] == found[1]
+    assert {"rfea/reproduce/index.html", "rfea/models/eight-bodies/prediction.nc"} <= found[0].keys()
+
+
+@pytest.mark.study
+def test_the_example_from_photos_and_films_to_its_page_is_twice_the_same_bytes(root, tmp_path):
+    found = []
+    for number in ("1", "2"):  # as two people would: another shell, other threads, another hour
+        folder = tmp_path / f"person {number}" / "tube"
+        shutil.copytree(root / "examples" / "hidden-effect", folder)
+        own = {"PYTHONHASHSEED": number, "OMP_NUM_THREADS": number, "OPENBLAS_NUM_THREADS": number, "TZ": f"UTC-{number}"}
+        command = [sys.executable, "-m", "rfea_vision", "reproduce", str(folder)]
+        subprocess.run(command, env={**os.environ, **own}, check=True, capture_output=True)
+        found.append(kept(folder))
+    assert found[0].keys() == found[1].keys()
+    assert [name for name, content in found[0].items() if content != found[1][name]] == []
+    assert len([name for name in found[0] if name.startswith("rfea/reproduce/fig")]) == 56  # 14 drawings, as PDF, SVG, PNG and CSV
 
 
 @pytest.mark.study
