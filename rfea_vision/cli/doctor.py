@@ -36,6 +36,7 @@ _OPTIONAL = {
     "matplotlib": ("matplotlib", "rfea figures: pip install 'rfea-vision[figures]'"),
     "plotly": ("plotly", "figures of a notebook: pip install 'rfea-vision[notebook]'"),
     "ezc3d": ("ezc3d", "motion capture in .c3d: pip install 'rfea-vision[capture]'"),
+    "ndx-pose": ("ndx_pose", "rfea export --nwb: pip install 'rfea-vision[nwb]'"),
     "rosbags": ("rosbags", "recordings of ROS: pip install 'rfea-vision[ros]'"),
 }
 #: Larger packages that bring the same module.

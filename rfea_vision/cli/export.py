@@ -7,10 +7,11 @@ import math
 import re
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
+from rfea_vision import __version__
 from rfea_vision.cli.console import print_json, say, say_next
 from rfea_vision.cli.options import Quantity, campaign_argument, code_option, opened, refuse_beside
 from rfea_vision.errors import DataError, InputError
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 @click.option(
     "--poses", is_flag=True, help="Write the measured centre lines as movement's netCDF, one file per run in OUT."
 )
+@click.option("--nwb", is_flag=True, help="Write centre lines and pressures as NWB, one file per run in OUT.")
 @click.option("--step", "step_s", type=Quantity("s", "1ms"), default="1ms", show_default=True, help="Length of a step.")
 @click.option(
     "--iterations",
@@ -46,6 +48,7 @@ def export_command(
     fmu: bool,
     crate: bool,
     poses: bool,
+    nwb: bool,
     step_s: float,
     iterations: int,
 ) -> None:
@@ -54,31 +57,37 @@ def export_command(
     Writes OUT.c and OUT.h (C99, self-contained), or with --fmu OUT.fmu; of the model named, or of the one fitted last.
     """
     *models, last = places
-    if len(models) > 1 or (models and poses):
-        at_most = "and OUT: tracks have no MODEL" if poses else "at most one MODEL, and OUT"
+    if len(models) > 1 or (models and (poses or nwb)):
+        at_most = "and OUT: tracks have no MODEL" if poses or nwb else "at most one MODEL, and OUT"
         raise InputError(f"export: give CAMPAIGN, {at_most}")
     if not step_s > 0:
         raise InputError("export: --step must be longer than zero, for example 1ms")
-    if sum((fmu, crate, poses)) > 1:
-        raise InputError("export: give one of --fmu, --crate and --poses")
-    if crate or poses:
-        refuse_beside("--crate" if crate else "--poses", ("step_s", "iterations"), "it writes no code that steps")
-        _export_files(campaign, out, models, Path(last), crate=crate, as_json=as_json)
+    if sum((fmu, crate, poses, nwb)) > 1:
+        raise InputError("export: give one of --fmu, --crate, --poses and --nwb")
+    kind = "crate" if crate else "poses" if poses else "nwb" if nwb else None
+    if kind:
+        refuse_beside(f"--{kind}", ("step_s", "iterations"), "it writes no code that steps")
+        _export_files(campaign, out, models, Path(last), kind=kind, as_json=as_json)
     else:
         _export_code(campaign, out, models, Path(last), step_s, iterations, fmu=fmu, as_json=as_json)
 
 
 def _export_files(
-    campaign: Path, out: Path | None, models: list[str], folder: Path, *, crate: bool, as_json: bool
+    campaign: Path, out: Path | None, models: list[str], folder: Path, *, kind: Literal["crate", "poses", "nwb"], as_json: bool
 ) -> None:
-    """The fit as an RO-Crate, or the centre lines as netCDF."""
-    files = _write_crate(campaign, out, models, folder) if crate else _write_poses(campaign, out, folder)
+    """The fit as an RO-Crate, or the recordings as netCDF or NWB."""
+    if kind == "crate":
+        files = _write_crate(campaign, out, models, folder)
+    else:
+        files = _write_recordings(campaign, out, folder, kind)
     if as_json:
         print_json({"files": [str(path) for path in files]})
         return
     say(f"{folder}: {', '.join(path.name for path in files)}")
-    if crate:
+    if kind == "crate":
         say_next("look into", files[0], why="the list of what the crate holds, an RO-Crate 1.1")
+    elif kind == "nwb":
+        say_next("python -m pynwb.validate", files[0], why="what NWB says of it")
     else:
         shown = f"import xarray; print(xarray.open_dataset({json.dumps(str(files[0]))}))"  # no quotes within those of a shell
         say_next("python -c", shown, why="movement opens it, too")
@@ -173,14 +182,20 @@ def _write_crate(campaign: Path, out: Path | None, models: list[str], folder: Pa
     return [write_crate(folder, fit, files, name=name, made_on=today, versions=versions().items())]
 
 
-def _write_poses(campaign: Path, out: Path | None, folder: Path) -> list[Path]:
+def _write_recordings(campaign: Path, out: Path | None, folder: Path, kind: Literal["poses", "nwb"]) -> list[Path]:
+    """One file per run, of its own name."""
+    if kind == "nwb":
+        from rfea_vision.export.nwb import write_nwb
     from rfea_vision.export.poses import write_movement
 
     written = []
     with opened(campaign, out) as work:
         for name, recording in work.sync().items():
-            path = folder / f"{name}.nc"
+            path = folder / f"{name}.{'nwb' if kind == 'nwb' else 'nc'}"
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_movement(path, recording.dataset, name=name)
+            if kind == "nwb":
+                write_nwb(path, recording.dataset, name=name, campaign=work.campaign.name, version=__version__)
+            else:
+                write_movement(path, recording.dataset, name=name)
             written.append(path)
     return written

@@ -41,7 +41,10 @@ _COMMANDS = {
 _HOME_OF = {command: module for module, commands in _COMMANDS.items() for command in commands}
 COMMANDS = tuple(_HOME_OF)
 #: Modules that the package itself does not bring, and the extra that does.
-_EXTRAS = {"distributed": "batch", "dask": "batch", "sqlalchemy": "database", "mujoco": "twin", "matplotlib": "figures"}
+_EXTRAS = {
+    "distributed": "batch", "dask": "batch", "sqlalchemy": "database", "mujoco": "twin", "matplotlib": "figures", "pynwb": "nwb",
+    "ndx_pose": "nwb",
+}  # fmt: skip
 
 
 class _LazyGroup(WholeHelpGroup):

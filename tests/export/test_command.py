@@ -103,3 +103,17 @@ def test_poses_of_every_run_whatever_its_role(tmp_path):
     folder = write_campaign(tmp_path / "tube")
     assert run(["export", str(folder), str(tmp_path / "poses"), "--poses"]) == 0
     assert sorted(path.name for path in (tmp_path / "poses").iterdir()) == ["sine.nc", "steps.nc"]
+
+
+def test_nwb_of_every_run_is_read_as_the_page_of_the_documents_does(tmp_path, capsys):
+    folder = write_campaign(tmp_path / "tube")
+    assert run(["export", str(folder), str(tmp_path / "nwb"), "--nwb"]) == 0
+    assert sorted(path.name for path in (tmp_path / "nwb").iterdir()) == ["sine.nwb", "steps.nwb"]
+    page = (Path(__file__).resolve().parents[2] / "docs" / "export.md").read_text(encoding="utf-8")
+    code = next(block for block in re.findall(r"```py\n(.*?)```", page, re.DOTALL) if "NWBHDF5IO" in block)
+    names: dict = {}
+    exec(code.replace("OUT/", f"{tmp_path}/nwb/"), names)
+    assert names["tip"].data.shape == (120, 2) and names["run"].identifier == "steps"
+    capsys.readouterr()
+    assert run(["export", str(folder), "base", str(tmp_path / "nwb"), "--nwb"]) == 2
+    assert "tracks have no MODEL" in " ".join(capsys.readouterr().err.split())

@@ -23,8 +23,14 @@ def recording():
     line[:, :, 0] = -np.linspace(0, 20, 5) * np.sin(time)[:, None]
     valid = np.ones(50, dtype=np.int8)
     valid[7] = 0
+    log_time = np.arange(500) / 250.0 - 0.1
     return xr.Dataset(
-        {"midline": (("time", "node", "xy"), line), "valid": ("time", valid)}, {"time": time, "xy": ["x", "y"]}
+        {
+            "midline": (("time", "node", "xy"), line),
+            "valid": ("time", valid),
+            "pressure": ("log_time", 50.0 + 40.0 * np.sin(log_time)),
+        },
+        {"time": time, "xy": ["x", "y"], "log_time": log_time},
     )
 
 
@@ -48,6 +54,8 @@ def test_movement_reads_the_poses_and_takes_them_on_to_nwb(tmp_path):
     from movement.kinematics import compute_speed
     from pynwb import NWBHDF5IO
 
+    from rfea_vision.export.nwb import write_nwb
+
     data = recording()
     write_movement(tmp_path / "run.nc", data, name="steps")
     poses = xr.load_dataset(tmp_path / "run.nc", engine="h5netcdf")
@@ -55,11 +63,43 @@ def test_movement_reads_the_poses_and_takes_them_on_to_nwb(tmp_path):
     tip_x = data["midline"].values[:, -1, 0]
     speed = compute_speed(poses["position"]).sel(keypoints="tip").values.ravel()
     np.testing.assert_allclose(speed, np.abs(np.gradient(tip_x, data["time"].values)), atol=1e-6)
-    with NWBHDF5IO(tmp_path / "run.nwb", "w") as file:
+    with NWBHDF5IO(tmp_path / "theirs.nwb", "w") as file:
         file.write(save_poses.to_nwb_file(poses))
-    again = load_poses.from_nwb_file(tmp_path / "run.nwb")
-    np.testing.assert_array_equal(again["position"].values, poses["position"].values)
-    np.testing.assert_array_equal(again["confidence"].values, poses["confidence"].values)
+    write_nwb(tmp_path / "ours.nwb", data, name="steps", campaign="tube-A", version="0.6")
+    for path in (tmp_path / "theirs.nwb", tmp_path / "ours.nwb"):
+        again = load_poses.from_nwb_file(path)
+        assert [str(name) for name in again["keypoints"].values] == [str(name) for name in poses["keypoints"].values]
+        np.testing.assert_array_equal(again["position"].values, poses["position"].values)
+        np.testing.assert_array_equal(again["confidence"].values, poses["confidence"].values)
+
+
+def test_nwb_opens_a_run_and_finds_no_fault_in_it(tmp_path):
+    from pynwb import NWBHDF5IO, validate
+
+    from rfea_vision.export.nwb import write_nwb
+
+    data = recording()
+    data["chamber_pressure"] = (("chamber", "log_time"), np.stack([data["pressure"].values, np.zeros(500)]))
+    data = data.assign_coords(chamber=["left", "right"])
+    write_nwb(tmp_path / "steps.nwb", data, name="steps", campaign="tube-A", version="0.6")
+    assert validate(path=tmp_path / "steps.nwb") == []
+    with NWBHDF5IO(tmp_path / "steps.nwb", "r") as file:
+        run = file.read()
+        assert run.identifier == "steps" and "tube-A" in run.session_description
+        poses = run.processing["behavior"]["PoseEstimation"]
+        assert poses.source_software_version == "0.6"
+        assert list(poses.skeleton.nodes[:]) == ["clamp", "node01", "node02", "node03", "tip"]
+        assert poses.skeleton.edges[:].tolist() == [[0, 1], [1, 2], [2, 3], [3, 4]]
+        for index, keypoint in enumerate(poses.skeleton.nodes[:]):
+            places = poses[keypoint]
+            np.testing.assert_allclose(places.data[:] * places.conversion, data["midline"].values[:, index] * 1e-3, atol=1e-9)
+            np.testing.assert_array_equal(places.confidence[:], data["valid"].values)
+        np.testing.assert_array_equal(poses["tip"].timestamps[:], data["time"].values)
+        for label, values in (("pressure", data["pressure"]), ("pressure of left", data["pressure"]), ("pressure of right", 0)):
+            log = run.acquisition[label]
+            np.testing.assert_allclose(log.data[:] * log.conversion, np.zeros(500) + values * 1e3)
+            np.testing.assert_array_equal(log.timestamps[:], data["log_time"].values)
+        assert log.unit == "pascals" and places.unit == "meters"
 
 
 def test_an_angle_alone_has_no_poses(tmp_path):
