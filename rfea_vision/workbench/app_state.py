@@ -178,6 +178,8 @@ class AppState:
             del self.log[:-LOG_LINES]
         if event.get("do") in MEASURING and event["event"] in ENDS:
             self.failed[event["index"]] = event.get("error", "")
+        if "error" in event:
+            event = event | {"error": in_words(event["error"])}
         for loop, line in list(self._listeners):
             with suppress(RuntimeError):  # a loop that has been closed
                 loop.call_soon_threadsafe(line.put_nowait, event)
@@ -196,6 +198,15 @@ class AppState:
         """End the processes."""
         self.worker.stop()
         self.judge.stop()
+
+
+def in_words(sentence: str) -> str:
+    """A sentence of the command line with what people read in place of the codes of its reasons."""
+    from rfea_vision.artefacts.reasons import REASONS  # the page is served before artefacts are loaded
+
+    for code, reason in REASONS.items():
+        sentence = sentence.replace(f"({code})", f"({reason.words})")
+    return sentence
 
 
 def is_campaign(folder: Path) -> bool:

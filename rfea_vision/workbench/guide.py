@@ -99,15 +99,17 @@ def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
     if last["verdict"] == "missing" and lacking:
         laws = [effect for effect in lacking if effect != "segments"]  # no law, but a finer chain
         segments = last["segments"] if laws == lacking else 2 * last["segments"]
-        say, label = f"{name} lacks {' and '.join(lacking)}.", f"Add {' and '.join(lacking)} and watch"
+        titles = [item.get("title", "") for item in last.get("candidates", []) if item["effect"] in lacking]
+        words = f": {', '.join(filter(None, titles)).lower()}" if any(titles) else ""
+        say, label = f"{name} lacks {' and '.join(lacking)}{words}.", f"Add {' and '.join(lacking)} and watch"
         return _step("add", say, label, "fit", add=[*last["effects"], *laws], segments=segments)
     if last["verdict"] == "complete":
         if report is not None:
-            return _step("add", f"Nothing that matters is missing, and the report is written: open {report}", "")
+            return _step("add", "Nothing that matters is missing, and the report is written.", "") | {"command": report}
         return _step("add", "Nothing that matters is missing.", "Write the report", "report")
     say = "Something is left that no effect in the catalogue explains: a law can be looked for, or written by you."
     if report is not None:
-        return _step("law", f"{say} The report is written: open {report}", "Propose a law", "propose", model=name)
+        return _step("law", f"{say} The report is written.", "Propose a law", "propose", model=name)
     # A law is not always found, so there is a way on.
     return _step("law", say, "Propose a law", "propose", model=name) | {
         "otherwise": _step("law", say, "Write the report", "report")

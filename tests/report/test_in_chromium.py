@@ -305,15 +305,18 @@ def test_fits_the_screen(opened: Browser, tmp_path: Path, width: int, mobile: bo
 
 
 def test_dark_and_light_differ_and_both_are_readable(opened: Browser, tmp_path: Path) -> None:
-    brightness = {}
-    for _ in range(2):
-        theme = opened.run("document.documentElement.dataset.theme")
-        opened.screenshot(tmp_path / f"{theme}.png")
-        brightness[theme] = float(np.median(imread(tmp_path / f"{theme}.png")[..., :3]))
-        assert opened.run(FAINT_TEXT) == []
-        opened.key("t")
-    assert brightness["light"] > 230
-    assert brightness["dark"] < 40
+    brightness: dict[str, list[float]] = {"light": [], "dark": []}
+    for width, mobile in ((1280, False), (400, True)):
+        opened.resize(width, 900, mobile=mobile)
+        for _ in range(2):
+            theme = opened.run("document.documentElement.dataset.theme")
+            opened.screenshot(tmp_path / f"{theme}.png")
+            brightness[theme].append(float(np.median(imread(tmp_path / f"{theme}.png")[..., :3])))
+            assert opened.run(FAINT_TEXT) == []
+            assert opened.run("document.documentElement.scrollWidth") <= width
+            opened.key("t")
+    assert len(brightness["light"]) == 2 and min(brightness["light"]) > 230
+    assert len(brightness["dark"]) == 2 and max(brightness["dark"]) < 40
 
 
 def test_budgets(chromium: Browser, page: Path) -> None:

@@ -13,7 +13,7 @@ NAMED = {
 }  # fmt: skip
 #: When what comes late is there to stay.
 THERE = {"play": "html[data-look=exact]", "law": "#law-said.better", "batch": "#batch tr[data-campaign]"}
-WINDOWS = {"light": {"width": 1280, "height": 900}, "dark": {"width": 400, "height": 860}}
+WIDE, NARROW = {"width": 1280, "height": 900}, {"width": 400, "height": 860}
 
 #: Buttons, and links that look like one, in the colour of the next step.
 HIGHLIGHTED = """[...document.querySelectorAll('button, a')].filter(b => b.checkVisibility() && !b.disabled
@@ -32,6 +32,13 @@ MISSED = f"{CONTROLS}.filter(e => !reached.has(e)).map(e => e.outerHTML.slice(0,
 #: Things that can be clicked and that no key reaches: of a group of radios one is reached, arrows go to the others.
 UNREACHED = """[...document.querySelectorAll('button, input, summary')].filter(e => e.tabIndex < 0 && !e.disabled
   && e.checkVisibility() && !e.closest('[role=radiogroup]')).map(e => e.outerHTML.slice(0, 90))"""
+
+#: What sticks out of its panel to the right, but for what lies in something that scrolls.
+STICKS_OUT = """[...document.querySelectorAll('[data-panel=PANEL] *')].filter(e => {
+  const scrolls = p => p.dataset.panel === undefined && (getComputedStyle(p).overflowX !== 'visible' || scrolls(p.parentElement));
+  return e.checkVisibility() && !e.matches('.sr, .sr *, canvas, option') && !scrolls(e.parentElement)
+    && e.getBoundingClientRect().right > e.closest('[data-panel]').getBoundingClientRect().right + 1;
+}).map(e => e.outerHTML.slice(0, 90))"""
 
 
 def highlighted(page: Any) -> list[str]:
@@ -55,21 +62,22 @@ def walked_with_tab(page: Any, scope: str) -> list[str]:
     page.click(f"{scope} {'h2' if scope != 'body' else '#title'}")  # from here the key goes on
     page.evaluate(LISTEN)
     indents = page.locator("textarea:visible").count()
-    count = page.evaluate(f"{CONTROLS}.length".replace("SCOPE", scope))
-    for pressed in range(count + 3):  # Chromium stops at what scrolls, too
-        if pressed >= count and not page.evaluate(MISSED.replace("SCOPE", scope)):
+    pressed, count = 0, f"{CONTROLS}.length".replace("SCOPE", scope)
+    while pressed < (controls := page.evaluate(count)) + 3:  # some come late; Chromium stops at what scrolls, too
+        if pressed >= controls and not page.evaluate(MISSED.replace("SCOPE", scope)):
             break
         if indents and page.evaluate("document.activeElement.matches('textarea')"):
             page.keyboard.press("Escape")  # Tab indents there
         page.keyboard.press("Tab")
+        pressed += 1
     return [*page.evaluate(MISSED.replace("SCOPE", scope)), *page.evaluate("[...ringless]")]
 
 
 def unfit(page: Any, *panels: str) -> dict[str, list[str]]:
-    """What on these panels somebody cannot use, in a wide light window or on a dark phone; around them, too."""
+    """What on these panels somebody cannot use, in a wide window or on a phone, light or dark; around them, too."""
     found: dict[str, list[str]] = {}
     for panel in panels:
-        page.set_viewport_size(WINDOWS["light"])
+        page.set_viewport_size(WIDE)
         page.click(f'.places a[href="#/{panel}"]')
         page.wait_for_selector(f"[data-panel={panel}] h2", state="visible")
         for details in page.locator(f"[data-panel={panel}] details:not([open]) > summary").all():
@@ -81,12 +89,15 @@ def unfit(page: Any, *panels: str) -> dict[str, list[str]]:
         found |= {f"{panel}: no name": nameless(page), f"{panel}: no key": page.evaluate(UNREACHED)}
         found[f"{panel}: Tab"] = walked_with_tab(page, f"[data-panel={panel}]" if panel != panels[0] else "body")
         page.evaluate("document.activeElement.blur()")
-        for theme, window in WINDOWS.items():
+        for window in (WIDE, NARROW):
             page.set_viewport_size(window)
             page.wait_for_timeout(100)
-            assert page.get_attribute("html", "data-theme") == theme
+            where = f"{panel} at {window['width']} px"
             wide = page.evaluate("document.documentElement.scrollWidth")
-            found[f"{panel}, {theme}: overflows"] = [f"{wide} px"] if wide > window["width"] else []
-            found[f"{panel}, {theme}: faint"] = page.evaluate(FAINT_TEXT)
-            page.keyboard.press("t")
+            found[f"{where}: overflows"] = [f"{wide} px"] if wide > window["width"] else []
+            found[f"{where}: sticks out"] = page.evaluate(STICKS_OUT.replace("PANEL", panel))
+            for _ in range(2):
+                found[f"{where}, {page.get_attribute('html', 'data-theme')}: faint"] = page.evaluate(FAINT_TEXT)
+                page.keyboard.press("t")
+        assert {name.rpartition(", ")[2] for name in found if "faint" in name} == {"light: faint", "dark: faint"}
     return {what: where for what, where in found.items() if where}

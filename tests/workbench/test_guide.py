@@ -7,6 +7,7 @@ import xarray as xr
 import yaml
 
 from rfea_vision.files import write_dataset
+from rfea_vision.workbench.app_state import in_words
 from rfea_vision.workbench.guide import next_step
 from rfea_vision.workbench.state import _clock, state_of
 
@@ -27,6 +28,14 @@ def test_more_segments_are_no_law_but_a_finer_chain():
     coarse["named"] = ["segments"]
     assert next_step([run()], [coarse])["options"] == {"add": [], "segments": 8}
     assert next_step([run()], [coarse, model(name="base-2", segments=8)])["options"] == {"model": "base-2"}
+
+
+def test_what_is_lacking_is_said_in_words_too():
+    titles = [{"effect": "maxwell", "title": "Visco-elastic relaxation"}, {"effect": "kink", "title": "A kink"}]
+    lacking = model(verdict="missing", named=["maxwell"], candidates=titles)
+    assert next_step([run()], [lacking])["say"] == "base lacks maxwell: visco-elastic relaxation."
+    said = "film.mp4: 3 of 90 frames could be measured (edge_lost); give camera.tip (in pixels)"
+    assert in_words(said) == said.replace("edge_lost", "an edge of the tube was not to be seen")
 
 
 def test_a_constant_pressure_stands_in_place_of_a_log(campaign):
@@ -54,14 +63,15 @@ def test_a_report_that_is_written_is_said_with_its_place():
     models = [model(verdict="complete")]
     assert next_step([run()], models)["do"] == "report"
     step = next_step([run()], models, "rfea/report/index.html")
-    assert "rfea/report/index.html" in step["say"] and step["do"] is None and not step["label"]
+    assert "report is written" in step["say"] and step["command"] == "rfea/report/index.html"
+    assert step["do"] is None and not step["label"]
 
 
 def test_where_no_law_is_found_either_there_is_a_way_on():
     step = next_step([run()], [model(verdict="unexplained")])
     assert step["do"] == "propose" and step["otherwise"]["do"] == "report"
     written = next_step([run()], [model(verdict="unexplained")], "rfea/report/index.html")
-    assert "rfea/report/index.html" in written["say"] and "otherwise" not in written
+    assert "report is written" in written["say"] and "otherwise" not in written
 
 
 @pytest.mark.parametrize(

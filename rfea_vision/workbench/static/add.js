@@ -22,8 +22,9 @@ export function build() {
     h("div", {class: "adding"},
       h("div", {},
         h("div", {class: "scroll"}, h("table", {id: "candidates", class: "candidates"}, h("caption", {class: "sr"}, "Effects that may be missing, best first"))),
+        h("p", {class: "muted", id: "columns"}, "Probability: that the tube has the effect. Share: how much of the error above the noise floor goes with it. Predicted: the held-out error expected before anything is fitted; held out: what it was once fitted. The noise floor is what the measurement alone leaves."),
         h("details", {id: "others"}, h("summary", {}, "Effects that were screened and promise little"), h("div", {id: "screened"})),
-        h("div", {class: "buttons"}, h("button", {type: "button", id: "fit-ticked", onclick: fitTicked}, "Fit with these"), h("button", {type: "button", id: "ask-missing", onclick: askMissing}, "Ask what is missing"), h("button", {type: "button", id: "climb", onclick: () => begin("improve", {}, "Climb the ladder")}, "Do it all"))),
+        h("div", {class: "buttons"}, h("button", {type: "button", id: "fit-ticked", onclick: fitTicked}, "Fit with these"), h("button", {type: "button", id: "ask-missing", onclick: askMissing}, "Ask what is missing"), h("button", {type: "button", id: "climb", onclick: () => begin("improve", {}, "Climb the ladder")}, "Do it all, up to a verdict"))),
       h("div", {}, figure("rungs", "The error falls", "Training and held-out error of every model, on a logarithmic scale", 300),
         h("p", {class: "legend"}, h("i", {class: "validate"}), " held-out ", h("i", {class: "train"}), " training ", h("i", {class: "floor"}), " noise floor"))),
     h("div", {id: "ties"}),
@@ -59,7 +60,7 @@ function showAll() {
   one("#verdict").textContent = !rungs().length ? "No model has been fitted yet." : there?.diagnosis?.sentence || d?.sentence || "Nobody has asked yet what this model lacks.";
   showCandidates(d);
   const fit = one("#fit-ticked");
-  fit.disabled = Boolean(there) || !rungs().length; fit.textContent = there ? "Fitted" : `Fit with ${wanted.length ? wanted.join(" + ") : "no effect"}`;
+  fit.disabled = Boolean(there) || !rungs().length; fit.textContent = there ? "Fitted already" : `Fit with ${wanted.length ? wanted.join(" + ") : "no effect"}`;
   fit.classList.toggle("primary", !fit.disabled);
   one("#ask-missing").hidden = !there || Boolean(there.diagnosis);
   showTies(there?.diagnosis ?? d);
@@ -77,11 +78,11 @@ function showCandidates(d) {
   const row = c => h("tr", {class: d?.named?.includes(c.effect) ? "named" : ""},
     h("td", {}, h("input", {type: "checkbox", value: c.effect, checked: wanted.includes(c.effect), aria: {label: `Add ${c.title}`}, onchange: event => tick(c.effect, event.target.checked)})),
     h("th", {scope: "row"}, c.title, c.at ? h("small", {class: "muted"}, ` at ${c.at}`) : null, c.form ? h("small", {class: "muted"}, ` ${c.form}`) : null),
-    h("td", {class: "n"}, bar(c.probability)), h("td", {class: "n wide"}, percent(c.share)), h("td", {class: "n muted wide"}, show(of(c, "predicted"), 3)), h("td", {class: "n strong"}, show(of(c, "validate"), 3)),
+    h("td", {class: "n"}, bar(c.probability)), h("td", {class: "n wide"}, c.share < -1 ? "worse" : percent(c.share)), h("td", {class: "n muted wide"}, show(of(c, "predicted"), 3)), h("td", {class: "n strong"}, show(of(c, "validate"), 3)),
     h("td", {}, h("button", {type: "button", class: "plain", aria: {label: `Play ${c.title}`}, onclick: () => campaign.play.addEffects([...new Set([...wanted, c.effect])])}, "play")));
   const head = h("thead", {}, h("tr", {}, h("td", {}, h("span", {class: "sr"}, "Add")), ...[["Effect", ""], ["Probability", "n"], ["Share", "n wide"], [`Predicted, ${unit}`, "n wide"], [`Held out, ${unit}`, "n"], ["", ""]].map(([text, kind]) => h("th", {scope: "col", class: kind}, text))));
   one("#candidates").replaceChildren(h("caption", {class: "sr"}, "Effects that may be missing, best first"), head, h("tbody", {}, ...tried.map(row)));
-  one("#candidates").hidden = !tried.length;
+  one("#candidates").hidden = one("#columns").hidden = !tried.length;
   one("#others").hidden = !rest.length;
   one("#screened").replaceChildren(...rest.map(c => h("label", {class: "screened"}, h("input", {type: "checkbox", checked: wanted.includes(c.effect), onchange: event => tick(c.effect, event.target.checked)}), c.title)));
 }
@@ -101,7 +102,7 @@ function fitTicked() { begin("fit", {add: wanted, segments: segments()}, `Fit wi
 function askMissing() { begin("diagnose", {model: rungWith(wanted).model}, "Ask what is missing"); }
 
 function showTies(d) {
-  const ties = (d?.tied ?? []).map(tie => h("p", {class: "tie"}, h("b", {}, tie.effects.map(titleOf).join(" and ")), ` cannot be told apart by these data. What would split them: ${tie.split_by || "another experiment"}`));
+  const ties = (d?.tied ?? []).map(tie => h("p", {class: "tie"}, h("b", {}, tie.effects.map(titleOf).join(" and ")), ` cannot be told apart by these data. What would split them: ${tie.split_by || "another experiment"}.`));
   const sets = (d?.sets ?? []).slice(0, 4).filter(set => set.effects.length > 1).map(set => h("li", {}, h("button", {type: "button", class: "plain", onclick: () => { want(set.effects); }}, set.effects.map(titleOf).join(" + ")), ` ${percent(set.probability)} probable, ${percent(set.share)} of the error above the floor`));
   const left = d?.remainder?.sentence ? h("p", {class: "muted"}, d.remainder.sentence) : null;
   one("#ties").replaceChildren(...ties, ...(sets.length ? [h("h3", {}, "Together"), h("ul", {}, ...sets)] : []), ...(left ? [left] : []));

@@ -212,6 +212,7 @@ export function build() {
   });
 }
 export function reload() {
+  one("#no-model").hidden = manifest.rungs.some(r => !r.live);
   showRuns();
   const rungs = manifest.rungs.filter(r => !r.live);
   if (!rungs.some(r => r.model === chosen.model)) { const last = rungs.at(-1); if (last) open(last.model, [...last.effects]); } else refresh();

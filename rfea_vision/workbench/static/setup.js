@@ -64,6 +64,7 @@ export function pointAt(name, tool) {
 async function openFilm() {
   const e = run();
   if (seen.film?.name !== e.name) {
+    one("#frame-reason").textContent = `Opening the film of ${e.name}…`;
     const film = {name: e.name, ...await get(`film/${numberOf(e)}`)};
     if (run()?.name !== e.name) return; // another one has been chosen since
     seen.film = film;
@@ -128,8 +129,10 @@ export function paint() {
   const tried = seen.tried.get(run().name)?.[seen.frame], line = tried ? tried.line : seen.line;
   if (line) stroke(line, tried ? "#2ec4a0" : "#56b4e9", 2.5);
   if (hints.clamp) { stroke(hints.clamp, "#f0932b", 2); hints.clamp.forEach(point => dot(point, "#f0932b")); }
-  (hints.centre_line ?? []).forEach(point => dot(point, "#56b4e9"));
-  if (hints.tip) dot(hints.tip, "#dd9dc2");
+  if (seen.frame === 0) { // where the tube was then; it has moved on since
+    (hints.centre_line ?? []).forEach(point => dot(point, "#56b4e9"));
+    if (hints.tip) dot(hints.tip, "#dd9dc2");
+  }
   seen.points.forEach(point => dot(point, "#f0e442"));
   if (seen.drag) box(boxOf(seen.drag), "#f0e442");
   if (seen.cursor) { const [x, y] = at(seen.cursor); c.strokeStyle = "#fff"; c.lineWidth = 1; c.beginPath(); c.moveTo(x - 12, y); c.lineTo(x + 12, y); c.moveTo(x, y - 12); c.lineTo(x, y + 12); c.stroke(); }
