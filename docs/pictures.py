@@ -17,14 +17,16 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 
 WIDE, NARROW = {"width": 1280, "height": 800}, {"width": 400, "height": 860}
-#: Name of the picture, step of the workbench, theme, and window.
-STEPS = (
-    ("workbench-play", "play", "light", WIDE),
-    ("workbench-add", "add", "light", WIDE),
-    ("workbench-law", "law", "dark", WIDE),
-    ("workbench-dark", "play", "dark", WIDE),
-    ("workbench-narrow", "play", "light", NARROW),
-)
+#: Steps of the workbench, and what is there once a step has drawn.
+STEPS = {
+    "setup": "#frame-clock:not(:empty)",
+    "clock": "[data-figure=offsets][data-state=drawn]",
+    "play": "html[data-look=exact]",
+    "add": "[data-figure=rungs][data-state=drawn]",
+    "law": "#law-said.better",
+}
+#: What the documents show; with a folder, all steps are taken in all windows, to be looked at.
+IN_DOCUMENTS = ("report", "workbench-setup", "workbench-clock", "workbench-play", "workbench-add")
 
 
 @contextmanager
@@ -53,25 +55,28 @@ def take(
     page.close()
 
 
-def main(campaign: Path, target: Path) -> None:
+def windows() -> Iterator[tuple[str, str, dict[str, int]]]:
+    """Ending of a picture's name, theme and window; that of the documents first."""
+    for size, window in (("", WIDE), ("-narrow", NARROW)):
+        for theme in ("light", "dark"):
+            yield size + ("-dark" if theme == "dark" else ""), theme, window
+
+
+def main(campaign: Path, target: Path | None) -> None:
     """Report, steps of the workbench, and its page of many campaigns."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    with sync_playwright() as playwright:
+    report = f"file://{(campaign / 'rfea' / 'report' / 'index.html').resolve()}"
+    with sync_playwright() as playwright, workbench(campaign) as address:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        report = f"file://{(campaign / 'rfea' / 'report' / 'index.html').resolve()}"
-        for name, theme, window in (
-            ("report", "light", WIDE),
-            ("report-dark", "dark", WIDE),
-            ("report-narrow", "light", NARROW),
-        ):
-            take(browser, report, target / f"{name}.png", window, theme)
-        with workbench(campaign) as address:
-            for name, step, theme, window in STEPS:
-                take(browser, f"{address}c/0/#/{step}", target / f"{name}.png", window, theme)
-        with workbench(campaign.parent) as address:
-            take(browser, f"{address}c/all/", target / "workbench-folder.png", WIDE, ready="tr[data-campaign]")
+        pages = {"report": (report, "")}
+        pages |= {f"workbench-{step}": (f"{address}c/0/#/{step}", ready) for step, ready in STEPS.items()}
+        for name, (page, ready) in pages.items():
+            for ending, theme, window in windows():
+                if target is not None or (name in IN_DOCUMENTS and not ending):
+                    place = (target or Path(__file__).parent) / f"{name}{ending}.png"
+                    take(browser, page, place, window, theme, ready)
         browser.close()
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]).resolve(), Path(sys.argv[2]) if len(sys.argv) > 2 else Path(__file__).parent)
+    main(Path(sys.argv[1]).resolve(), Path(sys.argv[2]) if len(sys.argv) > 2 else None)

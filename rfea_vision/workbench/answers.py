@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from starlette.responses import JSONResponse, Response
@@ -45,6 +46,8 @@ def state(app: AppState, index: int, asked: dict[str, Any]) -> Response:
     path, step = shown(app.campaigns[index]), found["next"]
     if step["do"]:
         step["command"] = order(path, app.out, step["do"], step["options"])[1]
+    elif "file" in step:
+        step["command"] = shown(Path(step["file"]))
     return JSONResponse(found | {"path": path, "job": app.worker.told(), "log": app.log[-20:]})
 
 
@@ -120,6 +123,12 @@ def _chosen(app: AppState, index: int, asked: dict[str, Any]) -> Chosen:
 def film(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
     """Size and times of an experiment's film."""
     return JSONResponse(loaded("workbench.pointing").film(app.opened(index).experiment(number)))
+
+
+def columns(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
+    """Columns of an experiment's log: one of them may hold the signal of a lamp."""
+    log = app.opened(index).experiment(number).pressure.file
+    return JSONResponse({"columns": [] if log is None else list(loaded("readers.tables").read_table(log).columns)})
 
 
 def picture(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:

@@ -105,7 +105,7 @@ def _judge(models: list[dict[str, Any]], report: str | None) -> Advice:
         return _step("add", say, label, "fit", add=[*last["effects"], *laws], segments=segments)
     if last["verdict"] == "complete":
         if report is not None:
-            return _step("add", "Nothing that matters is missing, and the report is written.", "") | {"command": report}
+            return _step("add", "Nothing that matters is missing, and the report is written.", "") | {"file": report}
         return _step("add", "Nothing that matters is missing.", "Write the report", "report")
     say = "Something is left that no effect in the catalogue explains: a law can be looked for, or written by you."
     if report is not None:

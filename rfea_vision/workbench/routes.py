@@ -62,6 +62,7 @@ def application(app: AppState) -> Starlette:
             post("/c/{index:int}/play", "play"),
             post("/c/{index:int}/job", "job"),
             get("/c/{index:int}/film/{number:int}", "film"),
+            get("/c/{index:int}/columns/{number:int}", "columns"),
             get("/c/{index:int}/picture/{number:int}", "picture"),
             get("/c/{index:int}/outline/{number:int}", "outline"),
             get("/c/{index:int}/refused/{number:int}", "refused"),

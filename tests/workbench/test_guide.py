@@ -63,7 +63,7 @@ def test_a_report_that_is_written_is_said_with_its_place():
     models = [model(verdict="complete")]
     assert next_step([run()], models)["do"] == "report"
     step = next_step([run()], models, "rfea/report/index.html")
-    assert "report is written" in step["say"] and step["command"] == "rfea/report/index.html"
+    assert "report is written" in step["say"] and step["file"] == "rfea/report/index.html"
     assert step["do"] is None and not step["label"]
 
 

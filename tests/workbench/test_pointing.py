@@ -111,6 +111,8 @@ def test_a_lamp_is_shown_and_brings_the_clocks_together(film, served, visit):
     write_log(folder)
     page = visit(served.address + "#/clock")
     page.click("#lamp-box summary")
+    page.wait_for_selector("#log-has:has-text('blink')")
+    assert page.locator("#columns option[value=blink]").count() == 1
     page.fill("#channel", "blink")
     left, top, wide, high = LAMP_PX
     point(page, (left, top), (left + wide, top + high), canvas="#lamp-frame")

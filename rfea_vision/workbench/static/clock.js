@@ -25,9 +25,9 @@ export function build() {
       h("button", {type: "button", data: {zoom: "in"}}, "Zoom in"), h("button", {type: "button", data: {zoom: "out"}}, "Zoom out"), h("button", {type: "button", data: {zoom: "all"}}, "Whole run")),
     figure("offsets", "How well each offset fits", "Share of the motion that each offset explains; the peak is the offset that was found", 170),
     h("details", {id: "lamp-box"}, h("summary", {}, "There is a lamp in the picture that follows the log"),
-      h("p", {class: "muted"}, "Drag a box around the lamp, or type it. The log needs a column with the lamp's signal."),
+      h("p", {class: "muted"}, "Drag a box around the lamp, or type it, and name the column of the log that holds the lamp's signal. ", h("span", {id: "log-has"})),
       h("div", {class: "switches"},
-        h("label", {}, "Column of the log ", h("input", {type: "text", id: "channel", size: 12})),
+        h("label", {}, "Column of the log ", h("input", {type: "text", id: "channel", size: 12, list: "columns"}), h("datalist", {id: "columns"})),
         h("label", {}, "Left, top, width, height in px ", h("input", {type: "text", id: "lamp-place", size: 18, oninput: () => placeLamp()})),
         h("button", {type: "button", id: "by-lamp", onclick: byLamp}, "Go by this lamp")),
       h("canvas", {id: "lamp-frame", aria: {label: "First frame of the film; drag a box around the lamp"}})));
@@ -91,6 +91,10 @@ async function openLamp() {
   if (spec()?.name !== e.name) return;
   Object.assign(lamp, {film, picture});
   paintLamp();
+  const {columns} = await get(`columns/${number}`).catch(() => ({columns: []})); // what is wrong with a log is said where it is needed
+  if (spec()?.name !== e.name) return;
+  one("#columns").replaceChildren(...columns.map(name => h("option", {value: name})));
+  one("#log-has").textContent = columns.length ? `The log has ${columns.join(", ")}.` : "";
 }
 function paintLamp() {
   const canvas = one("#lamp-frame"), p = lamp.picture, box = typedBox();
