@@ -20,7 +20,7 @@ from rfea_vision.vision.body.begin import (
     standing_out,
 )
 from rfea_vision.vision.body.fit import ALONG, NORMAL, TRUSTED, UNKNOWNS, WIDTH, Fit, end_rays, fit_body, looks_around
-from rfea_vision.vision.body.gone import flown, reached
+from rfea_vision.vision.body.gone import FLOW_SCATTER, UNIFORMLY, flown, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
@@ -55,7 +55,7 @@ SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
-SKIN_SCATTER, FLOW_SCATTER = 5.0, 4.0  # grey levels: how skin differs from the first frame's, and from the last one's
+SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
@@ -70,8 +70,6 @@ SYSTEMATIC = 0.1
 FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
 SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond its last shape
 
-_LINEAR = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
-UNIFORMLY = np.outer(_LINEAR, _LINEAR)
 _TO_COEFFICIENTS = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS)) @ NORMAL_BASIS
 _WIDTH_OF = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS))
 _TO_WIDTH = _WIDTH_OF @ WIDTH_BASIS

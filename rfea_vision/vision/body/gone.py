@@ -15,6 +15,7 @@ from rfea_vision.vision.body.fit import TO_ALONG
 from rfea_vision.vision.body.model import (
     ALONG_BASIS,
     NORMAL_BASIS,
+    SHARES,
     STATIONS,
     Picture,
     SeenBody,
@@ -22,13 +23,20 @@ from rfea_vision.vision.body.model import (
     frame_of,
     robust_displacement,
 )
-from rfea_vision.vision.body.sampling import SEEN, WALL_SCATTER
+from rfea_vision.vision.body.sampling import INDEPENDENT, NOISE_SLOPE, SEEN, WALL_SCATTER
 from rfea_vision.vision.body.wall import Wall
 
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_WINDOW = (17, 17)
 FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
 FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
+FLOW_SCATTER = 4.0  # grey levels: how skin differs from the last picture's
+# Of the length, and px, 1 s.d.: chosen wide, bellows filled at once stretch by 5 % from one picture to the next.
+FLOW_STRETCH, FLOW_SLIP = 0.05, 0.3
+MOST_STRETCH = 0.3  # anywhere, chosen: what flow says beyond that is of another thing, or of a clamp that has moved
+WINDOW_SHARED = 8.0  # stations that lie in one window of a body of 65 stations, 1 to 4 px apart, and tell the same
+EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
+UNIFORMLY = np.outer(EVENLY, EVENLY)
 COARSE = 2  # px: every second pixel tells where a body of 24 px has gone
 REACHED = 1.25  # times as long as it was: chosen, between what rubber gains while it is not seen and what another body adds
 DEEP = 0.9  # of the half width that the way has in the median: chosen, rounded and blunt ends are shallower
@@ -36,7 +44,7 @@ HELD = 2.0  # half widths around the clamp within which what lies behind it is n
 
 
 def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> SeenBody:
-    """The body of an earlier frame, moved by sparse flow from `foot` (2,) on: near enough for its skin to be recognised."""
+    """The body of an earlier frame, moved and stretched by flow from `foot` (2,) on: near enough for its skin to be recognised."""
     tangents, normals = frame_of(last.body.points)
     places = [last.body.points + v * last.body.half[:, None] * normals for v in FLOW_ACROSS]
     window = wall.window
@@ -53,24 +61,51 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> SeenBo
         return body
     across = np.sum(moved * normals[station], axis=1)
     n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], across, kept, FLOW_PX)
-    # What smooth rubber shows along itself is the wall, or nothing: it goes where its length lets it, dt/ds = curvature n.
+    # Smooth rubber goes where its length lets it, dt/ds = curvature n; what is seen to stretch beyond that has texture along it.
     turns = np.diff(np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0])))
     t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
+    middles = slice(STATIONS, 2 * STATIONS)  # to either side windows hold the wall, which stays
+    beyond = np.sum(moved[middles] * tangents, axis=1) - t
+    known = _textured(seen, before[middles, 0], tangents) * kept[middles]
+    gains = _stretch(beyond, known, body.length)
     moved_line = body.points + n[:, None] * normals + t[:, None] * tangents
-    body.points = spaced(np.vstack([foot, moved_line[1:]]), last.body.points)
+    body.points = spaced(np.vstack([foot, moved_line[1:]]), last.body.points, gains)
     return body
 
 
-def spaced(line: FloatArray, like: FloatArray) -> FloatArray:
-    """Stations on a line with the distances of `like`, without what gathers there: rubber stretches gradually, and little in a frame.
+def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> FloatArray:
+    """What flow knows along the body (S,) 1/px^2 in its windows about `places` (S, 2): by slopes beyond those of noise."""
+    slopes = [cv2.Scharr(seen, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1))]
+    columns, rows = np.clip(np.round(places), 0, np.array(seen.shape[::-1]) - 1).astype(int).T
+    along = np.zeros(len(places))
+    for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        together = cv2.boxFilter(slopes[i] * slopes[j], -1, FLOW_WINDOW, normalize=False)
+        along += tangents[:, i] * tangents[:, j] * together[rows, columns]
+    noise = NOISE_SLOPE**2 * FLOW_WINDOW[0] * FLOW_WINDOW[1]
+    return np.maximum(along - noise, 0.0) * INDEPENDENT / FLOW_SCATTER**2
 
-    The flow of smooth rubber tells little along it, and what it tells is that of the wall behind.
-    """
+
+def _stretch(off: FloatArray, known: FloatArray, length: float) -> FloatArray:
+    """Gains (S,) px along the body of which flow says `off` (S,), known to `known` 1/px^2: none where it is smooth."""
+    prior = np.linalg.inv(UNIFORMLY * (FLOW_STRETCH * length) ** 2 + np.eye(len(UNIFORMLY)) * FLOW_SLIP**2)
+    alone, gains = known / WINDOW_SHARED, np.zeros(STATIONS)
+    weight = alone
+    for scale in (8.0, 4.0, 2.0, 1.0, 1.0):
+        matrix = prior + ALONG_BASIS.T @ (weight[:, None] * ALONG_BASIS)
+        gains = ALONG_BASIS @ np.linalg.solve(matrix, ALONG_BASIS.T @ (weight * off))
+        spread = scale**2 * (FLOW_PX**2 + 1.0 / np.maximum(known, 1e-9))
+        weight = alone / (1.0 + (off - gains) ** 2 / spread) ** 2
+    return gains
+
+
+def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:
+    """Stations on a line with the distances of `like` and what they gain (S,) px along it, without what gathers there."""
     beyond = line[-1] + 3.0 * (line[-1] - line[-4])
     line = np.vstack([line, beyond])
     steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(like, axis=0), axis=1))])
-    wanted = ALONG_BASIS @ (TO_ALONG @ stations)
+    most = float(np.max(np.abs(np.diff(gains)) / np.maximum(np.diff(stations), 1e-9)))
+    wanted = ALONG_BASIS @ (TO_ALONG @ (stations + gains * min(1.0, MOST_STRETCH / max(most, 1e-9))))
     wanted -= wanted[0]
     return np.column_stack([np.interp(wanted, steps, line[:, c]) for c in (0, 1)])
 
