@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -11,8 +12,10 @@ from skimage.graph import MCP_Geometric
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.body.begin import PIECES, smooth_line
+from rfea_vision.vision.body.equations import arc_length
 from rfea_vision.vision.body.fit import TO_ALONG
 from rfea_vision.vision.body.model import (
+    ACROSS_TEXTURE,
     ALONG_BASIS,
     NORMAL_BASIS,
     SHARES,
@@ -22,8 +25,9 @@ from rfea_vision.vision.body.model import (
     Sight,
     frame_of,
     robust_displacement,
+    skin_of,
 )
-from rfea_vision.vision.body.sampling import INDEPENDENT, NOISE_SLOPE, SEEN, WALL_SCATTER
+from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, SEEN, WALL_SCATTER
 from rfea_vision.vision.body.wall import Wall
 
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
@@ -66,11 +70,19 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> SeenBo
     t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
     middles = slice(STATIONS, 2 * STATIONS)  # to either side windows hold the wall, which stays
     beyond = np.sum(moved[middles] * tangents, axis=1) - t
-    known = _textured(seen, before[middles, 0], tangents) * kept[middles]
-    gains = _stretch(beyond, known, body.length)
-    moved_line = body.points + n[:, None] * normals + t[:, None] * tangents
-    body.points = spaced(np.vstack([foot, moved_line[1:]]), last.body.points, gains)
-    return body
+    along = np.empty(STATIONS)
+    inner = np.abs(arc_length(body.points, along) - 2.0 * along) < along[-1] - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
+    known = _textured(seen, before[middles, 0], tangents) * (kept[middles] & inner)
+    line = np.vstack([foot, (body.points + n[:, None] * normals + t[:, None] * tangents)[1:]])
+    # What flow found by chance, as on a body that swells at once, makes its skin no more like what it was.
+    ways = [replace(body, points=spaced(line, last.body.points, gains)) for gains in (0.0 * n, _stretch(beyond, known, body.length))]
+    return min(ways, key=lambda way: _unlike(skin_of(wall.cleared(picture), way), last.skin))
+
+
+def _unlike(skin: FloatArray, before: FloatArray) -> float:
+    """How little the inner half of a skin (S, V, 3) is like what it was: grey levels, without a change of light."""
+    off = (skin - before)[:, np.abs(ACROSS_TEXTURE) < 0.5]
+    return float(np.mean(np.minimum(np.abs(off - np.median(off, axis=(0, 1))), ALIKE)))
 
 
 def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> FloatArray:
