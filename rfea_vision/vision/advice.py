@@ -18,6 +18,8 @@ from rfea_vision.calibration.projection import project
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.body.begin import hinted_lines, scale_for
 from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.model import frame_of
+from rfea_vision.vision.body.rules import LEAST_SLENDER
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene, begin, line_of
@@ -27,12 +29,15 @@ TRIED = 60  # frames: two seconds of a phone's film
 # within 0.25, or fitted as well in its place (a stem, along itself); in four whose base or view moved it went 1.2 to 2.
 AROUND_CLAMP, ASIDE = 3.0, 2.0
 BASE_MOVED, BASE_ALIKE, BASE_GONE = 0.5, 0.7, 0.15  # half widths; least correlation there, and by how much it beats that in its place
+BASE_TURNS = 0.0, -20.0, 20.0, -40.0, 40.0  # degrees: chosen, tape and rubber give way by less at a clamp that rests
 LOOKS = 12  # frames in which this is looked at
 READ, BEGUN = 0.95, 12  # share of a film that is read as one; frames, half a second of most films: fewer may be luck
 _UPSIDE_DOWN = (
     ", by which the tube leads upwards: if it hangs, the film is upside down (turn it and the photos of the board by half a turn), if "
     "it stands, write rig: {gravity: up}"
 )
+LEAST_WIDE_PX = 5.0  # films of bodies 2, 3 and 4 px wide were refused, such of 8 and 10 px were followed while their bases rested
+LEAST_CLEAR = 0.5  # of their scatter, the median along the body: chosen, most of what is read has more than 1
 GAIN = 0.05  # of these frames: less is no reason to point again
 
 
@@ -64,8 +69,8 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     if best >= before + GAIN * count:
         brings = f"tried, it reads {best} of the first {count} frames, and {before} were read without it"
         return f"{_scale_first(reasons)}check this against the picture and give it: {words} ({brings})"
-    if scene.clamp_px is not None and scene.tip_px is not None and (cut := _read_until(reasons)):
-        return cut  # no scale that is off loses a tube that it has let be read
+    if scene.clamp_px is not None and scene.tip_px is not None and (told := _read_until(reasons) or film_lacks(source, scene)):
+        return told  # no scale that is off loses a tube that it has let be read
     if scale_off:
         return scale_off
     return _untried(scene, reasons) + (f" (guesses at it that were tried and brought nothing: {len(tried)})" if tried else "")
@@ -80,6 +85,36 @@ def _read_until(reasons: list[str]) -> str:
     return (
         f"the hints fit the first {count} frames, of which {good[count - 1]} were read: cut the film to these, or see what "
         f"changes in frame {count} ({reasons[count]})"
+    )
+
+
+def film_lacks(source: FrameSource, scene: Scene) -> str:
+    """Say what keeps a body that was pointed at from being followed: its shape, its pixels, its contrast; empty where none does."""
+    assert scene.clamp_px is not None
+    wide_px = float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
+    slender = float(np.linalg.norm(np.diff(scene.line_px, axis=0), axis=1).sum()) / wide_px
+    if slender < LEAST_SLENDER:
+        return (
+            f"what was pointed at is {slender:.1f} times as long as wide, and a body is followed from {LEAST_SLENDER:g} times on: "
+            "point at camera.clamp farther back on it, or film a longer piece"
+        )
+    if wide_px < LEAST_WIDE_PX:
+        return (
+            f"the tube is {wide_px:.1f} px wide in the film, and of less than {LEAST_WIDE_PX:g} px too little is seen: film it from "
+            f"nearer, or with more pixels, some {max(1.5, 2 * LEAST_WIDE_PX / wide_px):.1f} times as many across it"
+        )
+    seen = BodyFollower(scene, scale_for(scene, source.size))
+    with closing(source.colours(seen.scale)) as pictures:
+        seen.next(*next((picture, time_s) for time_s, picture in pictures))
+    within, beside = seen.body.inside[:, None], seen.body.outside
+    clear = np.median(np.abs(within[:, :, 0] - beside[:, :, 0]) / np.sqrt(within[:, :, 1] + beside[:, :, 1]), axis=0).max(axis=-1)
+    if clear.min() >= LEAST_CLEAR:
+        return ""
+    across = frame_of(seen.body.points)[1].mean(axis=0) * (1.0, -1.0)[int(np.argmin(clear))]
+    side = [("left of", "right of"), ("above", "below")][int(np.argmax(np.abs(across)))][int(across[np.argmax(np.abs(across))] > 0)]
+    return (
+        f"{side} it the tube's colour differs from what is beside it by {clear.min():.1f} times their scatter: put something plain of "
+        "another colour behind it, or light it from that side"
     )
 
 
@@ -100,19 +135,27 @@ def base_moved(source: FrameSource, scene: Scene, count: int) -> str:
                 continue
             grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
             if first is None:
-                first = _around(grey, foot, near)
+                first = [_turned(_around(grey, foot, far), turn, near) for turn in BASE_TURNS]
                 continue
-            alike = cv2.matchTemplate(_around(grey, foot, far), first, cv2.TM_CCOEFF_NORMED)
-            row, column = np.unravel_index(int(np.argmax(alike)), alike.shape)
-            off = float(np.hypot(row - (far - near), column - (far - near)))
-            if off > BASE_MOVED * half and alike[row, column] > max(BASE_ALIKE, alike[far - near, far - near] + BASE_GONE):
+            around = _around(grey, foot, far)
+            looks = [cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED) for patch in first]
+            best = int(np.argmax([look.max() for look in looks]))
+            row, column = np.unravel_index(int(np.argmax(looks[best])), looks[best].shape)
+            off, turn = float(np.hypot(row - (far - near), column - (far - near))), abs(BASE_TURNS[best])
+            least = max(BASE_ALIKE, looks[0][far - near, far - near] + BASE_GONE)
+            if (turn or off > BASE_MOVED * half) and looks[best].max() > least:
                 cut = f"its first {rests + 1} frames" if rests >= BEGUN else "where both rest"
-                return (
-                    f"what holds the tube has moved in the picture, by {off / scale:.0f} px in frame {frame}: hold the base and the "
-                    f"camera still, or cut the film to {cut}"
-                )
+                how = f"turned in the picture, by some {turn:.0f} degrees" if turn else f"moved in the picture, by {off / scale:.0f} px"
+                return f"what holds the tube has {how} in frame {frame}: hold the base and the camera still, or cut the film to {cut}"
             rests = frame
     return ""
+
+
+def _turned(patch: NDArray[np.uint8], turn_deg: float, reach: int) -> NDArray[np.uint8]:
+    """What lies within `reach` px of the middle of a square patch that is turned about it."""
+    middle = (len(patch) - 1) / 2
+    turned = cv2.warpAffine(patch, cv2.getRotationMatrix2D((middle, middle), turn_deg, 1.0), patch.shape)
+    return _around(np.asarray(turned, dtype=np.uint8), np.array([middle, middle]), reach)
 
 
 def _around(grey: NDArray[np.uint8], place: FloatArray, reach: int) -> NDArray[np.uint8]:

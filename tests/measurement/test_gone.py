@@ -87,6 +87,12 @@ def test_ribbed_rubber_that_stretches_at_once_is_followed_to_an_end_that_is_not_
     assert follower.end_offsets is None
 
 
+def test_a_body_about_as_long_as_wide_is_refused_for_that():
+    """Of one as long as 1.1 widths the edges held the line aslant, and it was accepted."""
+    line = middle_of(0.0, 30.0)
+    assert follower_of(line).next(drawn(line, np.full(65, HALF)), 0.0).startswith("no_fit: it is 1.")
+
+
 @pytest.mark.parametrize(("half", "kept"), [(3.0, 1.0), (12.0, 0.15)])
 def test_no_body_bends_anew_within_its_own_half_width(half, kept):
     wiggle = np.where(np.arange(65) % 4 < 2, 0.5, -0.5)

@@ -102,6 +102,7 @@ def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(m
     """It says up to where it was read; whether that is so, the frames told."""
     monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter(()))
     monkeypatch.setattr(advice, "base_moved", lambda source, scene, count: "")
+    monkeypatch.setattr(advice, "film_lacks", lambda source, scene: "")
     given = SimpleNamespace(centre_line=((1.0, 2.0), (3.0, 4.0)))
     scene = SimpleNamespace(clamp_px=np.zeros((2, 2)), tip_px=np.zeros(2), hints=given)
     lost = ["no_fit: folded"] * 20
@@ -144,3 +145,50 @@ def test_a_base_that_moves_is_said_and_a_camera_that_drifts_is_not(base_px, wall
     source: Any = SimpleNamespace(size=(240, 260), colours=colours)
     said = advice.base_moved(source, scene, 30)
     assert bool(re.fullmatch(f"what holds the tube has moved in the picture, by .* or cut the film to {cut}" if cut else "", said))
+
+
+def pointed_at(clamp: Any, tip: tuple[float, float]) -> Any:
+    """A scene in which clamp and tip were pointed at, 2 px per mm."""
+    scale = scaled_by_distance((240, 260), [[0, 0], [100, 0]], 50.0)
+    actuator = Actuator(outer_radius=0.006, inner_radius=0.003, length=0.08)
+    return make_scene(scale, actuator, "image", Hints(clamp=clamp, tip=tip), (240, 260))
+
+
+@pytest.mark.parametrize(
+    ("half", "tip", "wall", "said"),
+    [
+        (12.0, 60.0, 60, r"what was pointed at is 1\.2 times as long as wide, .* from 1\.5 times on"),
+        (1.5, 200.0, 60, r"the tube is 3\.0 px wide in the film, .* 3\.3 times as many"),
+        (12.0, 200.0, 204, r"right of it the tube's colour differs .* by 0\.\d times"),
+        (12.0, 200.0, 60, ""),
+    ],
+)
+def test_where_no_hint_helps_it_is_said_what_the_film_lacks(half, tip, wall, said):
+    """A body as long as wide, one of 3 px, and one that to one side has a wall of its own colour."""
+    picture = np.full((260, 240, 3), 60, np.uint8)
+    picture[:, 120:] = wall
+    cv2.rectangle(picture, (round(120 - half), 0), (round(120 + half), 200), (205, 205, 205), -1)
+    noise = np.random.default_rng(0).normal(0, 2, picture.shape)
+    picture = np.clip(cv2.GaussianBlur(picture, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
+    source: Any = SimpleNamespace(size=(240, 260), colours=lambda scale: (pair for pair in [(0.0, picture)]))
+    told = advice.film_lacks(source, pointed_at(((120.0 - half, 30.0), (120.0 + half, 30.0)), (120.0, tip)))
+    assert bool(told) == bool(said) and re.match(said, told)
+
+
+def test_a_base_that_turns_is_told_by_its_turn():
+    """A link held by fingers: it stays where it is and turns, and the arm with it."""
+    link = cv2.GaussianBlur(np.random.default_rng(3).uniform(0, 255, (260, 240, 3)), (0, 0), 4.0)
+    link = np.clip(4 * (link - 128) + 128, 0, 255)
+
+    def colours(scale):
+        for k in range(30):
+            shape = np.zeros((260, 240), np.uint8)
+            cv2.rectangle(shape, (96, 0), (144, 40), 255, -1)
+            cv2.line(shape, (120, 40), (120, 200), 255, 24)
+            turn = cv2.getRotationMatrix2D((120, 40), k * 40 / 29, 1.0)
+            there = cv2.warpAffine(shape, turn, (240, 260))[..., None] > 0
+            yield k / 30, np.where(there, cv2.warpAffine(link, turn, (240, 260)), 120.0).astype(np.uint8)
+
+    source: Any = SimpleNamespace(size=(240, 260), colours=colours)
+    said = advice.base_moved(source, pointed_at(((108.0, 40.0), (132.0, 40.0)), (120.0, 200.0)), 30)
+    assert re.match("what holds the tube has turned in the picture, by some [24]0 degrees in frame", said)
