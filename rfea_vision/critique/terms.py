@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -124,34 +125,39 @@ def listed(terms: Sequence[Term]) -> str:
     return " and ".join(term.words for term in terms)
 
 
+class _State(NamedTuple):
+    """What a law remembers: the unit, the rate and the value at rest, and how the law writes it."""
+
+    name: str
+    unit: str
+    rate: str
+    relaxed: str
+    written: str
+
+
+def _states(text: str) -> list[_State]:
+    """The states that laws name."""
+    words, found = _words(text), []
+    if "m" in words:
+        rate = "sp.Piecewise(((sp.Abs(joint.tube_angle) - self.m) / self.follow, sp.Abs(joint.tube_angle) > self.m), (0, True))"
+        found.append(_State("m", "rad", rate, "sp.Abs(joint.tube_angle)", "self.m"))
+    if "t" in words:
+        found.append(_State("t", "s", "sp.Integer(1)", "sp.Integer(0)", "self.t / self.second"))
+    for k in [k for k in range(len(MEMORIES_S)) if f"z{k}" in text]:
+        rate = f"(joint.tube_angle - self.z{k}) / ({MEMORIES_S[k]} * self.second)"
+        found.append(_State(f"z{k}", "rad", rate, "joint.tube_angle", f"self.z{k}"))
+    for k in [k for k in range(len(LOOPS_RAD)) if f"h{k}" in words]:
+        rate = f"(joint.tube_rate - sp.Abs(joint.tube_rate) * self.h{k}) / {LOOPS_RAD[k]}"
+        found.append(_State(f"h{k}", "1", rate, "sp.Integer(0)", f"self.h{k}"))
+    return found
+
+
 def effect_source(effect_id: str, terms: Sequence[Term], coefficients: Sequence[float]) -> str:
     """The law as an effect file, as people write it by hand."""
     laws = [term.law for term in terms]
     text = " ".join(laws)
-    memories = [k for k in range(len(MEMORIES_S)) if f"z{k}" in text]
-    states, rates, relaxed, names = [], [], [], []
-    if "m" in _words(text):
-        states.append('"m": "rad"')
-        rates.append(
-            '"m": sp.Piecewise(((sp.Abs(joint.tube_angle) - self.m) / self.follow, sp.Abs(joint.tube_angle) > self.m), (0, True))'
-        )
-        relaxed.append('"m": sp.Abs(joint.tube_angle)')
-        names.append("m = self.m")
-    if "t" in _words(text):
-        states.append('"t": "s"')
-        rates.append('"t": sp.Integer(1)')
-        relaxed.append('"t": sp.Integer(0)')
-        names.append("t = self.t / self.second")
-    for k in memories:
-        states.append(f'"z{k}": "rad"')
-        rates.append(f'"z{k}": (joint.tube_angle - self.z{k}) / ({MEMORIES_S[k]} * self.second)')
-        relaxed.append(f'"z{k}": joint.tube_angle')
-        names.append(f"z{k} = self.z{k}")
-    for k in [k for k in range(len(LOOPS_RAD)) if f"h{k}" in _words(text)]:
-        states.append(f'"h{k}": "1"')
-        rates.append(f'"h{k}": (joint.tube_rate - sp.Abs(joint.tube_rate) * self.h{k}) / {LOOPS_RAD[k]}')
-        relaxed.append(f'"h{k}": sp.Integer(0)')
-        names.append(f"h{k} = self.h{k}")
+    states = _states(text)
+    names = [f"{state.name} = {state.written}" for state in states]
     for name, meaning in (
         ("a", "joint.tube_angle"), ("r", "joint.tube_rate * self.second"), ("p", "joint.pressure / self.bar"), ("s", "joint.position"),
     ):  # fmt: skip
@@ -165,19 +171,19 @@ def effect_source(effect_id: str, terms: Sequence[Term], coefficients: Sequence[
         )
     sum_ = " + ".join(f"self.c{k} * {_sympy(law)}" for k, law in enumerate(laws, 1))
     join = "\n        ".join
-    hooks = ""
+    hooks, apart = "", ",\n            "
     if states:
         hooks = f"""
-    states = {{{", ".join(states)}}}
+    states = {{{", ".join(f'"{state.name}": "{state.unit}"' for state in states)}}}
 
     def state_rates(self, joint: Joint) -> dict[str, sp.Expr]:
         return {{
-            {("," + chr(10) + "            ").join(rates)},
+            {apart.join(f'"{state.name}": {state.rate}' for state in states)},
         }}
 
     def relaxed_states(self, joint: Joint) -> dict[str, sp.Expr]:
         return {{
-            {("," + chr(10) + "            ").join(relaxed)},
+            {apart.join(f'"{state.name}": {state.relaxed}' for state in states)},
         }}
 """
     return f'''"""A law for what the model leaves, as `rfea propose` has found it: {listed(terms)}."""
