@@ -331,18 +331,18 @@ def attempt(mistake: Mistake, folder: Path) -> tuple[str, str, str]:
     )
 
 
-def try_all(file: Path = ROWS, only: str = "") -> None:
+def try_all(file: Path = ROWS, only: str = "", mistakes: dict[str, Mistake] = MISTAKES) -> None:
     """Make every mistake that is not in `file` yet, or those whose name holds `only`."""
     done = {row["mistake"] for row in rows_of_this_code("mistakes", file)}
     with tempfile.TemporaryDirectory(prefix="mistakes-") as name:
         place = Path(name)
         for base, options in BASES.items():
-            if any(item.base == base and only in key for key, item in MISTAKES.items()):
+            if any(item.base == base and only in key for key, item in mistakes.items()):
                 code, said = run(place, " ".join(["simulate", f"CAMPAIGN/right/{base}", *options]))
                 assert code == 0, said
                 code, said = run(place / "right" / base, "sync")  # what is right, is without a doubt
                 assert code == 0 and "warning" not in said, said
-        for number, (key, mistake) in enumerate(MISTAKES.items()):
+        for number, (key, mistake) in enumerate(mistakes.items()):
             if key in done or only not in key:
                 continue
             folder = place / f"m{number}" / mistake.base

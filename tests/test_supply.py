@@ -19,6 +19,7 @@ _SOURCE = (
     "rfea_vision",
     "calib",
     "pipelines",
+    "examples",
     "pyproject.toml",
     "README.md",
     "LICENSE",
@@ -56,6 +57,13 @@ def test_a_wheel_is_the_same_byte_by_byte_and_says_what_it_was_tested_with(root:
     assert first.read_bytes() == second.read_bytes()
     with zipfile.ZipFile(first) as wheel:
         bill = json.loads(wheel.read("rfea_vision/data/sbom.cdx.json"))
+        carried = {name for name in wheel.namelist() if name.startswith("rfea_vision/data/examples/")}
+    example = root / "examples" / "hidden-effect"  # so that 'rfea demo' needs no checkout
+    files = [path for path in example.rglob("*") if path.is_file() and "rfea" not in path.relative_to(example).parts]
+    assert carried >= {
+        f"rfea_vision/data/examples/hidden-effect/{path.relative_to(example).as_posix()}" for path in files
+    }
+    assert "rfea_vision/data/examples/hidden-effect-truth.json" in carried and len(files) > 10
     pins = [line.partition("==")[0] for line in (root / "requirements.txt").read_text().splitlines() if "==" in line]
     assert bill["bomFormat"] == "CycloneDX" and bill["metadata"]["component"]["name"] == "rfea-vision"
     assert [part["name"] for part in bill["components"]] == pins

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rfea_vision.campaign import following, plausibility, repeats
+from rfea_vision.campaign import following, plausibility, pointing, repeats
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec, TrackSpec, VideoSpec
@@ -263,6 +263,9 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
     else:
         return
     run.seconds = source.times_s()
+    camera, gravity_deg = run.experiment.camera, run.experiment.rig.gravity_deg
+    for key, text in [] if camera is None else pointing.of_hints(camera.hints, gravity_deg):
+        run.warn(f"camera.{key}", text)
     if len(run.seconds):
         run.warn("video", *plausibility.of_end(float(run.seconds[-1]), source.announced_s))
     run.warn("video", *plausibility.of_gaps(run.seconds))

@@ -156,6 +156,9 @@ def _read_folder(reach: Reach, out: Path) -> Reading:
             broken += [experiment] if experiment is not None else []
         elif experiment is not None:
             experiments.append(experiment)
+    if is_file(out / "experiment.yaml") and out.parent == root:
+        message = "is the folder of the results, and the run in it is not read; give the run's folder another name"
+        problems.append(FileProblem(out, message, severity="warning"))
     problems += _across(file, experiments, complete=len(experiments) == len(files))
     problems += _passed_over(root, out, [*experiments, *broken]) if files else []
     about = (parsed.name or root.name, root, out, actuator or Actuator(), camera)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import bend_sign
+from rfea_vision.campaign.sensors import of_mixed, of_standstill
 from rfea_vision.scatter import third_difference_noise
 from rfea_vision.units import counted
 
@@ -95,7 +96,7 @@ def of_pressure(pressure_kPa: FloatArray, chambers: Mapping[str, FloatArray]) ->
     steps = np.diff(pressure_kPa)
     if len(steps) > 20 and np.ptp(steps) < 1e-3 * abs(float(steps.mean())):
         return ["rises by the same amount in every row, as a clock does; is it the column of time?"]
-    return []
+    return of_standstill(pressure_kPa)
 
 
 def beside_others(name: str, highest_kPa: Mapping[str, float]) -> str:
@@ -113,13 +114,15 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False)
     `filmed`: the times are those that a film tells of itself, which in slow motion are not those of filming.
     """
     camera, logged = float(np.ptp(pictures_s)), float(np.ptp(log_s))
+    if mixed := of_mixed(log_s):
+        return mixed
     if len(pictures_s) < _FEW_PICTURES:
         return [f"there are {len(pictures_s)} pictures of the run, over {camera:.3g} s; is the track whole?"]
     both = f"the log lasts {logged:.4g} s, the pictures {camera:.4g} s"
     if logged > _TOO_LONG * camera:
         if abs(np.log(logged / max(camera, 1e-12) / 60.0)) < np.log(2.0):
             return [f"{both}; does the time of the pictures count in min? track.time_unit says which unit it is in"]
-        return [f"{both}; is the time of the log in ms? pressure.time_unit says which unit it is in"]
+        return [f"{both}; is the time of the log in ms? Then write pressure.time_unit: ms"]
     if camera > _COUNTED * logged and np.all(np.diff(pictures_s) == 1.0):
         return [f"{both}; the time of the pictures counts in ones: is it the number of the frame?"]
     if camera > _TOO_LONG * logged:

@@ -17,7 +17,7 @@ _CHECKOUT = _PACKAGE.parent.parent
 def data_folder(name: str) -> Path:
     """Return the folder `name` ("calib", "pipelines" or "examples").
 
-    In a checkout it stands at the top; a wheel carries "calib" and "pipelines" inside the package.
+    In a checkout it stands at the top; a wheel carries them inside the package, of the examples the one of 'rfea demo'.
 
     Raises
     ------

@@ -161,5 +161,7 @@ def find_effects(ids: Sequence[str], effect_files: Sequence[Path] = ()) -> tuple
     asked = [name.partition("@") for name in ids]
     missing = [name for name, _, _ in asked if name not in known]
     if missing:
-        raise InputError(f"effect '{missing[0]}' is unknown; {meant(missing[0], known)}")
+        declared = ", ".join(name for name in known if name not in _known())
+        where = f" ({' and '.join(map(str, effect_files))} declares: {declared})" if declared else ""
+        raise InputError(f"effect '{missing[0]}' is unknown{where}; {meant(missing[0], known)}")
     return tuple((_placed(known[name], chamber) if at else known[name])() for name, at, chamber in asked)

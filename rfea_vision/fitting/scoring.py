@@ -19,6 +19,7 @@ from rfea_vision.fitting.discretisation import drift
 from rfea_vision.fitting.intervals import intervals, without_intervals
 from rfea_vision.fitting.noise import noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.other_unit import about_psi
 from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.ratio import about_ratio
 from rfea_vision.fitting.refine import refine
@@ -213,6 +214,7 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
             *_ruled(problem, fitted, found.parameters),
             *found.sentences,
             *alarms(fitted, problem.actuator),
+            *about_psi(problem, fitted),
             *_about_runs(problem, fitted),
             *worse_than_nothing(scores),
         ],

@@ -77,6 +77,14 @@ class PressureLog:
         steps = np.diff(self.time_s, prepend=-np.inf)
         back, held = steps < 0, steps == 0
         remedy = "sort the log by time, or split it"
+        if back.sum() == steps.size - 1 and steps.size > 2:
+            remedy = "the newest row stands first: turn the order of the rows round"
+        elif back.sum() == 1:  # sorted, two stretches would be one, row between row
+            on_s = float(np.median(steps[1:][steps[1:] > 0])) - float(steps[back][0]) if (steps[1:] > 0).any() else 0.0
+            remedy = (
+                f"split the log there if another recording begins; where its clock was set back, add {on_s:.6g} s from that row on, or "
+                "what it was set back by (do not sort it: that mixes the two)"
+            )
         if back.sum() == 1 and (around := [s for s in _SET_BACK_S if abs(float(steps[back][0]) + s) < _NEAR_S]):
             hour = " (an hour)" * (around[0] == 3600)
             remedy = f"the clock {_SET_BACK_S[around[0]]} there: add {around[0]:g} s{hour} from that row on"

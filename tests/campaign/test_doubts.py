@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,14 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator
+from rfea_vision.artefacts.measurement import Hints
 from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.following import AngleRun, _lost, of_pair, together
 from rfea_vision.campaign.plausibility import of_copies, of_times, of_upside_down
+from rfea_vision.campaign.pointing import of_hints
 from rfea_vision.campaign.repeats import alike, of_repeat
 from rfea_vision.campaign.schema import SyncPart
+from rfea_vision.campaign.sensors import of_mixed, of_standstill
 from rfea_vision.campaign.specs import ExperimentSpec, PressureSpec, TrackSpec
 from rfea_vision.errors import DataError
 from rfea_vision.readers.pressure import PressureLog
@@ -92,6 +96,23 @@ def _nowhere(folder):
     table.to_csv(folder / "steps" / "track.csv", index=False)
 
 
+def _noisy(table):
+    return (table["pressure_kPa"] + np.random.default_rng(0).normal(0.0, 0.03, len(table))).round(4)
+
+
+def _ends_at_its_range(folder):
+    table = pd.read_csv(folder / "steps" / "pressure.csv")
+    table["pressure_kPa"] = _noisy(table).clip(upper=98.0)
+    table.to_csv(folder / "steps" / "pressure.csv", index=False)
+
+
+def _hangs(folder):
+    table = pd.read_csv(folder / "steps" / "pressure.csv")
+    pressure_kPa = _noisy(table)
+    pressure_kPa[100:180] = pressure_kPa[100]
+    table.assign(pressure_kPa=pressure_kPa).to_csv(folder / "steps" / "pressure.csv", index=False)
+
+
 SLIPS = pytest.mark.parametrize(
     ("spoil", "says"),
     [
@@ -116,6 +137,11 @@ SLIPS = pytest.mark.parametrize(
         (_copied_track, "is the same track, row by row, as that of 'sine'"),
         (_of_another_run, "is it the log of another run?"),
         (_still, "is it the right tube?"),
+        (_ends_at_its_range, "does the sensor's or the logger's range end there?"),
+        (
+            _hangs,
+            "for 80 rows, from row 101 on, and elsewhere scatters by 0.031 kPa; did the sensor or the logger hang?",
+        ),
     ],
 )
 
@@ -129,6 +155,38 @@ def test_the_usual_slips_are_doubted(tmp_path, spoil, says):
     spoil(folder)
     said = [str(problem) for problem in check_campaign(folder).problems if problem.severity == "warning"]
     assert len([text for text in said if says in text]) == 1, said
+
+
+def test_what_stands_still_by_right_is_not_taken_for_a_sensor_that_hangs():
+    time_s = np.arange(0.0, 4.0, 0.002)
+    steps_kPa = 50.0 * np.floor(time_s)  # what a valve was told, with ramps between
+    ramped = np.where(time_s % 1 < 0.4, steps_kPa - 50.0 + 125.0 * (time_s % 1), steps_kPa)
+    noisy = 40.0 * np.sin(time_s) + np.random.default_rng(0).normal(0.0, 0.3, time_s.size)
+    assert of_standstill(steps_kPa) == of_standstill(ramped) == of_standstill(noisy) == []
+    assert of_standstill(noisy.round(0)) == []  # noise of less than the last digit
+    assert of_standstill(np.maximum(noisy, 0.0)) == []  # many sensors end at zero: nobody is misled
+    assert of_standstill(np.minimum(noisy, 20.0)) and of_standstill(np.full(100, 3.0)) == []
+
+
+def test_a_log_that_was_sorted_after_its_clock_had_been_set_back_is_doubted():
+    ticks_s = 0.001 * np.arange(3000)
+    set_back = np.sort(np.where(ticks_s < 1.8, ticks_s, ticks_s - 0.4002))
+    (text,) = of_mixed(set_back)
+    assert "from 1.399 to 1.799 s its rows come twice as densely as elsewhere; are two recordings mixed there" in text
+    drifting = ticks_s + 2e-5 * np.random.default_rng(0).standard_normal(ticks_s.size)
+    on_change = np.cumsum(np.random.default_rng(0).exponential(0.01, 3000))
+    faster = np.concatenate([0.002 * np.arange(1500), 3.0 + 0.001 * np.arange(500)])  # of the rate that was set in between
+    in_pairs = np.sort(np.concatenate([0.002 * np.arange(1500), 0.002 * np.arange(1500) + 0.0003]))  # as a bus delivers them
+    for right_s in (ticks_s, drifting, on_change, faster, in_pairs):
+        assert of_mixed(right_s) == []
+
+
+def test_a_clamp_below_its_tip_is_doubted_where_the_tube_hangs():
+    swapped = Hints(clamp=((561.0, 1069.0), (608.0, 1069.0)), tip=(580.0, 219.0))
+    ((key, text),) = of_hints(swapped, 0.0)
+    assert key == "clamp" and text.startswith("lies 850 px below camera.tip in the picture") and "swapped?" in text
+    aside = replace(swapped, tip=(20.0, 900.0))  # bent by more than a quarter turn, or a camera on its side
+    assert of_hints(swapped, 180.0) == of_hints(swapped, None) == of_hints(aside, 0.0) == of_hints(Hints(), 0.0) == []
 
 
 def test_a_log_that_lost_a_stretch_is_not_only_taken_for_that_of_another_run():
@@ -199,7 +257,6 @@ def test_chambers_that_are_blown_up_together_do_not_bend_apart(right, told):
     track = xr.Dataset({"tip": (("time", "xy"), np.stack([-push, -120 + 0 * push], axis=1))}, {"time": time_s})
     said = of_pair(track, time_s, time_s, sum(pushes.values()), pushes)
     assert any("of which their signs leave 3" in text for text in said) == told
-
 
 
 @pytest.mark.parametrize(
@@ -339,5 +396,8 @@ def test_a_film_that_goes_dark_or_is_upside_down_is_doubted():
     copies[26:] = True
     assert "stands still from 0.87 to 1.97 s" in of_copies(time_s, copies)[0]
     tip, valid = np.tile([5.0, 150.0], (60, 1)), ("time", np.ones(60, dtype=bool))
-    assert "is the film upside down?" in of_upside_down(xr.Dataset({"tip": (("time", "xy"), tip), "valid": valid}), 155.0)[0]
+    assert (
+        "is the film upside down?"
+        in of_upside_down(xr.Dataset({"tip": (("time", "xy"), tip), "valid": valid}), 155.0)[0]
+    )
     assert of_upside_down(xr.Dataset({"tip": (("time", "xy"), -tip), "valid": valid}), 155.0) == []

@@ -289,7 +289,8 @@ IN_FILES = [
     ("pressure in bar", pressures(lambda p: p / 100), 0, "is it in bar or MPa?"),
     ("pressure absolute", pressures(lambda p: p + 101.3), 0, "write pressure.reference: absolute"),
     ("columns renamed", log(lambda rows: ["t,P [bar]", *rows[1:]]), 2, "write 'pressure: P [bar]'"),
-    ("time runs back", log(lambda rows: [*rows[:400], *rows[100:]]), 2, "sort the log by time"),
+    ("time runs back", log(lambda rows: [*rows[:400], *rows[100:]]), 2, "split the log there if another recording begins"),
+    ("newest row first", log(lambda rows: [rows[0], *rows[:0:-1]]), 2, "turn the order of the rows round"),
     ("log empty", content("steps/pressure.csv", b""), 2, "steps/pressure.csv"),
     ("log a workbook", content("steps/pressure.csv", b"PK\x03\x04" + bytes(200)), 2, "save the table as CSV"),
     ("log packed", content("steps/pressure.csv", b"\x1f\x8b\x08" + bytes(200)), 2, "is no text, whatever its name says; unpack it"),
@@ -344,6 +345,7 @@ IN_FILES = [
     ("part of a run with fewer digits", part_with_fewer_digits, 0, "is the same track as that of 'sine', or a part of it"),
     ("repeat of another run", repeat_of_another, 0, "repeat_of: its pressure is that of 'sine' to 0 % only"),
     ("plane by another camera", plane_by_another, 2, "plane.png has 96 x 72 px, and photo.png 48 x 64; photograph the board in"),
+    ("run among the results", renamed("steps", "rfea"), 2, "is the folder of the results, and the run in it is not read"),
     ("film copied", copied_film, 2, "the same film, byte by byte, as that of 'sine'; was it copied by mistake?"),
 ]  # fmt: skip
 IN_COMMANDS = [

@@ -7,6 +7,7 @@ import pytest
 from rfea_vision.critique.screening import offered
 from rfea_vision.critique.trials import Trials
 from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.other_unit import PSI_kPa, about_psi
 from rfea_vision.options import FitOptions
 
 OPTIONS = FitOptions(segments=8, starts=0)
@@ -40,3 +41,23 @@ def test_the_share_of_the_pressure_that_bends_the_tube_is_found_and_no_mass_does
     assert values["r_hyd"] * values["pressure_gain.g"] == pytest.approx(SHARE * truth["base"]["r_hyd"], rel=0.02)
     assert gain.fitted.solution.mean_square < 2
     assert payload.fitted.solution.mean_square > 1.5 * gain.fitted.solution.mean_square
+
+
+def test_psi_that_every_log_calls_kPa_are_told_by_what_gravity_weighs(complete_campaign):
+    recordings, actuator, _ = complete_campaign
+    in_psi = {
+        name: replace(item, dataset=item.dataset.assign(pressure=item.dataset["pressure"] / PSI_kPa))
+        for name, item in recordings.items()
+    }
+    problem = make_problem(in_psi, actuator)
+    fitted = fit(problem, OPTIONS)
+    (said,) = about_psi(problem, fitted)
+    assert said.startswith("With pressures ") and "is the log in psi" in said
+    given = replace(fitted, ratio_only=False, options=replace(fitted.options, fixed={"r_hyd": 3.6e-3}))
+    assert about_psi(problem, given) == []  # somebody has measured the lever
+
+
+def test_a_wall_that_takes_its_share_of_the_pressure_is_not_taken_for_psi(stiff_wall):
+    recordings, actuator, _ = stiff_wall
+    problem = make_problem(recordings, actuator)
+    assert about_psi(problem, fit(problem, OPTIONS)) == []

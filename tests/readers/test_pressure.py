@@ -116,7 +116,9 @@ def test_columns_and_units_are_chosen(tmp_path, columns, keys):
         ("time_s,pressure_kPa\n0,1\n0.1,2\n0.1,3\n", "time, row 3: repeats the row before; remove the duplicate"),
         ("time_s,pressure_kPa\n12:30:00,1\n12:30:01,2\n", "'12:30:00'; export it in s, or as 2026-03-01 14:05:30.25"),
         ("time_s,pressure_kPa\n86398,1\n86399,2\n0,1\n1,4\n", "passes midnight there: add 86400 s from that row on"),
-        ("time_s,pressure_kPa\n5,1\n6,2\n0,1\n1,4\n", "sort the log by time, or split it"),
+        ("time_s,pressure_kPa\n5,1\n6,2\n0,1\n1,4\n", "clock was set back, add 7 s from that row on"),
+        ("time_s,pressure_kPa\n5,1\n6,2\n0,1\n1,4\n0.5,3\n", "sort the log by time, or split it"),
+        ("time_s,pressure_kPa\n3,1\n2,2\n1,1\n0,4\n", "turn the order of the rows round"),
         ("time_s,pressure_kPa\n5,1\n5,2\n5,3\n5,2\n6,4\n", "too coarse for its rows: export it with more decimals"),
         ("time_s,pressure_kPa\n0,1\n0.1,full\n", "column 'pressure_kPa', row 2: 'full' is not a number"),
         (

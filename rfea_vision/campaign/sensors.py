@@ -1,0 +1,71 @@
+"""What a log's own rows tell of it: a sensor that stands at exactly one value, and a clock whose rows come twice as densely."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rfea_vision.arrays import FloatArray
+from rfea_vision.scatter import rounding_noise, third_difference_noise
+
+#: Rows in a row of exactly one value: noise of more than its last digit leaves one of two rows as it was at most, and of 30 all
+#: in one of 10^9 logs.
+_ROWS = 30
+#: Times the step of the last digit: with noise of less, rows may well be alike.
+_NOISY = 1.0
+#: Of the pressure's range above its lowest value: at rest many sensors end at zero, which does no harm.
+_ABOVE_REST = 0.05
+#: Of the usual step: the steps of a clock that is read evenly are so alike, in nearly all rows; and two of a stretch that is mixed.
+_EVEN, _NEARLY_ALL = 0.1, 0.75
+
+
+def of_mixed(time_s: FloatArray) -> list[str]:
+    """Doubt a log (samples,) that is read evenly but for a stretch, in which rows come twice as densely: two are mixed there."""
+    steps = np.diff(time_s)
+    if steps.size < 4 * _ROWS:
+        return []
+    usual = float(np.quantile(steps, _NEARLY_ALL))  # up to three quarters of the rows may lie in the stretch
+    uneven = np.abs(steps - usual / 2) > _EVEN * usual  # a log that is read twice as fast for a while is not meant
+    apart = (np.abs(steps[:-1] + steps[1:] - usual) < _EVEN * usual) & uneven[:-1]
+    even = np.abs(steps - usual) < _EVEN * usual
+    turns = np.flatnonzero(np.diff(np.concatenate([[0], apart.astype(int), [0]])))
+    begins, ends = turns[::2], turns[1::2]
+    if not begins.size or (longest := int(np.argmax(ends - begins))) < 0 or ends[longest] - begins[longest] < _ROWS:
+        return []
+    inside = np.zeros(steps.size, dtype=bool)
+    inside[begins[longest] : ends[longest] + 1] = True
+    if (~inside).sum() < _ROWS or np.mean(even[~inside]) < 1 - _EVEN:
+        return []
+    from_s, to_s = time_s[begins[longest]], time_s[ends[longest]]
+    return [
+        f"from {from_s:.3f} to {to_s:.3f} s its rows come twice as densely as elsewhere; are two recordings mixed there, as when a log "
+        "is sorted whose clock was set back? Split it, or move the rows after that on, before they are sorted"
+    ]
+
+
+def of_standstill(pressure_kPa: FloatArray) -> list[str]:
+    """Doubt a pressure (samples,) that stands at exactly one value above rest, row after row, where elsewhere it is noisy."""
+    turns = np.flatnonzero(np.diff(pressure_kPa)) + 1
+    begins, ends = np.concatenate([[0], turns]), np.concatenate([turns, [len(pressure_kPa)]])
+    lasts = ends - begins
+    low, high = float(pressure_kPa.min()), float(pressure_kPa.max())
+    stands = (lasts >= _ROWS) & (pressure_kPa[begins] > low + _ABOVE_REST * (high - low))
+    if not stands.any():
+        return []
+    lively = pressure_kPa[~np.repeat(lasts >= _ROWS, lasts)][:, None]
+    if len(lively) < _ROWS:
+        return []
+    noise, step = float(third_difference_noise(lively)[0]), rounding_noise(lively) * np.sqrt(12.0)
+    if noise < _NOISY * step:
+        return []
+    rows = int(lasts[stands].sum())
+    at = pressure_kPa[begins[stands]]
+    if np.all(at == high):
+        return [
+            f"stands at exactly {high:.6g} kPa, the highest of the log, in {rows} of {len(pressure_kPa)} rows, and elsewhere scatters "
+            f"by {noise:.2g} kPa; does the sensor's or the logger's range end there? The tube felt more than that"
+        ]
+    longest = int(np.argmax(np.where(stands, lasts, 0)))
+    return [
+        f"stands at exactly {pressure_kPa[begins[longest]]:.6g} kPa for {lasts[longest]} rows, from row {begins[longest] + 1} on, and "
+        f"elsewhere scatters by {noise:.2g} kPa; did the sensor or the logger hang? Take the run anew, or cut it before that"
+    ]
