@@ -67,4 +67,6 @@ def test_absent_panels_say_why(
         "[...document.querySelectorAll('.figure.empty')].filter(f => !(f.querySelector('.why')?.textContent.length > 20)).map(f => f.dataset.figure)"
     )
     assert silent == []
+    over_time = chromium.run("[...document.querySelectorAll('.linked .figure')].map(f => f.dataset.figure)")
+    assert ("tip-x" in over_time) == (take_away is not angle_only and bool(over_time)), "a tip that no run has needs no panel"
     assert "undefined" not in chromium.run("document.body.innerText")
