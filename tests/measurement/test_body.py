@@ -13,15 +13,8 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import FolderSource, open_video
 from rfea_vision.vision import track_frames
-from rfea_vision.vision.body.begin import first_body, hinted_lines
-from rfea_vision.vision.body.fit import Fit, looks_around
 from rfea_vision.vision.body.follower import FIRST_TRIES, BodyFollower
-from rfea_vision.vision.body.model import SHARES, STATIONS
-from rfea_vision.vision.body.rules import First, elsewhere, refused
-from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.derive.rows import Rows
-from rfea_vision.vision.edges.fitted import new_buffers
-from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of
 from rfea_vision.vision.follow.follower import Follower
 from rfea_vision.vision.track import follow_body, make_scene, too_few, too_late
 from testing.phone import Arm, Room, clear_scene, film, scene
@@ -132,88 +125,6 @@ def test_the_line_does_not_slide_along_smooth_rubber(tmp_path):
     assert np.nanmax(off) < 5.0  # mm, of 80: twelve encodings of the film gave 1.0 to 3.6
 
 
-@pytest.mark.parametrize(
-    ("more", "taken"),
-    [
-        ({"colour": (60, 160, 90)}, "bowed"),
-        ({"colour": (200, 120, 60)}, "straight"),
-        ({"exclude": ((105.0, 90.0, 30.0, 60.0),)}, "bowed"),
-        ({"region": (90.0, 20.0, 60.0, 200.0)}, "straight"),
-    ],
-)
-def test_hints_decide_between_two_lines_from_clamp_to_tip(more, taken):
-    """A bowed green arm and a straight orange strip join the clamp and the tip; each is as clear as the other."""
-    t = np.linspace(0, 1, 80)[:, None]
-    straight = np.array([120.0, 40.0]) + t * np.array([0.0, 160.0])
-    lines = {"straight": straight, "bowed": straight + np.hstack([60.0 * np.sin(np.pi * t), 0.0 * t])}
-    picture = np.full((260, 260, 3), 220, dtype=np.uint8)
-    for name, rgb in (("straight", (200, 120, 60)), ("bowed", (60, 160, 90))):
-        cv2.polylines(picture, [np.round(lines[name]).astype(np.int32)], False, rgb[::-1], 19)
-    calibration = scaled_by_distance((260, 260), [[0, 0], [100, 0]], 50.0)
-    actuator = Actuator(outer_radius=0.005, inner_radius=0.002, length=0.09)
-    hints = Hints(clamp=((110.0, 40.0), (130.0, 40.0)), tip=(120.0, 200.0), **more)
-    follower = BodyFollower(make_scene(calibration, actuator, "image", hints, (260, 260)), 1.0)
-    follower.next(picture, 0.0)
-    assert np.linalg.norm(follower.body.points[32] - lines[taken][40]) < 6.0
-
-
-@pytest.mark.parametrize(("askew_deg", "refusal"), [(15.0, ""), (45.0, "leaves camera.clamp 4")])
-def test_a_line_that_leaves_the_clamp_askew_is_another_things(askew_deg, refusal):
-    """A strip goes straight from the clamp to the tip, and the clamp's edges are not square to it."""
-    picture = np.full((240, 260, 3), (225, 222, 220), np.uint8)
-    cv2.line(picture, (60, 120), (200, 120), (60, 120, 200), 17)
-    dx, dy = 8.0 * np.sin(np.deg2rad(askew_deg)), 8.0 * np.cos(np.deg2rad(askew_deg))
-    clamp = (60.0 + dx, 120.0 + dy), (60.0 - dx, 120.0 - dy)
-    calibration = scaled_by_distance((260, 240), [[60, 120], [200, 120]], 70.0)
-    actuator = Actuator(outer_radius=4e-3, inner_radius=2e-3, length=70e-3)
-    follower = BodyFollower(
-        make_scene(calibration, actuator, "image", Hints(clamp=clamp, tip=(200.0, 120.0)), (260, 240)), 1.0
-    )
-    found = follower.next(picture, 0.0)
-    assert refusal in found and bool(found) == bool(refusal), found
-
-
-def test_a_click_between_two_points_of_a_long_thin_line_lies_on_it():
-    """Of a rod 707 px long and 8 px wide a click on it was called 4.5 px off: so far it lay from the nearest station."""
-    line = np.column_stack([np.linspace(0.0, 707.0, 65), np.zeros(65)])
-    assert beside(line, np.array([line[7, 0] + 5.5, 0.3])) == pytest.approx(0.3)
-    assert beside(line, np.array([-3.0, 4.0])) == pytest.approx(5.0), "before its first point"
-    assert beside(line[:1], np.array([3.0, 4.0])) == pytest.approx(5.0)
-
-
-def test_a_line_that_strays_to_the_border_is_no_tip_that_left_the_picture():
-    """What was lost elsewhere before is not told to film a wider view; a tip that was followed to the border is."""
-    picture = np.full((240, 260, 3), (225, 222, 220), np.uint8)
-    cv2.line(picture, (60, 120), (200, 120), (60, 120, 200), 17)
-    calibration = scaled_by_distance((260, 240), [[60, 120], [200, 120]], 70.0)
-    actuator = Actuator(outer_radius=4e-3, inner_radius=2e-3, length=70e-3)
-    hints = Hints(clamp=((60.0, 112.0), (60.0, 128.0)), tip=(200.0, 120.0))
-    follower = BodyFollower(make_scene(calibration, actuator, "image", hints, (260, 240)), 1.0)
-    assert follower.next(picture, 0.0) == ""
-    lab, body = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), np.uint8), follower.body.copy()
-    body.points = body.points + np.linspace(0, 1, STATIONS)[:, None] * np.array([-40.0, 119.0])
-    seen, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    stray = Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.zeros(STATIONS), rays, ())
-    told = []
-    for follower.missed, follower.refusal in ((0, ""), (4, "no_fit: folded"), (4, "touches_border: the tip")):
-        told.append(follower._judged(lab, stray).reason.split(":")[0])
-    assert told == ["touches_border", "no_tube", "touches_border"]
-
-
-@pytest.mark.parametrize("length_mm", [0.7, 2.0])
-def test_a_body_under_a_microscope_has_ends_too(length_mm):
-    """Windows in which an end is looked for are longer than all of this body."""
-    picture = np.zeros((240, 260), np.uint8)
-    cv2.line(picture, (60, 120), (200, 120), 200, 16)
-    calibration = scaled_by_distance((260, 240), [[60, 120], [200, 120]], length_mm)
-    actuator = Actuator(outer_radius=0.0571e-3 * length_mm, inner_radius=0.01e-3 * length_mm, length=length_mm / 1e3)
-    hints = Hints(clamp=((60.0, 112.0), (60.0, 128.0)), tip=(200.0, 120.0))
-    found = begin(picture, make_scene(calibration, actuator, "image", hints, (260, 240)), new_buffers())
-    assert not isinstance(found, str), found
-    assert abs(length_of(found.state) / length_mm - 1.0) < 0.1
-    assert f"{0.33:.{digits_of(length_mm)}f}" == f"{0.33:.{2 if length_mm < 1 else 1}f}"
-
-
 def test_copies_of_a_moving_arm_are_said_and_do_not_count_against_a_film():
     """Every other picture of a moving arm was written twice; once it rests, equal pictures are measured like all others."""
     calibration = scaled_by_distance((160, 200), [[0, 0], [100, 0]], 50.0)
@@ -272,16 +183,6 @@ def test_edges_that_find_nothing_where_it_was_pointed_at_leave_the_film_to_the_b
     assert len(looked) == FIRST_TRIES == 3
 
 
-def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
-    first = First(100.0, np.ones(65), 1.0, np.ones(1), (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool), np.zeros(2))
-    assert first.allowed is not None
-    line = np.column_stack([np.full(50, 60.0), np.linspace(10.0, 110.0, 50)])
-    first.allowed[:, 40:80] = False
-    assert elsewhere(first, line) == 1.0
-    first.allowed[60:] = True
-    assert 0.4 < elsewhere(first, line) < 0.6
-
-
 def decoy(picture: np.ndarray) -> None:
     """A second arm of the same colour, 70 px beside the first, that hangs still."""
     cv2.line(picture, (190, 30), (185, 215), (118.0, 140.0, 165.0), 26, cv2.LINE_AA)
@@ -328,136 +229,6 @@ def test_a_hint_is_tried_before_it_is_said(tmp_path):
     assert np.linalg.norm(pixels[2] - truth.tip_px) < 5.0
     hints = Hints(clamp=(tuple(pixels[0]), tuple(pixels[1])), tip=tuple(pixels[2]))
     assert track_frames(source, calibration, actuator, hints=hints, vertical="image").valid.mean() >= 0.95
-
-
-def test_a_thin_body_is_found_beside_the_clicks_and_a_short_one_is_not_folded():
-    """A wire of 5 px clicked up to 5 px beside it, and a finger that is twice as long as wide with a round end."""
-    shares = np.linspace(0.0, 1.0, 200)
-    wire = np.column_stack([60 + 180 * shares, 60 + 120 * shares**2])
-    picture = np.full((240, 320, 3), (160, 128, 128), np.uint8)
-    cv2.polylines(picture, [np.round(wire * 16).astype(np.int32)], False, (60, 128, 128), 5, cv2.LINE_AA, 4)
-    clicked = wire[[0, 70, 130, 199]] + np.array([[0, 0], [-3, 4], [-3, 4], [0, 0]])
-    off = [
-        np.linalg.norm(line[:, None] - wire[None], axis=2).min(axis=1)[5:-5]
-        for line in hinted_lines(picture, wire[0] + np.array([[1, -2.5], [-1, 2.5]]), clicked, 2.5, 220.0)
-    ]
-    assert off[0].max() > 3.5 and off[1].max() < 1.0, "as it was drawn, and as it is"
-
-    finger = np.full((160, 200, 3), 60, np.uint8)
-    cv2.line(finger, (60, 80), (112, 80), (200, 210, 205), 41, cv2.LINE_AA)
-    finger[:, :60] = 60
-    scene = make_scene(
-        scaled_by_distance((200, 160), [[0, 0], [100, 0]], 100.0),
-        Actuator(outer_radius=0.02, inner_radius=0.01, length=0.072),
-        "image",
-        Hints(clamp=((60.0, 60.0), (60.0, 100.0)), tip=(131.0, 88.0), centre_line=((80.0, 80.0), (105.0, 80.0))),
-        (200, 160),
-    )
-    follower = BodyFollower(scene, 0.6)
-    small = np.asarray(cv2.resize(finger, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    assert follower.next(small, 0.0) == ""
-    turns = np.diff(np.unwrap(np.arctan2(*np.diff(follower.body.points, axis=0).T)))
-    assert np.abs(np.cumsum(turns)).max() < 1.0
-
-
-def test_a_line_beside_which_the_tube_goes_on_is_refused():
-    """An arm that has swelled to three widths: a line along one of its edges has that edge, and is not its middle."""
-    narrow = np.full((200, 160, 3), (60, 128, 128), np.uint8)
-    narrow[:, 68:92] = (200, 120, 140)
-    narrow[193:] = (60, 128, 128)
-    wide = narrow.copy()
-    wide[80:150, 68:130] = (200, 120, 140)
-    line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
-    body, wall = first_body(narrow, line, 12.0), Wall(narrow.shape)
-    first = First(180.0, body.half, 1.0, np.ones(5), narrow.shape[:2], 100.0, 1.8, None, np.array([0.0, 1.0]))
-
-    def said(picture, seen, end=0.0, out=(1.0, 1.0, 1.0, 1.0, 1.0)):
-        rays = np.array([np.nan, np.nan, end, end, end, end, np.nan])
-        around = looks_around(picture, wall, body)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), rays, (), *around, np.array(out)))
-
-    everywhere = np.ones((STATIONS, 2), bool)
-    assert said(narrow, everywhere) == said(wide, everywhere) == "", "where an edge is seen, the tube ends"
-    lost = everywhere.copy()
-    lost[np.abs(line[:, 1] - 115) < 35] = False
-    assert said(narrow, lost) == "", "nothing is beside it"
-    assert re.match(r"no_fit: the tube goes on beside the line, 39 to 77 mm", said(wide, lost))
-    first.beside = np.ones((STATIONS, 2), bool)
-    assert said(wide, lost) == "", "what was beside it from the first frame on is another thing"
-    first.beside = False
-    beside_it = (1.0, 1.0, 1.0, 1.0, 0.1)
-    assert said(narrow, everywhere, out=beside_it).startswith("tip_hidden: 10 % of the last fifth stands out")
-    first.standing_out[-1] = 0.1
-    assert said(narrow, everywhere, out=beside_it) == "", "its end never stood out"
-    assert said(narrow, everywhere, 6.0) == "", (
-        "what the rays find there is another thing: nothing of the tube is between"
-    )
-    body.points[:, 1] *= 0.9
-    assert said(narrow, everywhere) == said(narrow, everywhere, np.nan) == "", (
-        "the end is as good as there, or not seen"
-    )
-    assert said(narrow, everywhere, 6.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
-    body.half = np.where(SHARES > 0.8, 0.4, 1.0) * body.half
-    assert (
-        said(narrow, everywhere) == "width_off: 0.40 times as wide as in the first frame, 81 to 100 mm from the clamp"
-    )
-    body.half = np.where(SHARES > 0.95, 1.0, 0.8) * first.half
-    assert said(narrow, everywhere) == "", "drawn out, it is thinner all along"
-    body.points[1:3] = body.points[0] + [[1.5, -1.0], [2.5, 1.0]]
-    assert said(narrow, everywhere) == "no_fit: the line that fits is folded", "it runs back into its clamp"
-
-
-@pytest.mark.parametrize(
-    ("first_share", "share", "says"),
-    [(0.66, 0.6, ""), (0.66, 0.4, "40 %"), (1.0, 0.6, "60 %"), (None, 0.6, ""), (None, 0.4, "40 %")],
-)
-def test_between_the_discs_of_an_arm_there_is_wall_from_the_first_frame_on(first_share, share, says):
-    line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
-    body = first_body(np.zeros((200, 160, 3), np.uint8), line, 12.0)
-    seen = None if first_share is None else 1.0
-    first = First(180.0, body.half, seen, np.ones(5), (200, 160), 100.0, 1.8, None, np.array([0.0, 1.0]), backing=first_share or 1.0)
-    everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
-    fit = Fit(body, 1e-3 * np.eye(25), np.eye(6), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
-    assert refused(first, fit) == (says and f"no_tube: {says} of what is there looks like the tube")
-
-
-def test_an_arm_that_rolls_up_lies_beside_itself_and_is_no_wider():
-    turn = 2.6 * np.pi * np.linspace(0.0, 1.0, STATIONS)
-    line = 110.0 + (66.0 - 25.0 * turn / (2 * np.pi))[:, None] * np.column_stack([np.sin(turn), np.cos(turn)])
-    rolled = np.full((220, 220, 3), (60, 128, 128), np.uint8)
-    cv2.polylines(rolled, [np.round(line * 16).astype(np.int32)], False, (200, 120, 140), 24, cv2.LINE_AA, 4)
-    body, wall, out = first_body(rolled, line, 12.0), Wall(rolled.shape), np.array([1.0, 1.0, 1.0, 1.0, 0.1])
-    body.outside[:, :, 0] = (60, 128, 128)
-    first = First(body.length, body.half, 1.0, np.ones(5), (220, 220), 100.0, 3.0, None, np.array([1.0, 0.0]))
-
-    def said(beside, beyond):
-        seen = np.nan_to_num(beside, nan=1.0) < 0.5
-        fit = Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), np.full(7, np.nan), (), beside, beyond, out)
-        return refused(first, fit)
-
-    beside, beyond = looks_around(rolled, wall, body)
-    assert np.isnan(beside).any(axis=1).mean() > 0.3 and said(beside, beyond) == ""
-    assert said(np.nan_to_num(beside, nan=1.0), beyond).startswith("no_fit: the tube goes on beside the line")
-
-
-def test_an_arm_that_ends_behind_its_clamp_leaves_it_on_the_side_to_which_it_goes():
-    turn = np.linspace(np.pi, 2.3 * np.pi, 200)
-    line = np.vstack([[[70.0, 130.0]], np.column_stack([120.0 + 50.0 * np.cos(turn), 90.0 + 50.0 * np.sin(turn)])])
-    picture = np.full((200, 240, 3), 60, np.uint8)
-    cv2.polylines(picture, [np.round(line * 16).astype(np.int32)], False, (200, 210, 205), 20, cv2.LINE_AA, 4)
-    picture[120:] = np.where(np.arange(240)[:, None] < 100, 60, picture[120:])  # what holds it
-    scene = make_scene(
-        scaled_by_distance((240, 200), [[0, 0], [100, 0]], 100.0),
-        Actuator(outer_radius=0.010, inner_radius=0.005, length=0.23),
-        "image",
-        Hints(((60.0, 120.0), (80.0, 120.0)), (144.0, 137.0), ((76.0, 67.0), (120.0, 40.0), (167.0, 75.0))),
-        (240, 200),
-    )
-    follower = BodyFollower(scene, 1.2)
-    assert follower.next(cv2.resize(picture, None, fx=1.2, fy=1.2), 0.0) == ""
-    np.testing.assert_allclose(follower.foot[1], [0.0, -1.0], atol=0.01)
-    off = np.linalg.norm((follower.body.points[8:, None] + 0.5) / 1.2 - 0.5 - line[None], axis=2).min(axis=1)
-    assert off[:-4].max() < 1.0, "up to its round end"
 
 
 def test_what_covers_the_arm_is_called_so(tmp_path):
