@@ -15,6 +15,7 @@ from rfea_vision.artefacts import ModelFit
 from rfea_vision.report import render, render_comparison, render_index, render_notebook
 from rfea_vision.report.collect import collect
 from rfea_vision.stages.publishing import _labels, _page_beside
+from testing.readable import FAINT_TEXT
 from testing.report.browser import Browser
 from testing.report.sample import RUNGS, write_sample
 
@@ -187,3 +188,29 @@ def test_many_tubes_on_one_page(sample):
     page = render_group([*tubes, lacking])
     assert page.count("Not in it: D (no turns in its design).") == len(plates)
     assert "load is given in g and mm: write it in one unit" in page
+
+
+@pytest.mark.chromium
+def test_pages_with_drawings_on_white_can_be_read_in_the_dark_and_on_a_phone(sample, chromium, tmp_path):
+    from rfea_vision.report.group import GroupMember, group_plates, render_group
+    from rfea_vision.report.paper import render_paper
+    from rfea_vision.stages.reproducing import MODELS, table_one
+
+    pytest.importorskip("matplotlib")
+    evidence = collect(sample)
+    tubes = [GroupMember(name, {"turns": (count, "")}, evidence) for name, count in {"A": 12.0, "B": 24.0}.items()]
+    fits = dict.fromkeys(MODELS, tubes[0].last.fit)
+    table = table_one(fits)
+    names = {str(row["parameter"]): "Damper coefficient, negative direction" for row in table}
+    runs, peaks = {"train": "steps", "validate": "sine"}, {"train": 270.0, "validate": 220.0}
+    pages = {"group": render_group(tubes), "paper": render_paper("tube", group_plates(tubes), table, fits, runs, peaks, names)}
+    for name, text in pages.items():
+        (tmp_path / f"{name}.html").write_text(text, encoding="utf-8")
+        chromium.call("Page.navigate", url=(tmp_path / f"{name}.html").as_uri())
+        chromium.wait("document.readyState === 'complete' && document.querySelectorAll('.figs svg').length > 0")
+        for width in (1280, 400):
+            chromium.resize(width, 900, mobile=width == 400)
+            for theme in ("light", "dark"):
+                chromium.run(f"document.documentElement.dataset.theme = '{theme}'")
+                assert chromium.run(FAINT_TEXT) == [], f"{name}, {theme}, {width} px"
+                assert chromium.run("document.documentElement.scrollWidth") <= width, f"{name}, {width} px"
