@@ -9,6 +9,7 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision.body.fit import gradual
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES
+from rfea_vision.vision.edges.fitted import TIP_VARIANCE
 from rfea_vision.vision.track import make_scene
 
 RUBBER, WALL = (210, 225, 228), (60, 70, 66)
@@ -85,6 +86,22 @@ def test_ribbed_rubber_that_stretches_at_once_is_followed_to_an_end_that_is_not_
         assert follower.next(picture, 0.1 * k) == "", k
         assert np.linalg.norm(follower.body.points[-1] - line[-1]) < 0.35 * HALF, k
     assert follower.end_offsets is None
+
+
+def test_a_body_that_is_found_again_shorter_than_it_was_says_how_little_its_end_is_known():
+    """What hid it has gone, and its end is of the wall's colour now: nothing has carried its length there."""
+    follower = follower_of(middle_of(0.0, 110.0))
+    for k in range(4):
+        assert follower.next(drawn(middle_of(0.05 * k, 110.0), np.full(65, HALF)), 0.1 * k) == ""
+    known = follower.work.numbers[TIP_VARIANCE] ** 0.5
+    for k in range(4, 8):
+        assert follower.next(np.full((240, 240, 3), 30, np.uint8), 0.1 * k)
+    line = middle_of(1.3, 110.0)
+    picture = drawn(line, np.full(65, HALF))
+    cv2.polylines(picture, [np.round(line[57:]).astype(np.int32)], False, WALL, 28)
+    refusal, off = follower.next(picture, 0.8), float(np.linalg.norm(follower.body.points[-1] - line[-1]))
+    assert refusal == "" and off > 20.0
+    assert follower.work.numbers[TIP_VARIANCE] ** 0.5 * follower.px_per_mm > max(0.3 * off, 5 * known)
 
 
 def test_a_body_about_as_long_as_wide_is_refused_for_that():

@@ -99,6 +99,7 @@ class Fit:
     standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
     marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none
     reason : why it is no measurement; empty where it is one
+    stretched : px by which it is longer than what was carried into the frame
     """
 
     body: SeenBody
@@ -113,6 +114,7 @@ class Fit:
     standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     marks: FloatArray | None = None
     reason: str = ""
+    stretched: float = 0.0
 
     @property
     def likeness(self) -> float:
@@ -206,6 +208,7 @@ def fit_body(
         backing,
         end,
         marks,
+        stretched=body.length - predicted.length,
     )
 
 

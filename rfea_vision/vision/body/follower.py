@@ -136,6 +136,8 @@ class BodyFollower:
             fit = fit if anew.reason else anew
         if self.good and fit.reason and self.missed and self.missed % 5 == 0:
             fit = self._judged(lab, self._fit(lab, self._swung(lab), self._spread(), 1.2))
+        if fit is not fits[0]:  # no flow from the last frame that was measured has carried its length
+            fit.stretched = fit.body.length - self.body.length
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
@@ -327,6 +329,7 @@ class BodyFollower:
         return max(fits, key=lambda found: found.likeness).body
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
+        held = (1.0 + self.missed) * (STRETCH_SHARE * self.body.length) ** 2  # px^2 of the length that was carried
         self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:
             self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
@@ -346,7 +349,7 @@ class BodyFollower:
         variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - variance)
         self.wall.learn(lab, self.body)
         self.state = self._as_state(self.body)
-        self._fill_numbers(fit)
+        self._fill_numbers(fit, held)
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)
 
     def _as_state(self, body: SeenBody) -> fitted.State:
@@ -362,7 +365,7 @@ class BodyFollower:
             fit_curve(points), width, np.zeros((*blank.shape, 2)), blank, blank.copy(), np.zeros(2), np.zeros(4)
         )
 
-    def _fill_numbers(self, fit: Fit) -> None:
+    def _fill_numbers(self, fit: Fit, held: float) -> None:
         """What the track is derived from; the width is that of this body, not a doubt about it."""
         assert self.state is not None
         work, numbers = self.work, self.work.numbers
@@ -375,8 +378,7 @@ class BodyFollower:
         numbers[fitted.WIDTH] = 2.0 * self.scene.half_mm
         numbers[fitted.ONE_SIDED] = float(np.mean(fit.seen[:, 0] != fit.seen[:, 1]))
         mm2 = self.px_per_mm**-2
-        half = float(middle(fit.body.half))
-        floor = (FLOOR * half) ** 2 * mm2
+        floor = (FLOOR * (half := float(middle(fit.body.half)))) ** 2 * mm2
         # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to
         # noise the curves would be smoothed, and the clamp's place with them.
         mistaken = float(middle(self.first.half)) - self.pointed_half()
@@ -390,6 +392,8 @@ class BodyFollower:
         # What the frame itself says along the body counts in full; what was carried into it may lag.
         lag = (LAGS * (self.lengths[1] - self.lengths[0])) ** 2 * UNIFORMLY
         carried = np.linalg.inv(fit.covariance[ALONG, ALONG] + lag)
-        along = float(ALONG_BASIS[-1] @ np.linalg.inv(fit.own + carried) @ ALONG_BASIS[-1])
-        along = max(along, float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]))
+        known = np.linalg.inv(fit.own + carried), fit.covariance[ALONG, ALONG]
+        along = max(float(ALONG_BASIS[-1] @ covariance @ ALONG_BASIS[-1]) for covariance in known)
+        # Where the length that was carried and the frame disagree by more than both allow, one of them is wrong: Birge's ratio.
+        along *= max(1.0, fit.stretched**2 / (along + held))
         numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
