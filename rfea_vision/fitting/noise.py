@@ -20,6 +20,8 @@ from rfea_vision.scatter import rounding_noise, third_difference_noise
 #: A repeat may begin so much earlier or later on its log than the run that it repeats: nearest first, in s.
 _STEP_S = 0.01
 _SEARCHED_S = [_STEP_S * k for k in sorted(range(-50, 51), key=abs)]
+#: Share of the frames that are few: a floor that stands on so few tells little of the others, and an error may well be far below it.
+FEW_FRAMES = 0.01
 #: Frames that two runs have in common at least, to be compared.
 LEAST_COMMON = 12
 
@@ -53,7 +55,7 @@ def noise_floor_mm(
                 pairs.append(float(np.sqrt(np.mean(np.sum(difference**2, axis=1)) / 2)) / MM)
     if pairs:
         return float(np.mean(pairs)), "repeated runs"
-    stated, measured = [], []
+    stated, measured, squares = [], [], []
     for item in observed:
         if not item.has_tip:
             continue
@@ -64,11 +66,12 @@ def noise_floor_mm(
             rounded = np.sqrt(2) * rounding_noise(item.points[:, -1] / MM) if estimated else 0.0
             measured.append(max(min(item.tip_noise_mm, seen), rounded))
         if "tip_sigma" in data and not estimated:
-            stated.append(
-                float(np.mean(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1))) - _shared(item, data)
-            )
+            squares.append(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1))
         elif "midline_sigma" in data and not estimated:
-            stated.append(float(2 * np.mean(data["midline_sigma"].values[item.frame, -1] ** 2)) - _shared(item, data))
+            squares.append(2 * data["midline_sigma"].values[item.frame, -1] ** 2)
+        else:
+            continue
+        stated.append(float(np.mean(squares[-1])) - _shared(item, data))
     if not measured:
         return None, "no tip in the data"
     high = float(np.sqrt(np.mean(np.square(measured))))
@@ -77,7 +80,13 @@ def noise_floor_mm(
     claim = float(np.sqrt(max(np.mean(stated), 0.0)))
     if high > claim:
         return high, "the track's own high frequencies (above the stated standard errors)"
-    return claim, "standard errors of the track"
+    return claim, f"standard errors of the track{_of_few(np.concatenate(squares))}"
+
+
+def _of_few(squares: FloatArray) -> str:
+    """Say of squared errors (frames,) that hardly any of them make up half of the sum; empty where many do."""
+    half = 1 + int(np.searchsorted(np.cumsum(np.sort(squares)[::-1]), 0.5 * squares.sum()))
+    return f", most of it from {half} of {len(squares)} frames" if half <= FEW_FRAMES * len(squares) else ""
 
 
 def before_repeat(item: Observed, other: Observed, seen: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:

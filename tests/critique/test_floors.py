@@ -11,7 +11,7 @@ import xarray as xr
 from rfea_vision.artefacts import Recording
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.fitting.fit import fit, make_problem
-from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
+from rfea_vision.fitting.noise import _of_few, noise_floor_mm, white_noise_mm
 from rfea_vision.options import FitOptions
 
 
@@ -83,3 +83,10 @@ def test_the_floor_leaves_out_what_all_frames_share():
     assert floor == pytest.approx(0.006) and "standard errors" in source
     item.origin_sigma = 0.0  # a track that is in the rig frame by somebody's word is taken at that word
     assert noise_floor_mm([item], {"run": SimpleNamespace(dataset=data)})[0] == pytest.approx(0.0232, abs=1e-4)
+
+
+def test_a_floor_that_hardly_any_frame_makes_says_so():
+    squares = np.full(500, 1e-4)
+    assert _of_few(squares) == ""
+    squares[7] = 14.0
+    assert _of_few(squares) == ", most of it from 1 of 500 frames"
