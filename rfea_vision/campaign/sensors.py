@@ -12,8 +12,6 @@ from rfea_vision.scatter import rounding_noise, third_difference_noise
 _ROWS = 30
 #: Times the step of the last digit: with noise of less, rows may well be alike.
 _NOISY = 1.0
-#: Of the pressure's range above its lowest value: at rest many sensors end at zero, which does no harm.
-_ABOVE_REST = 0.05
 #: Of the usual step: the steps of a clock that is read evenly are so alike, in nearly all rows; and two of a stretch that is mixed.
 _EVEN, _NEARLY_ALL = 0.1, 0.75
 
@@ -43,12 +41,15 @@ def of_mixed(time_s: FloatArray) -> list[str]:
 
 
 def of_standstill(pressure_kPa: FloatArray) -> list[str]:
-    """Doubt a pressure (samples,) that stands at exactly one value above rest, row after row, where elsewhere it is noisy."""
+    """Doubt a pressure (samples,) that stands at exactly one value, row after row, where elsewhere it is noisy.
+
+    Zero and the lowest value do not count: at rest many sensors end there, which does no harm.
+    """
     turns = np.flatnonzero(np.diff(pressure_kPa)) + 1
     begins, ends = np.concatenate([[0], turns]), np.concatenate([turns, [len(pressure_kPa)]])
     lasts = ends - begins
     low, high = float(pressure_kPa.min()), float(pressure_kPa.max())
-    stands = (lasts >= _ROWS) & (pressure_kPa[begins] > low + _ABOVE_REST * (high - low))
+    stands = (lasts >= _ROWS) & (pressure_kPa[begins] > low) & (pressure_kPa[begins] != 0.0)
     if not stands.any():
         return []
     lively = pressure_kPa[~np.repeat(lasts >= _ROWS, lasts)][:, None]

@@ -165,6 +165,8 @@ def test_what_stands_still_by_right_is_not_taken_for_a_sensor_that_hangs():
     assert of_standstill(steps_kPa) == of_standstill(ramped) == of_standstill(noisy) == []
     assert of_standstill(noisy.round(0)) == []  # noise of less than the last digit
     assert of_standstill(np.maximum(noisy, 0.0)) == []  # many sensors end at zero: nobody is misled
+    hangs_at_rest = np.where(time_s > 3.0, 40.0 * np.sin(time_s[1560]) + 0.1, noisy)  # 40 sin(3.12): near zero, and not zero
+    assert "for 499 rows" in of_standstill(hangs_at_rest)[0]
     assert of_standstill(np.minimum(noisy, 20.0)) and of_standstill(np.full(100, 3.0)) == []
 
 
