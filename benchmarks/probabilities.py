@@ -31,9 +31,9 @@ from rfea_vision.fitting.fit import fit, make_problem, stiff_start
 FOLDER = Path(__file__).parent / "probabilities"
 RESULTS = FOLDER / "results.jsonl"
 #: Counts made since an imitated effect keeps less than 0.9: its number comes from those before.
-SINCE_IMITATED = ("imitated.jsonl", "rivals.jsonl")
+SINCE_IMITATED = ("imitated.jsonl", "rivals.jsonl", "steps.jsonl")
 #: Seeds that the rule was calibrated on, and those that are run once. All below the latter were looked at since.
-CALIBRATED, UNSEEN = range(1301, 1341), range(2469, 2719)
+CALIBRATED, UNSEEN = range(1301, 1341), range(2484, 2734)
 
 
 def run_case(
