@@ -22,7 +22,7 @@ from rfea_vision.critique.verdict import Verdict, decide, remainder_of, sets_of
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
 from rfea_vision.fitting.ratio import lever_free
-from rfea_vision.fitting.refit import UNFELT_SHARE, in_long_steps
+from rfea_vision.fitting.refit import in_long_steps
 from rfea_vision.fitting.scoring import in_its_steps, options_of, worse_than_nothing
 from rfea_vision.options import CritiqueOptions
 
@@ -58,7 +58,7 @@ def judge(
     search from a smaller model on the same chain has refitted: where it is met again, it is taken up and not begun anew.
     """
     asked = options or CritiqueOptions()
-    problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks, UNFELT_SHARE)
+    problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
     steps = 0
 
     def step() -> None:

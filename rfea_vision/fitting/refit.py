@@ -30,9 +30,8 @@ ROUGH_TOLERANCE = 1e-4
 #: by less than this share of it: far less than the refits that follow are to tell apart.
 LONGER_STEPS, FELT_SHARE = 2, 0.02
 #: All frames: the step is doubled while that moves what is seen by less than this share of its standard error, root mean square: it
-#: adds a 2500th to the squared error of noise alone. Where models are only told apart, or by less than this share of what the present
-#: one leaves: a hundredth of its square at worst, alike in all that are compared.
-UNFELT, UNFELT_SHARE = 0.02, 0.005
+#: adds a 2500th to the squared error of noise alone.
+UNFELT = 0.02
 #: Bodies of thinned runs at most: twice as many move the paper's tube by 0.03 mm, a step of 2 ms by 0.08.
 ROUGH_SEGMENTS = 8
 #: Change of an angle (rad) at which a long step is solved: one iteration for nearly all; it moves the tip by a micrometre.
@@ -124,9 +123,7 @@ def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
     return items
 
 
-def in_long_steps(
-    problem: Problem, model: Model, par: FloatArray, clocks: FloatArray | None = None, of_misfit: float = 0.0
-) -> Problem:
+def in_long_steps(problem: Problem, model: Model, par: FloatArray, clocks: FloatArray | None = None) -> Problem:
     """The same runs, each in the longest steps whose error is small beside its noise; held-out runs in the shortest of these.
 
     A log of 1 kHz before a camera of 25 Hz would else cost eight times what the motion asks for.
@@ -134,22 +131,20 @@ def in_long_steps(
     Parameters
     ----------
     par, clocks : (parameters,) in SI and (training runs,) in s, by default 0, near to those that are to be found
-    of_misfit : or whose error is below this share of what the model leaves
     """
     offsets = np.zeros((len(problem.train), 1)) if clocks is None else clocks[:, None]
-    train = tuple(_in_long_steps(item, model, par, own, of_misfit) for item, own in zip(problem.train, offsets, strict=True))
+    train = tuple(_in_long_steps(item, model, par, own) for item, own in zip(problem.train, offsets, strict=True))
     longest_s = min(item.excitation.step_s for item in train)
     validate = tuple(item.in_steps_of(longest_s) for item in problem.validate)
     return replace(problem, train=train, validate=validate)
 
 
-def _in_long_steps(item: Observed, model: Model, par: FloatArray, clock: FloatArray, of_misfit: float) -> Observed:
+def _in_long_steps(item: Observed, model: Model, par: FloatArray, clock: FloatArray) -> Observed:
     before = evaluate(model, par, [item], (), clock)
     while before is not None and 2 * item.excitation.step_s < SLOWEST_STEP_S * (1 + 1e-9):
         longer = item.coarser()
         after = evaluate(model, par, [longer], (), clock)
-        unfelt = max(UNFELT * np.sqrt(before.residual.size), of_misfit * np.linalg.norm(before.residual))
-        if after is None or np.linalg.norm(after.residual - before.residual) > unfelt:
+        if after is None or np.linalg.norm(after.residual - before.residual) > UNFELT * np.sqrt(before.residual.size):
             break
         item = longer
     return item

@@ -14,7 +14,7 @@ from rfea_vision.fitting.fit import fit, fit_base, make_model, make_problem, sta
 from rfea_vision.fitting.intervals import _unknown_from, intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
-from rfea_vision.fitting.refit import FELT_SHARE, UNFELT, UNFELT_SHARE, in_long_steps, refit, refit_from, rough_runs
+from rfea_vision.fitting.refit import FELT_SHARE, UNFELT, in_long_steps, refit, refit_from, rough_runs
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.scoring import as_artefact, in_its_steps
@@ -96,16 +96,6 @@ def test_steps_are_as_long_as_nobody_feels(complete_campaign):
     assert before is not None and after is not None
     moved = np.sqrt(np.mean((after.residual - before.residual) ** 2))
     assert 0 < moved < 3 * UNFELT  # each doubling less than that
-    # Where models are only told apart, what this one leaves counts.
-    left = np.sqrt(np.mean(before.residual**2))
-    for share in (UNFELT_SHARE, 0.1):
-        apart = in_long_steps(problem, model, par, None, share)
-        after = evaluate(model, par, apart.train, ())
-        assert after is not None
-        assert np.sqrt(np.mean((after.residual - before.residual) ** 2)) < 3 * max(UNFELT, share * left)
-        apart_s = [item.excitation.step_s for item in apart.train]
-        assert all(one >= other for one, other in zip(apart_s, steps, strict=True))
-    assert sum(apart_s) > sum(steps)
 
 
 def test_a_model_is_scored_and_taken_up_again_in_the_same_long_steps(complete_campaign):
