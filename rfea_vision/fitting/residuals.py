@@ -146,7 +146,9 @@ def by_clock(model: Model, par: FloatArray, item: Observed) -> Callable[[float],
 
     def look(clock_s: float) -> Predicted | None:
         frames, slopes = _in_log(model, par, item, clock_s)
-        between = replace(motion, phi=phi(frames), rate=phi(frames, 1), sensitivity=np.zeros((*phi(frames).shape, 0)))
+        angles = phi(frames)
+        none = np.zeros((*angles.shape, 0))  # of hidden states nobody asks here
+        between = replace(motion, phi=angles, rate=phi(frames, 1), sensitivity=none, states=none[:, 1:])
         return _seen(model, par, item, [], frames, slopes, between, None)
 
     return look
