@@ -41,7 +41,9 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
     """
     gaps = _gaps(problem, fitted)
     left = {item.name: gap for item, gap in gaps}
-    known, _ = noise_floor_mm(problem.with_roles("train", "validate"), problem.recordings, repeats=False, left=left)
+    errors = {item.name: np.sum(gap**2, axis=1) for item, gap in (*gaps, *_held_gaps(problem, fitted)) if item.has_tip}
+    runs = problem.with_roles("train", "validate")
+    known, _ = noise_floor_mm(runs, problem.recordings, repeats=False, left=left, errors=errors)
     if not known:
         known = noise_floor_deg(problem.train, problem.recordings, left=left) or 0.0
     seen = []

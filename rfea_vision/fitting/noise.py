@@ -20,7 +20,7 @@ from rfea_vision.scatter import rounding_noise, third_difference_noise
 #: A repeat may begin so much earlier or later on its log than the run that it repeats: nearest first, in s.
 _STEP_S = 0.01
 _SEARCHED_S = [_STEP_S * k for k in sorted(range(-50, 51), key=abs)]
-#: Share of the frames that are few: a floor that stands on so few tells little of the others, and an error may well be far below it.
+#: Share of the frames on which no floor may hang: it says what noise makes of a run, and a claim of so few tells nothing of the rest.
 FEW_FRAMES = 0.01
 #: Frames that two runs have in common at least, to be compared.
 LEAST_COMMON = 12
@@ -37,12 +37,14 @@ def noise_floor_mm(
     *,
     repeats: bool = True,
     left: Mapping[str, FloatArray] = MappingProxyType({}),
+    errors: Mapping[str, FloatArray] = MappingProxyType({}),
 ) -> tuple[float | None, str]:
     """Noise floor in the norm of the tip RMSE, and where it comes from.
 
     Repeats of the same excitation give it directly; else the tracking errors, but never less than high frequencies show. Those
     of the track hold the tube's ringing, too: where a model has been taken from the tip, by name of the run `left` (frames, 2)
-    in mm, the lower of both counts, and other runs are not asked.
+    in mm, the lower of both counts, and other runs are not asked. `errors` (frames,) in mm^2 are a model's, by name of the run:
+    they show whether a frame is as far off as it claims, where hardly another claims as much.
     """
     by_name = {o.name: o for o in observed}
     pairs = []
@@ -55,7 +57,7 @@ def noise_floor_mm(
                 pairs.append(float(np.sqrt(np.mean(np.sum(difference**2, axis=1)) / 2)) / MM)
     if pairs:
         return float(np.mean(pairs)), "repeated runs"
-    stated, measured, squares = [], [], []
+    stated, measured = [], []
     for item in observed:
         if not item.has_tip:
             continue
@@ -66,12 +68,12 @@ def noise_floor_mm(
             rounded = np.sqrt(2) * rounding_noise(item.points[:, -1] / MM) if estimated else 0.0
             measured.append(max(min(item.tip_noise_mm, seen), rounded))
         if "tip_sigma" in data and not estimated:
-            squares.append(np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1))
+            squares = np.sum(data["tip_sigma"].values[item.frame] ** 2, axis=1)
         elif "midline_sigma" in data and not estimated:
-            squares.append(2 * data["midline_sigma"].values[item.frame, -1] ** 2)
+            squares = 2 * data["midline_sigma"].values[item.frame, -1] ** 2
         else:
             continue
-        stated.append(float(np.mean(squares[-1])) - _shared(item, data))
+        stated.append(float(np.mean(_of_many(squares, errors.get(item.name, 0.0)))) - _shared(item, data))
     if not measured:
         return None, "no tip in the data"
     high = float(np.sqrt(np.mean(np.square(measured))))
@@ -80,13 +82,18 @@ def noise_floor_mm(
     claim = float(np.sqrt(max(np.mean(stated), 0.0)))
     if high > claim:
         return high, "the track's own high frequencies (above the stated standard errors)"
-    return claim, f"standard errors of the track{_of_few(np.concatenate(squares))}"
+    return claim, "standard errors of the track"
 
 
-def _of_few(squares: FloatArray) -> str:
-    """Say of squared errors (frames,) that hardly any of them make up half of the sum; empty where many do."""
-    half = 1 + int(np.searchsorted(np.cumsum(np.sort(squares)[::-1]), 0.5 * squares.sum()))
-    return f", most of it from {half} of {len(squares)} frames" if half <= FEW_FRAMES * len(squares) else ""
+def _of_many(squares: FloatArray, found: FloatArray | float) -> FloatArray:
+    """Claimed squared errors (frames,) of a run, the few beyond all others held to those, or to what was `found` (frames,) there.
+
+    Their mean is what noise leaves of a run. One frame that claims 4 mm where 500 claim 0.01 would be nearly all of it; whether it is
+    that far off, its own error shows. Of claims that are much alike this changes nothing.
+    """
+    few = max(1, int(FEW_FRAMES * squares.size))
+    others = np.partition(squares, squares.size - 1 - few)[squares.size - 1 - few] if few < squares.size else np.inf
+    return np.minimum(squares, np.fmax(others, found))
 
 
 def before_repeat(item: Observed, other: Observed, seen: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:

@@ -178,7 +178,8 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
     found = intervals(fitted, problem.train, problem.actuator, best.par, drift(problem, fitted, best, problem.train))
     measured = list(problem.with_roles("train", "validate"))
     left = {o.name: left_of(o, one) for o, one in zip(problem.train, best.predicted, strict=True)}
-    floor, source = noise_floor_mm(measured, problem.recordings, left=left)
+    errors = {name: part.tip for name, part in parts.items() if part.tip is not None}
+    floor, source = noise_floor_mm(measured, problem.recordings, left=left, errors=errors)
     floor_deg = noise_floor_deg(measured, problem.recordings, left=left) if floor is None else None
     source = "standard errors of the angle" if floor_deg else source
     options = fitted.options

@@ -11,7 +11,7 @@ import xarray as xr
 from rfea_vision.artefacts import Recording
 from rfea_vision.critique.floors import binding, floors_of, measurement
 from rfea_vision.fitting.fit import fit, make_problem
-from rfea_vision.fitting.noise import _of_few, noise_floor_mm, white_noise_mm
+from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.options import FitOptions
 
 
@@ -26,7 +26,7 @@ def _fake(noise: np.ndarray, sigma_mm: float) -> tuple[SimpleNamespace, SimpleNa
     predicted = SimpleNamespace(points=np.zeros((time.size, 1, 2)))
     tip_sigma = np.full((time.size, 2), sigma_mm)
     recordings = {"run": SimpleNamespace(dataset=xr.Dataset({"tip_sigma": (("time", "xy"), tip_sigma)}))}
-    problem = SimpleNamespace(train=(item,), with_roles=lambda *_: (item,), recordings=recordings)
+    problem = SimpleNamespace(train=(item,), validate=(), with_roles=lambda *_: (item,), recordings=recordings)
     return problem, SimpleNamespace(solution=SimpleNamespace(evaluation=SimpleNamespace(predicted=(predicted,))))
 
 
@@ -85,8 +85,27 @@ def test_the_floor_leaves_out_what_all_frames_share():
     assert noise_floor_mm([item], {"run": SimpleNamespace(dataset=data)})[0] == pytest.approx(0.0232, abs=1e-4)
 
 
-def test_a_floor_that_hardly_any_frame_makes_says_so():
-    squares = np.full(500, 1e-4)
-    assert _of_few(squares) == ""
-    squares[7] = 14.0
-    assert _of_few(squares) == ", most of it from 1 of 500 frames"
+def test_a_floor_hangs_on_no_single_frame_unless_its_error_is_as_large_as_it_claims():
+    """One frame of 720 that claims 3.8 mm made a floor of 0.14 mm, beside an error of 0.006 mm."""
+    frames = np.arange(720)
+    item = SimpleNamespace(name="run", repeat_of=None, has_tip=True, frame=frames, tip_noise_mm=0.004, origin_sigma=0.0)
+    sigma = np.full((frames.size, 2), 0.006 / np.sqrt(2))
+    sigma[400] = 3.8 / np.sqrt(2)
+    runs = {"run": SimpleNamespace(dataset=xr.Dataset({"tip_sigma": (("time", "xy"), sigma)}))}
+    assert noise_floor_mm([item], runs)[0] == pytest.approx(0.006, rel=0.01)
+    errors = np.full(frames.size, 0.006**2)
+    assert noise_floor_mm([item], runs, errors={"run": errors})[0] == pytest.approx(0.006, rel=0.01)
+    errors[400] = 3.8**2  # it was as wrong as it said: no model gets below that
+    assert noise_floor_mm([item], runs, errors={"run": errors})[0] == pytest.approx(3.8 / np.sqrt(720), rel=0.01)
+    errors[400] = 100.0**2  # but a model's own error is no noise
+    assert noise_floor_mm([item], runs, errors={"run": errors})[0] == pytest.approx(3.8 / np.sqrt(720), rel=0.01)
+
+
+def test_claims_of_many_frames_stand_as_they_are():
+    """A fifth of the frames four times as uncertain as the rest: noise makes the mean of their squares, whatever a model leaves."""
+    frames = np.arange(500)
+    item = SimpleNamespace(name="run", repeat_of=None, has_tip=True, frame=frames, tip_noise_mm=0.0, origin_sigma=0.0)
+    sigma = np.where(frames % 5 == 0, 0.08, 0.02)[:, None] * np.ones(2)
+    runs = {"run": SimpleNamespace(dataset=xr.Dataset({"tip_sigma": (("time", "xy"), sigma)}))}
+    expected = np.sqrt(2 * (0.2 * 0.08**2 + 0.8 * 0.02**2))
+    assert noise_floor_mm([item], runs, errors={"run": np.zeros(500)})[0] == pytest.approx(expected)
