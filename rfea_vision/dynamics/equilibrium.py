@@ -56,6 +56,9 @@ from rfea_vision.dynamics.system import (
 LARGEST_STEP = 0.3  # rad per Newton step
 #: Of a fall: how the resistance changes from step to step, the steps it may take, and the share of the first at which it ends.
 EASED, STIFFENED, FALLING_STEPS, LET_GO = 0.5, 4.0, 100_000, 1e-12
+#: It is at rest, too, where no joint moves by more than this (rad) though the chain itself withstands more than the liquid does: what
+#: is left of the torques may be rounding, which no smaller resistance foretells.
+AT_REST = 1e-6
 #: Change of the angles, in rad or as a share, at which Newton steps have come to rest.
 SETTLED = 1e-12
 #: A step of a fall is taken back where what is left is this many times what a law without bends would leave.
@@ -152,11 +155,11 @@ def _smallest_pivot(body):
 @njit(**ALLOCATING)
 def _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, resistance):
     """Let the chain go downhill until it comes to rest (pseudo-transient continuation: Kelley and Keyes 1998,
-    doi:10.1137/S0036142996304796), as through a liquid whose resistance eases off.
+    doi:10.1137/S0036142996304796), as through a liquid whose resistance eases off. Returns the steps that were taken.
     """
     body, count, end = work.body, work.body.shape[0] - 1, LET_GO * resistance
     step, expected = np.zeros(count), np.inf
-    for _ in range(FALLING_STEPS):
+    for taken in range(FALLING_STEPS):
         _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, resistance)
         largest, left = _largest_change(body), 0.0
         for i in range(1, count):
@@ -164,7 +167,7 @@ def _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, dr
         back = left > UNLIKE_STRAIGHT**2 * expected  # the law bends within the step
         if back or not (largest < LARGEST_STEP) or _smallest_pivot(body) <= 0:
             if resistance > 1e300:
-                return
+                return taken
             resistance *= STIFFENED
             if back:
                 for i in range(count):
@@ -178,13 +181,14 @@ def _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, dr
         for i in range(1, count):
             after = step[i + 1] - step[i] if i + 1 < count else 0.0
             expected += (resistance * (step[i] - step[i - 1] - after)) ** 2
-        if resistance < end:
-            return
+        if resistance < end or (largest < AT_REST and 2 * resistance < _smallest_pivot(body)):
+            return taken
         resistance *= EASED
+    return FALLING_STEPS
 
 
 @njit(
-    types.Tuple((int64, float64))(
+    types.Tuple((int64, float64, int64))(
         *(JOINT_LAW, JOINT_CUBE, JOINT_CUBE, FORCE_LAW, SYSTEM),
         *(float64, VECTOR, VECTOR, VECTOR, INDEX, float64, VECTOR, MATRIX, MATRIX, CUBE),
     ),
@@ -211,20 +215,22 @@ def equilibrium(
 
     pressure in Pa, with its derivative (parameters,); drive (n,) torques on the joints; pull (2,) force at the tip
     With a positive `fall` (N m/rad, about a joint's stiffness) the chain is let go at the start and comes to rest first.
-    Returns (status, stability): the smallest pivot of the stiffness along the chain, positive where it is stable.
+    Returns (status, stability, steps of the fall); stability is the smallest pivot of the stiffness along the chain, positive where
+    it is stable.
     """
     n, m, count = system.chain.shape[0], system.states, system.par.size
     work, relaxed = allocate(system), np.zeros((n, max(m, 1), 3 + count))
     body, status = work.body, NOT_CONVERGED
     for i in range(n + 1):
         body[i, PHI] = phi[i]
+    fallen = 0
     if fall > 0:
-        _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, fall)
+        fallen = _fall(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, fall)
     for _ in range(60):
         _newton_step(joint_law, relaxed_law, force_law, system, work, relaxed, pressure, drive, pull, 0.0)
         largest = _largest_change(body)
         if not np.isfinite(largest):
-            return BLOWN_UP, 0.0
+            return BLOWN_UP, 0.0, fallen
         part = min(1.0, LARGEST_STEP / largest) if largest > 0 else 1.0
         for i in range(n + 1):
             body[i, PHI] += part * body[i, STEP]
@@ -240,4 +246,4 @@ def equilibrium(
         out_par = np.zeros((n, 2 + m, count))
         call_joint_law(joint_parameters, system, work, pressure, out_par)
         _derivatives(system, work, out_par, relaxed, dpressure, free, S_phi, S_z)
-    return status, stability
+    return status, stability, fallen

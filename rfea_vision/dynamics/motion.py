@@ -54,3 +54,4 @@ class Steady:
     state_sensitivity: FloatArray
     pressure: float
     stability: float
+    fallen: int = 0  # steps that it took to come to rest where it fell

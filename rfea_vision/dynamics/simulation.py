@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.constants import g
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.dynamics.branches import followed
 from rfea_vision.dynamics.chain import Chain
 from rfea_vision.dynamics.compilation import CompiledLaw, compile_law, constants
 from rfea_vision.dynamics.equilibrium import equilibrium
@@ -41,10 +42,6 @@ TABLEAUX: dict[int, FloatArray] = {
 }
 
 
-#: How far (rad) any body may turn between two neighbours on the way to a steady state, so that no branch is jumped over.
-LARGEST_STRIDE = 1.5
-
-
 def _why(status: int, done: int, taken: int, excitation: Excitation) -> str:
     """When a run failed, where in the log, and why."""
     time_s = excitation.start_s + done * excitation.step_s
@@ -56,21 +53,6 @@ def _why(status: int, done: int, taken: int, excitation: Excitation) -> str:
         f"the simulation failed at {time_s:.3f} s of the log, at {excitation.pressure[done] / 1e3:.1f} kPa, after {taken} steps: "
         f"{reasons.get(status, 'for no known reason')}"
     )
-
-
-def _followed(solve: Callable[[float, FloatArray], bool], phi: FloatArray, target: float) -> tuple[FloatArray, float]:
-    """Follow a branch of steady states from `phi` (n + 1,) at nothing towards `target`: where it was left, and at how much."""
-    reached, stride = 0.0, target
-    while reached != target:
-        guess = phi.copy()
-        aim = target if abs(target - reached) <= abs(stride) else reached + stride
-        if solve(aim, guess) and np.max(np.abs(guess - phi)) < LARGEST_STRIDE:
-            phi, reached = guess, aim
-        elif abs(stride) > 1e-3 * abs(target):
-            stride /= 2
-        else:
-            break
-    return phi, reached
 
 
 @dataclass(frozen=True)
@@ -239,7 +221,7 @@ class Model:
         phi = np.zeros(n + 1) if start is None else start.copy()
         states = np.zeros((n, m))
         S_phi, S_z = np.zeros((n + 1, index.size)), np.zeros((n, m, index.size))
-        none, nothing, stability = np.zeros(0, dtype=np.int64), np.zeros(2), 0.0
+        none, nothing, stability, fallen = np.zeros(0, dtype=np.int64), np.zeros(2), 0.0, 0
 
         def solve(
             value: float,
@@ -248,24 +230,25 @@ class Model:
             falling: float = 0.0,
             pull: FloatArray = nothing,
         ) -> bool:
-            nonlocal stability
-            status, stability = equilibrium(
+            nonlocal stability, fallen
+            status, stability, steps = equilibrium(
                 *self.law.loops, system, value, dpressure, torque, pull, wanted, falling, guess, states, S_phi, S_z
             )
+            fallen = max(fallen, steps)
             return status == OK and stability > 0
 
         reached = target
         if start is None:
-            phi, reached = _followed(solve, phi, target) if solve(0.0, phi) else (np.zeros(n + 1), np.nan)
+            phi, reached = followed(solve, phi, target) if solve(0.0, phi) else (np.zeros(n + 1), np.nan)
         found = reached == target and solve(target, phi, index)
         if fall and not found:
             # A nudge, so that a tube that stands exactly upright does fall.
             phi = phi + 1e-3 * np.arange(n + 1) / n
             found = solve(target, phi, index, 10 * abs(float(par[0])))
         if found and pulled is not None:
-            phi, share = _followed(lambda part, guess: solve(target, guess, pull=part * force), phi, 1.0)
+            phi, share = followed(lambda part, guess: solve(target, guess, pull=part * force), phi, 1.0)
             found = share == 1.0 and solve(target, phi, index, pull=force)
-        return Steady(found, phi, states, S_phi, S_z, target if found else np.nan_to_num(reached), stability)
+        return Steady(found, phi, states, S_phi, S_z, target if found else np.nan_to_num(reached), stability, fallen)
 
     def _course(self, par: FloatArray, excitation: Excitation, frames_s: FloatArray, free: NDArray[np.int64]) -> Course:
         """The excitation at the stage times, and where the frames fall."""
