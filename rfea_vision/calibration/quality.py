@@ -84,19 +84,19 @@ def _cross_validate(
     excess = float(np.median([row.chi2 / row.modes for row in found]))
     allowed = float(np.median([chi2.ppf(CHANCE, row.modes) / row.modes for row in found]))
     inflation = float(np.clip(np.sqrt(excess), 1.0, LARGEST_INFLATION)) if excess > allowed else 1.0
-    said = "the lens found from either half of the photos is the same within its uncertainty"
+    by_chance = float(np.median([chi2.sf(row.chi2, row.modes) for row in found]))
+    said = f"two halves of the photos give lenses {rounded(difference)} mm apart over the picture, {rounded(expected)} mm expected"
     if inflation > 1.0:
-        said = (
-            "the lens found from one half of the photos differs from that of the other half by more than chance: lens model or board "
-            f"are not perfect; uncertainties are scaled up by {inflation:.1f}"
-        )
+        said += f": more than chance, the lens model or the board are not perfect; uncertainties are scaled up by {inflation:.1f}"
+    else:
+        said += f"; chance alone puts them as far apart in {100 * by_chance:.2g} % of calibrations, so nothing is scaled up"
     return {
         "difference_mm": difference,
         "predicted_mm": expected,
         "ratio": difference / max(expected, 1e-12),
         "inflation": inflation,
         "halves": [camera.tolist() for camera in found[0].cameras],
-        "sentence": f"{said} ({rounded(difference)} mm apart over the picture, {rounded(expected)} mm expected by chance)",
+        "sentence": said,
     }, inflation
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import fields, replace
 from itertools import count
@@ -46,7 +47,9 @@ def climb_apart(work: Runner, options: FitOptions) -> FitOptions:
 
     def taken(name: str) -> list[str]:
         records = work.cache.records("fit")
-        rest = [own for record in records if (own := record.key.partition("/")[2]).startswith(f"{name}+")]
+        known = [record.key.partition("/")[2] for record in records]
+        # base+maxwell-2 is what a fit beside base+maxwell was called: no rung takes such a name
+        rest = [own for own in known if own.startswith(f"{name}+") and re.sub(r"-\d+$", "", own) not in {*known} - {own}]
         asked = replace(options, name=name)
         return _others(work, name, asked, _OF_A_RUNG, rungs) or [
             f"{key} in {own}" for own in rest for key in _others(work, own, asked, _OF_A_RUNG, rungs)

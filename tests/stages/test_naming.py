@@ -75,6 +75,17 @@ def test_a_climb_leaves_the_fits_beside_it_alone(work):
     assert climb_apart(work, FitOptions(segments=8)).name == "base"
 
 
+def test_a_fit_that_was_set_apart_from_a_rung_sends_no_climb_elsewhere(work):
+    """After fit(segments=8, add="maxwell") beside a ladder, `improve` climbed all of it once more, as base-3."""
+    store(work, FitOptions())
+    store(work, FitOptions(effects=("maxwell",)))
+    ladder(work, "base", "base+maxwell")
+    beside = fit_apart(work, FitOptions(effects=("maxwell",), segments=8))
+    assert beside.name == "base+maxwell-2"
+    store(work, beside)
+    assert climb_apart(work, FitOptions()).name == "base"
+
+
 def test_a_climb_goes_on_though_a_rung_took_more_segments(work):
     store(work, FitOptions())
     store(work, FitOptions(effects=("maxwell",), segments=32))
