@@ -27,6 +27,10 @@ _LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
 # are right 0.95 to 0.99 is told at once, and of periodic ones a period ahead no more. Sensors are late by less than the least.
 _AHEAD_S, _AHEAD_SHARE = np.arange(0.2, 5.01, 0.1), 0.5
 _TOLD_AHEAD, _UNTOLD, _FINE_S = 0.9, 0.5, 0.01
+# Frames that tell whether another order of them, or another rate, goes with the pressure: a motion needs no more. Chosen.
+_ENOUGH_FRAMES = 1000
+# Of a pressure's variance, that such another order or rate must tell more: half a step between the delays that are tried leaves less.
+_MORE = 0.02
 # Of what chambers push with, each by itself, what their signs leave: a pair that works against each other is driven by its difference,
 # which leaves all; of a real finger, whose two chambers are blown up together and bend it to one side, opposite signs left 0.06.
 _CANCELLED = 0.2
@@ -56,11 +60,13 @@ def of_pair(
     log_s: FloatArray,
     pressure_kPa: FloatArray,
     pushes_kPa: Mapping[str, FloatArray] | None = None,
+    own_s: FloatArray | None = None,
 ) -> list[str]:
     """Doubt that a log belongs to a run: a tube follows its pressure, and its motion explains most of it.
 
     `time_s` (frames,) are those of the frames on the log's clock, `log_s` and `pressure_kPa` (samples,) the log's; `pushes_kPa`
-    of several chambers what each adds to that sum, with its sign. Runs that are alike cannot be told apart by this.
+    of several chambers what each adds to that sum, with its sign; `own_s` (frames,) what a film tells of its times itself, where a rate
+    was given. Runs that are alike cannot be told apart by this.
     """
     key, unit = ("tip", "mm") if "tip" in track else ("bend_angle", "deg")
     if key not in track:
@@ -73,12 +79,15 @@ def of_pair(
     seen = np.isfinite(motion).all(axis=1) & within
     if seen.sum() < 20:
         return []
+    others = {"backwards": time_s[0] + time_s[-1] - time_s} | ({} if own_s is None else {"rate": own_s})
+    others = {name: times[seen] for name, times in others.items()}
     motion, time_s = motion[seen], time_s[seen]
     if text := _at_rest(motion, unit, pressure_kPa) or _cancelled(motion, unit, pressure_kPa, pushes_kPa or {}):
         return [text]
     share, _, slope = _followed(motion, time_s, log_s, pressure_kPa, _LAGS_S)
+    in_others = _in_other_times(motion, time_s, others, log_s, pressure_kPa, share or 0.0)
     if share is None:
-        return []
+        return [in_others] if in_others else []
     if share < _FOLLOWS and pushes_kPa and len(pushes_kPa) > 1:
         each, against = _each_for_itself(motion, time_s, log_s, pushes_kPa)
         if each >= _FOLLOWS:  # it is the log of this run: levers that differ are for the fit to find, a sign is not
@@ -86,7 +95,7 @@ def of_pair(
                 f"the motion follows the chambers to {100 * each:.0f} %, but {', '.join(against)} against the others by the signs "
                 "that they have; is a sign the wrong way round?"
             ] * bool(against)
-    if text := _ahead(motion, time_s, log_s, pressure_kPa, share):
+    if text := in_others or _ahead(motion, time_s, log_s, pressure_kPa, share):
         return [text]
     said = []
     if share < _FOLLOWS:
@@ -161,6 +170,36 @@ def _ahead(
         f"{100 * max(at_once, 0.0):.0f} % at once); are the clocks right? sync.value is the log's clock less the camera's: is its sign "
         "turned?"
     )
+
+
+def _in_other_times(
+    motion: FloatArray,
+    time_s: FloatArray,
+    others: Mapping[str, FloatArray],
+    log_s: FloatArray,
+    pressure_kPa: FloatArray,
+    at_once: float,
+) -> str:
+    """Doubt the order or the rate of the frames where a motion (n, 1 or 2) tells far more of a pressure in `others` (n,); else empty.
+
+    However the clocks are shifted: of a run that looks the same from its end to its beginning nothing is said.
+    """
+    few = slice(None, None, max(1, len(motion) // _ENOUGH_FRAMES))
+
+    def told(times: FloatArray) -> float:
+        most_s = min(_LATE_S[-1], _LATE_SHARE * float(np.ptp(times)))
+        lags_s = np.arange(-most_s, most_s + _LAGS_S[1], _LAGS_S[1])
+        return _followed(motion[few], times[few], log_s, pressure_kPa, lags_s)[0] or 0.0
+
+    shares = {name: told(times) for name, times in others.items()}
+    best = max(shares, key=shares.__getitem__)
+    declared = max(at_once, told(time_s))
+    if shares[best] < max(_TOLD_AHEAD, declared + _MORE) or 1 - shares[best] > _UNTOLD * (1 - declared):
+        return ""
+    follows = f"the motion follows this pressure to {100 * max(at_once, 0.0):.0f} %, and to {100 * shares[best]:.0f} %"
+    if best == "backwards":
+        return f"{follows} from its last picture to its first; does the film, or the track, run backwards?"
+    return f"{follows} by the times that the film tells of itself; is video.rate right? Leave it out unless this is slow motion"
 
 
 def _counted_from_the_start(angle_deg: FloatArray, first_kPa: float, kPa_per_deg: float) -> list[str]:

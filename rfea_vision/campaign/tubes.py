@@ -46,6 +46,8 @@ _PAPER_DIAMETERS_MM = (8.0, 6.0)
 #: Of the radius, by which the middle of a tube lengthens for each rad of bend: half of it is what diameters give. Noise and a real
 #: inextensible side that gives a little move it by less than this.
 _HALVED = (0.4, 0.6)
+#: Of its length, and in standard errors, by which a tube's line may seem longer or shorter: the same as of films.
+_OTHER_LENGTH, _CLEAR = 0.03, 4.0
 #: What the lengthening must be read from: rad of bend between two postures, and the share of its variance that the bend tells.
 _LEAST_BEND, _TOLD = 0.35, 0.9
 
@@ -94,7 +96,10 @@ def _of_mass(tube: Actuator) -> tuple[str, str] | None:
 
 
 def of_stretch(track: xr.Dataset, tube: Actuator) -> list[str]:
-    """Doubt the radii by how much the line of another tool's track lengthens as a tube bends about its outer side."""
+    """Doubt the radii by how much the line of another tool's track lengthens as a tube bends about its outer side, and its length.
+
+    Where it does not bend, the line is as long as that side.
+    """
     if tube.kind != "tube" or "midline" not in track:
         return []
     line = track["midline"].values[track["valid"].values.astype(bool)]
@@ -106,13 +111,19 @@ def of_stretch(track: xr.Dataset, tube: Actuator) -> list[str]:
     bend, length_mm = heading[:, -1] - heading[:, 0], np.linalg.norm(steps, axis=2).sum(axis=1)
     if np.ptp(np.percentile(bend, (2, 98))) < _LEAST_BEND or np.corrcoef(bend, length_mm)[0, 1] ** 2 < _TOLD:
         return []
-    slope_mm, radius_mm = abs(float(np.polyfit(bend, length_mm, 1)[0])), 1e3 * tube.outer_radius
-    if not _HALVED[0] < slope_mm / radius_mm < _HALVED[1]:
-        return []
-    return [
-        f"its line lengthens by {slope_mm:.2g} mm for each rad of bend, and the middle of a tube by its outer radius, given as "
-        f"{radius_mm:g} mm; are actuator.outer_radius and inner_radius diameters?"
-    ]
+    (slope_mm, straight_mm), covariance = np.polyfit(bend, length_mm, 1, cov=True)
+    radius_mm, given_mm = 1e3 * tube.outer_radius, 1e3 * tube.length
+    if _HALVED[0] < abs(slope_mm) / radius_mm < _HALVED[1]:
+        return [
+            f"its line lengthens by {abs(slope_mm):.2g} mm for each rad of bend, and the middle of a tube by its outer radius, given "
+            f"as {radius_mm:g} mm; are actuator.outer_radius and inner_radius diameters?"
+        ]
+    if abs(straight_mm - given_mm) > max(_OTHER_LENGTH * given_mm, _CLEAR * float(np.sqrt(covariance[1, 1]))):
+        return [
+            f"its line is {straight_mm:.4g} mm long where it is straight, {100 * (straight_mm / given_mm - 1):+.1f} % against "
+            f"actuator.length, {given_mm:g} mm; is that of the part that bends, and is the line from the clamp to the tip?"
+        ]
+    return []
 
 
 def modulus_of(track: xr.Dataset, pressure_kPa: FloatArray, tube: Actuator, gravity_deg: float | None) -> float | None:

@@ -14,7 +14,7 @@ class StiffnessProfile(Effect):
     title = "Stiffness that varies along the tube"
     reference = "discussion of the paper: the elongation is not uniform"
     shows = "some parts of the tube bend more than others at every pressure"
-    mistaken_for = "camera error (fixed in the picture, not on the tube)"
+    mistaken_for = "camera error (fixed in the picture, not on the tube), a rig.gravity that is not as the tube hangs"
     split_by = "the same run with the camera moved, or the length of the inextensible side over all postures"
     parameters = {
         "a1": EffectParameter("1", 0.0, -0.6, 0.6, 0.05, "linear variation, clamp to tip"),

@@ -15,6 +15,7 @@ from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
 
 if TYPE_CHECKING:
+    from rfea_vision.arrays import FloatArray
     from rfea_vision.readers.video import FrameSource
 
 
@@ -138,6 +139,15 @@ def open_source(video: VideoSpec) -> FrameSource:
         return open_video(video.file, video.rate_Hz)
     assert video.frames is not None
     return open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
+
+
+def own_times(experiment: ExperimentSpec, time_s: FloatArray) -> FloatArray | None:
+    """What a film tells of its times (frames,) itself, from the first of `time_s` on; None where no rate replaces them."""
+    video = experiment.video
+    if video is None or video.file is None or video.rate_Hz is None or experiment.track is not None:
+        return None
+    own_s = open_source(replace(video, rate_Hz=None)).times_s()
+    return own_s - own_s[0] + time_s[0] if own_s.shape == time_s.shape else None
 
 
 def pictures_of(video: VideoSpec) -> list[Path]:

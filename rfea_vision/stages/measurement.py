@@ -16,7 +16,7 @@ from rfea_vision.campaign.tubes import of_stretch
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
-from rfea_vision.stages.cameras import calibration_of, calibration_path, open_source, pictures_of
+from rfea_vision.stages.cameras import calibration_of, calibration_path, open_source, own_times, pictures_of
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage
@@ -255,7 +255,8 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
             used = log or read_pressure(spec, experiment.name)
         recording = _on_one_clock(tracked.value, used, experiment)
         recording = with_earlier_pressure(recording, work.campaign, experiment)
-        recording.dataset.attrs |= rig_attributes(experiment) | ({} if spec.constant else log_warnings(recording, used))
+        said = {} if spec.constant else log_warnings(recording, used, own_times(experiment, recording.time_s))
+        recording.dataset.attrs |= rig_attributes(experiment) | said
         recording.save(path)
         say_warnings(work, experiment, recording)
         warn_of_copies(work, [experiment])

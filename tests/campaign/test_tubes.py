@@ -45,6 +45,19 @@ def test_a_line_that_tells_nothing_is_not_doubted():
     assert of_stretch(xr.Dataset(), AS_DIAMETERS) == []
 
 
+@pytest.mark.parametrize(("length", "told"), [(0.150, True), (0.160, True), (0.1555, False), (0.152, False)])
+def test_a_line_tells_the_length_where_it_is_straight(length, told):
+    """Bent by 1.2 rad it is 6 mm longer: only where it is straight it says how long the inextensible side is."""
+    said = of_stretch(filmed(5.0), replace(TUBE, length=length))
+    assert bool(said) == told and all("its line is 155 mm long where it is straight" in text for text in said)
+
+
+def test_a_line_that_is_noisy_says_nothing_of_the_length():
+    line = filmed(5.0)
+    noise = np.random.default_rng(2).normal(0, 40.0, (60, 1, 1)) * np.linspace(0, 1, 21)[None, :, None]
+    assert of_stretch(line.assign(midline=line["midline"] + noise), replace(TUBE, length=0.150)) == []
+
+
 def test_the_mass_tells_radii_from_diameters():
     weighed = TUBE.linear_density
     assert of_tube(replace(TUBE, mass_per_length=weighed)) == of_tube(TUBE) == of_tube(AS_DIAMETERS) == []

@@ -1,11 +1,17 @@
 """Camera files that are not right: one sentence that names file, key and remedy."""
 
+from types import SimpleNamespace
+
+import av
+import numpy as np
 import pytest
 
 from rfea_vision.calibration.photos import unlike_film
 from rfea_vision.calibration.storage import load_calibration, save_ros
+from rfea_vision.campaign import VideoSpec
 from rfea_vision.campaign.plausibility import of_rate
 from rfea_vision.errors import InputError
+from rfea_vision.stages.cameras import own_times
 
 
 @pytest.mark.parametrize(
@@ -28,6 +34,21 @@ def test_a_film_of_another_shape_is_told_from_a_turned_one(film, says):
 def test_a_rate_that_no_slow_motion_has_is_doubted(given, own, doubted):
     said = of_rate(given, own)
     assert bool(said) == doubted and all(f"{given:g} Hz replaces the {own:g} frames/s" in text for text in said)
+
+
+def test_the_times_that_a_film_tells_of_itself_begin_where_the_run_does(tmp_path):
+    """Beside a rate that was given, which counts pictures."""
+    with av.open(str(tmp_path / "film.mp4"), "w") as made:
+        stream = made.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+        for _ in range(8):
+            made.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((64, 64), np.uint8), format="gray")))
+        made.mux(stream.encode(None))
+    run = SimpleNamespace(video=VideoSpec(file=tmp_path / "film.mp4", rate_Hz=200.0), track=None)
+    given = 3.0 + np.arange(8) / 200
+    np.testing.assert_allclose(own_times(run, given), 3.0 + np.arange(8) / 25)
+    assert own_times(run, given[:5]) is None  # not the pictures of this film
+    assert own_times(SimpleNamespace(video=VideoSpec(file=tmp_path / "film.mp4"), track=None), given) is None
 
 
 GOOD = """image_width: 640
