@@ -16,7 +16,9 @@ import yaml
 
 from rfea_vision.campaign.schema import CampaignFile, ExperimentFile
 from rfea_vision.cli.root import _HOME_OF, rfea
+from rfea_vision.effects.catalogue import catalogue
 from rfea_vision.stages.recipes import Recipe
+from rfea_vision.twin.options import HIDDEN, OUTSIDE
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -59,6 +61,16 @@ def test_the_page_of_commands_is_what_the_commands_say():
     spec.loader.exec_module(module)
     committed = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     assert committed == module.commands_page(), "run 'make docs' and commit docs/commands.md"
+
+
+def test_what_the_twin_can_hide_is_what_the_page_says():
+    """It said "every effect but segments", which is none, and left three out that the twin does not know."""
+    page = (ROOT / "docs" / "example.md").read_text(encoding="utf-8")
+    exceptions = re.search(r"Every effect of the catalogue \(`rfea effects`\) but (.*?), with", page, re.DOTALL)
+    rows = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    hidden = {key.split(".")[0] for key in HIDDEN}
+    assert exceptions is not None and set(re.findall(r"`(\w+)`", exceptions[1])) == set(catalogue()) - hidden
+    assert set(rows) == set(OUTSIDE)
 
 
 def test_the_documents_build_as_a_site_that_asks_nobody(tmp_path):

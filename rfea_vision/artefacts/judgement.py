@@ -37,6 +37,7 @@ class _Json(BaseModel):
 
     @classmethod
     def load(cls, path: Path) -> Self:
+        """Read the artefact; InputError if it is not there, or not what this version writes."""
         try:
             return cls.model_validate_json(path.read_bytes())
         except FileNotFoundError as error:

@@ -120,6 +120,11 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
 
     The starts differ in r_hyd (which sets the ringing frequency once the statics are matched) and in damping, so that a
     minimum with the ringing out of phase is found out.
+
+    Raises
+    ------
+    DataError
+        No start leads to a model that can be simulated on the runs.
     """
     coarse = options.with_segments(min(options.segments, 6 if options.joints == "middle" else options.segments))
     model = make_model(problem.actuator, coarse, problem.mirror)

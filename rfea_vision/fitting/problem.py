@@ -132,7 +132,7 @@ def _offers(recording: Recording, observe: Observe) -> bool:
 def parse_effects(effects: Sequence[str], segments: int) -> tuple[tuple[str, ...], dict[str, int]]:
     """Split ``coulomb@2`` into the effect, with its form if it has one (``mullins:linear``), and the joint by its id.
 
-    An effect of the line at a chamber, ``pressure_lag@right``, is an effect of its own.
+    An effect of the line at a chamber, ``pressure_lag@right``, is an effect of its own. InputError if the chain has no such joint.
     """
     ids, places = [], {}
     for text in effects:

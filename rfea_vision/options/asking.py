@@ -199,7 +199,7 @@ def written_by_people(info: ValidationInfo) -> bool:
 
 
 def effect_file_paths(flag: str, remedy: str) -> BeforeValidator:
-    """Take paths for absolute ones; each must be there, and be named by a person: a recipe or a record cannot."""
+    """Take paths for absolute ones; each must be there, and be named by a person: a recipe or a record cannot; else InputError."""
 
     def resolve(value: object, info: ValidationInfo) -> object:
         if not isinstance(value, list | tuple):

@@ -59,7 +59,7 @@ def evidence(app: AppState, index: int, asked: dict[str, Any]) -> Response:
 
 
 def clip(app: AppState, index: int, number: int, asked: dict[str, Any]) -> Response:
-    """The small rectified film of one experiment."""
+    """The small rectified film of one experiment; InputError if there is none."""
     experiments = app.opened(index).evidence()[0].experiments
     film = experiments[number].clip if number < len(experiments) else None
     if film is None:

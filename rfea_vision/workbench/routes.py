@@ -124,7 +124,7 @@ def _said(answer: str, *arguments: Any) -> Response:
 
 
 def static(name: str) -> Response:
-    """A file of the page."""
+    """A file of the page; HTTPException 404 if the page has no such file."""
     file = resources.files("rfea_vision.workbench").joinpath("static", name)
     kind = KINDS.get(Path(name).suffix)
     if kind is None or "/" in name or not file.is_file():
@@ -144,7 +144,7 @@ EXPORTED = (
 
 
 def of_report(name: str) -> Response:
-    """The report's style sheet, and its scripts as one module; for these the report itself is not loaded."""
+    """The report's style sheet, and its scripts as one module; without the report itself. HTTPException 404 for others."""
     folder = resources.files("rfea_vision").joinpath("report", "static")
     if name == "style.css":
         return Response(folder.joinpath(name).read_bytes(), media_type="text/css")
