@@ -141,6 +141,12 @@ class StageCache:
             write_text(self._file(record.key), json.dumps(asdict(record), indent=1) + "\n")
         self.save_hashes()
 
+    def keep_place(self, key: str, order: int) -> None:
+        """Let a stage that was only brought up to date count as finished when it first was."""
+        record = self.record(key)
+        if record is not None and record.order != order:
+            write_text(self._file(key), json.dumps(asdict(replace(record, order=order)), indent=1) + "\n")
+
     def save_hashes(self) -> None:
         """Keep the remembered hashes for the next run."""
         if self._hashes != _read_json(self._hashes_file):

@@ -16,6 +16,7 @@ from rfea_vision.progress import Progress
 from rfea_vision.stages import measurement
 from rfea_vision.stages.naming import climb_apart, fit_apart, fitted_with
 from rfea_vision.stages.products import (
+    CLIMBING,
     compiling,
     describe_fit,
     describe_rung,
@@ -128,9 +129,11 @@ def _fitted(
 
 def fitted(work: Runner, name: str) -> Stored[ModelFit]:
     """Return a model by name, fitted again with the same choices if it is out of date; InputError if there is none."""
-    options = fitted_with(work.cache.record(f"fit/{name}"))
-    if options is not None:
-        return fit(work, options)
+    record = work.cache.record(f"fit/{name}")
+    if record is not None and (options := fitted_with(record)) is not None:
+        found = fit(work, options)
+        work.cache.keep_place(record.key, record.order)  # nobody asked for this fit: it is not the one fitted last
+        return found
     file = model_folder(work, name) / "model.json"
     if file.is_file():
         return Stored(lambda: ModelFit.load(file))
@@ -222,6 +225,7 @@ def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Sto
         outputs: list[Path] = []
         rungs: list[tuple[Rung, Diagnosis]] = []
         finished = _finished(work, options, critique, recordings, actuator)
+        work.tell("" if finished else CLIMBING)
         for model, diagnosis in finished:
             rungs.append((rung_of(model, diagnosis, rungs), diagnosis))
             outputs.extend(model_folder(work, model.name) / file for file in RUNG_FILES)

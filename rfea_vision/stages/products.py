@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
+#: What `improve` does in the minute before its first model stands.
+CLIMBING = "improve fits the model, weighs every effect against what it leaves, adds what is named, and again until a verdict ends it"
+
+
 def compiling(room: str) -> str:
     """A sentence before the first use of a room whose functions Numba still has to compile; empty once they are in its cache."""
     kept = Path(__file__).parent.parent / room / "__pycache__"

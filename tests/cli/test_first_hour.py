@@ -228,6 +228,17 @@ def test_compiling_is_said_before_it_begins(tmp_path, monkeypatch):
     assert order == ["dynamics", "loaded"]
 
 
+def test_improve_says_what_it_does_before_its_first_model_stands(tmp_path, monkeypatch):
+    """For a minute it had shown a bar that says nothing."""
+
+    def improve(*_, **__):
+        raise DataError("enough")
+
+    monkeypatch.setitem(sys.modules, "rfea_vision.critique", SimpleNamespace(improve=improve))
+    said = rfea("improve", write_campaign(tmp_path / "tube")).err
+    assert said.index("weighs every effect against what it leaves") < said.index("enough")
+
+
 def test_a_batch_says_what_is_to_do_before_and_after(tmp_path):
     folder = write_campaign(tmp_path / "tube")
     assert [rfea("batch", folder, "--dry-run").code, rfea("sync", folder, "--json").code] == [0, 0]

@@ -86,6 +86,19 @@ def test_a_fit_that_was_set_apart_from_a_rung_sends_no_climb_elsewhere(work):
     assert climb_apart(work, FitOptions()).name == "base"
 
 
+def test_a_model_that_is_only_brought_up_to_date_is_not_the_one_fitted_last(work, monkeypatch):
+    """After a change of the data a report fitted all models again, and `rfea export` took along whichever it did last."""
+    store(work, FitOptions())
+    store(work, FitOptions(effects=("maxwell",)))
+    assert mechanics.last_model(work) == "base+maxwell"
+    again = lambda runner, options: runner.cache.store(replace(runner.cache.record(f"fit/{options.name}"), digest="new"))  # noqa: E731
+    monkeypatch.setattr(mechanics, "fit", again)
+    mechanics.fitted(work, "base")
+    assert work.cache.record("fit/base").digest == "new" and mechanics.last_model(work) == "base+maxwell"
+    again(work, FitOptions())  # as `rfea fit` asks for it
+    assert mechanics.last_model(work) == "base"
+
+
 def test_a_climb_goes_on_though_a_rung_took_more_segments(work):
     store(work, FitOptions())
     store(work, FitOptions(effects=("maxwell",), segments=32))
