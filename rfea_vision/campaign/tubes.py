@@ -48,6 +48,8 @@ _PAPER_DIAMETERS_MM = (8.0, 6.0)
 _HALVED = (0.4, 0.6)
 #: Of its length, and in standard errors, by which a tube's line may seem longer or shorter: the same as of films.
 _OTHER_LENGTH, _CLEAR = 0.03, 4.0
+#: Of the width: blur and shade put either edge off by half a pixel or so, and tubes widen under pressure. Chosen.
+_OTHER_WIDTH = 0.1
 #: What the lengthening must be read from: rad of bend between two postures, and the share of its variance that the bend tells.
 _LEAST_BEND, _TOLD = 0.35, 0.9
 
@@ -124,6 +126,25 @@ def of_stretch(track: xr.Dataset, tube: Actuator) -> list[str]:
             f"actuator.length, {given_mm:g} mm; is that of the part that bends, and is the line from the clamp to the tip?"
         ]
     return []
+
+
+def of_width(track: xr.Dataset, tube: Actuator) -> list[str]:
+    """Doubt the outer radius of a filmed tube by how wide it is seen: beside how long, as a wrong scale changes both alike.
+
+    Not of one that is followed as a whole body: where no edges can be read, shade makes it narrower by a fifth.
+    """
+    seen = track["valid"].values.astype(bool)
+    if "width" not in track or not seen.any() or track.attrs.get("followed_by") == "body":
+        return []
+    width_mm, sigma_mm = (float(np.nanmedian(track[name].values[seen])) for name in ("width", "width_sigma"))
+    given_mm, length_mm = 2e3 * tube.outer_radius, 1e3 * tube.length
+    long = float(track.attrs.get("hinge_length_mm", length_mm)) / length_mm
+    off = width_mm / given_mm / long - 1
+    if not abs(off) > max(_OTHER_WIDTH, _CLEAR * sigma_mm / width_mm):
+        return []
+    key = "actuator.outer_radius" if tube.kind == "tube" else "actuator.section"
+    seen_as = f"the tube is seen {width_mm:.3g} mm wide, and is {given_mm:.3g} mm by {key}"
+    return [f"{seen_as} ({100 * off:+.0f} % beside its length); is that right?"]
 
 
 def modulus_of(track: xr.Dataset, pressure_kPa: FloatArray, tube: Actuator, gravity_deg: float | None) -> float | None:

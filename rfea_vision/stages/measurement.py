@@ -12,7 +12,7 @@ import numpy as np
 
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
 from rfea_vision.campaign import ExperimentSpec, plausibility
-from rfea_vision.campaign.tubes import of_stretch
+from rfea_vision.campaign.tubes import of_stretch, of_width
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
@@ -61,6 +61,7 @@ def track(work: Runner, experiment: ExperimentSpec) -> Stored[Track]:
         doubts += plausibility.of_gaps(seen_s, counted=counted)
         doubts += plausibility.of_copies(found.time_s, np.asarray(found.dataset["reason"].values == "duplicate"))
         doubts += plausibility.of_upside_down(found.dataset, 1e3 * experiment.actuator.length)
+        doubts += of_width(found.dataset, experiment.actuator)
         found.dataset.attrs["doubts"] = "; ".join(doubts)
         _say_calibration(found, calibration.value, experiment)
         _say_gravity(found, calibration.value, experiment)

@@ -9,7 +9,16 @@ import pytest
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator
-from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_square, of_stretch, of_tube, of_weight, weight_moment
+from rfea_vision.campaign.tubes import (
+    modulus_of,
+    of_moduli,
+    of_square,
+    of_stretch,
+    of_tube,
+    of_weight,
+    of_width,
+    weight_moment,
+)
 from rfea_vision.errors import DataError
 from tests.cli.console import rfea
 
@@ -56,6 +65,25 @@ def test_a_line_that_is_noisy_says_nothing_of_the_length():
     line = filmed(5.0)
     noise = np.random.default_rng(2).normal(0, 40.0, (60, 1, 1)) * np.linspace(0, 1, 21)[None, :, None]
     assert of_stretch(line.assign(midline=line["midline"] + noise), replace(TUBE, length=0.150)) == []
+
+
+def _seen(width_mm: float, sigma_mm: float = 0.11, length_mm: float = 155.0) -> xr.Dataset:
+    """A track of a film, in whose frames the tube is so wide, with the standard error of each."""
+    columns = {"width": width_mm, "width_sigma": sigma_mm}
+    data = {name: (("time", "node"), np.full((30, 5), value)) for name, value in columns.items()}
+    return xr.Dataset(data | {"valid": ("time", np.ones(30, dtype=bool))}, attrs={"hinge_length_mm": length_mm})
+
+
+def test_a_radius_that_the_film_does_not_show_is_doubted():
+    """A radius of 4.5 mm for 4 was read in silence."""
+    (text,) = of_width(_seen(8.03), TUBE)
+    assert "seen 8.03 mm wide, and is 10 mm by actuator.outer_radius (-20 %" in text
+    (text,) = of_width(_seen(8.03), replace(TUBE, kind="rectangle", width=0.03))
+    assert "by actuator.section" in text
+    assert of_width(_seen(10.3), TUBE) == of_width(_seen(8.0, sigma_mm=0.8), TUBE) == []
+    assert of_width(_seen(8.0, length_mm=0.8 * 155), TUBE) == []  # as short as it is narrow: the scale, which is told of the length
+    assert of_width(_seen(8.03).assign_attrs(followed_by="body"), TUBE) == []  # pale on paper: no edges to speak of
+    assert of_width(xr.Dataset({"valid": ("time", np.ones(3, dtype=bool))}), TUBE) == []
 
 
 def test_the_mass_tells_radii_from_diameters():
