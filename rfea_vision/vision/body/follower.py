@@ -20,7 +20,7 @@ from rfea_vision.vision.body.begin import (
     standing_out,
 )
 from rfea_vision.vision.body.fit import ALONG, NORMAL, TRUSTED, UNKNOWNS, WIDTH, Fit, end_rays, fit_body, looks_around
-from rfea_vision.vision.body.gone import FLOW_SCATTER, UNIFORMLY, flown, reached
+from rfea_vision.vision.body.gone import CARRIED, FLOW_SCATTER, UNIFORMLY, as_long, flown, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
@@ -41,7 +41,7 @@ from rfea_vision.vision.body.model import (
     middle,
     skin_of,
 )
-from rfea_vision.vision.body.rules import SURELY_BESIDE, First, elsewhere, refused
+from rfea_vision.vision.body.rules import LENGTHS, SURELY_BESIDE, First, elsewhere, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, turning, vertices_of
@@ -267,13 +267,13 @@ class BodyFollower:
         if np.ptp(seen) < END_LEVEL * half and abs(np.median(seen)) < END_NEAR * half:  # not so where a ray is NaN
             self.end_offsets, self.skin = seen - np.median(seen), (*self.skin[:2], TRUSTED)
 
-    def _spread(self) -> FloatArray:
-        """Covariance (25, 25) px^2 of what the body may have moved since it was last seen."""
+    def _spread(self, unknown: float = 0.0) -> FloatArray:
+        """Covariance (25, 25) px^2 of what the body may have moved since it was last seen; `unknown` is a share of its length."""
         half, frames = float(middle(self.body.half)), 1.0 + self.missed
         spread = np.zeros((UNKNOWNS, UNKNOWNS))
         for part, sigma in ((NORMAL, NORMAL_SPREAD), (ALONG, SLIP_PX), (WIDTH, GAIN_SHARE * half)):
             spread[part, part] += frames * sigma**2 * np.eye(part.stop - part.start)
-        spread[ALONG, ALONG] += frames * (STRETCH_SHARE * self.body.length) ** 2 * UNIFORMLY
+        spread[ALONG, ALONG] += (frames * STRETCH_SHARE**2 + unknown**2) * self.body.length**2 * UNIFORMLY
         return spread
 
     def _fit(
@@ -302,8 +302,11 @@ class BodyFollower:
 
     def _predicted(self, lab: Picture, last: Sight) -> tuple[SeenBody, FloatArray]:
         """The body of an earlier frame, moved as its skin has moved since, and the covariance of this movement."""
-        skin, spread = (last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]), self._spread()
-        near, rest = flown(last, lab, self.wall, self.foot[0]), self.first.half
+        skin, rest, spread = (last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]), self.first.half, self._spread()
+        near, carried = flown(last, lab, self.wall, self.foot[0])
+        if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
+            near = as_long(lab, self.wall, near, self.skin[0], np.array(LENGTHS) * self.first.length)
+            spread = self._spread(LENGTH_SPREAD)
         moved = fit_body(lab, self.wall, near, skin, None, spread, self.foot, rest, 5.0, outline=False)
         return moved.body, moved.covariance
 
@@ -312,11 +315,8 @@ class BodyFollower:
         line = reached(lab, self.wall, self.body, self.foot, self.pointed_half())
         if line is None:
             return None
-        gone = replace(self.body, points=line)
-        near = self._fit(lab, gone, np.zeros_like(self.pointed), 1.2, skin=False, covariance=self.pointed)
-        spread = self._spread()
-        spread[ALONG, ALONG] += (LENGTH_SPREAD * self.body.length) ** 2 * UNIFORMLY
-        return near.body, spread
+        near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
+        return near.body, self._spread(LENGTH_SPREAD)
 
     def _swung(self, lab: Picture) -> SeenBody:
         """The last shape bent farther to either side: that in which the inside looks most like the body."""

@@ -37,6 +37,10 @@ FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
 FLOW_SCATTER = 4.0  # grey levels: how skin differs from the last picture's
 # Of the length, and px, 1 s.d.: chosen wide, bellows filled at once stretch by 5 % from one picture to the next.
 FLOW_STRETCH, FLOW_SLIP = 0.05, 0.3
+CARRIED = 0.25  # of what slopes along the body tell: in six films of real bodies flow carried 0.28 of it and more, but at two cuts (0.03, 0.12)
+# Lengths that are compared; by how much others differ from one; and how much better it fits than these: of ribbed bellows the skin
+# differed by 0.64 to 0.72 of that where they stretched at once by eye, and by 0.98 and more where they had turned out of the plane.
+LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
 MOST_STRETCH = 0.3  # anywhere, chosen: what flow says beyond that is of another thing, or of a clamp that has moved
 WINDOW_SHARED = 8.0  # stations that lie in one window of a body of 65 stations, 1 to 4 px apart, and tell the same
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
@@ -47,8 +51,11 @@ DEEP = 0.9  # of the half width that the way has in the median: chosen, rounded 
 HELD = 2.0  # half widths around the clamp within which what lies behind it is no more of the body
 
 
-def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> SeenBody:
-    """The body of an earlier frame, moved and stretched by flow from `foot` (2,) on: near enough for its skin to be recognised."""
+def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[SeenBody, float]:
+    """The body of an earlier frame, moved and stretched by flow from `foot` (2,) on: near enough for its skin to be recognised.
+
+    And the share that flow has carried of what slopes of the skin tell along the body: of its length.
+    """
     tangents, normals = frame_of(last.body.points)
     places = [last.body.points + v * last.body.half[:, None] * normals for v in FLOW_ACROSS]
     window = wall.window
@@ -62,7 +69,7 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> SeenBo
     station = np.tile(np.arange(STATIONS), len(FLOW_ACROSS))
     body = last.body.copy()
     if kept.sum() < STATIONS // 3:
-        return body
+        return body, 0.0
     across = np.sum(moved * normals[station], axis=1)
     n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], across, kept, FLOW_PX)
     # Smooth rubber goes where its length lets it, dt/ds = curvature n; what is seen to stretch beyond that has texture along it.
@@ -72,11 +79,30 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> SeenBo
     beyond = np.sum(moved[middles] * tangents, axis=1) - t
     along = np.empty(STATIONS)
     inner = np.abs(arc_length(body.points, along) - 2.0 * along) < along[-1] - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
-    known = _textured(seen, before[middles, 0], tangents) * (kept[middles] & inner)
+    textured = _textured(seen, before[middles, 0], tangents) * inner
+    known = textured * kept[middles]
     line = np.vstack([foot, (body.points + n[:, None] * normals + t[:, None] * tangents)[1:]])
     # What flow found by chance, as on a body that swells at once, makes its skin no more like what it was.
     ways = [replace(body, points=spaced(line, last.body.points, gains)) for gains in (0.0 * n, _stretch(beyond, known, body.length))]
-    return min(ways, key=lambda way: _unlike(skin_of(wall.cleared(picture), way), last.skin))
+    way = min(ways, key=lambda way: _unlike(skin_of(wall.cleared(picture), way), last.skin))
+    return way, float(known.sum() / textured.sum()) if textured.any() else 1.0
+
+
+def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, lengths: FloatArray) -> SeenBody:
+    """The body stretched evenly along its line, or straight on beyond it, to where it looks most like a skin (S, V, 3) of before.
+
+    Of `lengths` (2,) px from the one to the other; as it was where none of them stands out, for ribs look alike.
+    """
+    tried, shown = np.linspace(lengths[0], lengths[1], LENGTHS_TRIED), wall.cleared(picture)
+    line = np.vstack([body.points, body.points[-1] + lengths[1] * frame_of(body.points)[0][-1]])
+    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    ways = [
+        replace(body, points=np.column_stack([np.interp(SHARES * length, steps, line[:, c]) for c in (0, 1)])) for length in tried
+    ]
+    unlike = np.array([_unlike(skin_of(shown, way), skin) for way in ways])
+    best = int(np.argmin(unlike))
+    others = unlike[np.abs(tried / tried[best] - 1.0) > ANOTHER_LENGTH]
+    return ways[best] if unlike[best] < CLEARLY * others.min() else body
 
 
 def _unlike(skin: FloatArray, before: FloatArray) -> float:
