@@ -178,6 +178,12 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
         "the end is as good as there, or not seen"
     )
     assert said(narrow, everywhere, 6.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
+    body.points[:, 1] *= 0.9
+    assert said(narrow, everywhere, np.nan) == "", "it did so from the first frame on"
+    first.beyond = 0.4
+    assert said(narrow, everywhere, np.nan) == "no_fit: the tube goes on beyond the line's end, and where it ends is not seen"
+    body.points[:, 1] *= 1.17
+    assert said(narrow, everywhere, np.nan) == "", "it may end within half its width"
     body.half = np.where(SHARES > 0.8, 0.4, 1.0) * body.half
     assert (
         said(narrow, everywhere) == "width_off: 0.40 times as wide as in the first frame, 81 to 100 mm from the clamp"

@@ -73,7 +73,7 @@ SKIN_FIRST, SKIN_VALUE = at_stations(SHARES, ((0, 11), (11, 6), (17, 8)))
 EDGE_FIRST, EDGE_VALUE = at_stations(SHARES, ((0, 11), (17, 8), (UNKNOWNS, LEANING)))
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
-BESIDE, BEYOND = 1.6, 0.5  # half widths off the line: the middle of what is beside the body; and off its end
+BESIDE, BEYOND = 1.6, np.array([0.5, 1.0, 1.5])  # half widths off the line: the middle of what is beside the body; and off its end
 SURELY = 2.0  # evidence, odds of 7: what is around a pale body before a pale wall looks like it by a little
 
 
@@ -95,7 +95,7 @@ class Fit:
 
     beside : (S, 2) share of what is beside it, to either side, that surely looks like the body; NaN where it is
         another stretch of it
-    beyond : share of what is beyond its end that does
+    beyond : (3,) share of what is beyond its end that does, ever farther
     standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
     marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none
     reason : why it is no measurement; empty where it is one
@@ -110,7 +110,7 @@ class Fit:
     end: FloatArray
     material: Sequence[SeenMark]
     beside: FloatArray = field(default_factory=lambda: np.zeros((STATIONS, 2)))
-    beyond: float = 0.0
+    beyond: FloatArray = field(default_factory=lambda: np.zeros(len(BEYOND)))
     standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     marks: FloatArray | None = None
     reason: str = ""
@@ -247,24 +247,24 @@ def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> Floa
     return np.where(np.isfinite(rays[:, 1]), rays[:, 0], np.nan)
 
 
-def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, float]:
+def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, FloatArray]:
     """Share of what is around a body that surely looks like it.
 
-    (S, 2) to either side, from 1.2 to 2 half widths off its line; and half a half width beyond its end. NaN where it has rolled
-    up and lies beside itself.
+    (S, 2) to either side, from 1.2 to 2 half widths off its line; and (3,) up to one and a half beyond its end. NaN where it has
+    rolled up and lies beside itself.
     """
     tangents, normals = frame_of(body.points)
     around = wall.colour, wall.times, wall.relief
-    beside, beyond = np.empty((2, STATIONS)), np.empty(1)
+    beside, beyond = np.empty((2, STATIONS)), np.empty(len(BEYOND))
     for side, sign in enumerate((1.0, -1.0)):
         points = body.points + (sign * BESIDE * body.half)[:, None] * normals
         outside = np.repeat(body.outside[:, side : side + 1], 2, axis=1)
         support(picture, *around, points, normals, (BESIDE - 1) * body.half, body.inside, outside, SURELY, beside[side])
         beside[side, body.elsewhere_on(points)] = np.nan
-    last, half = slice(-1, None), body.half[-4:].mean(keepdims=True)
-    points = body.points[last] + BEYOND * half * tangents[last]
+    last, half = np.full(len(BEYOND), -1), np.full(len(BEYOND), body.half[-4:].mean())
+    points = body.points[last] + (BEYOND * half)[:, None] * tangents[last]
     support(picture, *around, points, normals[last], half, body.inside[last], body.outside[last], SURELY, beyond)
-    return beside.T, float(beyond[0])
+    return beside.T, beyond
 
 
 def _add_shape(

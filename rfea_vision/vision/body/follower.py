@@ -335,7 +335,7 @@ class BodyFollower:
             self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
         self.body, self.covariance = fit.body, fit.covariance
         if self.good == 0:
-            self.first.seen = float(np.max(np.mean(fit.seen, axis=0)))
+            self.first.seen, self.first.beyond = float(np.max(np.mean(fit.seen, axis=0))), float(fit.beyond.min())
             self.first.beside, self.first.backing = fit.beside > SURELY_BESIDE, float(np.mean(fit.backing))
         self.good, self.missed = self.good + 1, 0
         if self.end_offsets is None:

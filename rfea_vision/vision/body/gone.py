@@ -37,7 +37,7 @@ FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
 FLOW_SCATTER = 4.0  # grey levels: how skin differs from the last picture's
 # Of the length, and px, 1 s.d.: chosen wide, bellows filled at once stretch by 5 % from one picture to the next.
 FLOW_STRETCH, FLOW_SLIP = 0.05, 0.3
-CARRIED = 0.25  # of what slopes along the body tell: in six films of real bodies flow carried 0.28 of it and more, but at two cuts (0.03, 0.12)
+CARRIED = 0.25  # of what slopes along the body tell: in six real films flow carried 0.28 of it and more, but at two cuts (0.03, 0.12)
 # Lengths that are compared; by how much others differ from one; and how much better it fits than these: of ribbed bellows the skin
 # differed by 0.64 to 0.72 of that where they stretched at once by eye, and by 0.98 and more where they had turned out of the plane.
 LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
