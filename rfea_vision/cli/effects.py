@@ -9,7 +9,7 @@ import click
 
 import rfea_vision.data
 from rfea_vision.cli.console import WholeHelpGroup, print_json, print_table, say, say_next
-from rfea_vision.cli.options import ask, output_options
+from rfea_vision.cli.options import ask, effects_like, output_options
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
 
@@ -40,7 +40,7 @@ def effects_command(context: click.Context, options: CritiqueOptions, as_json: b
 
 
 @effects_command.command("show")
-@click.argument("effect_id", metavar="ID")
+@click.argument("effect_id", metavar="ID", shell_complete=effects_like)
 @ask("effects", options=CritiqueOptions)
 @output_options
 def show_command(effect_id: str, options: CritiqueOptions, as_json: bool) -> None:

@@ -10,7 +10,7 @@ import click
 
 from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.fit import print_metrics
-from rfea_vision.cli.options import ask, campaign_options, code_option, opened
+from rfea_vision.cli.options import ask, campaign_options, code_option, models_like, opened
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
 
@@ -24,7 +24,7 @@ _RIVALS = 2
 @click.command("compare")
 @code_option
 @campaign_options
-@click.argument("models", nargs=-1, metavar="[MODEL]...")
+@click.argument("models", nargs=-1, metavar="[MODEL]...", shell_complete=models_like)
 def compare_command(campaign: Path, models: tuple[str, ...], out: Path | None, force: bool, as_json: bool) -> None:
     """Model against measurement: how far, where, when.
 
@@ -53,7 +53,7 @@ def compare_command(campaign: Path, models: tuple[str, ...], out: Path | None, f
 
 @click.command("diagnose")
 @campaign_options
-@click.argument("model", required=False)
+@click.argument("model", required=False, shell_complete=models_like)
 @ask("diagnose", options=CritiqueOptions)
 def diagnose_command(
     campaign: Path,

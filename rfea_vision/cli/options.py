@@ -155,6 +155,22 @@ def campaign_argument(command: Command) -> Command:
     return click.argument("campaign", type=click.Path(path_type=Path))(command)
 
 
+def effects_like(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Return the effects that begin so, for a shell that completes."""
+    from rfea_vision.effects.catalogue import catalogue
+
+    return [effect for effect in sorted(catalogue()) if effect.startswith(incomplete)]
+
+
+def models_like(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Return the models of the campaign on the line that begin so, for a shell that completes."""
+    campaign, out = ctx.params.get("campaign"), ctx.params.get("out")
+    if campaign is None and out is None:
+        return []
+    there = Path(out or Path(campaign) / "rfea").glob("models/*/model.json")
+    return [name for name in sorted(file.parent.name for file in there) if name.startswith(incomplete)]
+
+
 def ask(name: str, **kinds: type) -> Callable[[Callable[..., object]], Callable[..., object]]:
     """Add every option of these classes that the command `name` takes, and pass one object of each on under its keyword."""
 
@@ -191,6 +207,7 @@ def _click_option(option: Option) -> Callable[[Command], Command]:
         show_default=plain is not None,
         metavar=metavar,
         help=option.info.description,
+        shell_complete=effects_like if metavar == "EFFECT" else None,
     )
 
 

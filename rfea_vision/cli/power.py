@@ -8,13 +8,13 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json, print_table, say, say_next
-from rfea_vision.cli.options import ask, opened, stage_options
+from rfea_vision.cli.options import ask, models_like, opened, stage_options
 from rfea_vision.options import CritiqueOptions
 
 
 @click.command("power")
 @stage_options
-@click.argument("model", required=False)
+@click.argument("model", required=False, shell_complete=models_like)
 @ask("power", options=CritiqueOptions)
 def power_command(
     campaign: Path,

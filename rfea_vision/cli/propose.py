@@ -8,13 +8,13 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json, say, say_next
-from rfea_vision.cli.options import code_option, opened, stage_options
+from rfea_vision.cli.options import code_option, models_like, opened, stage_options
 
 
 @click.command("propose")
 @code_option
 @stage_options
-@click.argument("model", required=False)
+@click.argument("model", required=False, shell_complete=models_like)
 @click.option(
     "-o",
     "--output",

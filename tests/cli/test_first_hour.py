@@ -13,6 +13,7 @@ import click
 import pandas as pd
 import pytest
 from campaign.campaigns import write_campaign
+from click.shell_completion import ShellComplete
 
 from rfea_vision.cli import console, root
 from rfea_vision.cli.twin import _played
@@ -98,6 +99,27 @@ def test_every_command_that_ends_well_says_what_comes_next(tmp_path):
         answer = rfea(*arguments)
         assert answer.out.rstrip().splitlines()[-1].startswith("next: rfea "), arguments
     shutil.rmtree(campaign)
+
+
+@pytest.mark.parametrize(
+    ("line", "begun", "offered"),
+    [
+        (["fit", "FOLDER", "--add"], "maxw", ["maxwell", "maxwell_2"]),
+        (["effects", "show"], "gravity", ["gravity_tilt"]),
+        (["diagnose", "FOLDER"], "base+", ["base+maxwell"]),
+        (["compare", "FOLDER", "base"], "", ["base", "base+maxwell"]),
+        (["diagnose", "nowhere"], "", []),
+        (["fit", "FOLDER"], "--seg", ["--segments"]),
+    ],
+)
+def test_a_shell_completes_effects_and_models(tmp_path, line, begun, offered):
+    for model in ("base", "base+maxwell"):
+        folder = tmp_path / "rfea" / "models" / model
+        folder.mkdir(parents=True)
+        (folder / "model.json").touch()
+    words = [str(tmp_path) if word == "FOLDER" else word for word in line]
+    found = ShellComplete(root.rfea, {}, "rfea", "_RFEA_COMPLETE").get_completions(words, begun)
+    assert [item.value for item in found] == offered
 
 
 def test_the_next_command_is_none_that_would_refuse(tmp_path):
