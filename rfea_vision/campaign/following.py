@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import bend_sign
@@ -27,6 +28,7 @@ _LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
 # are right 0.95 to 0.99 is told at once, and of periodic ones a period ahead no more. Sensors are late by less than the least.
 _AHEAD_S, _AHEAD_SHARE = np.arange(0.2, 5.01, 0.1), 0.5
 _TOLD_AHEAD, _UNTOLD, _FINE_S = 0.9, 0.5, 0.01
+_FEWEST = 20  # frames: with fewer a motion follows anything
 # Frames that tell whether another order of them, or another rate, goes with the pressure: a motion needs no more. Chosen.
 _ENOUGH_FRAMES = 1000
 # Of a pressure's variance, that such another order or rate must tell more: half a step between the delays that are tried leaves less.
@@ -77,10 +79,9 @@ def of_pair(
         both = f"its pictures are from {time_s[0]:.6g} to {time_s[-1]:.6g} s and its log from {log_s[0]:.6g} to {log_s[-1]:.6g} s"
         return [f"{both} by the clocks that are declared, and never meet; correct sync.value, or write sync.method: motion"]
     seen = np.isfinite(motion).all(axis=1) & within
-    if seen.sum() < 20:
+    if seen.sum() < _FEWEST:
         return []
-    others = {"backwards": time_s[0] + time_s[-1] - time_s} | ({} if own_s is None else {"rate": own_s})
-    others = {name: times[seen] for name, times in others.items()}
+    others = _other_times(time_s, own_s, seen)
     motion, time_s = motion[seen], time_s[seen]
     if text := _at_rest(motion, unit, pressure_kPa) or _cancelled(motion, unit, pressure_kPa, pushes_kPa or {}):
         return [text]
@@ -172,6 +173,29 @@ def _ahead(
     )
 
 
+def of_order(
+    track: xr.Dataset, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray, own_s: FloatArray | None = None
+) -> str:
+    """Doubt order or rate of the frames where motion and pressure could not be brought together; empty where neither is why.
+
+    The arguments are those of `of_pair`.
+    """
+    key = "tip" if "tip" in track else "bend_angle"
+    if key not in track:
+        return ""
+    motion = track[key].values.reshape(len(time_s), -1)
+    seen = np.asarray(np.isfinite(motion).all(axis=1))
+    if seen.sum() < _FEWEST:
+        return ""
+    return _in_other_times(motion[seen], time_s[seen], _other_times(time_s, own_s, seen), log_s, pressure_kPa, 0.0)
+
+
+def _other_times(time_s: FloatArray, own_s: FloatArray | None, seen: NDArray[np.bool_]) -> dict[str, FloatArray]:
+    """What the times (frames,) of those frames that were seen would be, were the film turned round or another rate right."""
+    others = {"backwards": time_s[0] + time_s[-1] - time_s} | ({} if own_s is None else {"rate": own_s})
+    return {name: times[seen] for name, times in others.items()}
+
+
 def _in_other_times(
     motion: FloatArray,
     time_s: FloatArray,
@@ -196,7 +220,7 @@ def _in_other_times(
     declared = max(at_once, told(time_s))
     if shares[best] < max(_TOLD_AHEAD, declared + _MORE) or 1 - shares[best] > _UNTOLD * (1 - declared):
         return ""
-    follows = f"the motion follows this pressure to {100 * max(at_once, 0.0):.0f} %, and to {100 * shares[best]:.0f} %"
+    follows = f"the motion follows this pressure to {100 * max(declared, 0.0):.0f} %, and to {100 * shares[best]:.0f} %"
     if best == "backwards":
         return f"{follows} from its last picture to its first; does the film, or the track, run backwards?"
     return f"{follows} by the times that the film tells of itself; is video.rate right? Leave it out unless this is slow motion"
@@ -265,7 +289,7 @@ class AngleRun:
     def squares(self, lag_s: float) -> FloatArray:
         """(3,) sums of squares of the angle and of the pressure so much earlier, each about its mean, and of their products."""
         seen = np.isfinite(self.angle_deg) & (self.time_s >= self.log_s[0]) & (self.time_s <= self.log_s[-1])
-        if seen.sum() < 20:
+        if seen.sum() < _FEWEST:
             return np.zeros(3)
         angle = self.angle_deg[seen] - self.angle_deg[seen].mean()
         pressure = np.interp(self.time_s[seen] - lag_s, self.log_s, self.pressure_kPa)

@@ -165,9 +165,8 @@ def effects_like(ctx: click.Context, param: click.Parameter, incomplete: str) ->
 def models_like(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
     """Return the models of the campaign on the line that begin so, for a shell that completes."""
     campaign, out = ctx.params.get("campaign"), ctx.params.get("out")
-    if campaign is None and out is None:
-        return []
-    there = Path(out or Path(campaign) / "rfea").glob("models/*/model.json")
+    place = out or (None if campaign is None else Path(campaign) / "rfea")
+    there = [] if place is None else Path(place).glob("models/*/model.json")
     return [name for name in sorted(file.parent.name for file in there) if name.startswith(incomplete)]
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rfea_vision.artefacts import Calibration, Hints, Recording, Track
-from rfea_vision.campaign import ExperimentSpec, plausibility
+from rfea_vision.campaign import ExperimentSpec, following, plausibility
 from rfea_vision.campaign.tubes import of_stretch, of_width
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import whole_file, write_text
@@ -307,6 +307,9 @@ def _on_one_clock(tracked: Track, log: PressureLog, experiment: ExperimentSpec) 
     except RfeaError as error:
         if few := few_frames(tracked):  # the clocks are not what is wrong
             raise DataError(f"{experiment.name}: track: {few}") from error
+        own_s = own_times(experiment, tracked.time_s)
+        if order := following.of_order(tracked.dataset, tracked.time_s, log.time_s, log.pressure_kPa, own_s):
+            raise InputError(f"{experiment.name}: pressure: {order}") from error
         _refuse_doubtful(log, tracked.time_s, experiment, error)
         raise
     seen_s = recording.time_s

@@ -13,7 +13,7 @@ import xarray as xr
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.measurement import Hints
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.following import AngleRun, _lost, of_pair, together
+from rfea_vision.campaign.following import AngleRun, _lost, of_order, of_pair, together
 from rfea_vision.campaign.plausibility import of_copies, of_times, of_upside_down
 from rfea_vision.campaign.pointing import of_hints
 from rfea_vision.campaign.repeats import alike, of_repeat
@@ -402,6 +402,16 @@ def test_a_film_that_runs_backwards_is_told_and_a_run_that_is_its_own_mirror_is_
     mirrored = 40 + 30 * np.sin(2 * np.pi * time_s / 4)
     late = np.interp(time_s - 0.1, time_s, mirrored)
     assert not any("backwards" in text for text in of_pair(_tip(late[::-1]), time_s, time_s, mirrored))
+
+
+def test_where_no_clock_is_found_the_order_of_the_frames_may_be_why():
+    """`sync` had sent people to actuator.bends, the sign of the pressure and the rate."""
+    time_s, pressure, bent = _steps()
+    log_s = time_s + 0.4  # on a clock of its own
+    assert "run backwards?" in of_order(_tip(bent[::-1]), time_s, log_s, pressure)
+    assert of_order(_tip(bent), time_s, log_s, pressure) == ""
+    assert of_order(_tip(bent), time_s, log_s, pressure[::-1].copy() * 0 + 5) == ""  # a pressure that stands still
+    assert of_order(xr.Dataset(), time_s, log_s, pressure) == ""
 
 
 @pytest.mark.parametrize(("times", "told"), [(8.0, True), (0.5, True), (1.0, False)])
