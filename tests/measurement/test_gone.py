@@ -123,6 +123,18 @@ def test_a_body_that_is_found_again_shorter_than_it_was_says_how_little_its_end_
     assert follower.work.numbers[TIP_VARIANCE] ** 0.5 * follower.px_per_mm > max(0.3 * off, 5 * known)
 
 
+@pytest.mark.parametrize(
+    ("bend", "length", "tail"), [(0.3, 64.0, 0.4), (0.9, 64.0, 0.4), (0.3, 64.0, 0.3), (0.9, 90.0, 0.3), (0.9, 90.0, 1.0)]
+)
+def test_a_body_is_outlined_to_its_end_where_its_tail_is_a_third_as_wide_as_its_clamp(bend, length, tail):
+    """A fish of silicone, held in a hand: the outline stayed as wide as that, ran beside the tail, and was accepted."""
+    line, half = middle_of(bend, length), HALF * (1.0 - (1.0 - tail) * np.clip((SHARES - 0.4) / 0.15, 0.0, 1.0))
+    follower = follower_of(line)
+    wall = [((0, top, 150, top + 9), (150, 165, 170)) for top in range(0, 240, 18)]
+    assert follower.next(drawn(line, half, wall), 0.0) == ""
+    assert np.abs(follower.body.half - half).max() < 0.3 * HALF
+
+
 def test_a_body_about_as_long_as_wide_is_refused_for_that():
     """Of one as long as 1.1 widths the edges held the line aslant, and it was accepted."""
     line = middle_of(0.0, 30.0)

@@ -52,6 +52,9 @@ from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
+# The outline is sought from one that narrows, too: how much better that must be seen, and how much of its edges. So it was in no
+# film of 14 bodies that do not narrow; by the better of both alone 1 of 12 drawn ones and an arm of testing/phone.py did.
+TAPERED, BETTER, WELL_SEEN = 0.5, 1.1, 0.9
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
@@ -209,7 +212,8 @@ class BodyFollower:
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
-        self.body, _ = max((self._drawn(lab, line, half, length) for line in lines), key=lambda pair: pair[1])
+        ways = [max((self._drawn(lab, line, half, length, end) for line in lines), key=lambda way: way[1]) for end in (1.0, TAPERED)]
+        self.body = ways[ways[1][1] > BETTER * ways[0][1] and ways[1][2] > WELL_SEEN][0]
         offsets = self._end_seen(lab, half)
         seen = offsets[np.isfinite(offsets)]
         # People point beside the end; where it is clearly seen, it is there, and the hints are held against it.
@@ -233,17 +237,19 @@ class BodyFollower:
         self.first.leaves, self.first_body = self.foot[1], self.body.copy()
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
-        pointed = POINTED_PX / self.scene.px_per_mm
-        self.start = Initialisation(self._as_state(self.body), End(0.0, pointed, "hint"), End(0.0, 0.0, "hint"), 0, 1.0)
+        pointed = End(0.0, POINTED_PX / self.scene.px_per_mm, "hint")
+        self.start = Initialisation(self._as_state(self.body), pointed, End(0.0, 0.0, "hint"), 0, 1.0)
 
-    def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float) -> tuple[SeenBody, float]:
-        """The outline around a line that was pointed at, and how well it is seen and hinted at."""
-        body = first_body(lab, line, half)
+    def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float, end: float) -> tuple[SeenBody, float, float]:
+        """The outline around a line, sought from one that narrows to a share `end`; how well it and its edges are seen."""
+        width = half * (1.0 - (1.0 - end) * SHARES)
+        body = replace(first_body(lab, line, half), half=width.copy())
+        learn_colours(lab, body)
         fit, drawn = None, len(self.line) >= 4
         self.foot[1] = leaving(self.clamp, line[:SQUARE])
         for turn in range(FIRST_TURNS):
             if turn < FIRST_TURNS - 2:
-                body.half[:] = half
+                body.half[:] = width
             self.first.half = body.half
             fit = self._fit(lab, body, np.zeros((UNKNOWNS, UNKNOWNS)), 0.45, skin=False)
             body = fit.body
@@ -252,8 +258,8 @@ class BodyFollower:
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
         alike = 1.0 if self.colour is None else float(np.mean(like_colour(body.inside[:, 0], self.colour)))
-        out, hinted = np.mean(standing_out(lab, body, half)), alike * (1.0 - elsewhere(self.first, body.points))
-        return body, float(np.mean(fit.seen) * (0.2 + out) * (0.2 + known) * hinted)
+        seen, out, here = np.mean(fit.seen), np.mean(standing_out(lab, body, half)), 1.0 - elsewhere(self.first, body.points)
+        return body, float(seen * (0.2 + out) * (0.2 + known) * alike * here), float(seen)
 
     def _end_seen(self, lab: Picture, half: float) -> FloatArray:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
@@ -277,15 +283,9 @@ class BodyFollower:
         return spread
 
     def _fit(
-        self,
-        lab: Picture,
-        predicted: SeenBody,
-        spread: FloatArray,
-        reach: float,
-        *,
-        skin: bool = True,
+        self, lab: Picture, predicted: SeenBody, spread: FloatArray, reach: float, *, skin: bool = True,
         covariance: FloatArray | None = None,
-    ) -> Fit:
+    ) -> Fit:  # fmt: skip
         half = float(middle(predicted.half))
         return fit_body(
             lab,
