@@ -322,7 +322,8 @@ class Search:
                     continue
                 for own in item.added:
                     rest = [one for one in item.trial.effects - self.present.effects if plain(one) != own]
-                    if self.without(item, own) is None:
+                    known = self.present.effects | set(rest) in self.trials.done  # again, where that began too far off
+                    if known or self.without(item, own) is None:
                         values = item.trial.fitted.values.items()
                         start = {n: v for n, v in values if n.partition(".")[0] in map(plain, rest)}
                         self.trials.refit(self.present, rest, start)

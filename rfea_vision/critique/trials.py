@@ -35,6 +35,8 @@ from rfea_vision.options import FitOptions
 #: is, so the share ends most of them. Work is counted, never timed.
 ROUGH_EVALUATIONS, FULL_EVALUATIONS, GLANCES = 25, 12, (4, 8)
 ROUGH_GAIN, CARRIED_GAIN, FULL_GAIN = 1e-4, 1e-4, 3e-4
+#: Of more starts than this, those that are best at a first glance are followed to their ends: a time that no motion has shows at once.
+FINALISTS = 2
 #: Change of an angle (rad) at which a step is solved where all frames count: a third fewer iterations; it moves the tip by 0.2 um.
 FINE_NEWTON = 1e-6
 #: Where a refit starts again from the optimum of a smaller model: this share of the usual start of what is new.
@@ -252,24 +254,28 @@ class Trials:
         try:
             near = refit(
                 self.problem, on_few_bodies(options), values, like.options.segments, like.solution.clocks,
-                items=self.rough, most_evaluations=most, tolerance=ROUGH_GAIN, newton=ROUGH_NEWTON,
+                items=self.rough, most_evaluations=most, tolerance=ROUGH_GAIN, newton=ROUGH_NEWTON, order=like.model.order,
             )  # fmt: skip
         except DataError:
             return None
-        model = replace(make_model(self.problem.actuator, options, self.problem.mirror), tolerance=FINE_NEWTON)
+        usual = make_model(self.problem.actuator, options, self.problem.mirror)
+        model = replace(usual, tolerance=FINE_NEWTON, order=like.model.order)
         coordinates = coordinates_for(self.problem, options, model)  # of order one, whatever the number of joints
         solution = replace(near.solution, par=coordinates.parameters(near.solution.y))
         return Fitted(model, options, coordinates, solution)
 
     def _from(self, options: FitOptions, starts: Sequence[Mapping[str, float]], like: Fitted) -> Fitted | None:
-        """Fit on thinned runs in long steps from each start; the best of that carried over to all frames.
+        """Fit on thinned runs in long steps from each start, of many from the best at a glance; carry the best over to all frames.
 
         Where that leads nowhere it is fitted on these, unless a smaller set leaves less: it is nobody's answer then. And where a
         long step is survived by no start, the first is fitted.
         """
         self._derive_law(options)
-        tried = side_by_side(lambda values: self._near(options, values, like), starts)
-        near = min((one for one in tried if one is not None), key=lambda one: one.solution.cost, default=None)
+        tried = self._near_from_each(options, [*starts], like, GLANCES[0] if len(starts) > FINALISTS else ROUGH_EVALUATIONS)
+        if len(starts) > FINALISTS:
+            better = [one.values for one in tried[:FINALISTS]]
+            tried = self._near_from_each(options, better, like, ROUGH_EVALUATIONS)
+        near = tried[0] if tried else None
         values = starts[0]
         if near is not None:
             like, arrived = carried_over(near, self.rough, self.problem.train, CARRIED_GAIN)
@@ -280,12 +286,19 @@ class Trials:
                 return like
         return self._in_full(options, values, like)
 
+    def _near_from_each(
+        self, options: FitOptions, starts: Sequence[Mapping[str, float]], like: Fitted, most: int
+    ) -> list[Fitted]:
+        """Fits to thinned runs from each start that can be simulated, the best first."""
+        tried = side_by_side(lambda values: self._near(options, values, like, most), starts)
+        return sorted((one for one in tried if one is not None), key=lambda one: one.solution.cost)
+
     def _in_full(self, options: FitOptions, values: Mapping[str, float], like: Fitted) -> Fitted | None:
         """Fit on all frames from one start; None where it cannot be simulated."""
         try:
             return refit(
                 self.problem, options, values, like.options.segments, like.solution.clocks,
-                most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN, newton=FINE_NEWTON,
+                most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN, newton=FINE_NEWTON, order=like.model.order,
             )  # fmt: skip
         except DataError:
             return None

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit
+from scipy.linalg import solveh_banded
 
 from rfea_vision.arrays import FloatArray
 
@@ -62,8 +63,10 @@ class Excitation:
         return self._picked(slice(count), self.step_s)
 
     def coarser(self) -> Excitation:
-        """Every other point of the grid: steps twice as long."""
-        return self._picked(slice(None, None, 2), 2 * self.step_s)
+        """Steps twice as long that push as much: where every other point were taken, half of the peaks would be lost."""
+        chambers = {name: (sign, _halved(own)) for name, (sign, own) in self.chambers.items()}
+        drive = None if self.drive is None else _halved(self.drive)
+        return replace(self, step_s=2 * self.step_s, pressure=_halved(self.pressure), drive=drive, chambers=chambers)
 
     def _picked(self, pick: slice, step_s: float) -> Excitation:
         chambers = {name: (sign, own[pick]) for name, (sign, own) in self.chambers.items()}
@@ -83,6 +86,29 @@ class Excitation:
     def at(self, time_s: FloatArray, values: FloatArray | None = None) -> FloatArray:
         """Pressure (times,) in Pa, or other `values` (grid,), at times in s."""
         return np.interp(time_s, self.grid_s, self.pressure if values is None else values)
+
+
+def _halved(values: FloatArray) -> FloatArray:
+    """Broken line through every other point (points, ...) that is nearest to the one through all (points, ...), in the mean square.
+
+    What a linear system does of it differs by the fourth power of the step. It begins where the other does, for there the tube is at
+    rest; a last point that has no partner is left out.
+    """
+    fine = values[: values.shape[0] - 1 + values.shape[0] % 2]
+    if fine.shape[0] < 3:
+        return fine
+    # Products of hat functions, in sixths of the fine step: 4 with themselves (2 at the end), 1 with a neighbour.
+    pull = 4 * fine
+    pull[-1] /= 2
+    pull[1:] += fine[:-1]
+    pull[:-1] += fine[1:]
+    wanted = pull[2::2] + pull[1::2] / 2
+    wanted[:-1] += pull[3::2] / 2
+    wanted[0] -= 2 * fine[0]
+    diagonal = np.full(wanted.shape[0], 8.0)
+    diagonal[-1] = 4.0
+    rest = solveh_banded(np.stack([diagonal, np.full(diagonal.size, 2.0)]), wanted, lower=True)
+    return np.concatenate([fine[:1], rest])
 
 
 @njit(cache=True, nogil=True)

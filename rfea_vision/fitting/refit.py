@@ -32,6 +32,9 @@ LONGER_STEPS, FELT_SHARE = 2, 0.02
 #: All frames: the step is doubled while that moves what is seen by less than this share of its standard error, root mean square: it
 #: adds a 2500th to the squared error of noise alone.
 UNFELT = 0.02
+#: Or by less than this share of what the model leaves, if only so few frames feel more than that: at the start of a run, where a
+#: model that is far off rings as no tube does.
+UNFELT_SHARE, FEW = 0.01, 0.01
 #: Bodies of thinned runs at most: twice as many move the paper's tube by 0.03 mm, a step of 2 ms by 0.08.
 ROUGH_SEGMENTS = 8
 #: Change of an angle (rad) at which a long step is solved: one iteration for nearly all; it moves the tip by a micrometre.
@@ -144,10 +147,18 @@ def _in_long_steps(item: Observed, model: Model, par: FloatArray, clock: FloatAr
     while before is not None and 2 * item.excitation.step_s < SLOWEST_STEP_S * (1 + 1e-9):
         longer = item.coarser()
         after = evaluate(model, par, [longer], (), clock)
-        if after is None or np.linalg.norm(after.residual - before.residual) > UNFELT * np.sqrt(before.residual.size):
+        if after is None or not _unfelt(after.residual - before.residual, before.residual):
             break
         item = longer
     return item
+
+
+def _unfelt(moved: FloatArray, residual: FloatArray) -> bool:
+    """Whether a change (rows,) of a residual (rows,), in standard errors, is small beside noise, or beside what the model leaves."""
+    size = np.sort(np.abs(moved))
+    most = size[: int((1 - FEW) * size.size)]
+    little = np.linalg.norm(size) <= UNFELT_SHARE * np.linalg.norm(residual)
+    return any(np.linalg.norm(part) <= UNFELT * np.sqrt(part.size) for part in ((size, most) if little else (size,)))
 
 
 def refit(
@@ -161,6 +172,7 @@ def refit(
     tolerance: float = 1e-7,
     items: Sequence[Observed] | None = None,
     newton: float = Model.tolerance,
+    order: int = Model.order,
 ) -> Fitted:
     """Fit from an earlier fit's values.
 
@@ -171,14 +183,14 @@ def refit(
     most_evaluations, tolerance : where the optimiser stops at the latest, and the relative fall of the cost at which it does
         where noise alone is left
     items : runs to fit to, in place of all training runs
-    newton : change of an angle (rad) at which a step of the simulation is solved
+    newton, order : change of an angle (rad) at which a step of the simulation is solved, and the order of the integrator
 
     Raises
     ------
     DataError
         The start cannot be simulated.
     """
-    model = replace(make_model(problem.actuator, options, problem.mirror), tolerance=newton)
+    model = replace(make_model(problem.actuator, options, problem.mirror), tolerance=newton, order=order)
     coordinates = coordinates_for(problem, options, model)
     start = carried(model, problem.actuator, options.segments, previous, previous_segments)
     used = list(items) if items is not None else list(problem.train)
@@ -220,6 +232,6 @@ def _solved(
 
 
 def refit_from(problem: Problem, options: FitOptions, fitted: Fitted, *, tolerance: float = 1e-7) -> Fitted:
-    """Fit with other options from where a fit ended, its clocks too; `tolerance` and errors as of `refit`."""
-    clocks = fitted.solution.clocks
-    return refit(problem, options, fitted.values, fitted.options.segments, clocks, tolerance=tolerance)
+    """Fit with other options from where a fit ended, its clocks and its integrator too; `tolerance` and errors as of `refit`."""
+    clocks, order = fitted.solution.clocks, fitted.model.order
+    return refit(problem, options, fitted.values, fitted.options.segments, clocks, tolerance=tolerance, order=order)

@@ -195,6 +195,7 @@ class Player:
         clock = float(score.nuisance.get("clock_offset_s", 0.0)) if score is not None else 0.0
         fractions = run.nodes if name == shown else TIP
         if exact:
+            item = item.in_steps_of(None if score is None else score.step_s)
             return predict_observed(replace(model, tolerance=FIT_TOLERANCE), par, item, (), clock, fractions)
         quick = predict_observed(model, par, quickly, (), clock, fractions)
         # what long steps do not survive, short ones may

@@ -248,3 +248,23 @@ def test_the_last_instant_of_an_excitation_is_read_whatever_its_step(actuator, p
         excitation = Excitation(0.1, 0.0007, np.full(count, 1e5))
         motion = model.simulate(scaled(published, 8, 2), excitation, np.array([0.11, excitation.end_s]))
         assert motion.ok and motion.phi[1, -1] == pytest.approx(motion.phi[0, -1], rel=1e-6)
+
+
+def test_longer_steps_push_as_much_as_those_of_the_log(actuator, published):
+    """What goes straight stays so, in every chamber; of a pressure that shakes within a step its mean is felt, not its peaks."""
+    time = np.arange(0.0, 1.0, 1e-3)
+    own = {"left": (1.0, 5e4 + 1e5 * time), "right": (-1.0, 2e4 * time)}
+    straight = Excitation.from_log(time, own["left"][1] - own["right"][1], 0.0, 0.99, chambers_Pa=own).coarser()
+    assert straight.step_s == pytest.approx(2e-3)
+    assert straight.pressure == pytest.approx(5e4 + 8e4 * straight.grid_s) and straight.end_s == pytest.approx(0.99)
+    assert straight.chambers["right"][1] == pytest.approx(2e4 * straight.grid_s)
+    assert straight.opposed == pytest.approx(4e4 * straight.grid_s)
+
+    shaken = 1e5 * (1 - np.cos(2 * np.pi * 2 * time)) / 2 + 2e4 * np.sin(2 * np.pi * 248 * time)  # which 125 Hz fold to 2 Hz
+    fine = Excitation.from_log(time, shaken, 0.0, 0.99)
+    sampled = Excitation(0.0, 8e-3, fine.pressure[::8])
+    model, frames = Model(Chain.tube(actuator, 4), order=3), np.arange(0.0, 0.96, 0.01)
+    par = scaled(published, 8, 4)
+    seen = [model.simulate(par, e, frames).phi[:, -1] for e in (fine, fine.coarser().coarser().coarser(), sampled)]
+    nearest, every_eighth = (np.sqrt(np.mean((one - seen[0]) ** 2)) for one in seen[1:])
+    assert nearest < 0.1 * every_eighth
