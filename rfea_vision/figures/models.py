@@ -74,7 +74,7 @@ def _by_kind(step: LadderStep, evidence: Evidence) -> list[Plate]:
         )
         found.append(Bars("phases", "Error by phase of the pressure", phases, axis, sets, Axis("phase"), wide=True))
     if comparison.by_pressure:
-        bands = tuple(f"{row['from_kPa']:.0f} to {row['to_kPa']:.0f}" for row in comparison.by_pressure)
+        bands = tuple(f"{round(row['from_kPa'])} to {round(row['to_kPa'])}" for row in comparison.by_pressure)
         values = np.array([_number(row, unit) for row in comparison.by_pressure])
         found.append(Bars("pressures", "Error by pressure", bands, axis, (("error", values),), Axis("pressure", "kPa")))
     if comparison.by_segment:

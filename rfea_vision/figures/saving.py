@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # of an extra
 FORMATS = ("pdf", "svg", "png")
 COLUMN_IN, TEXT_IN = 3.5, 7.16
 """Widths of one and of two columns of a journal page (IEEE: 88.9 and 181.9 mm)."""
+_LETTER, _INSIDE = 0.6, 0.85  # width of a letter of DejaVu Sans in its size; what the axes have of a figure's width
 _PAPER_PT, _SCREEN_PT = 8.0, 10.0  # size of text in a paper and on a screen
 
 # Okabe and Ito's palette, told apart by people who do not see all colours (https://jfly.uni-koeln.de/color/).
@@ -199,6 +200,9 @@ def _map(axes: Axes, plate: Map) -> None:
 
 
 def _bars(axes: Axes, plate: Bars) -> None:
+    from matplotlib import rcParams
+    from matplotlib.font_manager import FontProperties
+
     count = len(plate.sets)
     place = np.arange(len(plate.categories))
     for index, (label, values) in enumerate(plate.sets):
@@ -210,7 +214,10 @@ def _bars(axes: Axes, plate: Bars) -> None:
             axes.bar(where, values, 0.72 / count, label=label, color=colour)
     many = len(plate.categories) > 7
     turned = {"rotation": 35, "ha": "right"} if many else {}
-    names = plate.categories if many else [fill(name, 22) for name in plate.categories]
+    size_in = FontProperties(size=rcParams["xtick.labelsize"]).get_size_in_points() / 72
+    width_in = TEXT_IN if plate.wide else COLUMN_IN
+    room = max(1, int(_INSIDE * width_in / (_LETTER * size_in * len(plate.categories))))
+    names = plate.categories if many else [fill(name, min(22, room)) for name in plate.categories]
     axes.set_xticks(place, names, **turned)
     if plate.log_y:
         from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter

@@ -4,6 +4,7 @@ import builtins
 import io
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from rfea_vision.figures import Lines, Map, Series, save_plates
 from rfea_vision.figures.models import _study, plates
 from rfea_vision.figures.plates import Axis, Bars
 from rfea_vision.figures.runs import _trust
-from rfea_vision.figures.saving import as_svg
+from rfea_vision.figures.saving import _drawing, as_svg
 from rfea_vision.report.collect import collect
 from rfea_vision.report.figures import FIGURES
 
@@ -77,6 +78,17 @@ def test_an_axis_of_decades_has_no_bars_and_plain_numbers(tmp_path):
     drawing = file.read_text()
     assert len(re.findall(r'clip-path="[^"]*">\s*<use ', drawing)) == 2  # a set of dots each: no bar has a foot there
     assert "10^{" not in drawing and re.search(r"\b0\.5\b", drawing)
+
+
+def test_the_names_of_bars_stand_side_by_side():
+    bands = ("0 to 45", "45 to 90", "90 to 135", "135 to 180", "180 to 225", "225 to 270")
+    plate = Bars("pressures", "By pressure", bands, Axis("error", "deg"), (("error", np.ones(6)),), Axis("pressure", "kPa"))
+    for style in ("paper", "screen"):
+        with _drawing(style) as draw:
+            figure = draw(plate)
+            figure.canvas.draw()
+            boxes = [name.get_window_extent() for name in figure.axes[0].get_xticklabels()]
+            assert all(left.x1 < right.x0 for left, right in pairwise(boxes)), style
 
 
 def test_twice_the_same_bytes(drawn, tmp_path):
