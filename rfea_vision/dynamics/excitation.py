@@ -62,11 +62,12 @@ class Excitation:
         """The first so many points of the grid."""
         return self._picked(slice(count), self.step_s)
 
-    def coarser(self) -> Excitation:
-        """Steps twice as long that push as much: where every other point were taken, half of the peaks would be lost."""
-        chambers = {name: (sign, _halved(own)) for name, (sign, own) in self.chambers.items()}
-        drive = None if self.drive is None else _halved(self.drive)
-        return replace(self, step_s=2 * self.step_s, pressure=_halved(self.pressure), drive=drive, chambers=chambers)
+    def coarser(self, every: int = 2) -> Excitation:
+        """Steps so many times as long that push as much: where each `every`-th point were taken, peaks and noise would be, too."""
+        chambers = {name: (sign, _nearest_line(own, every)) for name, (sign, own) in self.chambers.items()}
+        drive = None if self.drive is None else np.apply_along_axis(_nearest_line, 0, self.drive, every)
+        pressure = _nearest_line(self.pressure, every)
+        return replace(self, step_s=every * self.step_s, pressure=pressure, drive=drive, chambers=chambers)
 
     def _picked(self, pick: slice, step_s: float) -> Excitation:
         chambers = {name: (sign, own[pick]) for name, (sign, own) in self.chambers.items()}
@@ -88,27 +89,22 @@ class Excitation:
         return np.interp(time_s, self.grid_s, self.pressure if values is None else values)
 
 
-def _halved(values: FloatArray) -> FloatArray:
-    """Broken line through every other point (points, ...) that is nearest to the one through all (points, ...), in the mean square.
+def _nearest_line(values: FloatArray, every: int) -> FloatArray:
+    """Least-squares values (coarse,) of a line with a corner at every n-th of the `values` (fine,).
 
-    What a linear system does of it differs by the fourth power of the step. It begins where the other does, for there the tube is at
-    rest; a last point that has no partner is left out.
+    It begins where these do, for there the tube is at rest, and ends with a corner at their last or behind.
     """
-    fine = values[: values.shape[0] - 1 + values.shape[0] % 2]
-    if fine.shape[0] < 3:
-        return fine
-    # Products of hat functions, in sixths of the fine step: 4 with themselves (2 at the end), 1 with a neighbour.
-    pull = 4 * fine
-    pull[-1] /= 2
-    pull[1:] += fine[:-1]
-    pull[:-1] += fine[1:]
-    wanted = pull[2::2] + pull[1::2] / 2
-    wanted[:-1] += pull[3::2] / 2
-    wanted[0] -= 2 * fine[0]
-    diagonal = np.full(wanted.shape[0], 8.0)
-    diagonal[-1] = 4.0
-    rest = solveh_banded(np.stack([diagonal, np.full(diagonal.size, 2.0)]), wanted, lower=True)
-    return np.concatenate([fine[:1], rest])
+    values = np.pad(values, (0, -(values.size - 1) % every), mode="edge")
+    count = (values.size - 1) // every
+    place = np.arange(values.size) / every
+    left = np.minimum(place.astype(int), count - 1)
+    f = place - left
+    right = np.bincount(left, (1 - f) * values, count + 1) + np.bincount(left + 1, f * values, count + 1)
+    bands = np.zeros((2, count + 1))
+    bands[0, 1:] = np.bincount(left, f * (1 - f), count)
+    bands[1] = np.bincount(left, (1 - f) ** 2, count + 1) + np.bincount(left + 1, f**2, count + 1)
+    right[1] -= bands[0, 1] * values[0]
+    return np.concatenate([values[:1], solveh_banded(bands[:, 1:], right[1:])])
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from rfea_vision.artefacts import ModelFit, Recording
 from rfea_vision.artefacts.measurement import Actuator
@@ -203,34 +202,10 @@ class Player:
 
 
 def quickened(item: Observed) -> Observed:
-    """The same run with the longest steps of a look, and what between them comes nearest to the pressure.
-
-    Every n-th sample alone would keep the whole of the sensor's noise, which then shakes the tube in longer steps.
-    """
+    """The same run with the longest steps of a look, which push as much."""
     given = item.excitation
     every = math.floor(LONGEST_STEP_S / given.step_s * (1 + 1e-9))  # times of a log are rounded
-    if every < 2:
-        return item
-    pressure, *own = (
-        _nearest_line(values, every) for values in (given.pressure, *(own for _, own in given.chambers.values()))
-    )
-    chambers = {name: (sign, values) for (name, (sign, _)), values in zip(given.chambers.items(), own, strict=True)}
-    longer = replace(given, step_s=every * given.step_s, pressure=pressure, chambers=chambers)
-    return replace(item, excitation=longer)
-
-
-def _nearest_line(values: np.ndarray, every: int) -> np.ndarray:
-    """Least-squares values (coarse,) of a line with a corner at every n-th of the `values` (fine,)."""
-    values = np.pad(values, (0, -(values.size - 1) % every), mode="edge")
-    count = (values.size - 1) // every
-    place = np.arange(values.size) / every
-    left = np.minimum(place.astype(int), count - 1)
-    f = place - left
-    right = np.bincount(left, (1 - f) * values, count + 1) + np.bincount(left + 1, f * values, count + 1)
-    bands = np.zeros((2, count + 1))
-    bands[0, 1:] = np.bincount(left, f * (1 - f), count)
-    bands[1] = np.bincount(left, (1 - f) ** 2, count + 1) + np.bincount(left + 1, f**2, count + 1)
-    return solveh_banded(bands, right)
+    return item if every < 2 else replace(item, excitation=given.coarser(every))
 
 
 def _vector(chosen: Chosen, model: Model, values: Mapping[str, float]) -> np.ndarray:
