@@ -22,13 +22,11 @@ from rfea_vision.vision.body.begin import (
 from rfea_vision.vision.body.fit import ALONG, NORMAL, TRUSTED, UNKNOWNS, WIDTH, Fit, end_rays, fit_body, looks_around
 from rfea_vision.vision.body.gone import CARRIED, FLOW_SCATTER, UNIFORMLY, as_long, flown, reached
 from rfea_vision.vision.body.guide import guide_of
+from rfea_vision.vision.body.known import POINTED_PX, as_state, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
-    ALONG_BASIS,
-    NORMAL_BASIS,
     SHARES,
     STATIONS,
-    WIDTH_BASIS,
     Picture,
     SeenBody,
     Sight,
@@ -44,20 +42,17 @@ from rfea_vision.vision.body.model import (
 from rfea_vision.vision.body.rules import LENGTHS, SURELY_BESIDE, First, elsewhere, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
-from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, turning, vertices_of
-from rfea_vision.vision.derive.picture_errors import PROFILE_SHARE
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Initialisation, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
-# The outline is sought from one that narrows, too: how much better that must be seen, and how much of its edges. So it was in no
-# film of 14 bodies that do not narrow; by the better of both alone 1 of 12 drawn ones and an arm of testing/phone.py did.
-TAPERED, BETTER, WELL_SEEN = 0.5, 1.1, 0.9
+# The outline is sought from ones that narrow, too, to these shares. A narrower one is taken where so much of its edges is seen, and
+# where it leaves at most so much unseen of what the wider one does: in no film of 20 bodies that do not narrow, nor in 12 drawn ones.
+NARROWER, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25), 0.9, 0.5
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
-LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
 SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame
 STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one frame to the next
@@ -65,17 +60,8 @@ END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind
 END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
 MOVING_PX = 0.5  # from frame to frame: a body that moves so and then not at all was written twice
-POINTED_PX = 1.0  # how well a person points, in px of the film
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
-# Of the half width: rims, glare and shadows move an edge alike in many frames. Over eleven clear scenes of testing/phone.py the
-# line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
-SYSTEMATIC = 0.1
-FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
 SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond its last shape
-
-_TO_COEFFICIENTS = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS)) @ NORMAL_BASIS
-_WIDTH_OF = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS))
-_TO_WIDTH = _WIDTH_OF @ WIDTH_BASIS
 
 
 class BodyFollower:
@@ -212,8 +198,11 @@ class BodyFollower:
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
-        ways = [max((self._drawn(lab, line, half, length, end) for line in lines), key=lambda way: way[1]) for end in (1.0, TAPERED)]
-        self.body = ways[ways[1][1] > BETTER * ways[0][1] and ways[1][2] > WELL_SEEN][0]
+        self.body, unseen = self._outline(lab, lines, half, length, 1.0)
+        for end in NARROWER:
+            body, left = self._outline(lab, lines, half, length, end)
+            if left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen):
+                self.body, unseen = body, left
         offsets = self._end_seen(lab, half)
         seen = offsets[np.isfinite(offsets)]
         # People point beside the end; where it is clearly seen, it is there, and the hints are held against it.
@@ -238,10 +227,15 @@ class BodyFollower:
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
         pointed = End(0.0, POINTED_PX / self.scene.px_per_mm, "hint")
-        self.start = Initialisation(self._as_state(self.body), pointed, End(0.0, 0.0, "hint"), 0, 1.0)
+        self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, End(0.0, 0.0, "hint"), 0, 1.0)
+
+    def _outline(self, lab: Picture, lines: list[FloatArray], half: float, length: float, end: float) -> tuple[SeenBody, float]:
+        """The body along the line that is seen best, sought from one that narrows to a share `end`; how much of its edges is not."""
+        body, _, unseen = max((self._drawn(lab, line, half, length, end) for line in lines), key=lambda way: way[1])
+        return body, unseen
 
     def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float, end: float) -> tuple[SeenBody, float, float]:
-        """The outline around a line, sought from one that narrows to a share `end`; how well it and its edges are seen."""
+        """The outline around a line, sought from one that narrows to `end`; how well it is seen, how much of its edges is not."""
         width = half * (1.0 - (1.0 - end) * SHARES)
         body = replace(first_body(lab, line, half), half=width.copy())
         learn_colours(lab, body)
@@ -259,7 +253,7 @@ class BodyFollower:
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
         alike = 1.0 if self.colour is None else float(np.mean(like_colour(body.inside[:, 0], self.colour)))
         seen, out, here = np.mean(fit.seen), np.mean(standing_out(lab, body, half)), 1.0 - elsewhere(self.first, body.points)
-        return body, float(seen * (0.2 + out) * (0.2 + known) * alike * here), float(seen)
+        return body, float(seen * (0.2 + out) * (0.2 + known) * alike * here), 1.0 - float(seen)
 
     def _end_seen(self, lab: Picture, half: float) -> FloatArray:
         """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where unseen."""
@@ -348,52 +342,8 @@ class BodyFollower:
         off -= off.mean(axis=1, keepdims=True)
         variance += SKIN_GAIN * (np.maximum(off**2, SKIN_SCATTER**2) - variance)
         self.wall.learn(lab, self.body)
-        self.state = self._as_state(self.body)
-        self._fill_numbers(fit, held)
+        self.state = as_state(self.camera, self.body, self.work)
+        mistaken, ranged = float(middle(self.first.half)) - self.pointed_half(), self.lengths[1] - self.lengths[0]
+        fill_numbers(self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held)
+        self.work.numbers[fitted.WIDTH] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)
-
-    def _as_state(self, body: SeenBody) -> fitted.State:
-        """On the plane, in mm."""
-        points = unproject(self.camera, body.points)
-        scale = np.linalg.norm(np.gradient(body.points, axis=0), axis=1) / np.maximum(
-            np.linalg.norm(np.gradient(points, axis=0), axis=1), 1e-9
-        )
-        steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        width = _WIDTH_OF @ np.interp(SHARES, steps / steps[-1], body.half / scale)
-        blank = np.ones((3, self.work.centre.shape[0]))
-        return fitted.State(
-            fit_curve(points), width, np.zeros((*blank.shape, 2)), blank, blank.copy(), np.zeros(2), np.zeros(4)
-        )
-
-    def _fill_numbers(self, fit: Fit, held: float) -> None:
-        """What the track is derived from; the width is that of this body, not a doubt about it."""
-        assert self.state is not None
-        work, numbers = self.work, self.work.numbers
-        numbers[:] = 0.0
-        numbers[fitted.LENGTH] = vertices_of(
-            self.state.coefficients, self.state.width, work.centre, work.normal, work.half_width
-        )
-        numbers[fitted.BEND] = turning(work.normal)
-        numbers[fitted.NOISE] = numbers[fitted.INFLATION] = numbers[fitted.USED] = 1.0
-        numbers[fitted.WIDTH] = 2.0 * self.scene.half_mm
-        numbers[fitted.ONE_SIDED] = float(np.mean(fit.seen[:, 0] != fit.seen[:, 1]))
-        mm2 = self.px_per_mm**-2
-        floor = (FLOOR * (half := float(middle(fit.body.half)))) ** 2 * mm2
-        # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to
-        # noise the curves would be smoothed, and the clamp's place with them.
-        mistaken = float(middle(self.first.half)) - self.pointed_half()
-        numbers[fitted.PROFILE] = float(np.hypot(SYSTEMATIC * half, mistaken)) / self.scale / PROFILE_SHARE
-        k = COEFFICIENTS
-        work.covariance[:] = 0.0
-        seen = mm2 * max(self.scale, 1.0) ** 2  # a picture that was enlarged tells no more of an edge than the film's own pixels
-        work.covariance[:k, :k] = _TO_COEFFICIENTS @ fit.covariance[NORMAL, NORMAL] @ _TO_COEFFICIENTS.T * seen
-        work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * seen
-        work.covariance[np.diag_indices(len(work.covariance))] += floor
-        # What the frame itself says along the body counts in full; what was carried into it may lag.
-        lag = (LAGS * (self.lengths[1] - self.lengths[0])) ** 2 * UNIFORMLY
-        carried = np.linalg.inv(fit.covariance[ALONG, ALONG] + lag)
-        known = np.linalg.inv(fit.own + carried), fit.covariance[ALONG, ALONG]
-        along = max(float(ALONG_BASIS[-1] @ covariance @ ALONG_BASIS[-1]) for covariance in known)
-        # Where the length that was carried and the frame disagree by more than both allow, one of them is wrong: Birge's ratio.
-        along *= max(1.0, fit.stretched**2 / (along + held))
-        numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX / self.scene.px_per_mm) ** 2
