@@ -17,7 +17,6 @@ import xarray as xr
 from rfea_vision.artefacts import Actuator, ModelFit, Recording
 from rfea_vision.fitting.fit import make_problem, refit
 from rfea_vision.fitting.intervals import intervals
-from rfea_vision.fitting.refine import refine
 from rfea_vision.options import FitOptions
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.recipes import load_recipe, run_recipe
@@ -81,7 +80,7 @@ def coverage(
         recordings = {name: seen(data, observe, correlation, generator) for name, data in runs.items()}
         problem = make_problem(recordings, actuator, options)
         fitted = refit(problem, options, truth, SEGMENTS)
-        found = intervals(fitted, problem.train, actuator, refine(fitted, problem.train).par).parameters
+        found = intervals(fitted, problem.train, actuator).parameters
         for name, value in truth.items():
             interval = found[name].interval_95
             hits[name] += int(interval is not None and interval[0] <= value <= interval[1])

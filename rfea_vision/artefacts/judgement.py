@@ -98,7 +98,7 @@ class ModelFit(_Json):
     observe: str = "midline"
     # what a residual counts: its square, or beyond a few robust standard deviations its size; null in fits of before 0.6
     loss: Literal["linear", "huber"] | None = None
-    order: int = 3  # of the integrator with which the values were refined and scored
+    order: int = 3  # of the integrator with which the values were found and scored
     status: Literal["converged", "not_converged", "refused"] = "converged"
     message: str = ""
     actuator: dict[str, Any] = Field(default_factory=dict)

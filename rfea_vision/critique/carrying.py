@@ -14,10 +14,9 @@ from scipy.optimize import lsq_linear
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.fitting.observed import Observed
-from rfea_vision.fitting.refine import WEAKEST
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residuals import Predicted, evaluate, rows
-from rfea_vision.fitting.solver import CLOCK_SCALE_S
+from rfea_vision.fitting.solver import CLOCK_SCALE_S, WEAKEST
 
 #: Steps at most; and the share of what a step foretells that it must win, lest the slopes lead astray.
 MOST_STEPS, TRUSTED = 5, 0.5

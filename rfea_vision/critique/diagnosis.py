@@ -22,7 +22,6 @@ from rfea_vision.critique.verdict import Verdict, decide, remainder_of, sets_of
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
 from rfea_vision.fitting.ratio import lever_free
-from rfea_vision.fitting.refine import EXACT_ORDER
 from rfea_vision.fitting.refit import in_long_steps
 from rfea_vision.fitting.scoring import in_its_steps, options_of, worse_than_nothing
 from rfea_vision.options import CritiqueOptions
@@ -59,7 +58,6 @@ def judge(
     search from a smaller model on the same chain has refitted: where it is met again, it is taken up and not begun anew.
     """
     asked = options or CritiqueOptions()
-    fitted = replace(fitted, model=replace(fitted.model, order=EXACT_ORDER))  # whose steps may be twice as long and more
     problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
     steps = 0
 
@@ -98,8 +96,7 @@ def _errors_without_effects(problem: Problem, fitted: Fitted, known: Mapping[str
     fixed = {name: value for name, value in free.fixed.items() if "." not in name}
     options = replace(free, effects=(), fixed=fixed, name="base")
     try:
-        clocks, order = fitted.solution.clocks, fitted.model.order
-        base = refit(problem, options, known or fitted.values, options.segments, clocks, order=order)
+        base = refit(problem, options, known or fitted.values, options.segments, fitted.solution.clocks)
     except DataError:
         return None
     return errors_of(problem, base)

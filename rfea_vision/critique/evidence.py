@@ -74,7 +74,7 @@ def _refitted(search: Search, name: str, done: Trial) -> dict[str, Any]:
 def effect_parameters(problem: Problem, fitted: Fitted, name: str) -> dict[str, Parameter]:
     """Fitted values of an effect with the intervals that the data can give; none for what is no effect but a finer chain."""
     solution = with_slopes(fitted.model, problem.train, fitted.coordinates, fitted.solution)
-    found = intervals(replace(fitted, solution=solution), problem.train, problem.actuator, fitted.par).parameters
+    found = intervals(replace(fitted, solution=solution), problem.train, problem.actuator).parameters
     return {key: value for key, value in found.items() if key.partition(".")[0] == plain(name)}
 
 
@@ -94,7 +94,7 @@ def to_rule_out(effects: Sequence[Effect], named: Sequence[str], values: Mapping
 
 def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:
     """Base parameters that had moved to make up for the missing effects: value and z-score before and after."""
-    covariance = intervals(before, problem.train, problem.actuator, before.par).covariance
+    covariance = intervals(before, problem.train, problem.actuator).covariance
     out = []
     with_it = scaled(after.par, after.options.segments, before.options.segments)
     for k in range(7):

@@ -26,8 +26,7 @@ def screen_segments(problem: Problem, fitted: Fitted, floor: float) -> Screened 
     finer = 2 * fitted.options.segments
     if finer > MOST_SEGMENTS:
         return None
-    usual = make_model(problem.actuator, fitted.options.with_segments(finer), problem.mirror)
-    model = replace(usual, order=fitted.model.order)
+    model = make_model(problem.actuator, fitted.options.with_segments(finer), problem.mirror)
     known = dict(zip(fitted.model.names, fitted.par, strict=True))
     par = carried(model, problem.actuator, finer, known, fitted.options.segments)
     change, left, before = 0.0, 0.0, 0.0
@@ -55,7 +54,7 @@ def refit_segments(problem: Problem, base: Fitted, name: str) -> Fitted | None:
     options = replace(lever_free(base).with_segments(2 * base.options.segments), name=name)
     known = dict(zip(base.model.names, base.par, strict=True))
     try:
-        return refit(problem, options, known, base.options.segments, base.solution.clocks, order=base.model.order)
+        return refit(problem, options, known, base.options.segments, base.solution.clocks)
     except DataError:
         return None
 

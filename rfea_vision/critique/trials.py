@@ -254,12 +254,12 @@ class Trials:
         try:
             near = refit(
                 self.problem, on_few_bodies(options), values, like.options.segments, like.solution.clocks,
-                items=self.rough, most_evaluations=most, tolerance=ROUGH_GAIN, newton=ROUGH_NEWTON, order=like.model.order,
+                items=self.rough, most_evaluations=most, tolerance=ROUGH_GAIN, newton=ROUGH_NEWTON,
             )  # fmt: skip
         except DataError:
             return None
         usual = make_model(self.problem.actuator, options, self.problem.mirror)
-        model = replace(usual, tolerance=FINE_NEWTON, order=like.model.order)
+        model = replace(usual, tolerance=FINE_NEWTON)
         coordinates = coordinates_for(self.problem, options, model)  # of order one, whatever the number of joints
         solution = replace(near.solution, par=coordinates.parameters(near.solution.y))
         return Fitted(model, options, coordinates, solution)
@@ -298,7 +298,7 @@ class Trials:
         try:
             return refit(
                 self.problem, options, values, like.options.segments, like.solution.clocks,
-                most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN, newton=FINE_NEWTON, order=like.model.order,
+                most_evaluations=FULL_EVALUATIONS, tolerance=FULL_GAIN, newton=FINE_NEWTON,
             )  # fmt: skip
         except DataError:
             return None

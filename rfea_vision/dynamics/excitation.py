@@ -11,7 +11,7 @@ from scipy.linalg import solveh_banded
 
 from rfea_vision.arrays import FloatArray
 
-LONGEST_STEP_S = 1e-3  # the second-order method then rings slower by 3e-5 (fitting/refine.py)
+LONGEST_STEP_S = 1e-3  # the method of order two then rings slower by 3e-5
 
 
 @dataclass(frozen=True)

@@ -34,17 +34,17 @@ class Intervals:
 
 
 def intervals(
-    fitted: Fitted, items: Sequence[Observed], actuator: Actuator, par: FloatArray, drift: FloatArray | None = None
+    fitted: Fitted, items: Sequence[Observed], actuator: Actuator, drift: FloatArray | None = None
 ) -> Intervals:
-    """Intervals of a solved fit about `par`.
+    """Intervals of a solved fit.
 
     Parameters
     ----------
     items : the training runs, in the order in which they were fitted
-    par : the values to report, if those of the fit were corrected afterwards
     drift : by how much they would go towards a finer chain (`discretisation.drift`): half of an interval holds that in whole
     """
     uncertainty = uncertainty_of(fitted.solution, items)
+    par = fitted.par
     coarse = np.zeros(par.size) if drift is None else drift
     parameters, covariance = _parameters(fitted, uncertainty, par, coarse)
     free = list(fitted.coordinates.free)

@@ -28,7 +28,11 @@ LARGEST_STEP, LARGEST = 0.7, 3.0
 SETTLED = 1e-3
 #: After this change the derivatives of the step before still do.
 SLOPES_HOLD = 0.05
-DIFFERENCE = 1e-2
+#: Change of an amplitude for its derivatives: their error is of its size, and 1e-2 left half a unit of chi squared along the valley
+#: between a long and a short push; what Newton leaves of an angle is 1e-8.
+DIFFERENCE = 1e-3
+#: A cost that grows by less is the same: what Newton leaves of it.
+SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -109,7 +113,7 @@ def eliminate(
             if ahead is None:
                 continue
             left = weigh(ahead)
-            if left @ left + wanted @ wanted < before * (1 + 1e-9):
+            if left @ left + wanted @ wanted < before * (1 + SAME):
                 break
         else:
             break  # nothing lower this way: the best there is

@@ -47,11 +47,8 @@ def profile(problem: Problem, fitted: Fitted, name: str, parameters: Mapping[str
     parameter, best = parameters[name], fitted.values[name]
     scale, step = _scale_and_step(fitted, name, parameter)
     sides = [_side(problem, fitted, name, best, sign * step, scale) for sign in (-1, 1)]
-    # The reported value was corrected for the integrator's step after the fit (`refine`); so is its profile.
-    shift = parameter.value - best
-    sides = [[(value + shift, delta) for value, delta in side] for side in sides]
-    low, high = (_crossing(parameter.value, side) for side in sides)
-    points = sorted([*sides[0], (parameter.value, 0.0), *sides[1]])
+    low, high = (_crossing(best, side) for side in sides)
+    points = sorted([*sides[0], (best, 0.0), *sides[1]])
     if low is None or high is None:
         open_side = "below" if low is None else "above"
         open_side = "on either side" if low is None and high is None else open_side

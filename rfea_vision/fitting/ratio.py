@@ -42,7 +42,7 @@ def with_lever_held(problem: Problem, fitted: Fitted) -> Fitted:
         for k, (name, value) in enumerate(zip(fitted.model.names, fitted.par.tolist(), strict=True))
     }
     options = replace(options, fixed={**options.fixed, "r_hyd": lever})
-    held = refit(problem, options, known, options.segments, fitted.solution.clocks, order=fitted.model.order)
+    held = refit(problem, options, known, options.segments, fitted.solution.clocks)
     return replace(with_solution(fitted, held), ratio_only=True)
 
 

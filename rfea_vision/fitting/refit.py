@@ -172,7 +172,6 @@ def refit(
     tolerance: float = 1e-7,
     items: Sequence[Observed] | None = None,
     newton: float = Model.tolerance,
-    order: int = Model.order,
 ) -> Fitted:
     """Fit from an earlier fit's values.
 
@@ -183,14 +182,14 @@ def refit(
     most_evaluations, tolerance : where the optimiser stops at the latest, and the relative fall of the cost at which it does
         where noise alone is left
     items : runs to fit to, in place of all training runs
-    newton, order : change of an angle (rad) at which a step of the simulation is solved, and the order of the integrator
+    newton : change of an angle (rad) at which a step of the simulation is solved
 
     Raises
     ------
     DataError
         The start cannot be simulated.
     """
-    model = replace(make_model(problem.actuator, options, problem.mirror), tolerance=newton, order=order)
+    model = replace(make_model(problem.actuator, options, problem.mirror), tolerance=newton)
     coordinates = coordinates_for(problem, options, model)
     start = carried(model, problem.actuator, options.segments, previous, previous_segments)
     used = list(items) if items is not None else list(problem.train)
@@ -232,6 +231,6 @@ def _solved(
 
 
 def refit_from(problem: Problem, options: FitOptions, fitted: Fitted, *, tolerance: float = 1e-7) -> Fitted:
-    """Fit with other options from where a fit ended, its clocks and its integrator too; `tolerance` and errors as of `refit`."""
-    clocks, order = fitted.solution.clocks, fitted.model.order
-    return refit(problem, options, fitted.values, fitted.options.segments, clocks, tolerance=tolerance, order=order)
+    """Fit with other options from where a fit ended, its clocks too; `tolerance` and errors as of `refit`."""
+    clocks = fitted.solution.clocks
+    return refit(problem, options, fitted.values, fitted.options.segments, clocks, tolerance=tolerance)

@@ -22,7 +22,6 @@ from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.other_unit import about_psi
 from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.ratio import about_ratio
-from rfea_vision.fitting.refine import refine
 from rfea_vision.fitting.refit import Fitted, in_long_steps
 from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
@@ -172,12 +171,12 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
     """
     problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
     others = problem.validate
-    best = refine(fitted, problem.train)
-    clocks = np.concatenate([best.clocks, fit_clocks(best.model, others, best.par)])
-    scores, parts, _ = score(problem, best.model, best.par, [*problem.train, *others], clocks)
-    found = intervals(fitted, problem.train, problem.actuator, best.par, drift(problem, fitted, best, problem.train))
+    predicted = fitted.solution.evaluation.predicted
+    clocks = np.concatenate([fitted.solution.clocks, fit_clocks(fitted.model, others, fitted.par)])
+    scores, parts, _ = score(problem, fitted.model, fitted.par, [*problem.train, *others], clocks)
+    found = intervals(fitted, problem.train, problem.actuator, drift(problem, fitted, problem.train))
     measured = list(problem.with_roles("train", "validate"))
-    left = {o.name: left_of(o, one) for o, one in zip(problem.train, best.predicted, strict=True)}
+    left = {o.name: left_of(o, one) for o, one in zip(problem.train, predicted, strict=True)}
     errors = {name: part.tip for name, part in parts.items() if part.tip is not None}
     floor, source = noise_floor_mm(measured, problem.recordings, left=left, errors=errors)
     floor_deg = noise_floor_deg(measured, problem.recordings, left=left) if floor is None else None
@@ -194,7 +193,7 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
         effects=list(options.effects),
         observe=problem.train[0].observe,
         loss="huber" if options.loss == "huber" else "linear",
-        order=best.model.order,
+        order=fitted.model.order,
         status="refused" if refused else "converged" if fitted.solution.converged else "not_converged",
         message=refused or _message(fitted),
         actuator=problem.actuator.as_dict(),
@@ -221,7 +220,7 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
         ],
         steady_state=fitted.steady,
         starts=list(fitted.starts),
-        residual_tests=examine_residuals(problem.train, best.predicted),
+        residual_tests=examine_residuals(problem.train, predicted),
         given=_given(options),
         segments_study=list(fitted.study),
         timings=fitted.study_seconds,
@@ -307,7 +306,7 @@ def in_its_steps(problem: Problem, artefact: ModelFit) -> Problem:
 
 
 def rebuild(artefact: ModelFit) -> tuple[Model, FloatArray]:
-    """The model, with the integrator that its values were refined for, and its parameters (parameters,) in SI from `model.json`.
+    """The model, with the integrator that its values were found with, and its parameters (parameters,) in SI from `model.json`.
 
     Raises
     ------

@@ -17,6 +17,8 @@ from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.residuals import Evaluation, Predicted, by_clock, evaluate, rows
 from rfea_vision.scatter import NORMAL
 
+#: Directions whose singular value is below this share of the largest: the data tell next to nothing of them.
+WEAKEST = 1e-4
 CLOCK_SCALE_S = 0.005  # a clock in units of order one for the optimiser; no result depends on it
 #: A clock is moved by at most so many of its standard errors, and never further than runs are ever late.
 LARGEST_CLOCK_SIGMAS, LARGEST_CLOCK_S = 4.0, 2.0

@@ -22,7 +22,6 @@ from rfea_vision.fitting.observation import normals_of, observe_recording
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.prediction import NODES, as_dataset
 from rfea_vision.fitting.problem import make_model, start_vector, with_zeros
-from rfea_vision.fitting.refine import EXACT_ORDER
 from rfea_vision.fitting.residuals import Predicted, predict_observed
 from rfea_vision.fitting.scoring import options_of
 from rfea_vision.options import FitOptions
@@ -62,7 +61,7 @@ class Chosen:
         """
         actuator = Actuator(**self.fit.actuator)
         options = replace(options_of(self.fit), effects=self.effects, effect_files=self.files)
-        return replace(make_model(actuator, options, actuator.mirror), order=EXACT_ORDER, tolerance=TOLERANCE)
+        return replace(make_model(actuator, options, actuator.mirror), tolerance=TOLERANCE)
 
 
 @dataclass(frozen=True)
