@@ -16,13 +16,13 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.calibration.projection import project
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.body.begin import hinted_lines, scale_for
+from rfea_vision.vision.body.begin import hinted_lines, leaving, scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import frame_of
 from rfea_vision.vision.body.rules import LEAST_SLENDER
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.edges.fitted import new_buffers
-from rfea_vision.vision.find.begin import OTHER_LENGTH, Scene, begin, line_of
+from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, begin, line_of
 
 TRIED = 60  # frames: two seconds of a phone's film
 # The picture around the clamp, to 3 half widths, is looked for up to 2 half widths aside. In four real films whose base rested it lay
@@ -126,6 +126,9 @@ def base_moved(source: FrameSource, scene: Scene, count: int) -> str:
     half = 0.5 * scale * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
     foot = (scene.clamp_px.mean(axis=0) + 0.5) * scale - 0.5
     near, far = (round(reach * half) for reach in (AROUND_CLAMP, AROUND_CLAMP + ASIDE))
+    least_px = max(BASE_MOVED * half, POINTING_PX * scale)
+    away = np.stack(np.meshgrid(*[np.arange(-far, far + 1)] * 2), axis=2) @ leaving(scene.clamp_px, scene.line_px)
+    held = np.asarray(255 * (away < 0.0), dtype=np.uint8)  # in front of its clamp is the body, which moves while its base rests
     looked = {int(k) for k in np.linspace(0, count - 1, LOOKS)}
     rests, first, still = 0, None, StillView(np.vstack([foot, (scene.line_px + 0.5) * scale - 0.5]), half)
     with closing(source.colours(scale)) as pictures:
@@ -135,15 +138,16 @@ def base_moved(source: FrameSource, scene: Scene, count: int) -> str:
                 continue
             grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
             if first is None:
-                first = [_turned(_around(grey, foot, far), turn, near) for turn in BASE_TURNS]
+                first = [[_turned(part, turn, near) for part in (_around(grey, foot, far), held)] for turn in BASE_TURNS]
                 continue
             around = _around(grey, foot, far)
-            looks = [cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED) for patch in first]
+            looks = [cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED, mask=mask) for patch, mask in first]
+            looks = [np.where(np.abs(look) < 1.01, look, -1.0) for look in looks]  # infinite on a plain wall, which is like nothing
             best = int(np.argmax([look.max() for look in looks]))
             row, column = np.unravel_index(int(np.argmax(looks[best])), looks[best].shape)
             off, turn = float(np.hypot(row - (far - near), column - (far - near))), abs(BASE_TURNS[best])
             least = max(BASE_ALIKE, looks[0][far - near, far - near] + BASE_GONE)
-            if (turn or off > BASE_MOVED * half) and looks[best].max() > least:
+            if (turn or off > least_px) and looks[best].max() > least:
                 cut = f"its first {rests + 1} frames" if rests >= BEGUN else "where both rest"
                 how = f"turned in the picture, by some {turn:.0f} degrees" if turn else f"moved in the picture, by {off / scale:.0f} px"
                 return f"what holds the tube has {how} in frame {frame}: hold the base and the camera still, or cut the film to {cut}"

@@ -192,3 +192,36 @@ def test_a_base_that_turns_is_told_by_its_turn():
     source: Any = SimpleNamespace(size=(240, 260), colours=colours)
     said = advice.base_moved(source, pointed_at(((108.0, 40.0), (132.0, 40.0)), (120.0, 200.0)), 30)
     assert re.match("what holds the tube has turned in the picture, by some [24]0 degrees in frame", said)
+
+
+@pytest.mark.parametrize("half", [6, 12])
+def test_a_body_that_swings_in_a_clamp_that_rests_is_no_base_that_turns(half):
+    """What lies before the clamp is the body: with it in the patch, it looked as if what holds it had turned."""
+
+    def colours(scale):
+        for k in range(30):
+            picture = np.full((260, 240, 3), 120, np.uint8)
+            cv2.rectangle(picture, (120 - 2 * half, 0), (120 + 2 * half, 40), (60, 60, 150), -1)
+            heading = np.radians(80 * np.sin(2 * np.pi * k / 15)) * np.clip(np.arange(60) / 3, 0, 1)
+            line = np.array([120, 40]) + np.cumsum(np.column_stack([np.sin(heading), np.cos(heading)]), axis=0) * 160 / 60
+            cv2.polylines(picture, [np.round(16 * line).astype(np.int32)], False, (220, 225, 215), 2 * half, cv2.LINE_AA, 4)
+            noise = np.random.default_rng(k).normal(0, 3, picture.shape)
+            yield k / 30, np.clip(cv2.resize(picture + noise, None, fx=scale, fy=scale), 0, 255).astype(np.uint8)
+
+    source: Any = SimpleNamespace(size=(240, 260), colours=colours)
+    assert advice.base_moved(source, pointed_at(((120.0 - half, 40.0), (120.0 + half, 40.0)), (120.0, 200.0)), 30) == ""
+
+
+def test_a_base_that_moves_by_less_than_people_point_is_not_the_cause():
+    """Of a stem 4 px wide it was said that what holds it had moved by 1 px: no frame is refused for that."""
+
+    def colours(scale):
+        for k in range(30):
+            picture = np.full((260, 240, 3), 120, np.uint8)
+            moved = np.array([[1.0, 0, 2.0 * k / 29], [0, 1, 0]])
+            cv2.rectangle(picture, (100, 10), (140, 40), (40, 40, 200), -1)
+            cv2.line(picture, (120, 40), (120, 200), (220, 225, 215), 4, cv2.LINE_AA)
+            yield k / 30, cv2.resize(cv2.warpAffine(picture, moved, (240, 260), borderValue=(120, 120, 120)), None, fx=scale, fy=scale)
+
+    source: Any = SimpleNamespace(size=(240, 260), colours=colours)
+    assert advice.base_moved(source, pointed_at(((118.0, 40.0), (122.0, 40.0)), (120.0, 200.0)), 30) == ""
