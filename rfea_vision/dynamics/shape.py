@@ -3,6 +3,8 @@
 Joints in the middle of their arc: each joint's angle is spread evenly over the arc, so the tube is a chain of circular
 arcs. Joints at the start of the body (the paper's): the hinge line is eq. KinematicsClosedForm's polygon, and the centre
 line turns about each hinge at the distance r_o and then runs straight. Either way its length is L + r_o times the bending.
+
+A point is a complex number x + i y: the direction down the tube at the angle phi is -i exp(-i phi), the one outward exp(-i phi).
 """
 
 from __future__ import annotations
@@ -12,12 +14,32 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sinc(half: float) -> tuple[float, float]:
-    """Return sin(x) / x and its derivative."""
-    if abs(half) < 1e-4:
-        return 1.0 - half * half / 6.0, -half / 3.0
-    s = np.sin(half) / half
-    return s, (np.cos(half) - s) / half
+def _place(local, theta, length, radius, polygon):
+    """Where a centre line is after `local` of its way over a body that turns by theta.
+
+    Returns three rows: how far along the hinge line (m), the direction of that, and the direction outward, both against the
+    body before (rad); each with its derivatives by `local` and by theta.
+    """
+    if polygon:
+        turn = radius * theta
+        if turn > 0 and local < turn:
+            turned = (local / radius, 1.0 / radius, 0.0)
+            return (0.0, 0.0, 0.0), turned, turned
+        return (local - turn, 1.0, -radius), (theta, 0.0, 1.0), (theta, 0.0, 1.0)
+    reach = length + radius * theta
+    share = local / reach
+    by_local, by_theta = 1.0 / reach, -share * radius / reach
+    half, half_local, half_theta = 0.5 * share * theta, 0.5 * by_local * theta, 0.5 * (share + by_theta * theta)
+    sinc, slope = 1.0 - half * half / 6.0, -half / 3.0
+    if abs(half) > 1e-4:
+        sinc = np.sin(half) / half
+        slope = (np.cos(half) - sinc) / half
+    chord = (
+        length * share * sinc,
+        length * (by_local * sinc + share * slope * half_local),
+        length * (by_theta * sinc + share * slope * half_theta),
+    )
+    return chord, (half, half_local, half_theta), (2 * half, 2 * half_local, 2 * half_theta)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -28,94 +50,42 @@ def centre_line(phi, S, segment_length, outer_radius, polygon, pivot, dpivot, fr
     pivot : how far outside the hinge line a clamp turns (m), dpivot (p,) its sensitivities;
     writes nodes (frames, m, 2) in m and dnodes (frames, m, 2, p).
     """
-    frames, n = phi.shape[0], phi.shape[1] - 1
-    p = S.shape[2]
-    dH = np.zeros((2, p))
-    dxi = np.zeros(p)
-    for frame in range(frames):
-        first = phi[frame, 0]
+    n, p = phi.shape[1] - 1, S.shape[2]
+    by_par = np.zeros(p, dtype=np.complex128)
+    for frame in range(phi.shape[0]):
+        first, at = phi[frame, 0], S[frame]
         total = n * segment_length + outer_radius * (phi[frame, n] - first)
         # The hinge line starts beside the point about which the clamp turns, which lies on the x axis.
-        s, c = np.sin(first), np.cos(first)
-        hx, hy = pivot * (1 - c) - outer_radius, pivot * s
+        out = np.exp(-1j * first)
+        hinge = pivot * (1 - out) - outer_radius
         for q in range(p):
-            dH[0, q] = dpivot[q] * (1 - c) + pivot * s * S[frame, 0, q]
-            dH[1, q] = dpivot[q] * s + pivot * c * S[frame, 0, q]
-        passed = 0.0
-        node = 0
+            by_par[q] = dpivot[q] * (1 - out) + 1j * pivot * out * at[0, q]
+        passed, node = 0.0, 0
         for k in range(1, n + 1):
-            a, b = phi[frame, k - 1], phi[frame, k]
-            theta = b - a
+            before, theta = phi[frame, k - 1], phi[frame, k] - phi[frame, k - 1]
             reach = segment_length + outer_radius * theta
             while node < fractions.size and (fractions[node] * total <= passed + reach or k == n):
                 local = fractions[node] * total - passed
+                chord, middle, end = _place(local, theta, segment_length, outer_radius, polygon)
+                down, out = -1j * np.exp(-1j * (before + middle[0])), outer_radius * np.exp(-1j * (before + end[0]))
+                point = hinge + chord[0] * down + out
+                nodes[frame, node, 0], nodes[frame, node, 1] = point.real, point.imag
                 for q in range(p):
-                    d_local = fractions[node] * outer_radius * (S[frame, n, q] - S[frame, 0, q]) - outer_radius * (
-                        S[frame, k - 1, q] - S[frame, 0, q]
-                    )
-                    dxi[q] = d_local
-                if polygon:
-                    turn = outer_radius * theta
-                    if turn > 0 and local < turn:
-                        angle, along = a + local / outer_radius, 0.0
-                        for q in range(p):
-                            nodes_d = dxi[q] / outer_radius + S[frame, k - 1, q]
-                            dnodes[frame, node, 0, q] = dH[0, q] - outer_radius * np.sin(angle) * nodes_d
-                            dnodes[frame, node, 1, q] = dH[1, q] - outer_radius * np.cos(angle) * nodes_d
-                        nodes[frame, node, 0] = hx + outer_radius * np.cos(angle)
-                        nodes[frame, node, 1] = hy - outer_radius * np.sin(angle)
-                    else:
-                        along = local - turn
-                        s, c = np.sin(b), np.cos(b)
-                        nodes[frame, node, 0] = hx - along * s + outer_radius * c
-                        nodes[frame, node, 1] = hy - along * c - outer_radius * s
-                        for q in range(p):
-                            d_along = dxi[q] - outer_radius * (S[frame, k, q] - S[frame, k - 1, q])
-                            db = S[frame, k, q]
-                            dnodes[frame, node, 0, q] = dH[0, q] - d_along * s + db * (-along * c - outer_radius * s)
-                            dnodes[frame, node, 1, q] = dH[1, q] - d_along * c + db * (along * s - outer_radius * c)
-                else:
-                    xi = local / reach
-                    half = 0.5 * xi * theta
-                    value, slope = _sinc(half)
-                    middle, end = a + half, a + xi * theta
-                    chord = segment_length * xi * value
-                    ux, uy = -np.sin(middle), -np.cos(middle)
-                    ex, ey = np.cos(end), -np.sin(end)
-                    nodes[frame, node, 0] = hx + chord * ux + outer_radius * ex
-                    nodes[frame, node, 1] = hy + chord * uy + outer_radius * ey
-                    for q in range(p):
-                        d_theta = S[frame, k, q] - S[frame, k - 1, q]
-                        d_xi = (dxi[q] - xi * outer_radius * d_theta) / reach
-                        d_half = 0.5 * (d_xi * theta + xi * d_theta)
-                        d_middle = S[frame, k - 1, q] + d_half
-                        d_end = S[frame, k - 1, q] + 2 * d_half
-                        d_chord = segment_length * (d_xi * value + xi * slope * d_half)
-                        dnodes[frame, node, 0, q] = (
-                            dH[0, q] + d_chord * ux + chord * uy * d_middle + outer_radius * ey * d_end
-                        )
-                        dnodes[frame, node, 1, q] = (
-                            dH[1, q] + d_chord * uy - chord * ux * d_middle - outer_radius * ex * d_end
-                        )
+                    d_theta, d_total = at[k, q] - at[k - 1, q], at[n, q] - at[0, q]
+                    d_local = outer_radius * (fractions[node] * d_total - (at[k - 1, q] - at[0, q]))
+                    d_chord = chord[1] * d_local + chord[2] * d_theta
+                    d_middle = at[k - 1, q] + middle[1] * d_local + middle[2] * d_theta
+                    d_end = at[k - 1, q] + end[1] * d_local + end[2] * d_theta
+                    change = by_par[q] + (d_chord - 1j * chord[0] * d_middle) * down - 1j * d_end * out
+                    dnodes[frame, node, 0, q], dnodes[frame, node, 1, q] = change.real, change.imag
                 node += 1
-            # Carry the hinge line to the end of this segment.
-            if polygon:
-                ux, uy = -np.sin(b), -np.cos(b)
-                hx += segment_length * ux
-                hy += segment_length * uy
-                for q in range(p):
-                    dH[0, q] += segment_length * uy * S[frame, k, q]
-                    dH[1, q] -= segment_length * ux * S[frame, k, q]
-            else:
-                value, slope = _sinc(0.5 * theta)
-                middle = 0.5 * (a + b)
-                ux, uy = -np.sin(middle), -np.cos(middle)
-                chord = segment_length * value
-                hx += chord * ux
-                hy += chord * uy
-                for q in range(p):
-                    d_middle = 0.5 * (S[frame, k - 1, q] + S[frame, k, q])
-                    d_chord = segment_length * slope * 0.5 * (S[frame, k, q] - S[frame, k - 1, q])
-                    dH[0, q] += d_chord * ux + chord * uy * d_middle
-                    dH[1, q] += d_chord * uy - chord * ux * d_middle
+            # Carry the hinge line to the end of this body: its own part of the centre line grows with its angle alone.
+            chord, middle, _ = _place(reach, theta, segment_length, outer_radius, polygon)
+            down = -1j * np.exp(-1j * (before + middle[0]))
+            hinge += chord[0] * down
+            for q in range(p):
+                d_theta = at[k, q] - at[k - 1, q]
+                d_chord = (chord[1] * outer_radius + chord[2]) * d_theta
+                d_middle = at[k - 1, q] + (middle[1] * outer_radius + middle[2]) * d_theta
+                by_par[q] += (d_chord - 1j * chord[0] * d_middle) * down
             passed += reach
