@@ -24,7 +24,7 @@ def commands_page() -> str:
         "",
         "Generated from `--help` by `make docs`. Every command runs the stages that it needs and that are out of date.",
         "Exit codes: 0 done; 1 the data do not allow it (with what to do); 2 wrong usage or a broken input file;",
-        "130 interrupted, with everything finished so far kept.",
+        "130 interrupted: what was finished is kept, what was begun is not.",
         "",
     ]
     for context in _walk(click.Context(rfea, info_name="rfea", terminal_width=WIDTH, **rfea.context_settings)):

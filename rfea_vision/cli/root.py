@@ -20,7 +20,7 @@ from rfea_vision.errors import RfeaError
 from rfea_vision.files import storage_error
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
-_KEPT = "interrupted; everything finished so far is kept"
+_KEPT = "interrupted; what was finished is kept, what was begun is not"
 _interrupted: list[int] = []  # signals that have come
 
 _COMMANDS = {
