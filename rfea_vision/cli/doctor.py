@@ -24,7 +24,6 @@ _NEEDED = {
     "h5netcdf": ("h5netcdf", "artefacts"),
     "av": ("av", "video"),
     "opencv-python-headless": ("cv2", "calibration, tracking"),
-    "scikit-image": ("skimage", "tracking"),
 }
 _OPTIONAL = {
     "mujoco": ("mujoco", "rfea simulate: pip install 'rfea-vision[twin]'"),

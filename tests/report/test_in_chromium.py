@@ -8,9 +8,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
-from skimage.io import imread
+from numpy.typing import NDArray
 
 from rfea_vision.report.page import static
 from testing.readable import FAINT_TEXT
@@ -20,6 +21,13 @@ pytestmark = pytest.mark.chromium
 
 SHOWN = "[...document.querySelectorAll('[data-rung]:not([hidden])')].map(e => Number(e.dataset.rung))"
 CLOCK = "parseFloat(document.getElementById('clock').textContent)"
+
+
+def imread(path: Path) -> NDArray[Any]:
+    """Pixels (h, w, channels) of a picture, its transparency too; an error where it cannot be read."""
+    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert picture is not None, path
+    return picture
 
 
 def centre_of(browser: Browser, selector: str) -> tuple[float, float]:

@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.graph import route_through_array
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import scatter
@@ -23,6 +22,7 @@ from rfea_vision.vision.body.model import (
     middle,
 )
 from rfea_vision.vision.body.sampling import read_strip
+from rfea_vision.vision.body.ways import Ways
 from rfea_vision.vision.curve import basis_matrix, fit_curve
 from rfea_vision.vision.find.begin import Scene
 
@@ -173,8 +173,8 @@ def _route(likeness: FloatArray, line_px: FloatArray, half_px: float) -> FloatAr
     size = np.array(likeness.shape[::-1]) - 1
     for start, end in pairwise(line_px):
         a, b = (np.clip(np.round(p), 0, size).astype(int) for p in (start, end))
-        steps, _ = route_through_array(cost, (a[1], a[0]), (b[1], b[0]), fully_connected=True, geometric=True)
-        route.append(np.array(steps, dtype=float)[:, ::-1])
+        steps = Ways(cost, [(a[1], a[0])]).to((b[1], b[0]))
+        route.append(steps[:, ::-1].astype(float))
     points = np.vstack([line_px[:1], *route, line_px[-1:]])
     return smooth_line(points[:: max(len(points) // 60, 1)] if len(points) > 120 else points)
 

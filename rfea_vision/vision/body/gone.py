@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.graph import MCP_Geometric
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.body.begin import PIECES, smooth_line
@@ -29,6 +28,7 @@ from rfea_vision.vision.body.model import (
 )
 from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, SEEN, WALL_SCATTER
 from rfea_vision.vision.body.wall import Wall
+from rfea_vision.vision.body.ways import Ways
 
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_WINDOW = (17, 17)
@@ -164,10 +164,9 @@ def reached(picture: Picture, wall: Wall, body: SeenBody, foot: FloatArray, half
     column, row = np.round((foot[0] + 0.5 * half_px * foot[1] - (left, top)) / COARSE).astype(int)
     if not (0 <= row < depth.shape[0] and 0 <= column < depth.shape[1]) or depth[row, column] == 0.0:
         return None
-    search = MCP_Geometric(np.where(depth > 0.0, np.maximum(depth, 0.01) ** -2.0, np.inf))
-    cost = search.find_costs([(row, column)])[0]
-    end = np.unravel_index(int(np.argmax(np.where(np.isfinite(cost), cost, -1.0))), cost.shape)
-    found = np.array(search.traceback(end))
+    ways = Ways(np.where(depth > 0.0, np.maximum(depth, 0.01) ** -2.0, np.inf), [(row, column)])
+    end = np.unravel_index(int(np.argmax(np.where(np.isfinite(ways.total), ways.total, -1.0))), depth.shape)
+    found = ways.to(end)
     deep = depth[found[:, 0], found[:, 1]]
     # It runs into a corner of the end from half a width before that on, and would go straight.
     found = found[: int(np.flatnonzero(deep >= DEEP * np.median(deep))[-1]) + 1]

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import splev, splprep
 from scipy.ndimage import map_coordinates
-from skimage.graph import MCP_Geometric
-from skimage.morphology import skeletonize
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.vision.body.ways import Ways, thinned
 
 LEAST_SLENDER = 4.0  # length over width
 WIDEST = 1.75  # widest place over the median width: more is a body that touches itself
@@ -57,7 +56,7 @@ def midline_from_mask(mask: NDArray[np.bool_], *, nodes: int = 50) -> Midline | 
         return Refusal("no_body: the mask is empty")
     hole = _largest_hole(body)
     distance = cv2.distanceTransform(np.pad(body, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-    skeleton = skeletonize(body)
+    skeleton = thinned(body)
     if skeleton.sum() < 5:
         return Refusal("not_slender: the body has no axis")
     path, branch = _longest_path(skeleton)
@@ -98,19 +97,16 @@ def _longest_path(skeleton: NDArray[np.bool_]) -> tuple[NDArray[np.int64], float
     places = np.argwhere(skeleton)
     cost = np.where(skeleton, 1.0, np.inf)
 
-    def farthest(start: tuple[int, int]) -> tuple[tuple[int, int], MCP_Geometric, FloatArray]:
-        search = MCP_Geometric(cost)
-        total, _ = search.find_costs([start])
-        reached = np.where(skeleton & np.isfinite(total), total, -1.0)
-        end = np.unravel_index(int(np.argmax(reached)), reached.shape)
-        return (int(end[0]), int(end[1])), search, reached
+    def farthest(start: tuple[int, int]) -> tuple[tuple[int, int], Ways]:
+        ways = Ways(cost, [start])
+        end = np.unravel_index(int(np.argmax(np.where(np.isfinite(ways.total), ways.total, -1.0))), cost.shape)
+        return (int(end[0]), int(end[1])), ways
 
-    first, _, _ = farthest((int(places[0, 0]), int(places[0, 1])))
-    last, search, _ = farthest(first)
-    path = np.array(search.traceback(last))
-    to_path = MCP_Geometric(cost)
-    away, _ = to_path.find_costs([tuple(p) for p in path])
-    branch = float(np.max(np.where(skeleton & np.isfinite(away), away, 0.0)))
+    first, _ = farthest((int(places[0, 0]), int(places[0, 1])))
+    last, ways = farthest(first)
+    path = ways.to(last)
+    away = Ways(cost, path).total
+    branch = float(np.max(np.where(np.isfinite(away), away, 0.0)))
     return path, branch
 
 
