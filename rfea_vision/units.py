@@ -8,6 +8,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+from datetime import datetime
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -176,6 +177,20 @@ def parse_quantity(value: object, to: str, *, example: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"'{value}' is not a finite number; write for example '{example}'")
     return number * conversion_factor(unit, to)
+
+
+def parse_moment(value: object) -> datetime:
+    """Return when something was, by the local clock or with its zone.
+
+    Raises
+    ------
+    ValueError
+        If it is no date as 2026-03-01, with or without a time of day.
+    """
+    try:
+        return datetime.fromisoformat(str(value))
+    except ValueError:
+        raise ValueError(f"'{value}' is no date and time; write it as 2026-03-01 14:05:30") from None
 
 
 def counted(number: int, noun: str) -> str:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from rfea_vision.campaign import following, plausibility, pointing, repeats
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
@@ -33,7 +35,7 @@ class CheckedCampaign:
 @dataclass(frozen=True)
 class _AllRuns:
     """What is kept of each run, to look at all of them together: by name the highest pressure (kPa), how far it and the tube go, the
-    modulus (Pa) that goes with it, angles alone, logs, what moved, and centre lines.
+    modulus (Pa) that goes with it, angles alone, logs, what moved, centre lines, and how runs begin.
     """
 
     highest_kPa: dict[str, float] = field(default_factory=dict)
@@ -43,6 +45,7 @@ class _AllRuns:
     logs: dict[str, PressureLog] = field(default_factory=dict)
     motions: dict[str, FloatArray] = field(default_factory=dict)
     lines: dict[str, tuple[int, float]] = field(default_factory=dict)
+    rests: dict[str, repeats.Rest] = field(default_factory=dict)
 
 
 def check_campaign(
@@ -101,6 +104,7 @@ def _beside_others(experiment: ExperimentSpec, runs: _AllRuns) -> list[tuple[str
     found.append(("conditions.payload", of_load(load_kg, highest_kPa, experiment.actuator, experiment.rig.gravity_deg)))
     if experiment.name in runs.lines:
         found.append(("track", repeats.of_line(experiment.name, runs.lines)))
+    found.append(("pressure", repeats.of_rest(experiment.name, runs.rests)))
     return [(key, text) for key, text in found if text]
 
 
@@ -330,7 +334,10 @@ def _beside_the_motion(run: _Run, track: Track, log: PressureLog, runs: _AllRuns
     if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
         angle_deg = track.dataset["bend_angle"].values
         runs.angles[run.experiment.name] = following.AngleRun(angle_deg, shifted, log.time_s, log.pressure_kPa)
-    return following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa)
+    held = run.experiment.rig.held
+    if not held and (rest := repeats.rest_of(track.dataset, np.interp(shifted, log.time_s, log.pressure_kPa))):
+        runs.rests[run.experiment.name] = rest
+    return following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa, held=held)
 
 
 def _unseen_signals(experiment: ExperimentSpec, log: PressureLog) -> list[tuple[str, str]]:

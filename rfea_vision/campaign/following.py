@@ -31,13 +31,13 @@ _TOLD_AHEAD, _UNTOLD, _FINE_S = 0.9, 0.5, 0.01
 _FEWEST = 20  # frames: with fewer a motion follows anything
 # Frames that tell whether another order of them, or another rate, goes with the pressure: a motion needs no more. Chosen.
 _ENOUGH_FRAMES = 1000
+# Of the tip's distance from the clamp, or of 100 deg, by which no tube creeps at a constant pressure. Chosen.
+_DRIVEN = 0.1
 # Of a pressure's variance, that such another order or rate must tell more: half a step between the delays that are tried leaves less.
 _MORE = 0.02
 # Of what chambers push with, each by itself, what their signs leave: a pair that works against each other is driven by its difference,
 # which leaves all; of a real finger, whose two chambers are blown up together and bend it to one side, opposite signs left 0.06.
 _CANCELLED = 0.2
-# From row to row, in times the usual step: a log that notes changes alone has steps of all lengths, and none that is usual.
-_LOST_STEPS = 50.0
 _HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
 # Shares of an angle's range: a first value within the one of zero was set to zero, where by its pressure it should be beyond the
 # other. Chosen: noise of an angle stays within the one, what friction and rubber leave within the other.
@@ -47,15 +47,6 @@ _SET_TO_ZERO, _SHOULD_BE = 0.02, 0.2
 _AT_REST, _FAR_DEG = 0.05, 60.0
 
 
-def _lost(log_s: FloatArray) -> str:
-    """The longest stretch of which a log has no row, where it is much longer than from row to row elsewhere."""
-    steps = np.diff(log_s)
-    longest = int(np.argmax(steps)) if steps.size else 0
-    if not steps.size or steps[longest] < max(_LOST_STEPS * float(np.median(steps)), _LAGS_S[-1]):
-        return ""
-    return f"it has no row from {log_s[longest]:.3g} to {log_s[longest + 1]:.3g} s"
-
-
 def of_pair(
     track: xr.Dataset,
     time_s: FloatArray,
@@ -63,12 +54,14 @@ def of_pair(
     pressure_kPa: FloatArray,
     pushes_kPa: Mapping[str, FloatArray] | None = None,
     own_s: FloatArray | None = None,
+    *,
+    held: bool = False,
 ) -> list[str]:
     """Doubt that a log belongs to a run: a tube follows its pressure, and its motion explains most of it.
 
     `time_s` (frames,) are those of the frames on the log's clock, `log_s` and `pressure_kPa` (samples,) the log's; `pushes_kPa`
     of several chambers what each adds to that sum, with its sign; `own_s` (frames,) what a film tells of its times itself, where a rate
-    was given. Runs that are alike cannot be told apart by this.
+    was given; `held` whether the tube was let go by hand. Runs that are alike cannot be told apart by this.
     """
     key, unit = ("tip", "mm") if "tip" in track else ("bend_angle", "deg")
     if key not in track:
@@ -88,7 +81,7 @@ def of_pair(
     share, _, slope = _followed(motion, time_s, log_s, pressure_kPa, _LAGS_S)
     in_others = _in_other_times(motion, time_s, others, log_s, pressure_kPa, share or 0.0)
     if share is None:
-        return [in_others] if in_others else []
+        return [text] if (text := in_others or ("" if held else _undriven(motion, unit, pressure_kPa))) else []
     if share < _FOLLOWS and pushes_kPa and len(pushes_kPa) > 1:
         each, against = _each_for_itself(motion, time_s, log_s, pushes_kPa)
         if each >= _FOLLOWS:  # it is the log of this run: levers that differ are for the fit to find, a sign is not
@@ -104,9 +97,7 @@ def of_pair(
         later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(time_s))]
         then, late_s, slope = _followed(motion, time_s, log_s, pressure_kPa, later)
         if then is None or then < _FOLLOWS:
-            lost = _lost(log_s)
-            why = f"{lost}, is a stretch of it lost, or " if lost else ""
-            return [f"{at_once} only; {why}is it the log of another run?"]
+            return [f"{at_once} only; is it the log of another run?"]
         said.append(
             f"{at_once} at once and to {100 * then:.0f} % {late_s:.1f} s later; "
             "is one of the clocks late, or the log that of another run? A long line and slow rubber do so, too"
@@ -126,6 +117,17 @@ def _at_rest(motion: FloatArray, unit: str, pressure_kPa: FloatArray) -> str:
     swing_kPa = float(np.ptp(pressure_kPa))
     still = _stillness(motion, unit) if swing_kPa > _LOW_KPA else ""
     return f"goes by {swing_kPa:.3g} kPa and {still}; is it the right tube? 'rfea open' lets you point at it" if still else ""
+
+
+def _undriven(motion: FloatArray, unit: str, pressure_kPa: FloatArray) -> str:
+    """Doubt the column of a pressure that stands still while the tube (n, 1 or 2) goes far; else empty."""
+    went = _swing(motion)
+    if went < _DRIVEN * (float(np.linalg.norm(motion, axis=1).max()) if unit == "mm" else 100.0):
+        return ""
+    return (
+        f"stays within {np.ptp(pressure_kPa):.2g} kPa of {np.mean(pressure_kPa):.3g} kPa while the tube goes by {went:.3g} {unit}; "
+        "is it the right column? Of a tube that is let go by hand, 'start' tells how it was held"
+    )
 
 
 def _cancelled(motion: FloatArray, unit: str, pressure_kPa: FloatArray, pushes_kPa: Mapping[str, FloatArray]) -> str:
@@ -344,5 +346,10 @@ def _each_for_itself(
 
 def _stillness(motion: FloatArray, unit: str) -> str:
     """Say by how little what was tracked (n, 1 or 2) moves, where that is next to nothing; empty where it moves."""
-    farthest = float(np.linalg.norm(np.ptp(np.percentile(motion, (1, 99), axis=0), axis=0)))
+    farthest = _swing(motion)
     return f"what was tracked moves by {farthest:.2g} {unit} only" if farthest < _STILL else ""
+
+
+def _swing(motion: FloatArray) -> float:
+    """How far a motion (n, 1 or 2) goes from side to side."""
+    return float(np.linalg.norm(np.ptp(np.percentile(motion, (1, 99), axis=0), axis=0)))

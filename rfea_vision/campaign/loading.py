@@ -284,7 +284,9 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
             message = f"'{item.name}' names {names.count(item.name)} experiments; give each its own"
             problems.append(FileProblem(item.file, message, "name", experiment=item.name))
         if item.repeat_of is not None and complete and (item.repeat_of not in names or item.repeat_of == item.name):
-            message = f"no other experiment is called '{item.repeat_of}'; there are {', '.join(names)}"
+            others = ", ".join(name for name in names if name != item.name)
+            is_what = "is this run itself" if item.repeat_of == item.name else "is no experiment"
+            message = f"'{item.repeat_of}' {is_what}; a run repeats another one; there are {others}"
             problems.append(FileProblem(item.file, message, "repeat_of", experiment=item.name))
     chambers = {item.name: sorted(part.name for part in item.pressure.chambers) for item in experiments}
     for item in experiments:

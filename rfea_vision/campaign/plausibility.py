@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import bend_sign
-from rfea_vision.campaign.sensors import of_mixed, of_standstill
+from rfea_vision.campaign.sensors import of_mixed, of_pauses, of_standstill
 from rfea_vision.scatter import third_difference_noise
 from rfea_vision.units import counted
 
@@ -131,7 +131,7 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False)
             return [f"{both}; does the log count in units of one {unit}? Then write pressure.time_unit: {unit}"]
         return [f"{both}; is the time of the pictures in ms?"]
     if logged >= 0.9 * camera:
-        return []
+        return of_pauses(log_s)
     slow = f"{both}; is it slow motion? Then video.rate says how fast it was filmed, such as 240 Hz"
     return [slow if filmed and camera > SLOW_MOTION * logged else f"{both}; only what both cover can be used"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,11 @@ _BEGINNINGS_S = np.arange(-0.5, 0.51, 0.02)
 _CUT_SHORT = 0.3
 # kPa of standard deviation of a pressure that stands still, as soft actuators are driven with 10 to 500
 _STILL_KPA = 0.5
+# Of a run, the part that may show it at rest, one in so many of its frames; and of its swing and the pressure's, what rest is.
+_BEGINS, _QUIET = 20, 0.02
+# Of the highest pressure, by which a sensor's zero does not differ from run to run: data sheets give 0.5 % of the range and less; and
+# of what so much pressure moves the tube elsewhere, what leaves it where it was. Chosen: friction holds a tube, but not in one run.
+_ZERO, _UNMOVED = 0.03, 0.3
 # rows: of fewer, and of a motion over fewer steps of its last digit, likeness may be chance
 _FEW_ROWS = 20
 
@@ -51,6 +57,57 @@ def of_repeat(own: PressureLog, first: PressureLog, name: str) -> str:
     return (
         f"its pressure is that of '{name}' to {100 * max(told, 0.0):.0f} % only, from their beginnings on; does it repeat another run? "
         "What repeats differ by is taken for what the tube itself does not repeat"
+    )
+
+
+@dataclass(frozen=True)
+class Rest:
+    """How a run begins while nothing moves: where the tip (2,) in mm or the angle (1,) in deg is, at which pressure (kPa).
+
+    `per_kPa` is how far the tube goes for each kPa over the run, `highest_kPa` the highest pressure.
+    """
+
+    place: FloatArray
+    pressure_kPa: float
+    per_kPa: float
+    highest_kPa: float
+
+
+def rest_of(track: xr.Dataset, pressure_kPa: FloatArray) -> Rest | None:
+    """How a run begins, by its pressure at each frame (frames,); None where it is not at rest then, or goes nowhere."""
+    name = next((name for name in ("tip", "bend_angle") if name in track), None)
+    if name is None:
+        return None
+    motion = track[name].values.reshape(len(pressure_kPa), -1)
+    seen = np.isfinite(motion).all(axis=1) & np.isfinite(pressure_kPa)
+    motion, pressure = motion[seen], pressure_kPa[seen]
+    first = slice(max(3, len(pressure) // _BEGINS))
+    swing = np.linalg.norm(np.ptp(motion, axis=0)) if len(pressure) >= _FEW_ROWS else 0.0
+    swing_kPa = float(np.ptp(pressure)) if swing else 0.0
+    if swing_kPa < _STILL_KPA or np.ptp(pressure[first]) > _QUIET * swing_kPa:
+        return None
+    if np.ptp(motion[first], axis=0).max() > _QUIET * swing:
+        return None
+    place = np.median(motion[first], axis=0)
+    return Rest(place, float(np.median(pressure[first])), float(swing / swing_kPa), float(np.abs(pressure).max()))
+
+
+def of_rest(name: str, rests: Mapping[str, Rest]) -> str:
+    """Doubt the zero of a sensor by which the tube rests where it rests in all other runs, at another pressure; else empty."""
+    own, others = rests.get(name), [rest for other, rest in rests.items() if other != name]
+    if own is None or len(others) < 2 or any(rest.place.shape != own.place.shape for rest in others):
+        return ""
+    most_kPa = _ZERO * max(rest.highest_kPa for rest in rests.values())
+    if np.ptp([rest.pressure_kPa for rest in others]) > most_kPa:
+        return ""
+    more_kPa = [own.pressure_kPa - rest.pressure_kPa for rest in others]
+    for rest, kPa in zip(others, more_kPa, strict=True):
+        expected = abs(kPa) * min(own.per_kPa, rest.per_kPa)
+        if abs(kPa) < most_kPa or np.linalg.norm(own.place - rest.place) > _UNMOVED * expected:
+            return ""
+    return (
+        f"begins with {np.median(more_kPa):+.3g} kPa against every other run, and the tube rests where it does there; was the sensor's "
+        f"zero another? 'rfea fit --pressure-zero {abs(np.median(more_kPa)):.2g}kPa' finds one for each run"
     )
 
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.clocks import SYNC_METHODS
 from rfea_vision.artefacts.lenses import LENSES
-from rfea_vision.units import conversion_factor, parse_quantity, pressure_unit, split_quantity
+from rfea_vision.units import conversion_factor, parse_moment, parse_quantity, pressure_unit, split_quantity
 
 
 def _quantity(unit: str, example: str, *, positive: bool = False) -> BeforeValidator:
@@ -38,6 +38,14 @@ def _shown(example: str) -> WithJsonSchema:
 def _text(value: object) -> object:
     """Accept names that YAML reads as numbers or dates: an experiment may be called 270 or 2018-03-01."""
     return value if value is None or isinstance(value, bool | list | dict) else str(value)
+
+
+def _moment(value: object) -> object:
+    """Refuse what is no date and time, and keep it as it is written."""
+    if value is None:
+        return None
+    parse_moment(value)
+    return str(value)
 
 
 def _pressure_or_column(value: object) -> object:
@@ -371,7 +379,7 @@ class _Shared(_Part):
     start: StartPart | None = None
     conditions: dict[str, str | float] | None = None
     sync: Annotated[SyncPart | None, BeforeValidator(_sync)] = None
-    recorded_at: Text | None = None
+    recorded_at: Annotated[str | None, BeforeValidator(_moment)] = None
     memory: Literal["fresh", "carried"] | None = None
     note: Text | None = None
 

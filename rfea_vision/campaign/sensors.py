@@ -1,4 +1,4 @@
-"""What a log's own rows tell of it: a sensor that stands at exactly one value, and a clock whose rows come twice as densely."""
+"""What a log's own rows tell of it: a sensor that stands at exactly one value, rows that are missing, or come twice as densely."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ from rfea_vision.scatter import rounding_noise, third_difference_noise
 _ROWS = 30
 #: Times the step of the last digit: with noise of less, rows may well be alike.
 _NOISY = 1.0
+#: Of the span of a log, by which a pressure that is zero for a moment has to fall and to rise again from one row to the next; and the
+#: most of its rows that a moment is: a tube that is emptied by valves rests for longer. Chosen.
+_LEAP, _MOMENT = 0.2, 0.05
+#: Times the usual step of an even clock, and s, that no row is missing: water and tube follow a valve within a tenth of a second.
+_PAUSE_STEPS, _PAUSE_S = 10.0, 0.1
 #: Of the usual step: the steps of a clock that is read evenly are so alike, in nearly all rows; and two of a stretch that is mixed.
 _EVEN, _NEARLY_ALL = 0.1, 0.75
 
@@ -40,16 +45,32 @@ def of_mixed(time_s: FloatArray) -> list[str]:
     ]
 
 
+def of_pauses(time_s: FloatArray) -> list[str]:
+    """Doubt a log (samples,) that is read evenly, and stretches of which are missing: between their ends a straight line is taken."""
+    steps = np.diff(time_s)
+    usual = float(np.median(steps)) if steps.size > _ROWS else np.inf
+    paused = np.flatnonzero(steps > max(_PAUSE_STEPS * usual, _PAUSE_S))
+    if not paused.size or np.mean(np.abs(steps - usual) < _EVEN * usual) < 1 - _EVEN:
+        return []
+    longest = paused[np.argmax(steps[paused])]
+    where = f"from {time_s[longest]:.3f} to {time_s[longest + 1]:.3f} s" + " and elsewhere" * (paused.size > 1)
+    return [f"has no row {where}, and a straight line stands in for the pressure there; did the logger pause? Cut the run there"]
+
+
 def of_standstill(pressure_kPa: FloatArray) -> list[str]:
     """Doubt a pressure (samples,) that stands at exactly one value, row after row, where elsewhere it is noisy.
 
-    Zero and the lowest value do not count: at rest many sensors end there, which does no harm.
+    Zero and the lowest value count where the pressure leaps there and back alone: at rest many sensors end there, which does no harm.
     """
     turns = np.flatnonzero(np.diff(pressure_kPa)) + 1
     begins, ends = np.concatenate([[0], turns]), np.concatenate([turns, [len(pressure_kPa)]])
     lasts = ends - begins
     low, high = float(pressure_kPa.min()), float(pressure_kPa.max())
-    stands = (lasts >= _ROWS) & (pressure_kPa[begins] > low) & (pressure_kPa[begins] != 0.0)
+    leaps = np.abs(np.diff(pressure_kPa)) > _LEAP * (high - low)
+    inside = (begins > 0) & (ends < len(pressure_kPa)) & (lasts < _MOMENT * len(pressure_kPa))
+    torn = inside & leaps[np.maximum(begins - 1, 0)] & leaps[np.minimum(ends, len(pressure_kPa) - 1) - 1]
+    rests = (pressure_kPa[begins] == low) | (pressure_kPa[begins] == 0.0)
+    stands = (lasts >= _ROWS) & (torn | ~rests)
     if not stands.any():
         return []
     lively = pressure_kPa[~np.repeat(lasts >= _ROWS, lasts)][:, None]
@@ -68,5 +89,6 @@ def of_standstill(pressure_kPa: FloatArray) -> list[str]:
     longest = int(np.argmax(np.where(stands, lasts, 0)))
     return [
         f"stands at exactly {pressure_kPa[begins[longest]]:.6g} kPa for {lasts[longest]} rows, from row {begins[longest] + 1} on, and "
-        f"elsewhere scatters by {noise:.2g} kPa; did the sensor or the logger hang? Take the run anew, or cut it before that"
+        f"elsewhere scatters by {noise:.2g} kPa; did the sensor or the logger hang, or a plug come off? Take the run anew, or cut it "
+        "before that"
     ]

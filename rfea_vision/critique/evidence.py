@@ -14,7 +14,7 @@ from rfea_vision.critique.search import Search
 from rfea_vision.critique.trials import Trial, plain
 from rfea_vision.critique.verdict import Verdict, title
 from rfea_vision.dynamics.parameters import scaled
-from rfea_vision.effects.base import Effect
+from rfea_vision.effects.base import BASE_UNITS, Effect
 from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.solver import with_slopes
@@ -100,8 +100,9 @@ def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence
     for k in range(7):
         old, new, error = float(before.par[k]), float(with_it[k]), float(np.sqrt(max(covariance[k, k], 0)))
         if error > 0 and abs(new - old) > 3 * error and abs(new - old) > 0.03 * abs(old):
+            name = before.model.names[k]
             out.append(
-                f"{before.model.names[k]} had moved to make up for {' and '.join(effects)}: {old:.4g} before, {new:.4g} with it "
+                f"{name} had moved to make up for {' and '.join(effects)}: {old:.4g} {BASE_UNITS[name]} before, {new:.4g} with it "
                 f"({abs(new - old) / error:.0f} of its former standard errors)."
             )
     return out

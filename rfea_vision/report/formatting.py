@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from latex2mathml.converter import convert
 from markupsafe import Markup, escape
@@ -13,6 +14,12 @@ from rfea_vision.artefacts.lenses import LENSES
 from rfea_vision.units import rounded
 
 MINUS = "\N{MINUS SIGN}"
+
+
+def as_added(parameters: Mapping[str, Any], effects: Sequence[str]) -> dict[str, Any]:
+    """Rows of the base model, then those of effects in the order in which these were added: a rung only appends to the one before."""
+    order = {re.sub(":[^@]*", "", effect): place for place, effect in enumerate(effects, start=1)}
+    return dict(sorted(parameters.items(), key=lambda item: order.get(item[0].partition(".")[0], 0)))
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -121,6 +121,7 @@ def environment() -> jinja2.Environment:
         "percent": lambda share: formatting.number(None) if share is None else f"{formatting.number(100 * share, 2)} %",
         "csv_address": _csv_address,
         "listing": formatting.listing,
+        "as_added": formatting.as_added,
         "code": formatting.inline_code,
         "log10": math.log10,
         "titled": lambda effects, titles: [formatting.inner_title(titles.get(e, e)) for e in effects],

@@ -9,6 +9,7 @@ import numpy as np
 from rfea_vision.artefacts import Recording
 from rfea_vision.campaign import Campaign, ExperimentSpec
 from rfea_vision.errors import InputError
+from rfea_vision.units import parse_moment
 
 #: Pause between two runs where `recorded_at` does not tell it, and the most of one that is lived through again: what creeps
 #: has crept by then, what softened stays soft.
@@ -98,12 +99,7 @@ def _pause_s(run: ExperimentSpec, following: ExperimentSpec, took_s: float) -> f
 def _recorded_at(run: ExperimentSpec) -> datetime | None:
     if run.recorded_at is None:
         return None
-    try:
-        moment = datetime.fromisoformat(run.recorded_at)
-    except ValueError as error:
-        raise InputError(
-            f"{run.file}: recorded_at: '{run.recorded_at}' is no date and time; write it as 2026-03-01 14:05:30"
-        ) from error
+    moment = parse_moment(run.recorded_at)
     return moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 

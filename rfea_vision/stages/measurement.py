@@ -256,7 +256,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
             used = log or read_pressure(spec, experiment.name)
         recording = _on_one_clock(tracked.value, used, experiment)
         recording = with_earlier_pressure(recording, work.campaign, experiment)
-        said = {} if spec.constant else log_warnings(recording, used, own_times(experiment, recording.time_s))
+        said = {} if spec.constant else log_warnings(experiment, recording, used, own_times(experiment, recording.time_s))
         recording.dataset.attrs |= rig_attributes(experiment) | said
         recording.save(path)
         say_warnings(work, experiment, recording)

@@ -53,11 +53,13 @@ def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
     return said + plausibility.of_times(log.time_s, seen_s)
 
 
-def log_warnings(recording: Recording, log: PressureLog, own_s: FloatArray | None = None) -> dict[str, str]:
+def log_warnings(
+    experiment: ExperimentSpec, recording: Recording, log: PressureLog, own_s: FloatArray | None = None
+) -> dict[str, str]:
     """The same, and that it belongs to the run, as an attribute of the recording; `own_s` (frames,) as in `following.of_pair`."""
     seen_s = recording.time_s
     said = log_doubts(log, seen_s) or following.of_pair(
-        recording.dataset, seen_s, log.time_s, log.pressure_kPa, log.pushes_kPa, own_s
+        recording.dataset, seen_s, log.time_s, log.pressure_kPa, log.pushes_kPa, own_s, held=experiment.rig.held
     )
     return {"pressure_doubts": "; ".join(f"pressure: {text}" for text in said)} if said else {}
 

@@ -13,12 +13,12 @@ import xarray as xr
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.measurement import Hints
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.following import AngleRun, _lost, of_pair, together
+from rfea_vision.campaign.following import AngleRun, of_pair, together
 from rfea_vision.campaign.plausibility import of_copies, of_times, of_upside_down
 from rfea_vision.campaign.pointing import of_hints
-from rfea_vision.campaign.repeats import alike, of_repeat
+from rfea_vision.campaign.repeats import alike, of_repeat, of_rest, rest_of
 from rfea_vision.campaign.schema import SyncPart
-from rfea_vision.campaign.sensors import of_mixed, of_standstill
+from rfea_vision.campaign.sensors import of_mixed, of_pauses, of_standstill
 from rfea_vision.campaign.specs import ExperimentSpec, PressureSpec, TrackSpec
 from rfea_vision.errors import DataError
 from rfea_vision.readers.pressure import PressureLog
@@ -140,7 +140,7 @@ SLIPS = pytest.mark.parametrize(
         (_ends_at_its_range, "does the sensor's or the logger's range end there?"),
         (
             _hangs,
-            "for 80 rows, from row 101 on, and elsewhere scatters by 0.031 kPa; did the sensor or the logger hang?",
+            "for 80 rows, from row 101 on, and elsewhere scatters by 0.031 kPa; did the sensor or the logger hang, or a plug come off?",
         ),
     ],
 )
@@ -191,10 +191,54 @@ def test_a_clamp_below_its_tip_is_doubted_where_the_tube_hangs():
     assert of_hints(swapped, 180.0) == of_hints(swapped, None) == of_hints(aside, 0.0) == of_hints(Hints(), 0.0) == []
 
 
-def test_a_log_that_lost_a_stretch_is_not_only_taken_for_that_of_another_run():
+def test_a_stretch_of_an_even_log_that_is_missing_is_doubted():
     whole = np.arange(0.0, 3.0, 0.002)
-    assert _lost(whole[(whole < 1.0) | (whole > 2.199)]) == "it has no row from 0.998 to 2.2 s"
-    assert _lost(whole) == "" and _lost(np.array([0.0])) == ""
+    (text,) = of_pauses(whole[(whole < 1.0) | (whole > 1.399)])
+    assert text.startswith("has no row from 0.998 to 1.400 s, and a straight line stands in")
+    (twice,) = of_times(whole[(whole < 1.0) | ((whole > 1.399) & (whole < 2.0)) | (whole > 2.2)], np.arange(0.0, 3.0, 0.02))
+    assert "from 0.998 to 1.400 s and elsewhere" in twice
+    on_change = np.cumsum(np.random.default_rng(0).exponential(0.02, 500) ** 2)
+    busy = np.delete(whole, np.arange(500, 520))  # 40 ms in which a logger wrote to its disk
+    assert of_pauses(whole) == of_pauses(on_change) == of_pauses(busy) == of_pauses(np.array([0.0])) == []
+
+
+def test_a_plug_that_comes_loose_is_doubted_and_a_valve_that_opens_is_not():
+    time_s = np.arange(0.0, 3.0, 0.002)
+    steps = 60.0 * (np.sin(4 * time_s) > 0)
+    noisy = steps + 100.0 + np.random.default_rng(0).normal(0.0, 0.3, time_s.size)
+    (text,) = of_standstill(np.where((time_s > 1.0) & (time_s < 1.08), 0.0, noisy))
+    assert "stands at exactly 0 kPa for 39 rows, from row 502 on" in text and "a plug come off?" in text
+    assert of_standstill(np.where(steps > 0, noisy, 0.0)) == []  # a sensor that ends at zero, where the tube is emptied
+
+
+def test_a_column_that_stands_still_while_the_tube_moves_is_doubted_unless_it_was_held():
+    time_s = np.arange(0.0, 4.0, 0.01)
+    supply = 400.0 + np.random.default_rng(0).normal(0.0, 0.03, time_s.size)
+    swings, creeps = (np.column_stack([tip_x, np.full(400, -150.0)]) for tip_x in (40 * np.sin(time_s), 3 * (1 - np.exp(-time_s))))
+    track = xr.Dataset({"tip": (("time", "axis"), swings)}, attrs={"bends": "right"})
+    (text,) = of_pair(track, time_s, time_s, supply)
+    assert "kPa of 400 kPa while the tube goes by" in text and "is it the right column?" in text
+    assert of_pair(track, time_s, time_s, supply, held=True) == []
+    assert of_pair(track.assign(tip=(("time", "axis"), creeps)), time_s, time_s, supply) == []
+
+
+@pytest.mark.parametrize(("zero_kPa", "place_mm", "told"), [(12, 0, True), (12, 5, False), (2, 0, False), (0, 0, False)])
+def test_a_sensor_that_was_not_zeroed_in_one_run_is_doubted_where_the_tube_rests_as_in_others(zero_kPa, place_mm, told):
+    time_s = np.arange(0.0, 4.0, 0.01)
+    noise = np.random.default_rng(0)
+
+    def begun(zero, place):
+        pressure = 200 * np.clip(np.sin(time_s - 1), 0, None)
+        tip = np.column_stack([place + 0.4 * pressure, -150 + 0 * time_s]) + noise.normal(0, 0.05, (400, 2))
+        return rest_of(xr.Dataset({"tip": (("time", "axis"), tip)}), pressure + zero)
+
+    rests = {"a": begun(0.0, 0.0), "b": begun(0.5, 0.1), "odd": begun(zero_kPa, place_mm)}
+    assert [name for name in rests if of_rest(name, rests)] == ["odd"] * told
+    assert of_rest("odd", {name: rests[name] for name in ("a", "odd")}) == ""  # of two nobody knows which
+    if told:
+        assert "begins with +11.8 kPa against every other run" in of_rest("odd", rests)
+    rising = xr.Dataset({"tip": (("time", "axis"), np.column_stack([50 * np.sin(time_s), time_s]))})
+    assert rest_of(rising, 100 * np.sin(time_s)) is None
 
 
 @SLIPS

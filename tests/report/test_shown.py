@@ -19,6 +19,7 @@ from rfea_vision.files import read_dataset, write_datasets
 from rfea_vision.report import page, render, render_index
 from rfea_vision.report.collect import collect
 from rfea_vision.report.films import fit_films
+from rfea_vision.report.formatting import as_added
 from rfea_vision.report.formatting import number as shown_number
 from rfea_vision.report.pack import Pack
 from rfea_vision.report.prose import effect_titles, how_it_ended, in_words
@@ -90,6 +91,12 @@ def test_sentences_of_artefacts_speak_the_readers_words(small: Path) -> None:
     )
     assert "falls into the rises of the pressure" in in_words("2 % falls into the phase 'rise'.", evidence, titles)
     assert how_it_ended(evidence, titles) == "The search ended because what is left is at the noise floor."
+
+
+def test_a_rung_appends_its_parameters_to_those_of_the_one_before() -> None:
+    of_a_fit = dict.fromkeys(["k_ref", "r_hyd", "maxwell.k1", "pressure_gain@right.g", "rest_curvature.angle"])
+    added = ["rest_curvature:kinked", "maxwell", "pressure_gain@right"]
+    assert list(as_added(of_a_fit, added)) == ["k_ref", "r_hyd", "rest_curvature.angle", "maxwell.k1", "pressure_gain@right.g"]
 
 
 def test_what_no_effect_explains_is_not_called_nothing(small: Path, tmp_path: Path) -> None:
