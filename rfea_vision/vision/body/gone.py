@@ -170,7 +170,7 @@ def reached(picture: Picture, wall: Wall, body: SeenBody, foot: FloatArray, half
     deep = depth[found[:, 0], found[:, 1]]
     # It runs into a corner of the end from half a width before that on, and would go straight.
     found = found[: int(np.flatnonzero(deep >= DEEP * np.median(deep))[-1]) + 1]
-    way = np.vstack([foot[:1], COARSE * found[:, ::-1] + (left, top)])
+    way = np.vstack([foot[:1], COARSE * found[:, ::-1].astype(np.float64) + (left, top)])
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
     if along[-1] < half_px:
         return None
