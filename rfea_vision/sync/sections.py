@@ -122,8 +122,9 @@ def repeated(time_s: FloatArray, amplitudes: FloatArray) -> NDArray[np.bool_]:
     share, square = _share(moved, expected)
     both, _ = _share(moved[1:] + moved[:-1], expected[1:] + expected[:-1])
     waits = (square > REPEAT_STANDS_OUT**2) & (share < REPEAT_SHARE)
+    before, _ = _share(moved[:-1], expected[1:])
     # What begins or turns hesitates too; only a repeat goes on as before, by two steps at once.
-    again[2:-1] = waits[1:-1] & (share[:-2] > 1 - REPEAT_SHARE) & (np.abs(both[1:] - 1) < REPEAT_SHARE)
+    again[2:-1] = waits[1:-1] & (before[:-1] > 1 - REPEAT_SHARE) & (np.abs(both[1:] - 1) < REPEAT_SHARE)
     return again
 
 

@@ -54,3 +54,12 @@ def test_a_tube_that_turns_or_starts_or_shakes_repeats_nothing():
     uneven = np.column_stack([np.sin(6 * jitter), 0.3 * np.cos(9 * jitter)])
     uneven += np.random.default_rng(3).normal(0, 2e-4, swing.shape)
     assert repeated(jitter, uneven).sum() <= 1
+
+
+def test_a_swing_filmed_in_few_pictures_repeats_nothing():
+    """At 30 frames/s of a motion up to 5 Hz, one step in a hundred is as short as that of a repeat: where it turns."""
+    generator = np.random.default_rng(0)
+    time = np.arange(0, 40, 1 / 30)[:, None]
+    rates, phases = generator.uniform(0.5, 5, 12), generator.uniform(0, 2 * np.pi, 12)
+    swing = np.sum(0.2 / rates * np.sin(2 * np.pi * rates * time + phases), axis=1, keepdims=True)
+    assert not repeated(time[:, 0], swing + generator.normal(0, 8e-4, swing.shape)).any()
