@@ -101,11 +101,16 @@ def test_a_floor_hangs_on_no_single_frame_unless_its_error_is_as_large_as_it_cla
     assert noise_floor_mm([item], runs, errors={"run": errors})[0] == pytest.approx(3.8 / np.sqrt(720), rel=0.01)
 
 
-def test_claims_of_many_frames_stand_as_they_are():
-    """A fifth of the frames four times as uncertain as the rest: noise makes the mean of their squares, whatever a model leaves."""
+def test_claims_of_many_frames_stand_where_a_model_bears_them_out():
+    """A fifth of the frames four times as uncertain as the rest: noise makes the mean of their squares."""
     frames = np.arange(500)
     item = SimpleNamespace(name="run", repeat_of=None, has_tip=True, frame=frames, tip_noise_mm=0.0, origin_sigma=0.0)
     sigma = np.where(frames % 5 == 0, 0.08, 0.02)[:, None] * np.ones(2)
     runs = {"run": SimpleNamespace(dataset=xr.Dataset({"tip_sigma": (("time", "xy"), sigma)}))}
     expected = np.sqrt(2 * (0.2 * 0.08**2 + 0.8 * 0.02**2))
-    assert noise_floor_mm([item], runs, errors={"run": np.zeros(500)})[0] == pytest.approx(expected)
+    left = {"run": np.full(500, 1.1 * expected**2)}
+    assert noise_floor_mm([item], runs, errors=left)[0] == pytest.approx(expected)
+    # Noise is in what a model leaves: of a run that is left with half of it, twice as much was claimed as there is.
+    left |= {"other": np.full(300, (expected / 2) ** 2), "run": np.full(500, (expected / 3) ** 2)}
+    floor, source = noise_floor_mm([item], runs, errors=left)
+    assert floor == pytest.approx(expected / 2) and "worst run" in source
