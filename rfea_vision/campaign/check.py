@@ -322,6 +322,8 @@ def _look_at_pressure(run: _Run, runs: _AllRuns) -> None:
         said += plausibility.of_times(log.time_s, run.seconds, filmed=filmed)
     if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
         said += _beside_the_motion(run, track, log, runs)
+    elif track is not None and not said and experiment.sync.method == "motion":
+        said += filter(None, [following.of_order(track.dataset, track.time_s, log.time_s, log.pressure_kPa)])
     run.warn("pressure", *said)
 
 

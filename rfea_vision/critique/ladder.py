@@ -350,7 +350,7 @@ def _titles(last: Fitted, rungs: Sequence[Rung]) -> list[str]:
             continue
         title = f"{known[rung.added]} ({rung.added})" if rung.added in known else rung.added
         title += f", which these data cannot tell from {' or '.join(rung.tied)}" if rung.tied else ""
-        titles[rung.added] = title
+        titles[rung.added] = title + " (a stand-in: it lowers the error, and nothing names it)" * (rung.grade == "stand-in")
     return list(titles.values())
 
 
@@ -375,10 +375,11 @@ def _findings(
     out = []
     what = "tip error" if unit == "mm" else "error of the bend angle"
     key = "tip_rmse_mm" if unit == "mm" else "angle_rmse_deg"
-    if titles and rungs[-1].verdict == "complete":
-        out.append(f"Missing from the paper's model, and added in this order: {'; '.join(titles)}.")
-    elif titles:
-        out.append(f"Added so far, and not yet enough: {'; '.join(titles)}.")
+    if titles:
+        missing = "" if any("(a stand-in:" in title for title in titles) else "Missing from the paper's model, and "
+        lead = f"{missing}added in this order" if rungs[-1].verdict == "complete" else "added so far, and not yet enough"
+        lead = lead[0].upper() + lead[1:]
+        out.append(f"{lead}: {'; '.join(titles)}.")
     out += filter(None, (finer,))
     changed = titles or finer
     first, last = (getattr(rung, f"validate_{key}") for rung in (rungs[0], rungs[-1]))

@@ -1,10 +1,14 @@
 """Motion follows its pressure: what comes before it, runs backwards or at another rate, is doubted aloud."""
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
+from rfea_vision.campaign.check import check_campaign
 from rfea_vision.campaign.following import of_order, of_pair
+
+from .campaigns import write_campaign
 
 
 @pytest.mark.parametrize(("late_s", "period_s"), [(-0.8, None), (0.3, None), (0.0, None), (0.3, 1.1), (0.55, 1.05)])
@@ -67,3 +71,16 @@ def test_a_rate_that_was_no_slow_motion_is_told_by_the_pressure(times, told):
 def test_slow_motion_is_no_wrong_rate():
     time_s, pressure, bent = _steps()
     assert of_pair(_tip(bent), time_s, time_s, pressure, own_s=8 * time_s) == []
+
+
+@pytest.mark.parametrize(("backwards", "told"), [(True, True), (False, False)])
+def test_check_tells_it_where_the_motion_is_to_bring_the_clocks_together(tmp_path, backwards, told):
+    folder = write_campaign(tmp_path / "c", {"steps": "train"})
+    time_s, pressure, bent = _steps()
+    file = folder / "steps" / "experiment.yaml"
+    file.write_text(file.read_text().replace("common_clock", "motion"))
+    pd.DataFrame({"time_s": time_s + 0.4, "pressure_kPa": pressure}).to_csv(folder / "steps" / "pressure.csv", index=False)
+    tip_x, tip_y = _tip(bent[::-1] if backwards else bent)["tip"].values.T
+    pd.DataFrame({"time_s": time_s, "tip_x_mm": tip_x, "tip_y_mm": tip_y}).to_csv(folder / "steps" / "track.csv", index=False)
+    said = [problem.message for problem in check_campaign(folder).problems]
+    assert any("run backwards?" in text for text in said) == told, said

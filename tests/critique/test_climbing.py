@@ -91,7 +91,9 @@ def test_a_ladder_says_where_its_model_is_worse_than_a_tube_that_never_moves(mon
 def test_what_was_dropped_again_is_not_told_as_added():
     """A rung may take the place of an effect that an earlier one had added; a finer chain is no missing effect."""
     added = (None, "pressure_offset", "maxwell", "segments", "segments")
-    rungs: list[Any] = [SimpleNamespace(added=name, tied=["drag"] * (name == "segments"), verdict="complete") for name in added]
+    rungs: list[Any] = [
+        SimpleNamespace(added=name, tied=["drag"] * (name == "segments"), verdict="complete", grade="named") for name in added
+    ]
     first: Any = SimpleNamespace(options=SimpleNamespace(segments=8))
     last: Any = SimpleNamespace(
         options=SimpleNamespace(effects=("maxwell:logarithmic",), segments=32),
@@ -105,6 +107,30 @@ def test_what_was_dropped_again_is_not_told_as_added():
         "The chain was made finer: 32 segments in place of 8; these data cannot tell what that does from drag."
     )
     assert _finer(first, first, rungs) == ""
+
+
+@pytest.mark.parametrize(
+    ("verdict", "grade", "begins"),
+    [
+        ("complete", "named", "Missing from the paper's model, and added in this order: "),
+        ("complete", "stand-in", "Added in this order: "),
+        ("missing", "named", "Added so far, and not yet enough: "),
+        ("unexplained", "stand-in", "Added so far, and not yet enough: "),
+    ],
+)
+def test_what_was_added_is_called_missing_only_where_it_is_named_and_the_last_verdict_is_complete(verdict, grade, begins):
+    """As after an effect of one's own, which stands beside two of the catalogue."""
+    grades = {None: None, "soft_ring": "named", "maxwell": "named", "coulomb": grade}
+    rungs: list[Any] = [
+        SimpleNamespace(added=name, tied=[], verdict=verdict, grade=one, validate_tip_rmse_mm=None) for name, one in grades.items()
+    ]
+    own: Any = SimpleNamespace(id="soft_ring", title="A soft ring")
+    effects = ("soft_ring", "maxwell", "coulomb:sharp")
+    last: Any = SimpleNamespace(
+        options=SimpleNamespace(effects=effects), model=SimpleNamespace(effects=[own, *find_effects(["maxwell", "coulomb"])])
+    )
+    said = _findings(rungs, _titles(last, rungs), "", None, None, "mm", "so")[0]
+    assert said.startswith(begins + "A soft ring (soft_ring); ") and said.count("stand-in") == (grade == "stand-in")
 
 
 def test_an_effect_that_names_no_experiment_ends_no_sentence_in_nothing():
