@@ -246,7 +246,8 @@ def _missing(added: Sequence[str], verdict: str, where: str, stand_ins: str, fin
         return Tile("Missing physics", value, note=note, section="where")
     if verdict == "missing" and not added:
         return Tile("Missing physics", "Named, not yet added", note="see the candidates", section="why")
-    return Tile("Missing physics", "; ".join(added) or "None found", note=note, section="why")
+    value = "; ".join(added) if len(added) < 3 else f"{len(added)} effects"  # more would push the picture down; the headline has them
+    return Tile("Missing physics", value or "None found", note=note, section="why")
 
 
 def _times_smaller(first: float | None, last: float | None) -> str:

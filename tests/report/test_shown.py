@@ -22,7 +22,7 @@ from rfea_vision.report.films import fit_films
 from rfea_vision.report.formatting import as_added
 from rfea_vision.report.formatting import number as shown_number
 from rfea_vision.report.pack import Pack
-from rfea_vision.report.prose import effect_titles, how_it_ended, in_words
+from rfea_vision.report.prose import _missing, effect_titles, how_it_ended, in_words
 from rfea_vision.report.series import pack_prediction
 from testing.report.sample import RUNGS
 from testing.report.small import TWO, only_angles
@@ -91,6 +91,11 @@ def test_sentences_of_artefacts_speak_the_readers_words(small: Path) -> None:
     )
     assert "falls into the rises of the pressure" in in_words("2 % falls into the phase 'rise'.", evidence, titles)
     assert how_it_ended(evidence, titles) == "The search ended because what is left is at the noise floor."
+
+
+def test_of_more_than_two_effects_the_headline_alone_has_the_names() -> None:
+    two, three = (_missing(names, "complete", "", "", False) for names in (["a", "b"], ["a", "b", "c"]))
+    assert two.value == "a; b" and three.value == "3 effects"
 
 
 def test_a_rung_appends_its_parameters_to_those_of_the_one_before() -> None:
