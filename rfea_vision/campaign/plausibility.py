@@ -173,7 +173,8 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
             return [text]
         outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * across(tip) / length_mm
         if -np.percentile(outwards, 5) > max(_ASIDE, 2 * np.percentile(outwards, 95)):
-            return ["the tip goes to the other side than actuator.bends says; is that right, or is the track mirrored?"]
+            aside = "the tip goes to the other side than actuator.bends says"
+            return [f"{aside}; is that right, is the track mirrored, or does it run backwards?"]
         if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
             return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
         if above_mm > _UPWARDS * length_mm:

@@ -328,7 +328,7 @@ IN_FILES = [
     ("angle alone", text("name: tube-A", "name: tube-A\nrig: {gravity: 30}"), 2, "is written {angle: 30 deg}"),
     ("held without unit", text("role: train", "role: train\nstart: {held_until: 2}", RUN), 2, "write for example '2 s'"),
     ("track in cm", nodes_in_cm, 0, "is the track in cm?"),
-    ("track mirrored", mirrored_track, 0, "is that right, or is the track mirrored?"),
+    ("track mirrored", mirrored_track, 0, "is that right, is the track mirrored, or does it run backwards?"),
     ("offset in s for ms", text("{method: common_clock}", "{method: offset, value: 12 s}", RUN), 0, "and never meet"),
     ("times of the day", log_by_the_time_of_the_day, 0, "the log has the time of the day and the track has not"),
     ("kPa of a column in psi", psi_in_the_head, 0, "'p [psi]' is in psi by its own head, and in kPa by pressure.unit"),
