@@ -13,7 +13,8 @@ from typing import Any
 from benchmarks.probable_campaigns import by_twin
 from rfea_vision.critique import improve
 from rfea_vision.critique.diagnosis import judge
-from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.fit import fit
+from rfea_vision.fitting.problem import make_problem
 from rfea_vision.options import FitOptions
 from rfea_vision.twin import TwinOptions
 

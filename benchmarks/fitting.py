@@ -19,7 +19,8 @@ from rfea_vision.artefacts import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED
 from rfea_vision.fitting import residuals
 from rfea_vision.fitting.coordinates import build
-from rfea_vision.fitting.fit import Problem, _steady_start, make_model, make_problem
+from rfea_vision.fitting.fit import _steady_start
+from rfea_vision.fitting.problem import Problem, make_model, make_problem
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.steady_fit import find_plateaus
 from rfea_vision.options import FitOptions

@@ -26,7 +26,8 @@ from rfea_vision.critique.trials import Trial
 from rfea_vision.errors import RfeaError
 from rfea_vision.files import write_text
 from rfea_vision.fitting import FitOptions
-from rfea_vision.fitting.fit import fit, make_problem, stiff_start
+from rfea_vision.fitting.fit import fit, stiff_start
+from rfea_vision.fitting.problem import make_problem
 
 FOLDER = Path(__file__).parent / "probabilities"
 RESULTS = FOLDER / "results.jsonl"

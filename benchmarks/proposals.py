@@ -26,7 +26,8 @@ from rfea_vision.critique.propose import propose
 from rfea_vision.errors import DataError, RfeaError
 from rfea_vision.files import write_text
 from rfea_vision.fitting import FitOptions
-from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.fit import fit
+from rfea_vision.fitting.problem import make_problem
 from rfea_vision.fitting.scoring import as_artefact
 
 RESULTS = Path(__file__).parent / "probabilities" / "proposals.jsonl"

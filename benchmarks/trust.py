@@ -15,8 +15,9 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts import Actuator, ModelFit, Recording
-from rfea_vision.fitting.fit import make_problem, refit
 from rfea_vision.fitting.intervals import intervals
+from rfea_vision.fitting.problem import make_problem
+from rfea_vision.fitting.refit import refit
 from rfea_vision.options import FitOptions
 from rfea_vision.stages import open_campaign
 from rfea_vision.stages.recipes import load_recipe, run_recipe

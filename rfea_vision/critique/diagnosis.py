@@ -20,9 +20,9 @@ from rfea_vision.critique.search import Search
 from rfea_vision.critique.trials import Trials, plain
 from rfea_vision.critique.verdict import Verdict, decide, remainder_of, sets_of
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.fit import Fitted, Problem, make_problem, parse_effects, refit
+from rfea_vision.fitting.problem import Problem, make_problem
 from rfea_vision.fitting.ratio import lever_free
-from rfea_vision.fitting.refit import in_long_steps
+from rfea_vision.fitting.refit import Fitted, in_long_steps, refit
 from rfea_vision.fitting.scoring import in_its_steps, options_of, worse_than_nothing
 from rfea_vision.options import CritiqueOptions
 
@@ -144,7 +144,7 @@ def held_of(model: ModelFit) -> float | None:
 
 
 def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
-    """The solved fit behind a `model.json`, by a last step of the optimiser from its values."""
+    """The solved fit behind a `model.json` by a last step of the optimiser from its values, on runs as `in_its_steps` gives them."""
     options = options_of(model)
     values = {name: p.value for name, p in model.parameters.items()}
     clocks = np.array(
@@ -153,9 +153,7 @@ def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
             for o in problem.train
         ]
     )
-    parse_effects(options.effects, options.segments)
-    scored = in_its_steps(problem, model)
-    fitted = refit(scored, options, values, model.segments, clocks, most_evaluations=15)
+    fitted = refit(problem, options, values, model.segments, clocks, most_evaluations=15)
     return replace(fitted, ratio_only=model.ratio_only)
 
 

@@ -15,8 +15,9 @@ from rfea_vision.critique.trials import Trial, plain
 from rfea_vision.critique.verdict import Verdict, title
 from rfea_vision.dynamics.parameters import scaled
 from rfea_vision.effects.base import BASE_UNITS, Effect
-from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.intervals import intervals
+from rfea_vision.fitting.problem import Problem
+from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.solver import with_slopes
 
 

@@ -7,10 +7,11 @@ from scipy.fft import dct
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Floors
-from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.noise import before_repeat, noise_floor_deg, noise_floor_mm
 from rfea_vision.fitting.observed import MM, Observed
-from rfea_vision.fitting.scoring import left_of
+from rfea_vision.fitting.problem import Problem
+from rfea_vision.fitting.refit import Fitted
+from rfea_vision.fitting.residuals import left_of
 from rfea_vision.fitting.solver import at_own_clock
 from rfea_vision.scatter import third_difference_noise
 
@@ -116,7 +117,7 @@ def _uncaused(item: Observed, gap: FloatArray, noise: float) -> float:
     """Mean square of the residual in those bands of frequency in which the modelled tube hardly moves, less the noise there."""
     pressure = item.excitation.at(item.time)
     span = max(float(np.ptp(pressure)), 1e-300)
-    moved = item.points[:, -1] / MM if item.has_tip else np.rad2deg(item.angle)[:, None]
+    moved = item.tip_or_angle
     driven = _power((pressure / span)[:, None]) * float(np.sum(np.var(moved, axis=0)))
     left, caused = _power(gap), np.maximum(_power(moved - gap), driven)
     total = 0.0

@@ -24,9 +24,11 @@ from rfea_vision.critique.torque import with_residual_torque
 from rfea_vision.critique.trials import FULL_EVALUATIONS, FULL_GAIN, Trial, Trials, plain
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.fit import Fitted, Problem, fit, make_problem, refit
+from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.prediction import predict
+from rfea_vision.fitting.problem import Problem, make_problem
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
+from rfea_vision.fitting.refit import Fitted, refit
 from rfea_vision.fitting.scoring import as_artefact, in_its_steps, score, worse_than_nothing
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import counted, rounded
@@ -50,9 +52,9 @@ class Step:
 
 
 def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool, begun: Sequence[str] = ()) -> Step:
-    """The most telling effect that is named; with `stand_ins`, else the next of a set that lowers the held-out error.
+    """The first effect that is named; with `stand_ins`, else the next of a set that lowers the held-out error.
 
-    `begun` is what is left of such a set, of which a first member was added: it is added whole.
+    `begun` are the members of such a set that are still to be added, once its first one was.
     """
     rows = {row.effect: row for row in diagnosis.candidates}
 
@@ -76,7 +78,7 @@ def next_step(diagnosis: Diagnosis, dropped: Collection[str], stand_ins: bool, b
 
 
 def rest_of_set(begun: Sequence[str], diagnosis: Diagnosis, step: Step) -> list[str]:
-    """What is left of a set of stand-ins when a step is taken: begun by it, or without the member that it adds, named or not."""
+    """Members of a set of stand-ins that are still to be added after a step, which may have begun the set."""
     whole = begun or (diagnosis.stand_ins if step.grade == "stand-in" else ())
     return [name for name in whole if plain(name) != plain(str(step.added))]
 
@@ -176,7 +178,7 @@ class _Climb:
         self.doubts = worse_than_nothing(self.model.experiments)
         worst = diagnosis.where[0].sentence if diagnosis.where else ""
         self.failed = self.failed or worst
-        if diagnosis.verdict == "unexplained" and self.failed:  # the first model shows best what others have half taken up
+        if diagnosis.verdict == "unexplained" and self.failed:  # in later models added effects hide a part of it
             self.doubts.insert(0, f"Where it shows: {worst}" if worst else f"Where it showed before anything was added: {self.failed}")
         bic = delta_bic(self.problem, self.before, self.fitted) if self.before is not None else None
         self.known = diagnosis.refits

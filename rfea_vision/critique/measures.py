@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.problem import Problem
+from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residual_tests import correlation_time
 from rfea_vision.fitting.residuals import Predicted
 from rfea_vision.fitting.scoring import gaps
@@ -90,9 +91,8 @@ class Errors:
 def mean_squares(item: Observed, predicted: Predicted) -> RunErrors:
     """Mean squared errors of one prediction."""
     part = gaps(item, predicted)
-    tip = part.tip if part.tip is not None else part.angle
     line = None if part.midline is None else float(np.nanmean(part.midline))
-    return RunErrors(item.role, int(item.time.size), float(np.nanmean(np.asarray(tip))), line)
+    return RunErrors(item.role, int(item.time.size), float(np.nanmean(np.asarray(part.main))), line)
 
 
 def errors_of(problem: Problem, fitted: Fitted) -> Errors:

@@ -11,8 +11,9 @@ import xarray as xr
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import NextExperiment
 from rfea_vision.dynamics.simulation import Excitation
-from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.problem import Problem
+from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residuals import as_rigged
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.units import rounded

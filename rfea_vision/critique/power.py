@@ -61,7 +61,7 @@ def power_study(
     floor = binding(floors_of(problem, fitted))
     present = {e.id for e in fitted.model.effects}
     effects = available(offered(problem, fitted, candidates, effect_files), present)
-    # From the floor up to an error that an effect must lower by a tenth, and by a fifth of the floor.
+    # An error that, by what matters, falls to the floor where the effect is added: by a tenth, and by a fifth of the floor.
     wanted = max(1 + MATTERS_FLOORS, 1 / (1 - MATTERS_SHARE))
     structure = floor * float(np.sqrt(wanted**2 - 1))
     least: dict[tuple[str, str], tuple[float, dict[str, float]]] = {}

@@ -30,9 +30,11 @@ from rfea_vision.critique.terms import Term, Trajectory, effect_source, library,
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
 from rfea_vision.files import write_text
-from rfea_vision.fitting.fit import Fitted, Problem, fit_added
+from rfea_vision.fitting.fit import fit_added
 from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.ratio import with_lever_free
+from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residuals import Evaluation, as_it_stood, evaluate
 from rfea_vision.fitting.uncertainty import frame_of_row
 from rfea_vision.units import rounded

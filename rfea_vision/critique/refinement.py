@@ -8,9 +8,9 @@ import numpy as np
 
 from rfea_vision.critique.screening import Screened
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.fit import Fitted, Problem, carried, refit
-from rfea_vision.fitting.problem import make_model
+from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.ratio import lever_free
+from rfea_vision.fitting.refit import Fitted, carried, refit
 from rfea_vision.fitting.residuals import predict_observed
 
 SEGMENTS = "segments"

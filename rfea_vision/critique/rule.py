@@ -6,10 +6,10 @@ with a size and correlation of its own (Kennedy and O'Hagan 2001, doi:10.1111/14
 
     log evidence(S) = -n/2 mean over runs of log(X(S) + r^2 + f^2 (X(base) - X(S))) - price(S)
 
-X is the squared error above the irreproducible floor on a run, r what of that is never told apart. Training and held-out
-runs count half each. A large remainder tempers every claim, as only the ratio of remainders speaks; where little is left,
-the same ratio is sharp, but for this: a law of the catalogue is right to a share f of the motion that it makes. With r^2 goes f^2
-of what the set has taken away of X since the base model, so that no second effect is called in for the faults of a first one's form.
+X is the squared error above the irreproducible floor on a run, and r what cannot be resolved of it. Training and held-out
+runs count half each. Only the ratio of remainders counts: a large remainder makes every claim weaker, a small one sharper, but for
+this: a law of the catalogue is right to a share f of the motion that it makes. So f^2 of what the set has taken away of X since the
+base model is added to r^2, lest a second effect is called for by the errors of the first one's form.
 
 `n` is not the number of frames. Neighbouring values are correlated, which leaves n_c of them (frames over the correlation time
 of the residual); and a discrepancy is a fault of the law, the same in every run, of which a longer record tells no more:
@@ -86,7 +86,7 @@ class Rule:
         return -0.5 * count * float(np.mean([np.mean(values) for values in groups.values()]))
 
     def posterior(self, log_weights: Sequence[float]) -> list[float]:
-        """Probabilities of the sets from the logs of their weights; what they lack of one is that of causes outside of them."""
+        """Probabilities of the sets from the logs of their weights; the rest up to one belongs to causes outside of the catalogue."""
         weights = np.exp(np.asarray(log_weights) - np.max(log_weights))
         return ((1 - self.outside) * weights / weights.sum()).tolist()
 

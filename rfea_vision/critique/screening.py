@@ -20,12 +20,12 @@ from scipy.stats import chi2
 from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Chain, Model
 from rfea_vision.effects.base import Effect
-from rfea_vision.effects.catalogue import catalogue, find_effects, line_effects, load_effect_file
+from rfea_vision.effects.catalogue import catalogue, find_effects, line_effects, load_effect_file, parameters_of
 from rfea_vision.fitting.coordinates import sized
-from rfea_vision.fitting.fit import Fitted, Problem
 from rfea_vision.fitting.observation import TUBE_LAG_S
 from rfea_vision.fitting.observed import Observed
-from rfea_vision.fitting.refit import ROUGH_NEWTON, on_few_bodies
+from rfea_vision.fitting.problem import Problem
+from rfea_vision.fitting.refit import ROUGH_NEWTON, Fitted, on_few_bodies
 from rfea_vision.fitting.residuals import Evaluation, evaluate
 from rfea_vision.fitting.rules import pushed
 from rfea_vision.fitting.uncertainty import BLOCK_S, frame_of_row
@@ -44,7 +44,6 @@ class Screened:
     amplitudes: dict[str, float]
     explained: float
     score_p: float | None  # None where no score test says it: see refinement.py
-    at: int | None = None
 
 
 def offered(
@@ -58,7 +57,7 @@ def offered(
         if candidates is not None
         else [*sorted(catalogue()), *(u for u in users if u not in catalogue()), *_by_chamber(problem)]
     )
-    # One that ended at its bound cannot make up for what it is tied to: a lever beyond the paper's is `pressure_gain`'s to tell.
+    # A parameter at its bound cannot make up for an effect that it is tied to: a lever beyond its bounds shows as `pressure_gain`.
     inside = fitted.coordinates.inside(fitted.solution.y)
     turned = [name for name, moves in zip(fitted.coordinates.names, inside, strict=True) if moves]
     clocks_free = all(item.clock_sigma >= TUBE_LAG_S for item in problem.train)
@@ -96,29 +95,20 @@ def available(effects: Sequence[Effect], present: Collection[str]) -> tuple[Effe
 def grids(effects: Sequence[Effect]) -> list[dict[str, float]]:
     """Points at which to screen: every effect walks along its own grid at the same time."""
     longest = max([len(s.grid) for e in effects for s in e.parameters.values() if s.absent is None], default=1)
-    out = []
-    for index in range(max(longest, 1)):
-        point = {}
-        for effect in effects:
-            for name, spec in effect.parameters.items():
-                if spec.absent is None:
-                    values = spec.grid or (spec.start,)
-                    point[f"{effect.id}.{name}"] = values[min(index, len(values) - 1)]
-        out.append(point)
-    return out
+    walks = {name: s.grid or (s.start,) for name, s in parameters_of(effects).items() if s.absent is None}
+    return [
+        {name: values[min(index, len(values) - 1)] for name, values in walks.items()} for index in range(max(longest, 1))
+    ]
 
 
 def _vector(model: Model, fitted: Fitted, point: dict[str, float]) -> FloatArray:
-    known = dict(zip(fitted.model.names, fitted.par, strict=True))
+    known, specs = {**fitted.values, **point}, parameters_of(model.effects)
     par = np.zeros(len(model.names))
     for k, name in enumerate(model.names):
-        if name in known and name not in point:
+        if name in known:
             par[k] = known[name]
-        elif name in point:
-            par[k] = point[name]
         else:
-            effect, parameter = name.split(".")
-            spec = next(e for e in model.effects if e.id == effect).parameters[parameter]
+            spec = specs[name]
             par[k] = (spec.grid or (spec.start,))[-1] if spec.absent is None else spec.absent
     return par
 
@@ -177,7 +167,7 @@ class Sensitivity:
 def sensitivities(problem: Problem, fitted: Fitted, effects: Sequence[Effect]) -> Iterator[Sensitivity]:
     """Sensitivity of every effect at every point of its grid; one simulation per point serves all effects.
 
-    Where a run with all of them fails (on the edge of what can be simulated), they are taken in halves.
+    Where a run with all of them cannot be simulated, they are taken in halves.
     """
     points = grids(effects)
     # The law of the whole catalogue is compiled once and for all; a law of those asked for would be another each time.
@@ -220,7 +210,7 @@ def _at_point(
     par[:6] *= few / fitted.options.segments
     extra = [model.names.index(f"{e.id}.{n}") for e in active for n in e.amplitudes()]
     free = [*base_free, *extra]
-    for items in (rough, thin):  # what a long step does not survive, that of the log may
+    for items in (rough, thin):  # a run that fails in long steps may succeed in those of the log
         result = evaluate(model, par, items, free, fitted.solution.clocks)
         if result is not None:
             break
@@ -245,7 +235,7 @@ def _at_point(
         own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
         secant = 0.0
         if len(names) == 1 and left[0] <= SWALLOWED * raw[0]:
-            # A lag begins as a mere shift, which a free clock swallows: look at what a little of it does instead.
+            # To first order a lag is a shift, which a free clock takes up: its finite change is looked at instead.
             secant = effect.parameters[names[0]].start
             changed = par.copy()
             changed[model.names.index(f"{effect.id}.{names[0]}")] = secant

@@ -32,12 +32,12 @@ from rfea_vision.fitting.fit import stiff_start
 FIRST, LATER = (6, 3, 2, 1), (3, 2, 1, 1)
 #: Better models from which the search goes on.
 ROUNDS = 4
-#: Single effects, and pairs, that are refitted where something is left, whatever their linear step says (from a better model one of
-#: each); and how many times better than that a refit may turn out.
+#: Single effects, and pairs, that are refitted where something is left, whatever their linear step predicts (from a better model one
+#: of each); and how many times better than its linear step a refit may be.
 SURE, LENIENT = 2, 2.0
-#: Two sets are as likely as one another where the odds are less than 20 to 1, the usual word for what data can tell.
+#: Two sets are equally likely where the odds are less than 20 to 1, the usual bound for what data can decide.
 EVEN = float(np.log(20.0))
-#: Two effects do alike where what they do differs by less than this share of it (a correlation of 0.95).
+#: Two effects move the tube alike where their motions differ by less than this share (a correlation of 0.95).
 ALIKE = 0.3
 
 
@@ -77,7 +77,7 @@ class Search:
         self.floors = self._settled()
 
     def _settled(self) -> Floors:
-        """The floors as the best fit so far shows them: what a poor fit leaves is motion, and easily taken for noise."""
+        """The floors by the best fit so far: what a poor fit leaves is motion, which looks like noise."""
         tried = [t for t in self.trials.done.values() if t is not None]
         quietest = min(tried, key=lambda t: t.cost, default=self.present)
         if quietest is not self._quietest:
@@ -125,7 +125,7 @@ class Search:
         return min(tried, key=lambda t: t.cost, default=None)
 
     def _offered(self, trial: Trial) -> bool:
-        """Whether a set is a claim: of effects on offer, none without what it goes with (a second branch alone is the first one)."""
+        """Whether a set holds effects on offer alone, each with those that it needs (a second Maxwell branch the first)."""
         goes_with = {effect.id: set(effect.goes_with) for effect in self.effects} | {SEGMENTS: set()}
         added, have = {plain(one) for one in trial.effects - self.present.effects}, set(map(plain, trial.effects))
         return added <= goes_with.keys() and all(goes_with[one] <= have for one in added)
@@ -164,7 +164,7 @@ class Search:
             if best.effects in seen or SEGMENTS in best.effects:
                 break
             centre = best
-        for _ in range(ROUNDS):  # nor is the last one believed without its rivals
+        for _ in range(ROUNDS):  # the rivals of the last one, too
             self._leave_one_out()
             if self.weigh()[0].trial.effects in self._against_rivals:
                 break
@@ -172,7 +172,7 @@ class Search:
         return self._led(self.weigh())
 
     def _led(self, weighed: list[Weighed]) -> list[Weighed]:
-        """The same, led by the best of those sets that are likeliest together: two that share a claim do not lose it."""
+        """The same sets; first the best of those tied sets whose probabilities add up to most."""
         near = [item for item in weighed if weighed[0].weight - item.weight < EVEN]
         groups = []
         for item in near:
@@ -203,7 +203,7 @@ class Search:
                     self.trials.refit(centre, proposal.effects, proposal.start)
 
     def _afresh(self, offered: Sequence[Effect], most: int) -> None:
-        """Where the present model is bent too far out of shape for a linear step to rank effects: each from a base that is not."""
+        """Where the present model is too far off for a linear step to rank effects: fit each from other base parameters."""
         problem, fitted = self.trials.problem, self.present.fitted
         if not self.trials.bent:
             return
@@ -218,9 +218,9 @@ class Search:
             self.trials.refit(self.present, (name,), look.values)
 
     def _worth(self, centre: Trial, proposal: CandidateSet) -> bool:
-        """Whether a refit could earn its price: if it left nothing at all, and if it did twice as well as its linear step.
+        """Whether a refit could be worth its price: if it left nothing, and if it gained twice what its linear step predicts.
 
-        In a wide search: or whether it could lower the error by what matters.
+        In a wide search also whether it could lower the error by what matters.
         """
         if self.wide and LENIENT * proposal.fall >= 1 - (1 - MATTERS_SHARE) ** 2:
             return True
@@ -237,16 +237,16 @@ class Search:
         return perfect - self.rule.price(size, len(catalogue())) > self.weigh()[0].weight
 
     def _forms(self) -> None:
-        """Members of the best set in their other forms, one at a time: where it leaves something, or stands at a bound.
+        """Refit members of the best set in their other forms, one at a time, where the set leaves something or stands at a bound.
 
-        Another form of one may also do for two: it is tried without each of the others, and, where the set leaves nothing, without
-        those that the effect is said to be mistaken for. And before more effects are believed than a smaller set has, that set is tried
-        in its other forms where a fault of its form alone could leave as much as it does.
+        One effect in another form may explain what two did: it is tried without each of the others, and, where the set leaves
+        nothing, without those that it is said to be mistaken for. A smaller set is tried in its other forms, too, where an error of
+        its form alone could leave as much as it does.
         """
         for own in self.weigh()[0].added:
             best = self.weigh()[0]
             left = self.structure(best.trial) >= STRUCTURE_FLOORS or best.trial.at_bound
-            rest = [one for one in best.trial.effects - self.present.effects if plain(one) != own]
+            rest = _others(best.trial, self.present, own)
             alike = look_alikes(self.effects, own)
             fewer = [
                 [one for one in rest if plain(one) not in alike],
@@ -258,22 +258,20 @@ class Search:
         for item in self.weigh():
             if len(item.added) < len(best.added) and item.share >= 1 - faults:
                 for own in item.added:
-                    rest = [one for one in item.trial.effects - self.present.effects if plain(one) != own]
-                    self._in_other_forms(item.trial, own, rest)
+                    self._in_other_forms(item.trial, own, _others(item.trial, self.present, own))
 
     def _in_other_forms(self, trial: Trial, own: str, others: Sequence[str]) -> None:
         """Refit an effect of a set in each of its other forms, with others of that set as they stand in it."""
-        start = {n: v for n, v in trial.fitted.values.items() if n.partition(".")[0] in map(plain, others)}
+        start = _values_of(trial, others)
         for form in forms_of(own):
             self.trials.refit(self.present, (*others, form), start)
 
     def _rivals(self) -> None:
-        """Nobody is named without its rivals refitted in its place, and alone: those said to be mistaken for it, or that look like it.
+        """Refit the rivals of each member of the best set in its place, and alone.
 
-        Of a rival that is as likely, the rivals are refitted, too; of one that does half as well, its other forms. An effect looks
-        like another where it is as likely by itself, and like one that is named alone where it would at a glance remove half as
-        much, as a refit may turn out. Where the best
-        set leaves something, those said to be mistaken for it are tried in all their forms.
+        Rivals are effects said to be mistaken for it; those as likely by themselves; and, where it stands alone, those whose linear
+        step removes half as much. Of a rival that is as likely, its rivals are refitted, too; of one that does half as well, its
+        other forms. Where the best set leaves something, those said to be mistaken for it are tried in all their forms.
         """
         weighed = self.weigh()
         best, alone = weighed[0], {w.added[0]: w.weight for w in weighed if len(w.added) == 1}
@@ -291,18 +289,16 @@ class Search:
                 others += sorted(alike, key=lambda name: -self.removes[name])[: FIRST[0]]
             base = self.without(best, own) or self.present
             possible = {e.id for e in available(self.effects, {plain(one) for one in base.effects})}
-            # of a grid its best point
-            starts = {row.effect: {**row.grid, **row.amplitudes} for row in reversed(self.screened)}
+            starts = {row.effect: {**row.grid, **row.amplitudes} for row in reversed(self.screened)}  # of a grid its best point
             names = list(dict.fromkeys([*others, *forms]))
-            for name in names:  # it grows
+            for name in names:  # more are added below
                 if plain(name) not in possible & set(starts):
                     continue
                 start = {f"{plain(name)}.{k}": v for k, v in starts[plain(name)].items()}
                 rival = self.trials.refit(base, (name,), start)
                 if rival is None:
                     continue
-                own_values = {n: v for n, v in rival.fitted.values.items() if n.partition(".")[0] == plain(name)}
-                self.trials.refit(self.present, (name,), own_values)  # it may do for all of them
+                self.trials.refit(self.present, (name,), _values_of(rival, (name,)))  # in place of all members
                 if best.weight - self._weight(rival, set(rival.errors.runs)) < EVEN:
                     known = {*map(plain, names), *best.added}
                     names += [one for one in look_alikes(self.effects, plain(name)) if one not in known]
@@ -310,10 +306,7 @@ class Search:
                     names += [form for form in forms_of(plain(name)) if form not in names]
 
     def _leave_one_out(self) -> None:
-        """Refit the best set without each of its members; and every other that would be the best if it cost one effect less.
-
-        Until no set is new: one effect that does for two may do for three.
-        """
+        """Refit the best set without each of its members, and every set that would be best with one effect less; until none is new."""
         price, tried = self.rule.price(1, len(catalogue())), -1
         while tried < (tried := len(self.trials.done)):
             weighed = self.weigh()
@@ -321,19 +314,17 @@ class Search:
                 if len(item.added) < 2 or (item is not weighed[0] and item.weight + price <= weighed[0].weight):
                     continue
                 for own in item.added:
-                    rest = [one for one in item.trial.effects - self.present.effects if plain(one) != own]
-                    known = self.present.effects | set(rest) in self.trials.done  # again, where that began too far off
+                    rest = _others(item.trial, self.present, own)
+                    known = self.present.effects | set(rest) in self.trials.done  # `refit` repeats what began too far off
                     if known or self.without(item, own) is None:
-                        values = item.trial.fitted.values.items()
-                        start = {n: v for n, v in values if n.partition(".")[0] in map(plain, rest)}
-                        self.trials.refit(self.present, rest, start)
+                        self.trials.refit(self.present, rest, _values_of(item.trial, rest))
 
     # -- what it says --------------------------------------------------------------------------------------------------
 
     def tied(self, weighed: Sequence[Weighed]) -> dict[str, list[Weighed]]:
-        """For each member of the best set, the sets with another effect in its place that are as likely and do alike.
+        """For each member of the best set, the sets with another effect in its place that are as likely and move the tube alike.
 
-        One does alike that cannot be told from the best set, or from another of its rivals.
+        Alike are those that cannot be told from the best set, or from another of its rivals.
         """
         out = dict[str, list[Weighed]]()
         for own, other in _in_place(weighed):
@@ -358,7 +349,7 @@ class Search:
         return apart < max(ALIKE * change, self.rule.resolution * self.floor * unit)
 
     def probabilities(self, weighed: Sequence[Weighed], ties: dict[str, list[Weighed]]) -> dict[str, float]:
-        """Of every effect that was refitted: that it, or a member of its tie, is really there."""
+        """Probability, for every effect that was refitted, that it or a member of its tie is there."""
         group = {
             own: {own, *(next(iter(set(w.added) - set(weighed[0].added))) for w in rows)} for own, rows in ties.items()
         }
@@ -381,6 +372,17 @@ class Search:
     def structure(self, trial: Trial) -> float:
         """What a trial leaves above the floor, in floors."""
         return structure(trial.errors, self.floor)
+
+
+def _others(trial: Trial, present: Trial, own: str) -> list[str]:
+    """What a trial adds to the present model, in the forms that it has there, without one of them."""
+    return [one for one in trial.effects - present.effects if plain(one) != own]
+
+
+def _values_of(trial: Trial, effects: Sequence[str]) -> dict[str, float]:
+    """Fitted values by name, SI, of the parameters of some effects."""
+    ids = {plain(one) for one in effects}
+    return {name: value for name, value in trial.fitted.values.items() if name.partition(".")[0] in ids}
 
 
 def _in_place(weighed: Sequence[Weighed]) -> Iterator[tuple[str, Weighed]]:

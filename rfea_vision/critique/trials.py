@@ -19,29 +19,29 @@ from rfea_vision.critique.carrying import carried_over
 from rfea_vision.critique.measures import Errors, errors_of
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
 from rfea_vision.effects.base import Effect
-from rfea_vision.effects.catalogue import find_effects, plain, split_joint
+from rfea_vision.effects.catalogue import find_effects, parameters_of, plain
 from rfea_vision.errors import DataError
-from rfea_vision.fitting.coordinates import sized
-from rfea_vision.fitting.fit import BENT, Fitted, Problem, farthest, refit, stiff_start
+from rfea_vision.fitting.fit import BENT, stiff_start
 from rfea_vision.fitting.observed import Observed
-from rfea_vision.fitting.problem import make_model
+from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.ratio import with_lever_free
-from rfea_vision.fitting.refit import ROUGH_NEWTON, coordinates_for, on_few_bodies, rough_runs
+from rfea_vision.fitting.refit import ROUGH_NEWTON, Fitted, coordinates_for, on_few_bodies, refit, rough_runs
 from rfea_vision.fitting.residuals import side_by_side
+from rfea_vision.fitting.solver import farthest
 from rfea_vision.options import FitOptions
 
 #: Evaluations at most on thinned runs in long steps, on all frames, and for a first and a second glance; and the share of the cost
-#: that one more must still win, and that a step from thinned runs to all frames must. What has not converged is called worse than it
-#: is, so the share ends most of them. Work is counted, never timed.
+#: that one more must still win, and that a step from thinned runs to all frames must. A fit that has not converged looks worse than
+#: it is, so most end by this share. Work is counted, never timed.
 ROUGH_EVALUATIONS, FULL_EVALUATIONS, GLANCES = 25, 12, (4, 8)
 ROUGH_GAIN, CARRIED_GAIN, FULL_GAIN = 1e-4, 1e-4, 3e-4
-#: Of more starts than this, those that are best at a first glance are followed to their ends: a time that no motion has shows at once.
+#: Of more starts than this, the best after a few evaluations are followed to their ends: a wrong time constant shows at once.
 FINALISTS = 2
 #: Change of an angle (rad) at which a step is solved where all frames count: a third fewer iterations; it moves the tip by 0.2 um.
 FINE_NEWTON = 1e-6
 #: Where a refit starts again from the optimum of a smaller model: this share of the usual start of what is new.
 FAINT = 0.02
-#: A refit is begun again where the best fit has come this much nearer (in squared error) since: it was not even in the valley.
+#: A refit is repeated once the squared error of the best fit is this many times smaller than that which the refit began from.
 NEARER = 4.0
 #: An amplitude this near to a bound, as a share of its range, has run into it.
 AT_BOUND = 2e-3
@@ -99,10 +99,10 @@ class Trials:
     #: Where it is bent: by the sets of effects, the cost of the fit that their refit began from.
     began: dict[frozenset[str], float] = field(default_factory=dict)
 
-    def stands(self, fitted: Fitted, effects: frozenset[str] | None = None) -> Trial:
+    def stands(self, fitted: Fitted) -> Trial:
         """Take note of a fit that was made elsewhere, its lever free: what more effects leave may tell it (fitting/ratio.py)."""
         fitted = with_lever_free(self.problem, fitted)
-        key = frozenset(fitted.options.effects) if effects is None else effects
+        key = frozenset(fitted.options.effects)
         trial = Trial(key, fitted, errors_of(self.problem, fitted))
         self.done[key] = trial
         self.rough = rough_runs(self.problem, fitted)
@@ -134,7 +134,7 @@ class Trials:
         for above in sorted(larger, key=lambda k: (len(k), sorted(k))):
             before, cost = self.done[above], fitted.solution.cost
             if before is not None and before.cost > cost:
-                far = before.cost > (1 + FULL_GAIN) * cost  # or it stands where it was left to stand
+                far = before.cost > (1 + FULL_GAIN) * cost  # else it stands at this fit already
                 again = self._again(base, above, before.fitted.values, fitted) if far else None
                 self._keep(base, above, min((again or fitted, fitted), key=lambda one: one.solution.cost))
 
@@ -163,18 +163,19 @@ class Trials:
         return refit_segments(self.problem, base.fitted, f"{base.fitted.options.name}+{SEGMENTS}")
 
     def _solved(self, base: Trial, key: frozenset[str], start: Mapping[str, float]) -> Fitted | None:
-        options, values, absent = self._options(base, key)
+        options = self._options(base, key)
         best, held = None, base.fitted.values
         if key in self.known:
-            best = self._in_full(options, {**values, **self.known[key]}, base.fitted)
+            best = self._in_full(options, self.known[key], base.fitted)
         if best is None:
             like, held = self._nearest(base, key)
-            grids = [values, *({**values, n: v} for n, points in self._grids(key, start).items() for v in points[1:])]
+            grids = [{}, *({n: v} for n, points in self._grids(key, start).items() for v in points[1:])]
             starts = [{**grid, **held, **start} for grid in grids]
             if not self.bent and len(key - base.effects) == 1:  # the present model may have swallowed what one effect does
-                starts.append({**values, **held, **self.stiff, **start})
+                starts.append({**held, **self.stiff, **start})
             if like is not base.fitted:  # a linear step from the present model tells nothing of amplitudes there
-                starts.append({**values, **{n: v for n, v in start.items() if n not in absent}, **held})
+                amplitudes = self._amplitudes(options)
+                starts.append({**{n: v for n, v in start.items() if n not in amplitudes}, **held})
             best = self._from(options, starts, like)
         smaller = [t for k, t in self.done.items() if t is not None and k < key and SEGMENTS not in k]
         nearest = min(smaller, key=lambda t: t.cost, default=base)
@@ -187,37 +188,28 @@ class Trials:
     def _again(self, base: Trial, key: frozenset[str], wanted: Mapping[str, float], smaller: Fitted) -> Fitted | None:
         """Fit a set from the optimum of a smaller one, with what is new faint.
 
-        The larger model holds the smaller one: where it ends above, it was led astray.
+        The larger model contains the smaller one: where it ends at a higher cost, it has missed the minimum.
         """
-        options, values, absent = self._options(base, key)
-        wanted = {**values, **wanted}
-        faint = {n: zero + FAINT * (wanted[n] - zero) for n, zero in absent.items() if n in wanted}
+        options = self._options(base, key)
+        amplitudes = self._amplitudes(options).items()
+        faint = {n: zero + FAINT * (wanted.get(n, usual) - zero) for n, (zero, usual) in amplitudes}
         return self._from(options, [{**wanted, **faint, **smaller.values}], smaller)
 
     def _grids(self, key: frozenset[str], start: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Points from which to start what vanishes with an amplitude and is not in `start`: of another form, never screened."""
+        """Grids of what vanishes with an amplitude and is not in `start`, of effects in other forms, which are not screened."""
         forms = find_effects([one for one in key if ":" in one], self.effect_files)
-        found = {
-            f"{e.id}.{name}": spec.grid for e in forms for name, spec in e.parameters.items() if len(spec.grid) > 1
-        }
-        return {name: points for name, points in found.items() if name not in start}
+        return {name: s.grid for name, s in parameters_of(forms).items() if len(s.grid) > 1 and name not in start}
 
-    def _options(self, base: Trial, key: frozenset[str]) -> tuple[FitOptions, dict[str, float], dict[str, float]]:
-        """Options of the law of a set; where its parameters start; and the absent values of its effects."""
-        like = base.fitted
-        files = self.effect_files or like.options.effect_files
-        values, absent = {}, {}
-        named = find_effects([split_joint(one)[0] for one in sorted(key)], files)
-        for effect in sized(named, self.problem.actuator):
-            for name, spec in effect.parameters.items():
-                values[f"{effect.id}.{name}"] = (
-                    spec.start if spec.absent is not None else (spec.grid or (spec.start,))[0]
-                )
-                if spec.absent is not None:
-                    absent[f"{effect.id}.{name}"] = spec.absent
-        name = "+".join(("base", *sorted(key)))
-        options = replace(like.options, effects=tuple(sorted(key)), effect_files=files, name=name)
-        return options, values, absent
+    def _options(self, base: Trial, key: frozenset[str]) -> FitOptions:
+        """Options of the law of a set."""
+        like, effects = base.fitted.options, tuple(sorted(key))
+        name = "+".join(("base", *effects))
+        return replace(like, effects=effects, effect_files=self.effect_files or like.effect_files, name=name)
+
+    def _amplitudes(self, options: FitOptions) -> dict[str, tuple[float, float]]:
+        """By name where an amplitude of a law is absent, and where it usually starts."""
+        specs = parameters_of(make_model(self.problem.actuator, options, self.problem.mirror).effects)
+        return {name: (spec.absent, spec.start) for name, spec in specs.items() if spec.absent is not None}
 
     def glances(self, base: Trial, starts: Mapping[str, Mapping[str, float]], most: int) -> dict[str, Glance]:
         """Each of some effects added from its start and fitted on thinned runs alone, the best first: which are worth a refit.
@@ -227,7 +219,7 @@ class Trials:
         """
         found = dict[str, Glance]()
         for name in starts:
-            self._derive_law(self._options(base, base.effects | {name})[0])
+            self._derive_law(self._options(base, base.effects | {name}))
         for evaluations in GLANCES:
             looks = side_by_side(partial(self._glance, base, evaluations), list(starts.items()))
             for name, near in zip(starts, looks, strict=True):
@@ -244,8 +236,8 @@ class Trials:
 
     def _glance(self, base: Trial, evaluations: int, begun: tuple[str, Mapping[str, float]]) -> Fitted | None:
         name, start = begun
-        options, values, _ = self._options(base, base.effects | {name})
-        return self._near(options, {**values, **base.fitted.values, **start}, base.fitted, evaluations)
+        options = self._options(base, base.effects | {name})
+        return self._near(options, {**base.fitted.values, **start}, base.fitted, evaluations)
 
     def _near(
         self, options: FitOptions, values: Mapping[str, float], like: Fitted, most: int = ROUGH_EVALUATIONS
@@ -265,10 +257,10 @@ class Trials:
         return Fitted(model, options, coordinates, solution)
 
     def _from(self, options: FitOptions, starts: Sequence[Mapping[str, float]], like: Fitted) -> Fitted | None:
-        """Fit on thinned runs in long steps from each start, of many from the best at a glance; carry the best over to all frames.
+        """Fit thinned runs in long steps from each start, of many from the best after a few evaluations; carry the best over.
 
-        Where that leads nowhere it is fitted on these, unless a smaller set leaves less: it is nobody's answer then. And where a
-        long step is survived by no start, the first is fitted.
+        Where the fit is not carried over to all frames it is fitted to these, unless a smaller set has a lower cost already; where no
+        start can be simulated in long steps, the first is fitted to all frames.
         """
         self._derive_law(options)
         tried = self._near_from_each(options, [*starts], like, GLANCES[0] if len(starts) > FINALISTS else ROUGH_EVALUATIONS)

@@ -41,7 +41,7 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
     """Name what is likely to be there and matters; call the model complete where nothing matters; else unexplained."""
     top = weighed[0]
     ties, probability, likely = _likely(search, weighed, search.tied(weighed))
-    # Not by itself, nor with what does alike: those between which the odds do not decide may be likely together.
+    # Where no effect is likely, neither alone nor with its ties, sets between which the odds do not decide may be so together.
     for most in (MOST_TIED, None):
         if not likely:
             shared = _likely(search, weighed, search.as_likely(weighed), most)

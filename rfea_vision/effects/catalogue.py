@@ -12,7 +12,7 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from rfea_vision.effects.base import HOOKS, LINE_HOOKS, Effect
+from rfea_vision.effects.base import HOOKS, LINE_HOOKS, Effect, EffectParameter
 from rfea_vision.effects.permission import refuse_unnamed
 from rfea_vision.effects.validation import validate
 from rfea_vision.errors import InputError
@@ -100,6 +100,11 @@ def meant(name: str, known: Iterable[str]) -> str:
     """What to say after an id that nobody declares."""
     close = difflib.get_close_matches(name.lower(), list(known), n=1)
     return f"did you mean '{close[0]}'?" if close else "'rfea effects' lists the catalogue"
+
+
+def parameters_of(effects: Iterable[Effect | type[Effect]]) -> dict[str, EffectParameter]:
+    """Declared parameters of some effects by their full names, such as ``maxwell.k``."""
+    return {f"{effect.id}.{name}": spec for effect in effects for name, spec in effect.parameters.items()}
 
 
 def split_joint(text: str) -> tuple[str, str]:

@@ -103,9 +103,8 @@ LARGEST_ORIGIN_SHIFT = 3.0
 def origin_shift(item: Observed, points: FloatArray, dpoints: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Shift of the origin (2,) in m that fits a run best, with its derivatives (2, p).
 
-    Where the clamp ends in the picture is known to a tenth of a millimetre or so, the same for the whole run. Left in, that
-    error would be sold as physics; it enters linearly, so it is eliminated here (variable projection, Golub and Pereyra 1973,
-    doi:10.1137/0710036) and costs the optimiser nothing.
+    The end of the clamp is known to a tenth of a millimetre or so, with the same error in all frames of a run. That error would be
+    taken for physics; it enters linearly, so it is eliminated here (variable projection, Golub and Pereyra 1973, doi:10.1137/0710036).
     """
     gap = item.points - points
     normal, tip = item.normals[:, :-1], 1 / item.sigma[:, -1] ** 2

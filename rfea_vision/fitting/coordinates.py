@@ -17,6 +17,7 @@ from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PUBLISHED, scaled
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import Effect
+from rfea_vision.effects.catalogue import parameters_of
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.tube import inner_radius
 
@@ -165,8 +166,7 @@ def _base_axis(
 
 
 def _effect_axis(model: Model, k: int, given: tuple[float, float] | None) -> _Axis:
-    effect, parameter = model.names[k].split(".")
-    spec = next(e for e in model.effects if e.id == effect).parameters[parameter]
+    spec = parameters_of(model.effects)[model.names[k]]
     absent = 0.0 if spec.absent is None else spec.absent
     size = abs(spec.start - absent) or 0.05 * (spec.upper - spec.lower)
     column = np.zeros(len(model.names))

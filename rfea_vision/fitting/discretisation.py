@@ -24,8 +24,8 @@ TO_THE_LIMIT = 4 / 3
 def drift(problem: Problem, fitted: Fitted, items: Sequence[Observed]) -> FloatArray:
     """Change of the parameter vector (parameters,) from n bodies to a continuous tube, to first order, in units of n bodies.
 
-    Zero where the chain is taken at its word: with joints at the start of the bodies, as in the paper, or where an effect
-    names one of the joints; and where the finer chain cannot be simulated.
+    Zero where the chain stands for itself and not for a tube: with joints at the start of the bodies, as in the paper, or where an
+    effect names one of the joints; and where the finer chain cannot be simulated.
     """
     nowhere = np.zeros(len(fitted.model.names))
     options, clocks = fitted.options, fitted.solution.clocks

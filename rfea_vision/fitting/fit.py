@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,40 +14,24 @@ from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.artefacts.rows import StartRow, SteadyState
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import Effect
+from rfea_vision.effects.catalogue import parameters_of
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, build
-from rfea_vision.fitting.observed import MM, Observed
-from rfea_vision.fitting.problem import Problem, make_model, make_problem, parse_effects, start_vector
+from rfea_vision.fitting.observed import MM
+from rfea_vision.fitting.problem import Problem, make_model, make_problem, start_vector
 from rfea_vision.fitting.profile import profile
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
-from rfea_vision.fitting.refit import Fitted, carried, coordinates_for, in_long_steps, refit, refit_from
+from rfea_vision.fitting.refit import Fitted, coordinates_for, in_long_steps, refit, refit_from
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.rules import under_rules
 from rfea_vision.fitting.scoring import as_artefact
-from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
+from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, farthest, solve
 from rfea_vision.fitting.starts import from_the_release, observed_scale, without_vanishing_ends
 from rfea_vision.fitting.steady_fit import STEADY_SIGMA_M, Plateau, find_plateaus, fit_steady
 from rfea_vision.fitting.studies import leave_one_out, with_study
 from rfea_vision.options import FitOptions
 from rfea_vision.options.given import refuse_impossible_lever
 from rfea_vision.progress import Progress
-
-__all__ = [
-    "FitOptions",
-    "Fitted",
-    "Problem",
-    "carried",
-    "effect_starts",
-    "fit",
-    "fit_added",
-    "fit_base",
-    "fit_model",
-    "make_model",
-    "make_problem",
-    "parse_effects",
-    "refit",
-    "start_vector",
-]
 
 #: Ends whose costs differ by less than this share are one; so many starts that end there leave no doubt, two could by chance.
 AGREEING, AGREEING_STARTS = 1e-3, 3
@@ -201,17 +185,6 @@ def _attempt(label: str, solution: Solution | None) -> StartRow:
     return {"start": label, "cost": solution.cost, "status": "converged" if solution.converged else "stopped early"}
 
 
-def farthest(items: Sequence[Observed], solution: Solution, length_m: float) -> float:
-    """By how much the modelled tube is somewhere else at the worst moment: of the tip as a share of the length, or rad."""
-    gaps = [
-        np.linalg.norm(item.points[:, -1] - one.points[:, -1], axis=1) / length_m
-        if item.has_tip
-        else np.abs(item.angle - one.angle)
-        for item, one in zip(items, solution.evaluation.predicted, strict=True)
-    ]
-    return max(float(np.max(gap)) for gap in gaps)
-
-
 def stiff_start(problem: Problem, fitted: Fitted) -> dict[str, float]:
     """Base parameters to begin at where those of a fit are bent out of shape: of the paper's table at this size, stiffer, no slopes."""
     reference = base_reference(problem.actuator, fitted.options.segments)
@@ -247,18 +220,12 @@ def _refined(
     return best
 
 
-def effect_starts(model_effects: Sequence[Effect], names: Sequence[str]) -> list[dict[str, float]]:
+def _starts_of(effects: Iterable[Effect]) -> list[dict[str, float]]:
     """Starts for the parameters of effects just added: each grid value of what vanishes with the amplitude."""
     starts: list[dict[str, float]] = [{}]
-    for effect in model_effects:
-        if effect.id not in names:
-            continue
-        for name, spec in effect.parameters.items():
-            key = f"{effect.id}.{name}"
-            if spec.absent is None and spec.grid:
-                starts = [{**s, key: value} for s in starts for value in spec.grid]
-            elif spec.absent is not None:
-                starts = [{**s, key: spec.start} for s in starts]
+    for name, spec in parameters_of(effects).items():
+        values = spec.grid if spec.absent is None else (spec.start,)
+        starts = [{**start, name: value} for start in starts for value in values] if values else starts
     return starts
 
 
@@ -271,8 +238,8 @@ def fit_added(problem: Problem, options: FitOptions, previous: Fitted, progress:
         None of the starts can be simulated.
     """
     model = make_model(problem.actuator, options, problem.mirror)
-    new = [effect.id for effect in model.effects if effect.id not in {e.id for e in previous.model.effects}]
-    starts = effect_starts(model.effects, new)
+    had = {effect.id for effect in previous.model.effects}
+    starts = _starts_of(effect for effect in model.effects if effect.id not in had)
     if farthest(problem.train, previous.solution, problem.actuator.length) > BENT:
         starts += [{**stiff_start(problem, previous), **start} for start in starts]
     best: Fitted | None = None

@@ -12,6 +12,7 @@ from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.parameters import PAPER_UNITS, as_paper, as_paper_matrix
 from rfea_vision.effects.base import BASE_UNITS
+from rfea_vision.effects.catalogue import parameters_of
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.uncertainty import Uncertainty, uncertainty_of
@@ -49,8 +50,7 @@ def intervals(
     parameters, covariance = _parameters(fitted, uncertainty, par, coarse)
     free = list(fitted.coordinates.free)
     spread = np.sqrt(np.maximum(np.diag(covariance)[free], 1e-300))
-    effects = fitted.model.effects
-    absent = {f"{e.id}.{name}": spec.absent for e in effects for name, spec in e.parameters.items()}
+    absent = {name: spec.absent for name, spec in parameters_of(fitted.model.effects).items()}
     correlation = covariance[np.ix_(free, free)] / np.outer(spread, spread)
     return Intervals(
         parameters,
@@ -81,7 +81,7 @@ def _parameters(
         coordinates.free[i]: "lower" if y[i] - coordinates.lower[i] < coordinates.upper[i] - y[i] else "upper"
         for i in np.flatnonzero(~coordinates.inside(y))
     }
-    texts = {f"{e.id}.{name}": spec.text for e in model.effects for name, spec in e.parameters.items()}
+    specs = parameters_of(model.effects)
     out = {}
     for k, name in enumerate(model.names):
         unit, lower, upper = _unit_and_bounds(fitted, k)
@@ -103,7 +103,7 @@ def _parameters(
             upper=upper,
             fixed=k not in coordinates.free,
             note=note,
-            text=texts.get(name, ""),
+            text=specs[name].text if name in specs else "",
         )
     return out, covariance
 
@@ -118,21 +118,17 @@ def _unknown_from(value: float, lower: float | None, upper: float | None) -> flo
 def _unit_and_bounds(fitted: Fitted, k: int) -> tuple[str, float | None, float | None]:
     name = fitted.model.names[k]
     given = fitted.options.bounds.get(name)
-    if given is not None and k < 7:
+    if k >= 7:
+        spec = parameters_of(fitted.model.effects)[name]
+        return spec.unit, *(given or (spec.lower, spec.upper))
+    if given is not None:
         return BASE_UNITS[name], *given
-    if k < 7:
-        if k == 6 and k in fitted.coordinates.free:
-            column = fitted.coordinates.free.index(k)
-            size = fitted.coordinates.matrix[k, column]
-            return (
-                BASE_UNITS[name],
-                float(fitted.coordinates.lower[column] * size),
-                float(fitted.coordinates.upper[column] * size),
-            )
-        return BASE_UNITS[name], 0.0 if k % 2 == 0 else None, None
-    effect, parameter = name.split(".")
-    spec = next(e for e in fitted.model.effects if e.id == effect).parameters[parameter]
-    return spec.unit, *(given or (spec.lower, spec.upper))
+    coordinates = fitted.coordinates
+    if k == 6 and k in coordinates.free:
+        column = coordinates.free.index(k)
+        low, high = (float(bound[column] * coordinates.matrix[k, column]) for bound in (coordinates.lower, coordinates.upper))
+        return BASE_UNITS[name], low, high
+    return BASE_UNITS[name], 0.0 if k % 2 == 0 else None, None
 
 
 def limits(fitted: Fitted, name: str) -> tuple[float, float]:

@@ -45,8 +45,8 @@ class Observed:
     clock_sigma: float  # s; 0 where the clock is taken as given
     middle_s: float  # middle of the recording, where a clock drift is zero: the same for every part of it
     repeat_of: str | None = None
-    tip_noise_mm: float = field(default=0.0)
-    origin_sigma: float = field(default=0.0)  # m; 0 where the track is in the rig frame by somebody else's word
+    tip_noise_mm: float = 0.0
+    origin_sigma: float = 0.0  # m; 0 where the track is in the rig frame by somebody else's word
     pressure_zero_sd: float = 0.0  # Pa; 0 where the sensor's zero is taken as given
     angle_zero_sd: float = 0.0  # rad; as above, of the angle of a run without a tip
     gravity: float = STANDARD_GRAVITY  # m/s^2 in the plane of motion
@@ -113,6 +113,11 @@ class Observed:
     def has_tip(self) -> bool:
         """Whether positions are compared; else only an angle was measured."""
         return self.fractions.size > 0
+
+    @property
+    def tip_or_angle(self) -> FloatArray:
+        """What errors are counted in: the tip (frames, 2) in mm, or where there is none the angle (frames, 1) in deg."""
+        return self.points[:, -1] / MM if self.has_tip else np.rad2deg(self.angle)[:, None]
 
     def thinned(self, step: int) -> Observed:
         """Every `step`-th frame, for screening."""

@@ -11,6 +11,7 @@ from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.problem import Problem
 from rfea_vision.fitting.refit import Fitted, on_few_bodies, refit, rough_runs
 from rfea_vision.fitting.residuals import evaluate
+from rfea_vision.fitting.solver import farthest
 from rfea_vision.units import rounded
 
 #: kPa of one psi, the slip that leaves a tube within the moduli of elastomers; a bar or a mbar does not.
@@ -35,7 +36,7 @@ def about_psi(problem: Problem, fitted: Fitted) -> list[str]:
     """
     options, tube = fitted.options, problem.actuator
     given = {"r_hyd"} & {*options.bounds, *options.priors, *(() if fitted.ratio_only else options.fixed)}
-    if options.effects or given or tube.kind != "tube" or _farthest(problem, fitted) < _FAR_OFF:
+    if options.effects or given or tube.kind != "tube" or farthest(problem.train, fitted.solution, tube.length) < _FAR_OFF:
         return []
     items, clocks = rough_runs(problem, fitted), fitted.solution.clocks
     now = evaluate(fitted.model, fitted.par, items, (), clocks)
@@ -59,14 +60,3 @@ def about_psi(problem: Problem, fitted: Fitted) -> list[str]:
         f"With pressures {rounded(times, 2)} times as high, {rounded(100 * share, 2)} % of the error is left: is the log in psi "
         "(one psi is 6.9 kPa)? pressure.unit says which unit it is in."
     ]
-
-
-def _farthest(problem: Problem, fitted: Fitted) -> float:
-    """By how much the modelled tube is elsewhere at the worst moment: of the tip as a share of the length, or rad."""
-    gaps = [
-        np.linalg.norm(item.points[:, -1] - one.points[:, -1], axis=1) / problem.actuator.length
-        if item.has_tip
-        else np.abs(item.angle - one.angle)
-        for item, one in zip(problem.train, fitted.solution.evaluation.predicted, strict=True)
-    ]
-    return max(float(np.max(gap)) for gap in gaps)

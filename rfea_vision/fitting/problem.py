@@ -10,7 +10,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.dynamics.simulation import Chain, Model
-from rfea_vision.effects.catalogue import find_effects, split_joint
+from rfea_vision.effects.catalogue import find_effects, parameters_of, split_joint
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting.coordinates import base_reference, largest_bend, sized
 from rfea_vision.fitting.observation import default_observe, observe_recording
@@ -160,8 +160,6 @@ def start_vector(model: Model, actuator: Actuator, segments: int) -> FloatArray:
     """The paper's table for the base parameters, the declared start for those of effects: (parameters,) in SI."""
     par = np.zeros(len(model.names))
     par[:7] = base_reference(actuator, segments)
-    for effect in model.effects:
-        for name, spec in effect.parameters.items():
-            first = spec.grid[0] if spec.grid else spec.start
-            par[model.names.index(f"{effect.id}.{name}")] = spec.start if spec.absent is not None else first
+    for name, spec in parameters_of(model.effects).items():
+        par[model.names.index(name)] = (spec.grid or (spec.start,))[0] if spec.absent is None else spec.start
     return par

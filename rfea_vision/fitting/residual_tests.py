@@ -8,8 +8,8 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.rows import ResidualTest
-from rfea_vision.fitting.observed import MM, Observed
-from rfea_vision.fitting.residuals import Predicted
+from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.residuals import Predicted, left_of
 from rfea_vision.scatter import scatter
 
 BINS = 16  # of quantiles: each holds at least eight values
@@ -94,11 +94,7 @@ def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted])
     columns: dict[str, list[FloatArray]] = {"pressure": [], "angle": [], "rate": []}
     residuals = []
     for item, one in zip(items, predicted, strict=True):
-        gap = (
-            (item.points[:, -1] - one.points[:, -1]) / MM
-            if item.has_tip
-            else np.rad2deg(item.angle - one.angle)[:, None]
-        )
+        gap = left_of(item, one)
         axis = int(np.argmax(gap.std(axis=0)))
         series = gap[:, axis]
         period = float(np.median(np.diff(item.time)))

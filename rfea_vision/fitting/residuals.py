@@ -13,9 +13,10 @@ from scipy.interpolate import CubicHermiteSpline
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model, Motion
+from rfea_vision.effects.catalogue import parameters_of
 from rfea_vision.fitting.camera_view import angle_zero, origin_shift, seen_by_camera, stretching
 from rfea_vision.fitting.nuisance import eliminate
-from rfea_vision.fitting.observed import Observed
+from rfea_vision.fitting.observed import MM, Observed
 
 THREADS = min(2, os.cpu_count() or 1)
 _Each = TypeVar("_Each")
@@ -35,6 +36,13 @@ class Predicted:
     angle: FloatArray
     dangle: FloatArray
     nuisance: dict[str, float] = field(default_factory=dict)
+
+
+def left_of(item: Observed, predicted: Predicted) -> FloatArray:
+    """What a prediction leaves of the tip in mm (frames, 2), or of the angle in deg (frames, 1) where there is no tip."""
+    if item.has_tip:
+        return (item.points[:, -1] - predicted.points[:, -1]) / MM
+    return np.rad2deg(item.angle - predicted.angle)[:, None]
 
 
 def predict_observed(
@@ -133,8 +141,8 @@ def _predict(
 def by_clock(model: Model, par: FloatArray, item: Observed) -> Callable[[float], Predicted | None]:
     """`predict_observed` without derivatives as a function of the offset of the clock (s).
 
-    No motion depends on when one looks at it: it is simulated once, and read between the ends of its steps, unless the clock goes into
-    what is found of the run's unknowns. par : (parameters,) in SI, in the order of `model.names`
+    The motion does not depend on that clock: it is simulated once and read between the ends of its steps, unless unknowns of the run
+    are found with the clock. par : (parameters,) in SI, in the order of `model.names`
     """
     if item.unknowns is not None:
         return lambda clock_s: predict_observed(model, par, item, (), clock_s)
@@ -226,8 +234,8 @@ def as_rigged(
     if not item.conditions:
         return rigged, par, list(free)
     own = dict(zip(model.names, par, strict=True))
-    specs = {f"{e.id}.{name}": spec for e in rigged.effects for name, spec in e.parameters.items()}
-    rest = {name: spec.start if spec.absent is None else spec.absent for name, spec in specs.items()}
+    specs = parameters_of(rigged.effects).items()
+    rest = {name: spec.start if spec.absent is None else spec.absent for name, spec in specs}
     values = [item.conditions.get(name, own.get(name, rest.get(name))) for name in rigged.names]
     return rigged, np.array(values, dtype=float), [rigged.names.index(model.names[k]) for k in free]
 

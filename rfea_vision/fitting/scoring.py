@@ -24,7 +24,7 @@ from rfea_vision.fitting.problem import Problem, make_model
 from rfea_vision.fitting.ratio import about_ratio
 from rfea_vision.fitting.refit import Fitted, in_long_steps
 from rfea_vision.fitting.residual_tests import examine_residuals
-from rfea_vision.fitting.residuals import Predicted, predict_observed, why_not
+from rfea_vision.fitting.residuals import Predicted, left_of, predict_observed, why_not
 from rfea_vision.fitting.rules import CONSTANT_PA, held_by_rule, pushed
 from rfea_vision.fitting.solver import fit_clocks
 from rfea_vision.options import FitOptions
@@ -60,17 +60,10 @@ def gaps(item: Observed, predicted: Predicted) -> Gaps:
     tip = None if gap is None else np.sum(gap[:, -1] ** 2, axis=1)
     midline = None if gap is None or not item.has_midline else np.mean(np.sum(gap**2, axis=2), axis=1)
     angle = np.rad2deg(item.angle - predicted.angle) ** 2 if np.any(np.isfinite(item.angle)) else None
-    shown = np.rad2deg(item.angle[:, None]) if gap is None else item.points[:, -1] / MM
+    shown = item.tip_or_angle
     variance = float(np.sum(np.nanvar(shown, axis=0))) if np.isfinite(shown).any() else 0.0
     x, y = (None, None) if gap is None else (gap[:, -1, 0] ** 2, gap[:, -1, 1] ** 2)
     return Gaps(tip, x, y, midline, angle, variance)
-
-
-def left_of(item: Observed, predicted: Predicted) -> FloatArray:
-    """What a prediction leaves of the tip in mm (frames, 2), or of the angle in deg (frames, 1) where there is no tip."""
-    if item.has_tip:
-        return (item.points[:, -1] - predicted.points[:, -1]) / MM
-    return np.rad2deg(item.angle - predicted.angle)[:, None]
 
 
 def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
@@ -167,7 +160,7 @@ def _laws(fitted: Fitted) -> dict[str, dict[str, str]]:
 def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
     """Score a fit on the training and validation runs, test runs left alone, and write it down.
 
-    In the longest steps that nobody feels beside the noise: they stand with the scores, and whoever takes the model up again has them.
+    In the longest steps whose error is small beside the noise; they stand in the scores (`step_s`), for `in_its_steps`.
     """
     problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
     others = problem.validate

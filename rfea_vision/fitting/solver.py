@@ -82,8 +82,8 @@ class _Point:
 class _Target:
     """Residual and Jacobian over x = [coordinates, free clocks]; remembers the last point, as both are asked for in turn.
 
-    With `condensed`, the rows of the data are replaced by the triangle of their QR decomposition, of which there are as many
-    as unknowns: all that a linear loss needs, and nothing for the optimiser to chew on.
+    With `condensed`, the rows of the data are replaced by the triangle of their QR decomposition, which has as many rows as
+    there are unknowns: enough for a linear loss.
     """
 
     model: Model
@@ -241,6 +241,17 @@ def with_slopes(model: Model, items: Sequence[Observed], coordinates: Coordinate
     target = _Target(model, items, coordinates, solution.clocks.copy(), solution.clock_index, condensed=True)
     point = target.at(solution.x)
     return solution if point is None else target.solution(solution.x, point, solution.converged, np.inf)
+
+
+def farthest(items: Sequence[Observed], solution: Solution, length_m: float) -> float:
+    """By how much the modelled tube is somewhere else at the worst moment: of the tip as a share of the length, or rad."""
+    gaps = [
+        np.linalg.norm(item.points[:, -1] - one.points[:, -1], axis=1) / length_m
+        if item.has_tip
+        else np.abs(item.angle - one.angle)
+        for item, one in zip(items, solution.evaluation.predicted, strict=True)
+    ]
+    return max(float(np.max(gap)) for gap in gaps)
 
 
 def _cost(residual: FloatArray, softness: float) -> float:

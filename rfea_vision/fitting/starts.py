@@ -82,11 +82,11 @@ def _scale_of_swing(items: Sequence[Observed], actuator: Actuator) -> FloatArray
 def from_the_release(
     model: Model, items: Sequence[Observed], coordinates: Coordinates, reference: FloatArray
 ) -> FloatArray:
-    """Parameters (SI) from which a fit to runs that were let go can set out: learnt from their beginnings on.
+    """Start parameters (SI) for runs that were let go, found from their beginnings on.
 
-    Where a tube rings, a start of another frequency is caught half a swing off; where it creeps, no swing tells the stiffness. So
-    stiffness and damping are looked for on a grid over the opening of the runs, and followed as more and more of them is seen.
-    `reference` stands at the grid's middle, and is returned where no run was let go or none of the grid can be simulated.
+    Of a tube that rings, a start with another frequency ends in a minimum that is half a swing off; of one that creeps, no swing shows
+    the stiffness. So stiffness and damping are searched on a grid over the opening of the runs, and fitted to more and more of them.
+    `reference` is the middle of the grid; it is returned where no run was let go or no point of the grid can be simulated.
     """
     let_go = [item for item in items if item.held is not None]
     if not let_go:

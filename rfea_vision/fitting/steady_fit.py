@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import STANDARD_GRAVITY, Model
 from rfea_vision.fitting.coordinates import Coordinates
-from rfea_vision.fitting.observed import MM, Observed
+from rfea_vision.fitting.observed import Observed
 
 SHORTEST_PLATEAU_S = 0.25  # a shorter hold is a step on a ramp
 
@@ -42,7 +42,7 @@ def find_plateaus(items: Sequence[Observed]) -> list[Plateau]:
             continue
         pressure = item.excitation.at(item.time)
         band = max(0.01 * np.ptp(item.excitation.pressure), 1e3)
-        signal = item.points[:, -1] / MM if item.has_tip else np.rad2deg(item.angle)[:, None]
+        signal = item.tip_or_angle
         still = 1.0 + 5 * item.tip_noise_mm
         start = 0
         while start < item.time.size - 5:
@@ -81,7 +81,7 @@ def steady_points(
     pressure: float,
     free: Sequence[int],
     fractions: FloatArray,
-    start: FloatArray | None = None,
+    start: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray, float, FloatArray, FloatArray] | None:
     """Points (m, 2), derivatives, tip angle and its derivative at one pressure, and phi; None where there is no steady state."""
     steady = model.steady(par, pressure, free, start=start)

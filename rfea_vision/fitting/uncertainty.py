@@ -82,35 +82,16 @@ def _by_autocorrelation(item: Observed, residual: FloatArray, jacobian: FloatArr
 
 
 def uncertainty_of(solution: Solution, items: Sequence[Observed]) -> Uncertainty:
-    """Uncertainty of what the optimiser turned, where it ended; `items` are the runs in the order in which they were fitted."""
-    weight = np.sqrt(solution.row_weight)
-    return sandwich(
-        items,
-        solution.evaluation.residual * weight,
-        solution.scaled_jacobian * weight[:, None],
-        solution.evaluation.slices,
-        solution.prior_jacobian,
-    )
+    """Uncertainty of the optimiser's coordinates and free clocks at a solution; `items` are the runs, as they were fitted.
 
-
-def sandwich(
-    items: Sequence[Observed],
-    residual: FloatArray,
-    jacobian: FloatArray,
-    slices: tuple[slice, ...],
-    prior: FloatArray | None = None,
-) -> Uncertainty:
-    """Cluster-robust covariance over blocks of time: J^-1 (sum over blocks of g g') J^-1.
-
-    Nodes of one frame, and frames of one block, may be correlated in any way; a block is several times as long as the
-    residual remembers itself. The blocks' number gives the degrees of freedom. Few blocks see too little; so the covariance
-    from the residual's variance and autocorrelation alone is a lower bound, and so is the classical one.
-    residual : (rows,) of unit variance; jacobian : (rows, unknowns); slices : whose rows are which run's
-    prior : (known, unknowns) rows of what was known beforehand, each of unit variance
-    Liang and Zeger 1986, doi:10.1093/biomet/73.1.13.
+    Cluster-robust covariance over blocks of time: J^-1 (sum over blocks of g g') J^-1 (Liang and Zeger 1986,
+    doi:10.1093/biomet/73.1.13). Nodes of one frame, and frames of one block, may be correlated in any way; a block lasts several
+    correlation times of the residual, and the number of blocks gives the degrees of freedom. From few blocks the estimate may be
+    too small; so the covariance from the residual's variance and autocorrelation alone is a lower bound, and so is the classical one.
     """
-    count = jacobian.shape[1]
-    known = np.zeros((0, count)) if prior is None else prior
+    weight = np.sqrt(solution.row_weight)
+    residual, jacobian = solution.evaluation.residual * weight, solution.scaled_jacobian * weight[:, None]
+    count, known = jacobian.shape[1], solution.prior_jacobian
     scale = np.sqrt(np.sum(jacobian**2, axis=0) + np.sum(known**2, axis=0))
     seen = scale > 0
     scale = np.where(seen, scale, 1.0)
@@ -123,7 +104,7 @@ def sandwich(
     inverse = (rows_v[strong].T / singular[strong] ** 2) @ rows_v[strong]
     meat, smooth = known.T @ known, np.zeros((count, count))
     blocks = 0
-    for item, part in zip(items, slices, strict=True):
+    for item, part in zip(items, solution.evaluation.slices, strict=True):
         gradient = normed[part] * residual[part, None]
         frame = frame_of_row(item, gradient.shape[0])
         block = ((item.time - item.time[0]) / block_length_s(item, residual[part]) + 1e-6).astype(int)[frame]

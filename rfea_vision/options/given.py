@@ -28,14 +28,11 @@ MODULUS = "modulus"
 def units_of(effect_files: Sequence[Path]) -> dict[str, str]:
     """Unit of every parameter that a model may have."""
     from rfea_vision.effects.base import BASE_UNITS
-    from rfea_vision.effects.catalogue import catalogue, load_effect_file
+    from rfea_vision.effects.catalogue import catalogue, load_effect_file, parameters_of
 
     own = {effect.id: effect for file in effect_files for effect in load_effect_file(file)}
-    found = {**catalogue(), **own}.values()
-    return {
-        **BASE_UNITS,
-        **{f"{effect.id}.{name}": spec.unit for effect in found for name, spec in effect.parameters.items()},
-    }
+    found = parameters_of({**catalogue(), **own}.values())
+    return {**BASE_UNITS, **{name: spec.unit for name, spec in found.items()}}
 
 
 def known_values(read: Callable[[Sequence[str], Mapping[str, str]], Mapping[str, object]]) -> BeforeValidator:

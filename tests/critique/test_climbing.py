@@ -19,7 +19,8 @@ from rfea_vision.critique.screening import available
 from rfea_vision.critique.verdict import split_by
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting import fit_model
-from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.fit import fit
+from rfea_vision.fitting.problem import make_problem
 from rfea_vision.options import FitOptions
 
 OPTIONS = FitOptions(segments=6, starts=0)

@@ -10,8 +10,9 @@ import xarray as xr
 
 from rfea_vision.artefacts import Recording
 from rfea_vision.critique.floors import binding, floors_of, measurement
-from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
+from rfea_vision.fitting.problem import make_problem
 from rfea_vision.options import FitOptions
 
 

@@ -12,7 +12,9 @@ from rfea_vision.artefacts import Ladder, Recording
 from rfea_vision.critique import improve, power_study
 from rfea_vision.critique.diagnosis import Judgement, judge
 from rfea_vision.fitting import fit_model
-from rfea_vision.fitting.fit import BENT, farthest, fit, make_problem
+from rfea_vision.fitting.fit import BENT, fit
+from rfea_vision.fitting.problem import make_problem
+from rfea_vision.fitting.solver import farthest
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.twin import TwinOptions, simulate
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.critique.next_experiment import STEP_S, design_next, limits, profiles, shaped
-from rfea_vision.fitting.fit import make_problem
+from rfea_vision.fitting.problem import make_problem
 
 
 def test_the_next_experiment_stays_within_what_the_rig_has_shown(campaign):

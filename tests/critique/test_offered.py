@@ -76,7 +76,7 @@ def test_all_effects_get_a_glance_and_the_better_half_a_second_from_where_the_fi
 
     monkeypatch.setattr(Trials, "_near", near)
     monkeypatch.setattr(Trials, "_derive_law", lambda self, options: None)
-    monkeypatch.setattr(Trials, "_options", lambda self, base, key: (SimpleNamespace(effects=key), {}, {}))
+    monkeypatch.setattr(Trials, "_options", lambda self, base, key: SimpleNamespace(effects=key))
     base = SimpleNamespace(effects=frozenset(), fitted=SimpleNamespace(values={}))
     starts = {name: {"start": 0.0} for name in ends_at}
     looks = Trials(SimpleNamespace()).glances(base, starts, 1)
@@ -105,7 +105,8 @@ def test_from_a_bent_model_a_refit_begins_at_the_best_fit_and_again_where_that_h
         return SimpleNamespace(solution=SimpleNamespace(cost=1e5 / len(began)))
 
     monkeypatch.setattr(Trials, "_from", from_)
-    monkeypatch.setattr(Trials, "_options", lambda self, own, key: (None, {"drag.c": 1.0}, {"drag.c": 0.0}))
+    monkeypatch.setattr(Trials, "_options", lambda self, own, key: None)
+    monkeypatch.setattr(Trials, "_amplitudes", lambda self, options: {"drag.c": (0.0, 1.0)})
     monkeypatch.setattr("rfea_vision.critique.trials.errors_of", lambda problem, fitted: None)
     monkeypatch.setattr("rfea_vision.critique.trials._at_bound", lambda fitted: False)
     trials = Trials(SimpleNamespace(), done={base.effects: base}, bent=True)
@@ -114,9 +115,7 @@ def test_from_a_bent_model_a_refit_begins_at_the_best_fit_and_again_where_that_h
     assert trials.refit(base, ("drag",), {}) is first and len(began) == 1  # nothing has come nearer
     better = trials.done[frozenset({"payload"})] = trial(100.0, "payload", **{"k_ref": 0.2, "payload.m": 0.01})
     again = trials.refit(base, ("drag",), {"drag.c": 900.0})
-    assert (
-        began[1] == (better.fitted, {"drag.c": 1.0, "k_ref": 0.2}) and again.cost == 5e4
-    )  # what it shares, and no more
+    assert began[1] == (better.fitted, {"k_ref": 0.2}) and again.cost == 5e4  # what it shares, and no more
     assert trials.refit(base, ("drag",), {}) is again and len(began) == 2
     # elsewhere at the model as it stands, and one effect also where nothing has been swallowed
     trials.bent, trials.stiff = False, {"k_ref": 9.0}
@@ -140,12 +139,12 @@ def test_what_contains_a_set_that_came_out_better_is_fitted_again_from_there(mon
         began.append((like, starts))
         return trial([40.0, 30.0, 50.0][len(began) - 1], **starts[-1]).fitted
 
-    def values(self, own, key):
-        absent = {f"{name}.c": 0.0 for name in sorted(key)}
-        return SimpleNamespace(effects=key), dict.fromkeys(absent, 1.0), absent
+    def amplitudes(self, options):
+        return {f"{name}.c": (0.0, 1.0) for name in sorted(options.effects)}
 
     monkeypatch.setattr(Trials, "_from", from_)
-    monkeypatch.setattr(Trials, "_options", values)
+    monkeypatch.setattr(Trials, "_options", lambda self, own, key: SimpleNamespace(effects=key))
+    monkeypatch.setattr(Trials, "_amplitudes", amplitudes)
     monkeypatch.setattr("rfea_vision.critique.trials.errors_of", lambda problem, fitted: None)
     monkeypatch.setattr("rfea_vision.critique.trials._at_bound", lambda fitted: False)
     base = trial(100.0)

@@ -21,7 +21,8 @@ from rfea_vision.critique.search import Search
 from rfea_vision.critique.subsets import Combinations
 from rfea_vision.critique.trials import Trials
 from rfea_vision.effects.catalogue import catalogue, find_effects
-from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.fit import fit
+from rfea_vision.fitting.problem import make_problem
 from rfea_vision.fitting.refit import refit_from
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions

@@ -10,7 +10,8 @@ import pytest
 
 from rfea_vision import open_campaign
 from rfea_vision.artefacts import Actuator, Recording
-from rfea_vision.fitting.fit import carried, make_model, make_problem
+from rfea_vision.fitting.problem import make_model, make_problem
+from rfea_vision.fitting.refit import carried
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.options import FitOptions
 from rfea_vision.twin import TwinOptions, simulate

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from rfea_vision.fitting.discretisation import drift
-from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.intervals import intervals
+from rfea_vision.fitting.problem import make_problem
 from rfea_vision.fitting.refit import refit_from
 from rfea_vision.options import FitOptions
 

@@ -10,10 +10,11 @@ from rfea_vision.artefacts import Actuator, ModelFit, Recording
 from rfea_vision.errors import DataError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.coordinates import build
-from rfea_vision.fitting.fit import fit, fit_base, make_model, make_problem, start_vector
+from rfea_vision.fitting.fit import fit, fit_base
 from rfea_vision.fitting.intervals import _unknown_from, intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
+from rfea_vision.fitting.problem import make_model, make_problem, start_vector
 from rfea_vision.fitting.refit import FELT_SHARE, UNFELT, _unfelt, in_long_steps, refit, refit_from, rough_runs
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate

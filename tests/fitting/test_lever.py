@@ -6,8 +6,9 @@ import pytest
 
 from rfea_vision.critique.screening import offered
 from rfea_vision.critique.trials import Trials
-from rfea_vision.fitting.fit import fit, make_problem
+from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.other_unit import PSI_kPa, about_psi
+from rfea_vision.fitting.problem import make_problem
 from rfea_vision.options import FitOptions
 
 OPTIONS = FitOptions(segments=8, starts=0)

@@ -127,7 +127,7 @@ def test_the_papers_own_table_lies_within_the_bounds():
     from rfea_vision.artefacts import Actuator
     from rfea_vision.dynamics.parameters import PUBLISHED
     from rfea_vision.fitting.coordinates import build
-    from rfea_vision.fitting.fit import make_model
+    from rfea_vision.fitting.problem import make_model
 
     model = make_model(Actuator(), FitOptions(segments=8, joints="start"))
     for bend in (0.5, 1.5, 2.2):  # rad; 270 kPa with its overshoot is below the last

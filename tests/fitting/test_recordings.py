@@ -9,9 +9,10 @@ from scipy.interpolate import CubicSpline
 from rfea_vision.artefacts import Recording
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model, predict
-from rfea_vision.fitting.fit import fit, make_model, make_problem
+from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.noise import noise_floor_mm
 from rfea_vision.fitting.observation import _without_jumps, observe_recording
+from rfea_vision.fitting.problem import make_model, make_problem
 from rfea_vision.fitting.refit import refit_from
 from rfea_vision.fitting.residuals import by_clock, evaluate, predict_observed
 from rfea_vision.fitting.solver import at_own_clock, fit_clocks

@@ -11,11 +11,13 @@ from rfea_vision.artefacts import ExperimentScore
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.alarms import alarms, runaway
-from rfea_vision.fitting.fit import fit, make_problem, refit
+from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.intervals import intervals
 from rfea_vision.fitting.prediction import predict
+from rfea_vision.fitting.problem import make_problem
 from rfea_vision.fitting.profile import _scale_and_step
 from rfea_vision.fitting.ratio import about_ratio
+from rfea_vision.fitting.refit import refit
 from rfea_vision.fitting.residual_tests import examine_residuals
 from rfea_vision.fitting.scoring import as_artefact, gaps, options_of, pooled, worse_than_nothing
 from rfea_vision.fitting.studies import enough_segments, leave_one_out, segments_study
@@ -248,7 +250,8 @@ def test_a_model_that_does_worse_than_no_motion_is_said_in_mm_and_in_deg():
     bent = np.deg2rad(20.0 + 10.0 * np.sin(time_s))
     tip = 100.0 * np.stack([-np.sin(bent), -np.cos(bent)], axis=1) / 1e3
     for has_tip in (True, False):
-        item = SimpleNamespace(has_tip=has_tip, has_midline=False, angle=bent, points=tip[:, None])
+        shown = 1e3 * tip if has_tip else np.rad2deg(bent)[:, None]
+        item = SimpleNamespace(has_tip=has_tip, has_midline=False, angle=bent, points=tip[:, None], tip_or_angle=shown)
         for off, worse in ((0.1, False), (1.5, True)):
             predicted = SimpleNamespace(angle=bent + off * np.std(bent), points=tip[:, None] + off * 0.0123)
             metrics = pooled([gaps(item, predicted)], 100.0)

@@ -13,7 +13,7 @@ from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.errors import InputError
 from rfea_vision.export.c_source import check_exportable
 from rfea_vision.fitting.camera_view import seen_by_camera, stretching
-from rfea_vision.fitting.fit import make_model, start_vector
+from rfea_vision.fitting.problem import make_model, start_vector
 from rfea_vision.options import FitOptions
 
 SEGMENTS = 4

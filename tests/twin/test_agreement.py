@@ -9,7 +9,8 @@ import pytest
 
 from rfea_vision.dynamics.simulation import Excitation
 from rfea_vision.fitting.camera_view import seen_by_camera
-from rfea_vision.fitting.fit import carried, make_model
+from rfea_vision.fitting.problem import make_model
+from rfea_vision.fitting.refit import carried
 from rfea_vision.options import FitOptions
 from rfea_vision.twin import OUTSIDE, TwinOptions
 from rfea_vision.twin.draw import build_plant, camera_times, draw_runs, highest_pressure, move, posture_at
