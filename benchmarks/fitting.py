@@ -42,8 +42,7 @@ def problem_of_20_s(experiments: int = 1) -> Problem:
         )
         simulate(campaign, options)
         work = open_campaign(campaign)
-        recordings = {name: stored.value for name, stored in work.recordings("train").items()}
-        return make_problem(recordings, work.campaign.actuator)
+        return make_problem(work.recordings("train"), work.campaign.actuator)
 
 
 def fit_from(problem: Problem, start: np.ndarray, effects: tuple[str, ...] = ()) -> tuple[float, Solution | None]:

@@ -54,7 +54,7 @@ def exact_tracks(folder: Path) -> tuple[dict[str, xr.Dataset], Actuator, dict[st
     )
     truth = simulate(folder / "exact", options)
     recordings = open_campaign(folder / "exact").recordings("train")
-    runs = {name: stored.value.dataset.load() for name, stored in recordings.items()}
+    runs = {name: item.dataset.load() for name, item in recordings.items()}
     base = {name: value * (1 if name == "r_hyd" else SEGMENTS / 8) for name, value in truth["base"].items()}
     return runs, options.actuator, base
 

@@ -131,6 +131,11 @@ class ModelFit(_Json):
         fits = [run.normalised_fit_percent for run in self.experiments.values()]
         return bool(fits) and all(fit is not None and fit < 0 for fit in fits)
 
+    def clock_s(self, run: str) -> float | None:
+        """Offset (s) that the fit gave the clock of a run; None where it gave none."""
+        score = self.experiments.get(run)
+        return None if score is None else score.nuisance.get("clock_offset_s")
+
 
 class WorstPlace(_Json):
     """A stretch of time and tube where model and measurement part."""

@@ -111,7 +111,8 @@ def _beside_others(experiment: ExperimentSpec, runs: _AllRuns) -> list[tuple[str
 def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FileProblem]:
     """Doubt dimensions that are right in form and unlikely in size: above all, diameters given as radii."""
     tubes = dict.fromkeys((campaign.actuator, *(item.actuator for item in active)))
-    return [_odd(campaign, key, text) for tube in tubes for key, text in of_tube(tube)]
+    file, doubts = campaign.root / "campaign.yaml", [doubt for tube in tubes for doubt in of_tube(tube)]
+    return [FileProblem(file, text, f"actuator.{key}", severity="warning") for key, text in doubts]
 
 
 def _odd_pressures(active: list[ExperimentSpec], runs: _AllRuns) -> str:
@@ -124,10 +125,6 @@ def _odd_pressures(active: list[ExperimentSpec], runs: _AllRuns) -> str:
     if text or highest is None or len(gravities) != 1:
         return text
     return of_weight(highest, active[0].actuator, gravities.pop())
-
-
-def _odd(campaign: Campaign, key: str, text: str) -> FileProblem:
-    return FileProblem(campaign.root / "campaign.yaml", text, f"actuator.{key}", severity="warning")
 
 
 def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[CameraSpec, ExperimentSpec | None]]:
@@ -311,7 +308,7 @@ def _look_at_pressure(run: _Run, runs: _AllRuns) -> None:
         run.refuse(key, text)
     runs.highest_kPa[name] = float(abs(log.pressure_kPa).max())
     runs.logs[name] = log
-    said = list(log.doubts) or plausibility.of_pressure(log.pressure_kPa, log.chambers)
+    said = plausibility.of_pressure(log)
     if track is not None and not run.in_px and not said:
         if moved := plausibility.response(track.dataset, log.pressure_kPa):
             runs.responses[name] = moved

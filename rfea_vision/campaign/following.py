@@ -23,12 +23,12 @@ _STILL = 0.05
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
 # s by which slow rubber, a long line, or a log on another clock is behind; of a run no more than a fifth, or anything follows anything
 _LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
-# No tube moves before its pressure: s by which a clock may seem so far ahead, of a run no more than half; how much of the pressure the
-# motion must then tell, and of what it leaves untold at once or later (looked at in steps of the last), no more. Chosen: of runs that
-# are right 0.95 to 0.99 is told at once, and of periodic ones a period ahead no more. Sensors are late by less than the least.
+# No tube moves before its pressure: leads (s) that are tried, of a run no more than half; the share of the pressure's variance that the
+# motion must explain at one of them; and the part of what is unexplained at all delays (tried in steps of the last) that it may leave.
+# Chosen: with right clocks 0.95 to 0.99 is explained without delay, of periodic runs no more a period ahead; sensors are less late.
 _AHEAD_S, _AHEAD_SHARE = np.arange(0.2, 5.01, 0.1), 0.5
 _TOLD_AHEAD, _UNTOLD, _FINE_S = 0.9, 0.5, 0.01
-_FEWEST = 20  # frames: with fewer a motion follows anything
+_FEWEST = 20  # frames: of fewer a good fit may be chance
 # Frames that tell whether another order of them, or another rate, goes with the pressure: a motion needs no more. Chosen.
 _ENOUGH_FRAMES = 1000
 # Of the tip's distance from the clamp, or of 100 deg, by which no tube creeps at a constant pressure. Chosen.
@@ -45,6 +45,11 @@ _SET_TO_ZERO, _SHOULD_BE = 0.02, 0.2
 # Share of the highest pressure below which it rests, and deg that are more than a tube at rest is bent by: sensors count from the level
 # (90) or from above (180). Chosen; of its range it must be twice, or rubber that creeps would do.
 _AT_REST, _FAR_DEG = 0.05, 60.0
+
+
+def _late_s(lasts_s: float) -> FloatArray:
+    """Delays (s) beyond the usual ones that are tried for a run that lasts so long."""
+    return _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * lasts_s)]
 
 
 def of_pair(
@@ -94,8 +99,7 @@ def of_pair(
     said = []
     if share < _FOLLOWS:
         at_once = f"the motion follows this pressure to {100 * max(share, 0.0):.0f} %"
-        later = _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(time_s))]
-        then, late_s, slope = _followed(motion, time_s, log_s, pressure_kPa, later)
+        then, late_s, slope = _followed(motion, time_s, log_s, pressure_kPa, _late_s(np.ptp(time_s)))
         if then is None or then < _FOLLOWS:
             return [f"{at_once} only; is it the log of another run?"]
         said.append(
@@ -252,17 +256,16 @@ def _counted_from_elsewhere(angle_deg: FloatArray, pressure_kPa: FloatArray) -> 
 
 def _rises(angle_deg: FloatArray, time_s: FloatArray, log_s: FloatArray, pressure_kPa: FloatArray) -> bool:
     """Whether an angle (n, 1) may as well rise with a pressure, at whatever lag: of a sine, half a period later it does."""
-    lags_s = np.concatenate([_LAGS_S, _LATE_S[: np.searchsorted(_LATE_S, _LATE_SHARE * np.ptp(time_s))]])
+    lags_s = np.concatenate([_LAGS_S, _late_s(np.ptp(time_s))])
     each = [_followed(angle_deg, time_s, log_s, pressure_kPa, lags_s[k : k + 1]) for k in range(lags_s.size)]
     return any(share is not None and share >= _FOLLOWS and slope > 0 for share, _, slope in each)
 
 
 def together(runs: Sequence[AngleRun]) -> str:
     """Doubt the sign of an angle by all runs at once, where one alone, half a swing later, would do with the other; else empty."""
-    longest_s = min((_LATE_SHARE * np.ptp(run.time_s) for run in runs), default=0.0)
-    lags_s = np.concatenate([_LAGS_S, _LATE_S[: np.searchsorted(_LATE_S, longest_s)]])
     if len(runs) < 2:
         return ""
+    lags_s = np.concatenate([_LAGS_S, _late_s(min(np.ptp(run.time_s) for run in runs))])
     best = {1.0: (0.0, 0.0), -1.0: (0.0, 0.0)}  # by the sign of the lever: share of the angle's variance, and lag
     for lag_s in lags_s:
         sums = np.sum([run.squares(float(lag_s)) for run in runs], axis=0)

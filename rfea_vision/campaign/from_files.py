@@ -15,7 +15,7 @@ import yaml
 
 from rfea_vision.campaign.guess import FileGuess, Key, look
 from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
-from rfea_vision.campaign.template import write_new
+from rfea_vision.campaign.template import campaign_name, write_new
 from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
 
@@ -53,7 +53,7 @@ def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
     """
     if (folder / "campaign.yaml").exists():
         raise InputError(f"{folder / 'campaign.yaml'}: is there already and is left as it is; choose another folder")
-    found = [look(path) for path in _expanded(folder, files)]
+    found = [look(path) for path in _expanded(files)]
     runs, alone = _runs(found)
     if not runs:
         seen = "; ".join(f"{item.path.name}: {item.note or item.what}" for item in found[:6])
@@ -73,7 +73,7 @@ def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
     return Written(tuple(pages), tuple(guesses), tuple(left_out))
 
 
-def _expanded(folder: Path, files: Sequence[Path]) -> list[Path]:
+def _expanded(files: Sequence[Path]) -> list[Path]:
     """Every file given, those below folders too, without hidden ones and results."""
     out: list[Path] = []
     for path in files:
@@ -247,7 +247,6 @@ def _experiment(folder: Path, run: RunFiles, held_out: bool, guesses: list[str])
 
 
 def _campaign(folder: Path, runs: Sequence[RunFiles], pictures: Sequence[Path], guesses: list[str]) -> str:
-    name = re.sub(r"[^\w .-]", "-", folder.resolve().name) or "campaign"
     said = {key.name: key for run in runs for key in run.motion.actuator}
     paper = "that of the paper's tube; measure yours"
     keys = [
@@ -259,7 +258,7 @@ def _campaign(folder: Path, runs: Sequence[RunFiles], pictures: Sequence[Path], 
         said.get("bends", Key("bends", "left", "the paper's tube; as the camera sees it")),
     ]
     head = "# Guessed from files by 'rfea init --from'. Every guess is marked: correct it, or take the mark away.\n"
-    head += f"format: rfea-campaign/1\nname: {_scalar(name)}\n"
+    head += f"format: rfea-campaign/1\nname: {_scalar(campaign_name(folder))}\n"
     text = head + "actuator:\n" + _lines(keys, "actuator", guesses)
     if not any(run.motion.what == "film" for run in runs):
         return text

@@ -22,19 +22,19 @@ from rfea_vision.units import conversion_factor, pressure_unit
 
 FILMS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mpg", ".mts")
 
+#: Of an open line, from 1,500 m above the sea to the highest air pressure recorded.
 _ATMOSPHERE_kPa = (85.0, 108.0)
-"""Of an open line, from 1,500 m above the sea to the highest air pressure recorded."""
+#: Largest pressures of a run: what soft actuators are driven with lies between (some 10 kPa of air in silicone to 1 MPa of water).
 _LEAST_kPa, _MOST_kPa = 8.0, 2000.0
-"""Largest pressures of a run: what soft actuators are driven with lies between (some 10 kPa of air in silicone to 1 MPa of water)."""
+#: An angle that never exceeds this is one in radians, up to half a turn.
 _LEAST_deg = 3.2
-"""An angle that never exceeds this is one in radians, up to half a turn."""
 _BY_NAME = "by their names, from the clamp to the tip"
 _BARE = "the only column beside the time"
 _ALONE = "the only column left, and no other file holds a motion; is it an angle?"
+#: Of a table in which a motion can be said to follow one pressure and not another.
 _LEAST_ROWS = 20
-"""Of a table in which a motion can be said to follow one pressure and not another."""
+#: Between two samples of a log: slower ones show no motion of a tube.
 _LONGEST_STEP_S = 0.5
-"""Between two samples of a log: slower ones show no motion of a tube."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from rfea_vision.units import counted
 if TYPE_CHECKING:
     import xarray as xr
 
+    from rfea_vision.readers.pressure import PressureLog
 
 SAME_RATE = 0.02  # NTSC's 29.97 for 30 and the rounding of containers are far below
 SLOW_MOTION = 1.5  # 50 played as 25 is the least that cameras do
@@ -72,8 +73,11 @@ _TURNED_DEG = 180.0
 _OFF, _FEW = 2.0, 0.05
 
 
-def of_pressure(pressure_kPa: FloatArray, chambers: Mapping[str, FloatArray]) -> list[str]:
-    """Doubt a pressure (samples,), and those of the chambers that it is the sum of, if it is one: unit, sign, or that it is one."""
+def of_pressure(log: PressureLog) -> list[str]:
+    """Doubt a log, where its reader has not: the unit or the sign of its pressure, or that it is one."""
+    if log.doubts:
+        return list(log.doubts)
+    pressure_kPa = log.pressure_kPa
     highest, span = float(np.abs(pressure_kPa).max()), float(np.ptp(pressure_kPa))
     high = np.abs(pressure_kPa) > _HIGH_KPA
     if 0 < high.mean() < _FEW:
@@ -86,7 +90,7 @@ def of_pressure(pressure_kPa: FloatArray, chambers: Mapping[str, FloatArray]) ->
     if highest < _LOW_KPA:
         return [f"stays below {highest:.3g} kPa; is it in bar or MPa? pressure.unit says which unit it is in"]
     lowest = float(pressure_kPa.min())
-    emptiest = min((float(gauge.min()) for gauge in chambers.values()), default=lowest)
+    emptiest = min((float(gauge.min()) for gauge in log.chambers.values()), default=lowest)
     if emptiest < _VACUUM_KPA:
         return [f"falls to {emptiest:.0f} kPa, below vacuum; is its sign turned in the log?"]
     if _AIR_kPa[0] <= lowest <= _AIR_kPa[1]:
@@ -136,6 +140,11 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False)
     return [slow if filmed and camera > SLOW_MOTION * logged else f"{both}; only what both cover can be used"]
 
 
+def valid_rows(track: xr.Dataset, name: str) -> FloatArray:
+    """Those rows (k, ...) of a variable of a track that count."""
+    return track[name].values[track["valid"].values.astype(bool)]
+
+
 def across(tip: np.ndarray) -> np.ndarray:
     """How far across (n,) a tip (n, 2) in the rig has gone: from the clamp, or from where it begins if it begins straight.
 
@@ -149,7 +158,7 @@ def across(tip: np.ndarray) -> np.ndarray:
 def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
     """Doubt a track of another tool: its unit and its axes, by the length of the tube."""
     if "tip" in track:
-        tip = track["tip"].values[track["valid"].values.astype(bool)]
+        tip = valid_rows(track, "tip")
         distance = np.hypot(*tip.T)
         far, off = float(distance.max()), distance > _OFF * length_mm
         begins = np.median(tip[: max(1, len(tip) // 20)], axis=0)
@@ -180,7 +189,7 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
         if above_mm > _UPWARDS * length_mm:
             return [f"begins with the tip {above_mm:.3g} mm above the clamp; does y count downwards, as in pictures?"]
     elif "bend_angle" in track:
-        angles = track["bend_angle"].values[track["valid"].values.astype(bool)]
+        angles = valid_rows(track, "bend_angle")
         if turns := int(np.sum(np.abs(np.diff(angles)) > _TURNED_DEG)):
             return [
                 f"jumps by more than half a turn from row to row, {counted(turns, 'time')}; does the sensor begin anew after a full "
@@ -196,7 +205,7 @@ def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
 
 def of_upside_down(track: xr.Dataset, length_mm: float) -> list[str]:
     """Doubt a film in which the tube begins with its tip above its clamp: an arc comes no higher than a fifth of its length."""
-    tip = track["tip"].values[track["valid"].values.astype(bool)]
+    tip = valid_rows(track, "tip")
     above_mm = float(np.median(tip[: max(1, len(tip) // 20), 1]))
     if above_mm < _UPWARDS * length_mm:
         return []
@@ -210,7 +219,7 @@ def _from_the_tip(track: xr.Dataset, length_mm: float) -> bool:
     """Whether the first point of the centre line, where there is one, is where a tip would be."""
     if "midline" not in track:
         return False
-    firsts = track["midline"].values[track["valid"].values.astype(bool), 0]
+    firsts = valid_rows(track, "midline")[:, 0]
     return bool(np.hypot(*firsts.T).max() > _CURLED * length_mm)
 
 
@@ -218,7 +227,7 @@ def _of_origin(track: xr.Dataset, length_mm: float) -> str:
     """Doubt a centre line of the tube's length that begins elsewhere than at the origin; empty where it begins there."""
     if "midline" not in track:
         return ""
-    lines = track["midline"].values[track["valid"].values.astype(bool)]
+    lines = valid_rows(track, "midline")
     x, y = np.median(lines[:, 0], axis=0)
     along = float(np.nanmedian(np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(axis=1)))
     if np.hypot(x, y) < _ASIDE * length_mm or abs(along / length_mm - 1) > _OTHER_LENGTH:
@@ -230,7 +239,7 @@ def _folded(track: xr.Dataset) -> str:
     """Doubt the order of a centre line's points where it goes back on itself; empty where it does not."""
     if "midline" not in track:
         return ""
-    steps = np.diff(track["midline"].values[track["valid"].values.astype(bool)], axis=1)
+    steps = np.diff(valid_rows(track, "midline"), axis=1)
     headings = np.arctan2(steps[..., 1], steps[..., 0])
     turns_deg = np.degrees(np.abs((np.diff(headings, axis=1) + np.pi) % (2 * np.pi) - np.pi))
     folded = np.flatnonzero(np.nanmedian(turns_deg, axis=0) > _FOLDED_DEG) + 1
@@ -241,7 +250,7 @@ def _folded(track: xr.Dataset) -> str:
 
 def _of_errors(track: xr.Dataset, length_mm: float) -> str:
     """Doubt the standard errors of places that are given: their unit; empty where they may be right."""
-    sigma, tip = float(np.nanmedian(track["tip_sigma"])), track["tip"].values[track["valid"].values.astype(bool)]
+    sigma, tip = float(np.nanmedian(track["tip_sigma"])), valid_rows(track, "tip")
     if sigma > _BLIND * length_mm:
         return f"its standard errors, sigma_mm, are {sigma:.3g} mm, and the tube {length_mm:.4g} mm long; are they in um?"
     scatter = float(third_difference_noise(tip).max())
@@ -254,7 +263,7 @@ def _of_errors(track: xr.Dataset, length_mm: float) -> str:
 def _of_length(track: xr.Dataset, far_mm: float, length_mm: float) -> str:
     """Doubt the tube's length (mm) by the centre line, or where there is none by how far the tip comes out; empty where it fits."""
     if "midline" in track:
-        lines = track["midline"].values[track["valid"].values.astype(bool)]
+        lines = valid_rows(track, "midline")
         along = float(np.nanmedian(np.hypot(*np.diff(lines, axis=1).transpose(2, 0, 1)).sum(axis=1)))
         if abs(along / length_mm - 1) <= _OTHER_LENGTH:
             return ""

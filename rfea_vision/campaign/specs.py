@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from rfea_vision.artefacts import Actuator, Hints, bend_sign
-from rfea_vision.artefacts.measurement import Vertical
+from rfea_vision.artefacts.measurement import Pixel, Vertical
 from rfea_vision.campaign.schema import PressurePart, ScalePart, SyncPart, TrackPart
 from rfea_vision.errors import InputError
 
 if TYPE_CHECKING:
     from rfea_vision.calibration.board import Board
 
-Pixel = tuple[float, float]
 #: Directions of gravity in the frame in which the unloaded tube points down, as angles (deg) from down towards camera-left.
 GRAVITY_DEG = {"down": 0.0, "left": 90.0, "up": 180.0, "right": -90.0}
 

@@ -22,8 +22,7 @@ def write_campaign_template(folder: Path) -> list[Path]:
     InputError
         If one of the files is there already: nothing is overwritten.
     """
-    name = re.sub(r"[^\w .-]", "-", folder.resolve().name) or "campaign"
-    pages = {folder / "campaign.yaml": _template("campaign.yaml").format(name=name)}
+    pages = {folder / "campaign.yaml": _template("campaign.yaml").format(name=campaign_name(folder))}
     pages |= {
         folder / run / "experiment.yaml": _template("experiment.yaml").format(name=run, role=role)
         for run, role in _RUNS
@@ -33,6 +32,11 @@ def write_campaign_template(folder: Path) -> list[Path]:
     write_new(pages)
     (folder / "calibration").mkdir(exist_ok=True)
     return list(pages)
+
+
+def campaign_name(folder: Path) -> str:
+    """What a campaign in a folder is called: as the folder, with a dash for each character that YAML might misread."""
+    return re.sub(r"[^\w .-]", "-", folder.resolve().name) or "campaign"
 
 
 def write_new(pages: Mapping[Path, str]) -> None:

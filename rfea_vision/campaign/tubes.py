@@ -10,6 +10,7 @@ import numpy as np
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.measurement import ELASTOMER_MODULUS, bend_sign
+from rfea_vision.campaign.plausibility import valid_rows
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,7 +105,7 @@ def of_stretch(track: xr.Dataset, tube: Actuator) -> list[str]:
     """
     if tube.kind != "tube" or "midline" not in track:
         return []
-    line = track["midline"].values[track["valid"].values.astype(bool)]
+    line = valid_rows(track, "midline")
     line = line[np.isfinite(line).all(axis=(1, 2))]
     steps = np.diff(line, axis=1)
     if len(line) < 20 or steps.shape[1] < 4:
@@ -162,11 +163,16 @@ def modulus_of(track: xr.Dataset, pressure_kPa: FloatArray, tube: Actuator, grav
         across, down = -bend_sign(tube.bends) * track["tip"].values[:, 0], -track["tip"].values[:, 1]
         bend = 2 * np.arctan2(across, down)
     low, high = np.percentile(bend[np.isfinite(bend)], (1, 99)) if np.isfinite(bend).sum() >= 20 else (0.0, 0.0)
-    pushed = np.pi * tube.inner_radius**2 * tube.outer_radius * 1e3 * np.ptp(np.percentile(pressure_kPa, (1, 99)))
+    pushed = _pressure_moment(tube, float(np.ptp(np.percentile(pressure_kPa, (1, 99)))))
     if high - low < _LEAST_SWING or pushed <= 0:
         return None
     weighed = 0.0 if gravity_deg is None else weight_moment(high, tube, gravity_deg) - weight_moment(low, tube, gravity_deg)
     return float((pushed - weighed) * tube.length / (tube.bending_moment_of_area * (high - low)))
+
+
+def _pressure_moment(tube: Actuator, pressure_kPa: float) -> float:
+    """Moment (N m) with which a pressure bends a tube about its outer side."""
+    return float(np.pi * tube.inner_radius**2 * tube.outer_radius * 1e3 * pressure_kPa)
 
 
 def weight_moment(bend: float, tube: Actuator, gravity_deg: float) -> float:
@@ -193,7 +199,7 @@ def of_moduli(found: Iterable[float | None]) -> str:
 
 def of_weight(highest_kPa: float, tube: Actuator, gravity_deg: float | None) -> str:
     """Doubt the highest pressure of all runs where it could not even hold the weight of a hanging tube; empty where it could."""
-    pushed = np.pi * tube.inner_radius**2 * tube.outer_radius * 1e3 * highest_kPa
+    pushed = _pressure_moment(tube, highest_kPa)
     if tube.kind != "tube" or gravity_deg != 0.0 or pushed >= weight_moment(_LEAST_HELD, tube, 0.0):
         return ""
     return (
@@ -204,7 +210,7 @@ def of_weight(highest_kPa: float, tube: Actuator, gravity_deg: float | None) -> 
 
 def of_load(load_kg: float, highest_kPa: float, tube: Actuator, gravity_deg: float | None) -> str:
     """Doubt a payload that holds a hanging tube straight under the highest pressure (kPa) of all runs; empty where it does not."""
-    pushed = np.pi * tube.inner_radius**2 * tube.outer_radius * 1e3 * highest_kPa
+    pushed = _pressure_moment(tube, highest_kPa)
     aside = tube.length * _LEAST_LOADED / 2  # of the tip of an arc
     if tube.kind != "tube" or gravity_deg != 0.0 or not 0 < pushed < _GRAVITY * load_kg * aside:
         return ""

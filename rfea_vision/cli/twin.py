@@ -183,7 +183,7 @@ def _simulate_like(out: Path, campaign: Path, hidden: dict[str, float], seed: in
     with opened(campaign, None) as work:
         tube_like(work.campaign.actuator)  # before anything is fitted
         fit = work.model("base") if "base" in work.model_names() else work.fit()
-        recordings = {name: stored.value for name, stored in work.recordings("train", "validate", "test").items()}
+        recordings = work.recordings("train", "validate", "test")
     base = base_like({name: item.value for name, item in fit.parameters.items()}, fit.segments)
     options = TwinOptions(
         hidden=hidden, actuator=tube_like(Actuator(**fit.actuator)), base=base, seed=seed, write_truth=write_truth

@@ -18,9 +18,9 @@ from rfea_vision.fitting.refit import Fitted
 from rfea_vision.fitting.residuals import Predicted, evaluate, rows
 from rfea_vision.fitting.solver import CLOCK_SCALE_S, WEAKEST
 
-#: Steps at most; and the share of what a step foretells that it must win, lest the slopes lead astray.
+#: Steps at most; and the share of what a step predicts that it must win, lest the slopes lead astray.
 MOST_STEPS, TRUSTED = 5, 0.5
-#: A step that fails has arrived where it foretold less than this share: half of it in the error, no digit of three.
+#: A step that fails has arrived where it predicted less than this share: half of it in the error, no digit of three.
 IDLE = 1e-3
 
 
@@ -32,25 +32,25 @@ def carried_over(
     It has where a step more would win less than the share `gain` of the cost. Where it cannot be simulated, or the slopes lead
     astray, the best so far is returned.
     """
-    best, now, lowest, foretold = near, near, np.inf, 0.0
+    best, now, lowest, predicted = near, near, np.inf, 0.0
     for _ in range(MOST_STEPS):
         seen = evaluate(now.model, now.par, items, (), now.solution.clocks)
         prior = now.solution.prior_residual
         if seen is None or (cost := seen.cost + float(prior @ prior)) >= lowest:
-            return best, foretold < IDLE and best is not near
+            return best, predicted < IDLE and best is not near
         now = replace(now, solution=replace(now.solution, evaluation=seen, cost=seen.cost))
         won, best, lowest = 1 - cost / lowest, now, cost
         step, following = _step(now, rough, items)
         if following < gain or won < gain:
             return best, True
-        if won < TRUSTED * foretold:
+        if won < TRUSTED * predicted:
             return best, False
-        now, foretold = _moved(now, step), following
+        now, predicted = _moved(now, step), following
     return best, False
 
 
 def _step(now: Fitted, rough: Sequence[Observed], items: Sequence[Observed]) -> tuple[FloatArray, float]:
-    """A Gauss-Newton step of coordinates and free clocks within their bounds, and the share of the cost that it foretells to win."""
+    """A Gauss-Newton step of coordinates and free clocks within their bounds, and the share of the cost that it predicts to win."""
     solution, coordinates = now.solution, now.coordinates
     seen = zip(rough, items, solution.evaluation.predicted, strict=True)
     residual = np.concatenate([*(_rows_of(*three) for three in seen), solution.prior_residual])

@@ -60,35 +60,29 @@ def _worst(
     floor: float | None,
     unit: str,
 ) -> list[WorstPlace]:
-    """Windows of a quarter second, worst first; neighbours that are bad for the same reason are joined."""
-    first, last = time[0], time[-1]
-    edges = np.arange(first, last, WINDOW_S)
-    per_frame = _row_means(square)
+    """Stretches of time whose error stands out: windows of a quarter second, neighbours in the same phase joined."""
+    last, per_frame = time[-1], _row_means(square)
     windows = []
-    for start in edges:
+    for start in np.arange(time[0], last, WINDOW_S):
         inside = (time >= start) & (time < start + WINDOW_S) & np.isfinite(per_frame)
-        if inside.sum() < 3:
-            continue
-        values, counts = np.unique(phase[inside], return_counts=True)
-        windows.append(
-            (float(np.sqrt(per_frame[inside].mean())), start, min(start + WINDOW_S, last), str(values[counts.argmax()]))
-        )
+        if inside.sum() >= 3:
+            values, counts = np.unique(phase[inside], return_counts=True)
+            error = float(np.sqrt(per_frame[inside].mean()))
+            windows.append((error, start, min(start + WINDOW_S, last), str(values[counts.argmax()])))
     if not windows:
         return []
     limit = max(floor or 0.0, float(np.median([w[0] for w in windows])))
-    joined: list[list[Any]] = []
-    for rms, start, stop, label in windows:
-        if rms < STANDS_OUT * limit:
+    joined: list[tuple[float, float, Any]] = []  # from, to (s), and the phase
+    for error, start, stop, label in windows:
+        if error < STANDS_OUT * limit:
             continue
-        if joined and joined[-1][3] == label and start - joined[-1][2] < 1e-6:
-            joined[-1][2] = stop
-            joined[-1][0] = max(joined[-1][0], rms)
+        if joined and joined[-1][2] == label and start - joined[-1][1] < 1e-6:
+            joined[-1] = (joined[-1][0], stop, label)
         else:
-            joined.append([rms, start, stop, label])
+            joined.append((start, stop, label))
     places = []
-    for _, start, stop, label in joined:
-        inside = (time >= start) & (time <= stop)
-        rows = square[inside]
+    for start, stop, label in joined:
+        rows = square[(time >= start) & (time <= stop)]
         rms = _rms(_row_means(rows))
         if rms is None:
             continue
@@ -118,7 +112,7 @@ def _worst(
                 sentence=sentence,
             )  # type: ignore[arg-type]
         )
-    return sorted(places, key=lambda p: -p.rmse)
+    return places
 
 
 def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: Mapping[str, xr.Dataset]) -> Comparison:

@@ -11,7 +11,7 @@ import xarray as xr
 from rfea_vision.artefacts.judgement import Diagnosis, ModelFit, Rung, WorstPlace
 from rfea_vision.artefacts.measurement import Actuator, Recording
 from rfea_vision.artefacts.rows import GoesWith, Refit
-from rfea_vision.critique.evidence import candidate_rows, swallowed, to_rule_out
+from rfea_vision.critique.evidence import absorbed, candidate_rows, to_rule_out
 from rfea_vision.critique.measures import Errors, errors_of, in_another_unit
 from rfea_vision.critique.next_experiment import design_next
 from rfea_vision.critique.refinement import SEGMENTS, screen_segments
@@ -71,7 +71,7 @@ def judge(
     trials = Trials(problem, asked.effect_files, step, known=at)
     effects = offered(problem, fitted, candidates, asked.effect_files)
     base = _errors_without_effects(problem, fitted, at.get(frozenset())) if fitted.options.effects else None
-    search = Search(trials, trials.stands(fitted), effects, wide=asked.stand_ins, scored=scored, base=base)
+    search = Search(trials, trials.adopt(fitted), effects, wide=asked.stand_ins, scored=scored, base=base)
     if candidates is None and screen_segments(
         problem, fitted, search.floor
     ):  # what needs no law is tried before any law
@@ -130,7 +130,7 @@ def _diagnosis(search: Search, verdict: Verdict, goes_with: Sequence[GoesWith]) 
         explained_fraction=verdict.share if verdict.named else None,
         refits=search.trials.refits(),
         warnings=[
-            *(swallowed(search.trials.problem, fitted, best, verdict.named) if verdict.named else []),
+            *(absorbed(search.trials.problem, fitted, best, verdict.named) if verdict.named else []),
             *to_rule_out(search.effects, verdict.named, best.values),
             *_left_out(search.trials.problem),
         ],
@@ -147,17 +147,12 @@ def refit_artefact(model: ModelFit, problem: Problem) -> Fitted:
     """The solved fit behind a `model.json` by a last step of the optimiser from its values, on runs as `in_its_steps` gives them."""
     options = options_of(model)
     values = {name: p.value for name, p in model.parameters.items()}
-    clocks = np.array(
-        [
-            model.experiments[o.name].nuisance.get("clock_offset_s", 0.0) if o.name in model.experiments else 0.0
-            for o in problem.train
-        ]
-    )
+    clocks = np.array([model.clock_s(item.name) or 0.0 for item in problem.train])
     fitted = refit(problem, options, values, model.segments, clocks, most_evaluations=15)
     return replace(fitted, ratio_only=model.ratio_only)
 
 
-def taken_up(model: ModelFit, recordings: Mapping[str, Recording]) -> tuple[Problem, Fitted]:
+def reopened(model: ModelFit, recordings: Mapping[str, Recording]) -> tuple[Problem, Fitted]:
     """Runs in the steps in which a `model.json` was scored, and the solved fit behind it."""
     problem = in_its_steps(make_problem(recordings, Actuator(**model.actuator), options_of(model)), model)
     return problem, refit_artefact(model, problem)
@@ -177,7 +172,7 @@ def diagnose(
 
     Returns the diagnosis and, where it names a tie, the pressure of the next experiment (`pressure` in kPa over `log_time`).
     """
-    problem, fitted = taken_up(model, recordings)
+    problem, fitted = reopened(model, recordings)
     asked = options or CritiqueOptions()
     asked = replace(asked, effect_files=asked.effect_files or fitted.options.effect_files)
     judgement = judge(
@@ -188,4 +183,4 @@ def diagnose(
     return judgement.diagnosis.model_copy(update={"warnings": said}), judgement.next_pressure
 
 
-__all__ = ["Judgement", "diagnose", "held_of", "judge", "refit_artefact", "taken_up"]
+__all__ = ["Judgement", "diagnose", "held_of", "judge", "refit_artefact", "reopened"]

@@ -1,4 +1,4 @@
-"""The evidence behind a diagnosis: every candidate as a row, and base parameters that had moved to swallow physics."""
+"""The evidence behind a diagnosis: every candidate as a row, and base parameters that had moved to absorb physics."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def to_rule_out(effects: Sequence[Effect], named: Sequence[str], values: Mapping
     return out
 
 
-def swallowed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:
+def absorbed(problem: Problem, before: Fitted, after: Fitted, effects: Sequence[str]) -> list[str]:
     """Base parameters that had moved to make up for the missing effects: value and z-score before and after."""
     covariance = intervals(before, problem.train, problem.actuator).covariance
     out = []

@@ -43,14 +43,12 @@ def measurement(problem: Problem, fitted: Fitted) -> float:
     gaps = _gaps(problem, fitted)
     left = {item.name: gap for item, gap in gaps}
     errors = {item.name: np.sum(gap**2, axis=1) for item, gap in (*gaps, *_held_gaps(problem, fitted)) if item.has_tip}
-    runs = problem.with_roles("train", "validate")
-    known, _ = noise_floor_mm(runs, problem.recordings, repeats=False, left=left, errors=errors)
+    known, _ = noise_floor_mm(problem.scored, problem.recordings, repeats=False, left=left, errors=errors)
     if not known:
         known = noise_floor_deg(problem.train, problem.recordings, left=left) or 0.0
     seen = []
     for item, gap in gaps:
-        period = float(np.median(np.diff(item.time)))
-        strides = range(1, max(1, int(NOISE_SPAN_S / period + 1e-6)) + 1)
+        strides = range(1, max(1, int(NOISE_SPAN_S / item.period_s + 1e-6)) + 1)
         seen.append(
             max((float(np.linalg.norm(third_difference_noise(gap, stride))) for stride in strides), default=0.0)
         )
@@ -82,9 +80,9 @@ def binding(floors: Floors) -> float:
 def from_repeats(problem: Problem, fitted: Fitted) -> float | None:
     """Root mean square of what two runs of the same excitation differ by, over root two; None without repeats.
 
-    What the model foretells of the difference (a pressure that was not quite the same) is taken out first.
+    What the model predicts of the difference (a pressure that was not quite the same) is taken out first.
     """
-    if not any(item.repeat_of for item in problem.with_roles("train", "validate")):
+    if not any(item.repeat_of for item in problem.scored):
         return None
     residuals = {item.name: (item, gap) for item, gap in _gaps(problem, fitted)}
     residuals |= {item.name: (item, gap) for item, gap in _held_gaps(problem, fitted)}

@@ -94,15 +94,15 @@ def _with_one_more(
     values = row.values if row is not None else {}
     if not values:
         trials = Trials(problem, tuple(files))
-        trial = _tried_alone(trials, trials.stands(below), name)
+        trial = _tried_alone(trials, trials.adopt(below), name)
         values = {} if trial is None else trial.fitted.values
     try:
-        return _stood_up(problem, below, values, (*below.options.effects, name), named, files) if values else None
+        return _with_effects(problem, below, values, (*below.options.effects, name), named, files) if values else None
     except DataError:
         return None
 
 
-def _stood_up(
+def _with_effects(
     problem: Problem,
     below: Fitted,
     values: Mapping[str, float],
@@ -118,7 +118,7 @@ def _stood_up(
     return with_lever_held(problem, refit(problem, options, values, options.segments, below.solution.clocks, **limits))
 
 
-def _look_back(problem: Problem, fitted: Fitted, floor: float, keep: str) -> Fitted:
+def _without_needless(problem: Problem, fitted: Fitted, floor: float, keep: str) -> Fitted:
     """The model without an earlier effect whose removal no longer hurts the held-out error."""
     whole = errors_of(problem, fitted)
     for effect in fitted.options.effects:
@@ -130,11 +130,11 @@ def _look_back(problem: Problem, fitted: Fitted, floor: float, keep: str) -> Fit
         name = "+".join((first, *(one for one in added if one != plain(effect))))
         limits = {"most_evaluations": FULL_EVALUATIONS, "tolerance": FULL_GAIN}  # enough to see whether it is missed
         try:
-            without = _stood_up(problem, fitted, fitted.values, rest, name, **limits)
+            without = _with_effects(problem, fitted, fitted.values, rest, name, **limits)
             errors = errors_of(problem, without)
             names = common_runs([errors, whole])
             if not matters(errors.on(names), whole.on(names), floor):
-                return _stood_up(problem, fitted, without.values, rest, name)
+                return _with_effects(problem, fitted, without.values, rest, name)
         except DataError:
             continue
     return fitted
@@ -204,7 +204,7 @@ class _Climb:
             return None
         # a set of stand-ins helps together: what one of them does alone is no reason to drop it
         if step.grade != "stand-in":
-            found = _look_back(self.scored, found, self.floor, name)
+            found = _without_needless(self.scored, found, self.floor, name)
         return as_artefact(self.problem, found)
 
     def take(self, step: Step, model: ModelFit) -> None:
@@ -330,7 +330,7 @@ def _test_score(problem: Problem, first: Fitted, last: Fitted) -> TestScore:
     key, part = ("tip_rmse_mm", "tip") if problem.train[0].has_tip else ("angle_rmse_deg", "angle")
 
     def of(fitted: Fitted) -> tuple[float | None, dict[str, float | None]]:
-        scores, parts, _ = score(problem, fitted.model, fitted.par, problem.test)
+        scores, parts = score(problem, fitted.model, fitted.par, problem.test)
         squares = [getattr(p, part) for p in parts.values() if getattr(p, part) is not None]
         total = float(np.sqrt(np.nanmean(np.concatenate(squares)))) if squares else None
         return total, {name: getattr(s, key) for name, s in scores.items()}

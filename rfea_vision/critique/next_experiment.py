@@ -130,9 +130,9 @@ class _Design:
 
 
 def shaped(target: FloatArray, amplitude: float, pace: float, rate: float) -> FloatArray:
-    """A profile with another amplitude about the pressure it begins with and at another pace, no steeper than `rate` (Pa/s).
+    """A profile (samples,) in Pa with another amplitude about its first pressure and at another pace, no steeper than `rate` (Pa/s).
 
-    Faster ones are played again until the time is over; of slower ones the end is cut.
+    Faster ones are repeated until the time is over; of slower ones the end is cut.
     """
     t = np.arange(target.size) * STEP_S
     played = np.interp((t * pace) % (t[-1] + STEP_S), t, target)

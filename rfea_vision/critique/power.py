@@ -1,7 +1,7 @@
 """Which effects could these recordings reveal, and how strong would they have to be?
 
 To first order, at the fit at hand: an effect of a given strength moves the tube; what the base parameters and clocks can
-swallow of that is lost, and the rest must stand out from the noise by what *matters* (docs/formats.md).
+absorb of that is lost, and the rest must stand out from the noise by what *matters* (docs/formats.md).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
-from rfea_vision.critique.diagnosis import taken_up
+from rfea_vision.critique.diagnosis import reopened
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import MATTERS_FLOORS, MATTERS_SHARE
 from rfea_vision.critique.screening import Sensitivity, available, offered, sensitivities
@@ -56,7 +56,7 @@ def power_study(
     list of Revealed
         One row per amplitude on offer.
     """
-    problem, fitted = taken_up(model, recordings)
+    problem, fitted = reopened(model, recordings)
     fitted = with_lever_free(problem, fitted)
     floor = binding(floors_of(problem, fitted))
     present = {e.id for e in fitted.model.effects}
@@ -92,7 +92,7 @@ def power_study(
 
 
 def _tip_rms(row: Sensitivity, column: int) -> float:
-    """RMS movement of the tip (mm; of the angle in deg) per unit of the amplitude, less what the base model swallows."""
+    """RMS movement of the tip (mm; of the angle in deg) per unit of the amplitude, less what the base model absorbs."""
     total, frames = 0.0, 0
     for item, part in zip(row.items, row.slices, strict=True):
         count = item.time.size

@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ModelFit
 from rfea_vision.artefacts.measurement import Recording
-from rfea_vision.critique.diagnosis import taken_up
+from rfea_vision.critique.diagnosis import reopened
 from rfea_vision.critique.floors import binding, floors_of
 from rfea_vision.critique.measures import STRUCTURE_FLOORS, errors_of, matters, structure
-from rfea_vision.critique.screening import swallowable
+from rfea_vision.critique.screening import absorbable
 from rfea_vision.critique.terms import Term, Trajectory, effect_source, library, listed
 from rfea_vision.effects.permission import name_files
 from rfea_vision.errors import DataError
@@ -54,7 +54,7 @@ STARTS = (1.0, 0.3)
 
 @dataclass(frozen=True)
 class Law:
-    """Terms with their coefficients (N m), and the share of the residual's square that they foretell on runs left out."""
+    """Terms with their coefficients (N m), and the share of the residual's square that they predict on runs left out."""
 
     terms: tuple[Term, ...]
     coefficients: tuple[float, ...]
@@ -83,9 +83,9 @@ def propose(
     Raises
     ------
     DataError
-        Nothing is left that a law could explain, or no law foretells runs that it was not regressed on.
+        Nothing is left that a law could explain, or no law predicts runs that it was not regressed on.
     """
-    problem, fitted = taken_up(model, recordings)
+    problem, fitted = reopened(model, recordings)
     fitted = with_lever_free(problem, fitted)
     before = errors_of(problem, fitted)
     floor = binding(floors_of(problem, fitted))
@@ -170,7 +170,7 @@ def played(problem: Problem, fitted: Fitted) -> tuple[list[Term], list[FloatArra
         raise DataError("a training run cannot be simulated with steps of twice the usual length")
     terms = library([_trajectory(fitted, item) for item in items])
     columns = [_answer(fitted, items, term, SMALL * float(fitted.par[0]), before) for term in terms]
-    basis, _ = np.linalg.qr(swallowable(before, fitted, len(free)))
+    basis, _ = np.linalg.qr(absorbable(before, fitted, len(free)))
     wide = np.column_stack([*columns, -before.residual])
     wide -= basis @ (basis.T @ wide)
     return terms, [wide[rows].T @ wide[rows] for rows in _parts(items, before)]
@@ -209,7 +209,7 @@ def _parts(items: Sequence[Observed], before: Evaluation) -> list[NDArray[np.int
 
 
 def regress(terms: Sequence[Term], parts: Sequence[FloatArray]) -> list[Law]:
-    """The best laws, each begun with another quantity, cross-validated over the parts whose normal equations are given."""
+    """The best laws, each begun with another quantity, cross-validated over `parts`: normal equations as of `played`."""
     total = np.sum(parts, axis=0)
 
     def solved(chosen: Sequence[int], fold: int | None) -> tuple[FloatArray, float]:

@@ -18,7 +18,7 @@ TITLE = "More segments: the chain is too coarse"
 SPLIT_BY = "no experiment: the same fit with more segments"
 MOST_SEGMENTS = 64  # a finer chain costs minutes
 #: A finer chain that changes the prediction by less than this many noise floors is no candidate.
-FELT_FLOORS = 0.2
+LEAST_FLOORS = 0.2
 
 
 def screen_segments(problem: Problem, fitted: Fitted, floor: float) -> Screened | None:
@@ -44,7 +44,7 @@ def screen_segments(problem: Problem, fitted: Fitted, floor: float) -> Screened 
         change += share * float(np.mean(np.sum((now - then) ** 2, axis=1)))
         before += share * float(np.mean(np.sum((seen - then) ** 2, axis=1)))
         left += share * float(np.mean(np.sum((seen - now) ** 2, axis=1)))
-    if np.sqrt(change) < FELT_FLOORS * floor:
+    if np.sqrt(change) < LEAST_FLOORS * floor:
         return None
     return Screened(SEGMENTS, {}, {}, max(0.0, 1 - left / before) if before > 0 else 0.0, None)
 

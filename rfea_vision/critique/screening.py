@@ -1,8 +1,8 @@
 """Score test of every effect at the present fit: how much of the misfit would each explain, by one linear step?
 
 All effects are compiled into one law, at their absent values, so a single run gives the sensitivity to every amplitude. The
-base parameters and clocks are projected out, so what they can swallow is not credited; one that has run into a bound can
-swallow nothing more, and is left in. Parameters that vanish with the amplitude (a time constant, a loop width, the place of
+base parameters and clocks are projected out, so what they can absorb is not credited; one that has run into a bound can
+absorb nothing more, and is left in. Parameters that vanish with the amplitude (a time constant, a loop width, the place of
 a wall) are screened over their grid (Davies 1987, doi:10.1093/biomet/74.1.33). Significance allows for correlated
 residuals: gradients are summed over blocks of time.
 """
@@ -32,7 +32,7 @@ from rfea_vision.fitting.uncertainty import BLOCK_S, frame_of_row
 
 FRAMES_SCREENED = 400  # of each run: many times its independent values (rule.py), at a part of the cost
 #: A slope of which less than this share is left, once base parameters and clocks are projected out, says nothing.
-SWALLOWED = 0.05
+ABSORBED = 0.05
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def _vector(model: Model, fitted: Fitted, point: dict[str, float]) -> FloatArray
 
 
 def room(effect: Effect, names: Sequence[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where each amplitude is absent, and how far it may step down and up from there."""
+    """Three times (amplitudes,): where each is absent, and how far it may step down (negative) and up from there."""
     specs = [effect.parameters[name] for name in names]
     zero = np.array([spec.absent or 0.0 for spec in specs])
     return zero, np.array([spec.lower for spec in specs]) - zero, np.array([spec.upper for spec in specs]) - zero
@@ -147,10 +147,10 @@ def bounded_step(
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Slopes of the residual over the amplitudes of one effect, less what base parameters and clocks can swallow.
+    """Slopes of the residual over the amplitudes of one effect, less what base parameters and clocks can absorb.
 
     jacobian (rows, amplitudes) and residual (rows,) are in standard errors of the measurement; `slices` are the rows of
-    each of `items`. `secant` is the amplitude at which the change was taken where the slope at none at all is swallowed; what
+    each of `items`. `secant` is the amplitude at which the change was taken where the slope at none at all is absorbed; what
     is left of it grows with the square of the amplitude. Else it is 0.
     """
 
@@ -179,7 +179,7 @@ def sensitivities(problem: Problem, fitted: Fitted, effects: Sequence[Effect]) -
         yield from _at_point(problem, fitted, compiled, active, point)
 
 
-def swallowable(result: Evaluation, fitted: Fitted, free: int) -> FloatArray:
+def absorbable(result: Evaluation, fitted: Fitted, free: int) -> FloatArray:
     """What base parameters and clocks can make of a residual: columns (rows, moves) of size one.
 
     `free` parameters were differentiated by, those of the fit first. One that stands at a bound can take up nothing more.
@@ -222,7 +222,7 @@ def _at_point(
         for part in (active[:half], active[half:]) if half else ():
             yield from _at_point(problem, fitted, part, part, point)
         return
-    q, _ = np.linalg.qr(swallowable(result, fitted, len(free)))
+    q, _ = np.linalg.qr(absorbable(result, fitted, len(free)))
     residual = result.residual - q @ (q.T @ result.residual)
     column = len(base_free)
     for effect in active:
@@ -234,7 +234,7 @@ def _at_point(
         left = np.linalg.norm(jacobian, axis=0)
         own_grid = {k.split(".")[1]: v for k, v in point.items() if k.startswith(effect.id + ".")}
         secant = 0.0
-        if len(names) == 1 and left[0] <= SWALLOWED * raw[0]:
+        if len(names) == 1 and left[0] <= ABSORBED * raw[0]:
             # To first order a lag is a shift, which a free clock takes up: its finite change is looked at instead.
             secant = effect.parameters[names[0]].start
             changed = par.copy()
@@ -246,7 +246,7 @@ def _at_point(
             raw, jacobian = np.linalg.norm(jacobian, axis=0), jacobian - q @ (q.T @ jacobian)
             left = np.linalg.norm(jacobian, axis=0)
         if np.all(left <= 1e-6 * np.maximum(raw, 1e-300)):
-            continue  # the base parameters swallow it whole
+            continue  # the base parameters absorb it whole
         yield Sensitivity(effect, own_grid, names, jacobian, residual, items, result.slices, secant)
 
 

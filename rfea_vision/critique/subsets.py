@@ -1,6 +1,6 @@
 """All combinations by linear algebra: what would every set of up to four effects remove of the misfit, by one linear step?
 
-The score test (screening.py) gives the slopes of the residual over every amplitude, less what the base model can swallow. The
+The score test (screening.py) gives the slopes of the residual over every amplitude, less what the base model can absorb. The
 joint Gauss-Newton step of any set is then a solve of a few unknowns, so that a pair whose members are each too weak alone is
 found as surely as a single effect.
 """

@@ -20,7 +20,7 @@ from rfea_vision.artefacts.measurement import Recording
 from rfea_vision.artefacts.rows import Dependence, TorqueSummary
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.dynamics.inverse import joint_torques
-from rfea_vision.dynamics.simulation import Model
+from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.prediction import observe_as_scored
 from rfea_vision.fitting.residual_tests import correlation_ratio
@@ -53,10 +53,7 @@ def _angle_gap(model: Model, item: Observed, predicted: Predicted) -> tuple[Floa
         gain = phi_basis[-1, 0]
         gap = (item.angle - predicted.angle) / gain
         return gap[:, None] * phi_basis[:, 0], (item.angle_sigma / abs(gain))[:, None] * np.abs(phi_basis[:, 0])
-    # Sensitivity of the points to each function, exact at the modelled pose.
-    from rfea_vision.dynamics.simulation import Motion
-
-    # in the order of a motion's own: another would be compiled for apart
+    # Sensitivity of the points to each function, exact at the modelled pose; contiguous as a motion's own, for which it is compiled.
     S = np.ascontiguousarray(np.broadcast_to(phi_basis, (frames, n + 1, shapes)), dtype=np.float64)
     motion = predicted.motion
     posed = Motion(0, "", motion.phi, motion.rate, motion.states, S, np.arange(shapes), pivot=motion.pivot[:1])
@@ -75,7 +72,7 @@ def _angle_gap(model: Model, item: Observed, predicted: Predicted) -> tuple[Floa
 
 
 def residual_torque(model: Model, par: FloatArray, item: Observed, clock_s: float) -> ResidualTorque | None:
-    """Residual torque of one experiment; None if the model cannot be simulated on it or the frames are too few."""
+    """Residual torque of one experiment at parameters (parameters,) in SI; None if it cannot be simulated, or has under 25 frames."""
     predicted = predict_observed(model, par, item, (), clock_s)
     if predicted is None or item.time.size < 25:
         return None
@@ -178,8 +175,7 @@ def all_residual_torques(
 
     def one(name: str) -> tuple[ResidualTorque | None, Observed, float]:
         item = observe_as_scored(artefact, recordings[name])
-        score = artefact.experiments.get(name)
-        clock = 0.0 if score is None else score.nuisance.get("clock_offset_s", 0.0)
+        clock = artefact.clock_s(name) or 0.0
         return residual_torque(model, par, item, clock), item, clock
 
     model.law  # noqa: B018 - compiled once, before the threads

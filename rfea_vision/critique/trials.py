@@ -18,7 +18,6 @@ from rfea_vision.artefacts.rows import Refit
 from rfea_vision.critique.carrying import carried_over
 from rfea_vision.critique.measures import Errors, errors_of
 from rfea_vision.critique.refinement import SEGMENTS, refit_segments
-from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import find_effects, parameters_of, plain
 from rfea_vision.errors import DataError
 from rfea_vision.fitting.fit import BENT, stiff_start
@@ -99,7 +98,7 @@ class Trials:
     #: Where it is bent: by the sets of effects, the cost of the fit that their refit began from.
     began: dict[frozenset[str], float] = field(default_factory=dict)
 
-    def stands(self, fitted: Fitted) -> Trial:
+    def adopt(self, fitted: Fitted) -> Trial:
         """Take note of a fit that was made elsewhere, its lever free: what more effects leave may tell it (fitting/ratio.py)."""
         fitted = with_lever_free(self.problem, fitted)
         key = frozenset(fitted.options.effects)
@@ -119,7 +118,10 @@ class Trials:
         key = base.effects | set(added)
         before = self.done.get(key)
         if key not in self.done or self._began_too_far_off(key):
-            fitted = self._segments(base) if SEGMENTS in added else self._solved(base, key, start)
+            if SEGMENTS in added:
+                fitted = refit_segments(self.problem, base.fitted, f"{base.fitted.options.name}+{SEGMENTS}")
+            else:
+                fitted = self._solved(base, key, start)
             if fitted is not None and (before is None or fitted.solution.cost < before.cost):
                 self._keep(base, key, fitted)
             else:
@@ -143,11 +145,9 @@ class Trials:
         return min((t for k, t in self.done.items() if t is not None and SEGMENTS not in k), key=lambda t: t.cost)
 
     def _began_too_far_off(self, key: frozenset[str]) -> bool:
-        return self.bent and NEARER * self._best().cost < min(self.began.get(key, 0.0), self._cost_of(key))
-
-    def _cost_of(self, key: frozenset[str]) -> float:
         trial = self.done[key]
-        return float("inf") if trial is None else trial.cost
+        reached = np.inf if trial is None else trial.cost
+        return self.bent and NEARER * self._best().cost < min(self.began.get(key, 0.0), reached)
 
     def _nearest(self, base: Trial, key: frozenset[str]) -> tuple[Fitted, dict[str, float]]:
         """The fit that a refit begins from, and of its values those that the set has, too."""
@@ -159,9 +159,6 @@ class Trials:
         own = {n: v for n, v in best.fitted.values.items() if "." not in n or n.partition(".")[0] in shared}
         return best.fitted, {**base.fitted.values, **own}
 
-    def _segments(self, base: Trial) -> Fitted | None:
-        return refit_segments(self.problem, base.fitted, f"{base.fitted.options.name}+{SEGMENTS}")
-
     def _solved(self, base: Trial, key: frozenset[str], start: Mapping[str, float]) -> Fitted | None:
         options = self._options(base, key)
         best, held = None, base.fitted.values
@@ -171,7 +168,7 @@ class Trials:
             like, held = self._nearest(base, key)
             grids = [{}, *({n: v} for n, points in self._grids(key, start).items() for v in points[1:])]
             starts = [{**grid, **held, **start} for grid in grids]
-            if not self.bent and len(key - base.effects) == 1:  # the present model may have swallowed what one effect does
+            if not self.bent and len(key - base.effects) == 1:  # the present model may have absorbed what one effect does
                 starts.append({**held, **self.stiff, **start})
             if like is not base.fitted:  # a linear step from the present model tells nothing of amplitudes there
                 amplitudes = self._amplitudes(options)
@@ -304,14 +301,10 @@ class Trials:
 
 def _at_bound(fitted: Fitted) -> bool:
     """Whether an amplitude ran into a bound (other than that at which its effect is absent)."""
-    return any(_effect_at_bound(fitted, effect) for effect in fitted.model.effects)
-
-
-def _effect_at_bound(fitted: Fitted, effect: Effect) -> bool:
-    for name in effect.amplitudes():
-        spec = effect.parameters[name]
-        value, span = fitted.values[f"{effect.id}.{name}"], spec.upper - spec.lower
-        if spec.upper - value < AT_BOUND * span or (value - spec.lower < AT_BOUND * span and spec.lower != spec.absent):
+    for name, spec in parameters_of(fitted.model.effects).items():
+        near, value = AT_BOUND * (spec.upper - spec.lower), fitted.values[name]
+        low = value - spec.lower < near and spec.lower != spec.absent
+        if spec.absent is not None and (spec.upper - value < near or low):
             return True
     return False
 

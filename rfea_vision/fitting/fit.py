@@ -45,11 +45,6 @@ FAR_OFF, BENT = 0.1, 0.05
 CARRIED_WORSE = 1.5
 
 
-def _first_cost(look: Solution | None) -> float:
-    """Cost of a start after one look; infinite where it cannot be simulated."""
-    return np.inf if look is None else look.cost
-
-
 def _stiffer(par: FloatArray) -> Iterator[FloatArray]:
     """A start, and stiffer ones without slope: a tube that is too soft has no steady state under pressure."""
     yield par
@@ -136,7 +131,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
         if not plateaus:  # no steady state tells the stiffness: the start that comes nearest at once is taken
             guess = min(
                 _stiffer(guess),
-                key=lambda trial: _first_cost(solve(model, thin, coordinates, trial, most_evaluations=1)),
+                key=lambda trial: getattr(solve(model, thin, coordinates, trial, most_evaluations=1), "cost", np.inf),
             )
         from_rest, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
@@ -168,7 +163,7 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
     fitted = _refined(quick, options, model, coarse.segments, solutions)
     if progress is not None:
         progress(len(shapes) + 2, len(shapes) + 2)
-    return replace(fitted, plateaus=tuple(plateaus), steady=record, starts=tuple(waterfall))
+    return replace(fitted, steady=record, starts=tuple(waterfall))
 
 
 def _different(*starts: FloatArray) -> Iterator[FloatArray]:
@@ -260,7 +255,6 @@ def fit_added(problem: Problem, options: FitOptions, previous: Fitted, progress:
         raise DataError(f"model {options.name}: none of its starts could be simulated")
     return replace(
         with_lever_held(problem, refit_from(problem, options, best)),
-        plateaus=previous.plateaus,
         steady=previous.steady,
         starts=tuple(waterfall),
         jumps=previous.jumps,

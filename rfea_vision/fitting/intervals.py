@@ -42,7 +42,7 @@ def intervals(
     Parameters
     ----------
     items : the training runs, in the order in which they were fitted
-    drift : by how much they would go towards a finer chain (`discretisation.drift`): half of an interval holds that in whole
+    drift : (parameters,) in SI by which they would change towards a finer chain (`discretisation.drift`), added to half an interval
     """
     uncertainty = uncertainty_of(fitted.solution, items)
     par = fitted.par

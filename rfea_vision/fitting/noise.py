@@ -20,7 +20,7 @@ from rfea_vision.scatter import rounding_noise, third_difference_noise
 #: A repeat may begin so much earlier or later on its log than the run that it repeats: nearest first, in s.
 _STEP_S = 0.01
 _SEARCHED_S = [_STEP_S * k for k in sorted(range(-50, 51), key=abs)]
-#: Share of the frames on which no floor may hang: it says what noise makes of a run, and a claim of so few tells nothing of the rest.
+#: Share of the frames that may not set the floor alone: the claims of so few say nothing of the noise of the others.
 FEW_FRAMES = 0.01
 #: Frames that two runs have in common at least, to be compared.
 LEAST_COMMON = 12
@@ -92,8 +92,8 @@ def noise_floor_mm(
 def _of_many(squares: FloatArray, found: FloatArray | float) -> FloatArray:
     """Claimed squared errors (frames,) of a run, the few beyond all others held to those, or to what was `found` (frames,) there.
 
-    Their mean is what noise leaves of a run. One frame that claims 4 mm where 500 claim 0.01 would be nearly all of it; whether it is
-    that far off, its own error shows. Of claims that are much alike this changes nothing.
+    The noise floor is their mean, of which one frame that claims 4 mm where 500 claim 0.01 would be nearly all; whether it is that far
+    off, a model's error there shows. Claims that are much alike stay as they are.
     """
     few = max(1, int(FEW_FRAMES * squares.size))
     others = np.partition(squares, squares.size - 1 - few)[squares.size - 1 - few] if few < squares.size else np.inf

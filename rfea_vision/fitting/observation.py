@@ -22,7 +22,7 @@ from rfea_vision.options.fit import Observe
 
 FITTED_NODES = 8  # of the centre line, evenly spaced, beside that at the clamp
 ORIGIN_SIGMA_MM = 0.1  # of a track that does not say it, see `residuals.origin_shift`
-#: Nobody reads a tube better than this; keeps a file that claims zero error from ruling the fit.
+#: No track is better than this; runs that claim no error would outweigh all others.
 SMALLEST_SIGMA_MM = 0.005
 SMALLEST_SIGMA_DEG = 0.005
 #: What a clock that was found from the motion may be off by beyond its own standard error: lines and tubes lag by so much.

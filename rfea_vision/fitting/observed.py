@@ -46,14 +46,14 @@ class Observed:
     middle_s: float  # middle of the recording, where a clock drift is zero: the same for every part of it
     repeat_of: str | None = None
     tip_noise_mm: float = 0.0
-    origin_sigma: float = 0.0  # m; 0 where the track is in the rig frame by somebody else's word
+    origin_sigma: float = 0.0  # m; 0 where a track of another tool is taken as it stands in the rig frame
     pressure_zero_sd: float = 0.0  # Pa; 0 where the sensor's zero is taken as given
     angle_zero_sd: float = 0.0  # rad; as above, of the angle of a run without a tip
     gravity: float = STANDARD_GRAVITY  # m/s^2 in the plane of motion
     mounting: float = 0.0  # direction of gravity from down (rad), positive towards the side of the bend
     held: Held | None = None  # where the run begins in a held shape
     conditions: Mapping[str, float] = field(default_factory=dict)  # parameters of effects that are known for this run
-    unknown_before_s: float | None = None  # before that nobody knows what drove the tube; None where it begins at rest
+    unknown_before_s: float | None = None  # before that the pressure is unknown; None where the run begins at rest
 
     @cached_property
     def unknowns(self) -> Unknowns | None:
@@ -100,6 +100,11 @@ class Observed:
         return replace(self, time=time[frame], frame=frame, **nowhere, **weightless)
 
     @property
+    def period_s(self) -> float:
+        """Time (s) from one frame to the next."""
+        return float(np.median(np.diff(self.time)))
+
+    @property
     def clock_free(self) -> bool:
         """Whether the clock of this run is found with the fit."""
         return self.clock_sigma > 0
@@ -126,7 +131,7 @@ class Observed:
         return self._picked(slice(None, None, step))
 
     def rough(self, frames: int) -> Observed:
-        """About so many frames of the same run, simulated with twice the step: to come near, and to compare what differs much."""
+        """About so many frames of the same run, simulated with twice the step: for first fits and coarse comparisons."""
         return self.thinned(max(1, self.time.size // frames)).coarser()
 
     def coarser(self) -> Observed:

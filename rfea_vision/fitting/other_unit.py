@@ -14,17 +14,17 @@ from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.solver import farthest
 from rfea_vision.units import rounded
 
-#: kPa of one psi, the slip that leaves a tube within the moduli of elastomers; a bar or a mbar does not.
+#: kPa of one psi: a mistake that leaves the tube within the moduli of elastomers; with bar or mbar it does not.
 PSI_kPa = 6.894757
-#: Bounds of the lever in times of what the tube has: beyond the slip to both sides, and short of where gravity is nothing beside it.
+#: Bounds of the lever in times of the tube's: beyond that factor to both sides, and short of where gravity is negligible beside it.
 _REACH = 12.0
 #: Share of the tube's length, or rad, by which a model is off at the worst moment before another scale is tried. Chosen: what an effect
 #: of the catalogue moves is mostly less.
 _FAR_OFF = 0.1
-#: Of the residual (root mean square), that another scale must leave at most to be spoken of. Chosen: an effect that is missing may
-#: well be made up for in part.
+#: Of the residual (root mean square), that another scale must leave at most to be reported. Chosen: a missing effect may be made up
+#: for in part.
 _LEFT = 0.5
-#: Factor to both sides of the slip within which a lever that was found is taken for it: what is missing beside it moves the lever, too.
+#: Factor to both sides of that within which a lever is taken for it: missing effects move the lever, too.
 _NEAR = 1.3
 
 

@@ -40,8 +40,7 @@ def predict(model: ModelFit, recordings: Mapping[str, Recording]) -> dict[str, x
     def one(name: str) -> xr.Dataset:
         recording = recordings[name]
         item = observe_as_scored(model, recording)
-        score = model.experiments.get(name)
-        clock = score.nuisance.get("clock_offset_s") if score is not None else None
+        clock = model.clock_s(name)
         if clock is None:
             clock = float(fit_clocks(simulator, [item], par)[0])
         item = item.everywhere(recording.time_s.astype(float))

@@ -42,9 +42,10 @@ class Problem:
         """-1 where the tube bends right in the recordings, which are then mirrored; else 1; of all runs the same."""
         return self.train[0].mirror
 
-    def with_roles(self, *roles: str) -> tuple[Observed, ...]:
-        """Runs with one of these roles: training, then validation, then test."""
-        return tuple(o for o in (*self.train, *self.validate, *self.test) if o.role in roles)
+    @property
+    def scored(self) -> tuple[Observed, ...]:
+        """The runs on which a fit is scored: training, then validation."""
+        return (*self.train, *self.validate)
 
 
 def make_problem(recordings: Mapping[str, Recording], actuator: Actuator, options: FitOptions | None = None) -> Problem:

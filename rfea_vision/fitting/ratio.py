@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.fitting.coordinates import base_reference
 from rfea_vision.fitting.observed import Observed
 from rfea_vision.fitting.problem import Problem
@@ -63,11 +64,12 @@ def lever_free(fitted: Fitted) -> FitOptions:
     return replace(fitted.options, fixed={n: v for n, v in fitted.options.fixed.items() if n not in held})
 
 
-def about_ratio(parameters: Mapping[str, tuple[float, float | None]], lever: float) -> str:
-    """The sentence on a lever that was held because only the ratio is told; values with their 95 % half widths, SI."""
-    value, half = parameters["k_ref"]
-    within = "" if half is None else f" ± {rounded(half / lever, 2)}"
+def about_ratio(k_ref: Parameter, lever: float) -> str:
+    """The sentence on a lever (m) that was held because these runs tell only its ratio to the stiffness."""
+    within = ""
+    if k_ref.interval_95 is not None:
+        within = f" ± {rounded((k_ref.interval_95[1] - k_ref.interval_95[0]) / 2 / lever, 2)}"
     return (
-        f"k / r_hyd: these runs tell only the ratio, k_ref / r_hyd = {value / lever:.4g}{within} N/rad (95 %); r_hyd was held at "
+        f"k / r_hyd: these runs tell only the ratio, k_ref / r_hyd = {k_ref.value / lever:.4g}{within} N/rad (95 %); r_hyd was held at "
         f"{lever * 1e3:.3g} mm, and k and b go with it."
     )

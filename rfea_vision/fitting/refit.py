@@ -21,20 +21,19 @@ from rfea_vision.fitting.problem import Problem, make_model, start_vector
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.solver import ROUGH_FRAMES, Solution, solve
 from rfea_vision.fitting.starts import without_vanishing_ends
-from rfea_vision.fitting.steady_fit import Plateau
 from rfea_vision.options import FitOptions
 
 #: Relative fall of the cost at which the first, rough solution ends: no misfit is followed less closely.
 ROUGH_TOLERANCE = 1e-4
 #: Steps of thinned runs are doubled so often at most (8 ms of a log of 1 kHz), each time only if that changes what the model leaves
 #: by less than this share of it: far less than the refits that follow are to tell apart.
-LONGER_STEPS, FELT_SHARE = 2, 0.02
+LONGER_STEPS, TOLERATED_SHARE = 2, 0.02
 #: All frames: the step is doubled while that moves what is seen by less than this share of its standard error, root mean square: it
 #: adds a 2500th to the squared error of noise alone.
-UNFELT = 0.02
-#: Or by less than this share of what the model leaves, if only so few frames feel more than that: at the start of a run, where a
-#: model that is far off rings as no tube does.
-UNFELT_SHARE, FEW = 0.01, 0.01
+NEGLIGIBLE = 0.02
+#: Or by less than this share of what the model leaves, if only so few frames change by more: at the start of a run, where a model
+#: that is far off rings as no tube does.
+NEGLIGIBLE_SHARE, FEW = 0.01, 0.01
 #: Bodies of thinned runs at most: twice as many move the paper's tube by 0.03 mm, a step of 2 ms by 0.08.
 ROUGH_SEGMENTS = 8
 #: Change of an angle (rad) at which a long step is solved: one iteration for nearly all; it moves the tip by a micrometre.
@@ -49,7 +48,6 @@ class Fitted:
     options: FitOptions
     coordinates: Coordinates
     solution: Solution
-    plateaus: tuple[Plateau, ...] = ()
     steady: SteadyState = field(default_factory=SteadyState)
     starts: tuple[StartRow, ...] = ()
     jumps: Mapping[str, int] = field(default_factory=dict)
@@ -120,7 +118,7 @@ def rough_runs(problem: Problem, fitted: Fitted) -> list[Observed]:
     for _ in range(LONGER_STEPS):
         longer = [item.coarser() for item in items]
         after = left(longer)
-        if after is None or np.linalg.norm(after - before) > FELT_SHARE * np.linalg.norm(before):
+        if after is None or np.linalg.norm(after - before) > TOLERATED_SHARE * np.linalg.norm(before):
             break
         items = longer
     return items
@@ -147,18 +145,18 @@ def _in_long_steps(item: Observed, model: Model, par: FloatArray, clock: FloatAr
     while before is not None and 2 * item.excitation.step_s < SLOWEST_STEP_S * (1 + 1e-9):
         longer = item.coarser()
         after = evaluate(model, par, [longer], (), clock)
-        if after is None or not _unfelt(after.residual - before.residual, before.residual):
+        if after is None or not _negligible(after.residual - before.residual, before.residual):
             break
         item = longer
     return item
 
 
-def _unfelt(moved: FloatArray, residual: FloatArray) -> bool:
+def _negligible(moved: FloatArray, residual: FloatArray) -> bool:
     """Whether a change (rows,) of a residual (rows,), in standard errors, is small beside noise, or beside what the model leaves."""
     size = np.sort(np.abs(moved))
     most = size[: int((1 - FEW) * size.size)]
-    little = np.linalg.norm(size) <= UNFELT_SHARE * np.linalg.norm(residual)
-    return any(np.linalg.norm(part) <= UNFELT * np.sqrt(part.size) for part in ((size, most) if little else (size,)))
+    little = np.linalg.norm(size) <= NEGLIGIBLE_SHARE * np.linalg.norm(residual)
+    return any(np.linalg.norm(part) <= NEGLIGIBLE * np.sqrt(part.size) for part in ((size, most) if little else (size,)))
 
 
 def refit(
@@ -192,9 +190,9 @@ def refit(
     model = replace(make_model(problem.actuator, options, problem.mirror), tolerance=newton)
     coordinates = coordinates_for(problem, options, model)
     start = carried(model, problem.actuator, options.segments, previous, previous_segments)
-    used = list(items) if items is not None else list(problem.train)
+    used = problem.train if items is None else items
     solution = None
-    # A misfit may push a damper or a spring to nothing at one end of the reach, which a finer chain does not survive.
+    # A misfit may push a damper or a spring to nothing at one end of the reach, where a finer chain cannot be simulated.
     for first in (start, without_vanishing_ends(coordinates, start)):
         solution = _solved(model, used, coordinates, first, clocks, most_evaluations, tolerance, options.loss)
         if solution is not None:

@@ -69,7 +69,7 @@ def count_jumps(item: Observed, predicted: Predicted) -> int:
     A tube whose physics the model lacks moves otherwise, but about as smoothly: a jump is sharper than anything in the modelled
     motion. None where the frames are so slow that the tube itself can go anywhere from one to the next.
     """
-    if float(np.median(np.diff(item.time))) > SLOW_FRAMES_S:
+    if item.period_s > SLOW_FRAMES_S:
         return 0
     gap, motion = (item.angle - predicted.angle)[:, None], predicted.angle[:, None]
     if item.has_tip:
@@ -79,7 +79,7 @@ def count_jumps(item: Observed, predicted: Predicted) -> int:
     if gap.shape[0] < 12:
         return 0
     bend = np.diff(gap, n=2, axis=0)
-    near = np.diff(item.time[1:-1]) < 1.5 * np.median(np.diff(item.time))
+    near = np.diff(item.time[1:-1]) < 1.5 * item.period_s
     noise = item.sigma[:, -1] if item.has_tip else item.angle_sigma
     scale = np.maximum(scatter(bend), np.sqrt(6) * float(np.median(noise)))
     # A step in position bends the curve one way and at once the other; a blow only bends it.
@@ -97,9 +97,8 @@ def examine_residuals(items: Sequence[Observed], predicted: Sequence[Predicted])
         gap = left_of(item, one)
         axis = int(np.argmax(gap.std(axis=0)))
         series = gap[:, axis]
-        period = float(np.median(np.diff(item.time)))
-        times.append(correlation_time(series, period))
-        periods.append(period)
+        times.append(correlation_time(series, item.period_s))
+        periods.append(item.period_s)
         residuals.append(series)
         columns["pressure"].append(item.excitation.at(item.time))
         columns["angle"].append(one.angle)

@@ -229,7 +229,7 @@ def as_it_stood(model: Model, par: FloatArray, item: Observed, frames_s: FloatAr
 def as_rigged(
     model: Model, par: FloatArray, item: Observed, free: Sequence[int] = ()
 ) -> tuple[Model, FloatArray, list[int]]:
-    """The model as the rig of this run stands, with what is known of the run in place of what is fitted; where `free` is in it."""
+    """The model in the rig of a run, its parameters (parameters,) in SI with what is known of the run in place, and `free` in it."""
     rigged = model.rigged(item.gravity, item.mounting, item.conditions)
     if not item.conditions:
         return rigged, par, list(free)

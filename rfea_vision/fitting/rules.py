@@ -1,4 +1,4 @@
-"""What a rig or its runs cannot tell is held by rule, and said once: one fact, one sentence."""
+"""Parameters that the section has no use for, or that the runs cannot determine: held by rule, with a sentence for each fact."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class Gaps:
 
     @property
     def main(self) -> FloatArray | None:
-        """Of the tip, or of the angle where there is no tip."""
+        """Of the tip (frames,) in mm^2, or of the angle in deg^2 where there is no tip."""
         return self.angle if self.tip is None else self.tip
 
 
@@ -96,13 +96,13 @@ def pooled(parts: Sequence[Gaps], length_mm: float) -> Metrics:
 
 def score(
     problem: Problem, model: Model, par: FloatArray, items: Sequence[Observed], clocks: FloatArray | None = None
-) -> tuple[dict[str, ExperimentScore], dict[str, Gaps], dict[str, float]]:
-    """Score each experiment; its clock is adjusted where it was found from the motion.
+) -> tuple[dict[str, ExperimentScore], dict[str, Gaps]]:
+    """Score each experiment, and its squared errors where it could be simulated; its clock is adjusted where motion gave it.
 
     par : (parameters,) in SI; clocks : (experiments,) offset of each clock in s, fitted here by default
     """
     offsets = fit_clocks(model, items, par) if clocks is None else clocks
-    scores, parts, used = {}, {}, {}
+    scores, parts = {}, {}
     length_mm = problem.actuator.length / MM
     for item, clock in zip(items, offsets, strict=True):
         predicted = predict_observed(model, par, item, (), float(clock))
@@ -111,7 +111,6 @@ def score(
             scores[item.name] = ExperimentScore(role=item.role, notes=dict.fromkeys(METRICS, why))
             continue
         parts[item.name] = gaps(item, predicted)
-        used[item.name] = float(clock)
         metrics = pooled([parts[item.name]], length_mm)
         nuisance = {"clock_offset_s": float(clock)} if item.clock_free else {}
         nuisance |= predicted.nuisance
@@ -122,7 +121,7 @@ def score(
             nuisance=nuisance,
             **metrics.model_dump(),
         )
-    return scores, parts, used
+    return scores, parts
 
 
 def metrics_by_role(problem: Problem, scores: dict[str, ExperimentScore], parts: dict[str, Gaps]) -> dict[str, Metrics]:
@@ -163,16 +162,14 @@ def as_artefact(problem: Problem, fitted: Fitted) -> ModelFit:
     In the longest steps whose error is small beside the noise; they stand in the scores (`step_s`), for `in_its_steps`.
     """
     problem = in_long_steps(problem, fitted.model, fitted.par, fitted.solution.clocks)
-    others = problem.validate
     predicted = fitted.solution.evaluation.predicted
-    clocks = np.concatenate([fitted.solution.clocks, fit_clocks(fitted.model, others, fitted.par)])
-    scores, parts, _ = score(problem, fitted.model, fitted.par, [*problem.train, *others], clocks)
+    clocks = np.concatenate([fitted.solution.clocks, fit_clocks(fitted.model, problem.validate, fitted.par)])
+    scores, parts = score(problem, fitted.model, fitted.par, problem.scored, clocks)
     found = intervals(fitted, problem.train, problem.actuator, drift(problem, fitted, problem.train))
-    measured = list(problem.with_roles("train", "validate"))
     left = {o.name: left_of(o, one) for o, one in zip(problem.train, predicted, strict=True)}
     errors = {name: part.tip for name, part in parts.items() if part.tip is not None}
-    floor, source = noise_floor_mm(measured, problem.recordings, left=left, errors=errors)
-    floor_deg = noise_floor_deg(measured, problem.recordings, left=left) if floor is None else None
+    floor, source = noise_floor_mm(problem.scored, problem.recordings, left=left, errors=errors)
+    floor_deg = noise_floor_deg(problem.scored, problem.recordings, left=left) if floor is None else None
     source = "standard errors of the angle" if floor_deg else source
     options = fitted.options
     refused = runaway(fitted, problem.actuator)
@@ -226,16 +223,14 @@ def _ruled(problem: Problem, fitted: Fitted, parameters: Mapping[str, Parameter]
     """What was held by rule, each fact once."""
     _, said = held_by_rule(problem.train, problem.actuator, fitted.options.segments)
     if fitted.ratio_only:
-        k = parameters["k_ref"]
-        half = None if k.interval_95 is None else (k.interval_95[1] - k.interval_95[0]) / 2
-        said.append(about_ratio({"k_ref": (k.value, half)}, parameters["r_hyd"].value))
+        said.append(about_ratio(parameters["k_ref"], parameters["r_hyd"].value))
     return said
 
 
 def _about_runs(problem: Problem, fitted: Fitted) -> list[str]:
     """What a reader must know of the runs to trust the fit."""
     out = []
-    moving = [o.name for o in (*problem.train, *problem.validate) if o.unknown_before_s is not None]
+    moving = [o.name for o in problem.scored if o.unknown_before_s is not None]
     if moving:
         out.append(
             f"{', '.join(moving)}: the tube moves when the log begins; what drove it before was fitted along, "

@@ -116,13 +116,10 @@ class _Target:
         key = x.tobytes()
         if self.last is None or self.last[0] != key:
             self.count += 1
-            self.last = (key, self._evaluate(x))
+            par, values = self.unpack(x)
+            result = evaluate(self.model, par, self.items, self.coordinates.free, values)
+            self.last = (key, None if result is None else self._point(x, result))
         return self.last[1]
-
-    def _evaluate(self, x: FloatArray) -> _Point | None:
-        par, values = self.unpack(x)
-        result = evaluate(self.model, par, self.items, self.coordinates.free, values)
-        return None if result is None else self._point(x, result)
 
     def remember(self, x: FloatArray, evaluation: Evaluation) -> None:
         """Take what was evaluated at `x` before as known."""
@@ -271,7 +268,10 @@ def fit_clocks(model: Model, items: Sequence[Observed], par: FloatArray) -> Floa
 
 
 def at_own_clock(model: Model, item: Observed, par: FloatArray) -> Predicted | None:
-    """What the camera would have seen of a run, its clock as `fit_clocks` finds it; None if the simulation fails."""
+    """What the camera would have seen of a run at fixed parameters (parameters,) in SI, its clock as `fit_clocks` finds it.
+
+    None if the simulation fails.
+    """
     look = by_clock(model, par, item)
     return look(_clock(item, look) if item.clock_free else 0.0)
 

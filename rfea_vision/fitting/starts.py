@@ -60,7 +60,7 @@ def _scale_of_swing(items: Sequence[Observed], actuator: Actuator) -> FloatArray
     found = []
     for item in items:
         signal = item.points[:, -1, 0] if item.has_tip else item.angle
-        step = float(np.median(np.diff(item.time)))
+        step = item.period_s
         even = np.interp(np.arange(item.time[0], item.time[-1], step), item.time, signal)
         power = np.abs(
             np.fft.rfft(
@@ -86,7 +86,7 @@ def from_the_release(
 
     Of a tube that rings, a start with another frequency ends in a minimum that is half a swing off; of one that creeps, no swing shows
     the stiffness. So stiffness and damping are searched on a grid over the opening of the runs, and fitted to more and more of them.
-    `reference` is the middle of the grid; it is returned where no run was let go or no point of the grid can be simulated.
+    `reference` (parameters,) is the middle of the grid; it is returned where no run was let go or no point of it can be simulated.
     """
     let_go = [item for item in items if item.held is not None]
     if not let_go:

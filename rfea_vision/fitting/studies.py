@@ -1,4 +1,4 @@
-"""What one fit alone does not tell: how many segments it takes, and whether it stands without any one of its runs."""
+"""Studies beside a fit: errors over the number of segments, and fits without each of the runs."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def segments_study(
             continue
         seconds[str(count)] = round(time.perf_counter() - begun, 3)
         clocks = np.concatenate([one.solution.clocks, fit_clocks(one.model, problem.validate, one.par)])
-        scores, parts, _ = score(problem, one.model, one.par, [*problem.train, *problem.validate], clocks)
+        scores, parts = score(problem, one.model, one.par, problem.scored, clocks)
         row: dict[str, Any] = {"segments": count}
         for role, metrics in metrics_by_role(problem, scores, parts).items():
             for key in ("tip", "tip_x", "tip_y", "midline"):
@@ -110,7 +110,7 @@ def with_study(problem: Problem, fitted: Fitted) -> Fitted:
     """The fit with its study; with `auto_segments` the fit of the chain that is fine enough."""
     rows, seconds = segments_study(problem, fitted)
     if fitted.options.auto_segments:
-        floor, _ = noise_floor_mm(list(problem.with_roles("train", "validate")), problem.recordings)
+        floor, _ = noise_floor_mm(problem.scored, problem.recordings)
         count = enough_segments(rows, floor)
         if count != fitted.options.segments:
             fitted = with_solution(fitted, refit_from(problem, fitted.options.with_segments(count), fitted))
@@ -137,7 +137,7 @@ def leave_one_out(problem: Problem, fitted: Fitted) -> LeaveOneOut:
         except DataError as error:
             experiments[left.name] = {"tip_rmse_mm": None, "note": str(error)}
             continue
-        scores, parts, _ = score(problem, one.model, one.par, [left])
+        scores, parts = score(problem, one.model, one.par, [left])
         errors_of_it = scores[left.name].model_dump(mode="json", exclude={"role", "nuisance"})
         experiments[left.name] = cast(LeftOutRun, {**errors_of_it, "parameters": one.values})
         values.append(one.par)

@@ -52,8 +52,7 @@ def frame_of_row(item: Observed, rows: int) -> NDArray[np.int64]:
 
 def block_length_s(item: Observed, residual: FloatArray) -> float:
     """Length (s) of the blocks over which a run's residual (rows,) may be correlated: one frame where it is white."""
-    frames = item.time.size
-    period = float(np.median(np.diff(item.time)))
+    frames, period = item.time.size, item.period_s
     tail = residual[-(frames * (2 if residual.size >= 2 * frames else 1)) :]  # the tip's rows come last
     memory = correlation_time(tail.reshape(frames, -1), period)
     if memory < WHITE_FRAMES * period:

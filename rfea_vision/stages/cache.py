@@ -77,7 +77,7 @@ class StageCache:
         options : anything made of dataclasses, mappings, sequences and plain values
         code : hash of the source that makes the result, see `code.code_of`
         """
-        parts = {"stage": stage, "hashes": list(hashes), "options": plain(options), "code": code}
+        parts = {"stage": stage, "hashes": list(hashes), "options": as_json(options), "code": code}
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
     def record(self, key: str) -> StageRecord | None:
@@ -128,7 +128,7 @@ class StageCache:
         """Return what is to be noted of a stage that has finished."""
         made = {path.relative_to(self.out).as_posix(): self.sha256(path) for path in outputs}
         return StageRecord(
-            key, digest, plain(options) or {}, made, dict(inputs or {}), 0, __version__, plain(facts or {})
+            key, digest, as_json(options) or {}, made, dict(inputs or {}), 0, __version__, as_json(facts or {})
         )
 
     def store(self, *records: StageRecord) -> None:
@@ -156,14 +156,14 @@ class StageCache:
         return self.folder / _file_name(key)
 
 
-def plain(value: object) -> Any:
+def as_json(value: object) -> Any:
     """Return dataclasses, models, paths and arrays as JSON values; a path counts by its name, for its content is hashed."""
     if isinstance(value, BaseModel) or (is_dataclass(value) and not isinstance(value, type)):
-        return {key: plain(item) for key, item in vars(value).items()}
+        return {key: as_json(item) for key, item in vars(value).items()}
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): as_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [plain(item) for item in value]
+        return [as_json(item) for item in value]
     if isinstance(value, Path):
         return value.name
     if isinstance(value, np.ndarray):
@@ -174,7 +174,7 @@ def plain(value: object) -> Any:
 
 
 def _record(path: Path) -> StageRecord | None:
-    """Return a record; None where there is none, or what is there is none: then the stage simply runs again."""
+    """Return a record; None where there is none, or it is damaged: then the stage runs again."""
     try:
         record = TypeAdapter(StageRecord).validate_python(_read_json(path))
     except ValidationError:

@@ -38,7 +38,7 @@ def _hash(home: Path, name: str) -> str:
 
 
 def _place(work: Callable[..., object]) -> tuple[Path, str]:
-    """Where a function stands: what is remembered of it must not hold the function, and with it all that it holds."""
+    """File and name of a function: the caches keep these, and not the function with all that it refers to."""
     return Path(work.__code__.co_filename), work.__qualname__
 
 

@@ -11,8 +11,8 @@ from rfea_vision.campaign import Campaign, ExperimentSpec
 from rfea_vision.errors import InputError
 from rfea_vision.units import parse_moment
 
-#: Pause between two runs where `recorded_at` does not tell it, and the most of one that is lived through again: what creeps
-#: has crept by then, what softened stays soft.
+#: Pause between two runs (s) where `recorded_at` does not give it, and the shortest and the longest that is simulated: after the
+#: longest, creep has died away, and what has softened stays soft.
 UNTOLD_PAUSE_S, SHORTEST_PAUSE_S, LONGEST_PAUSE_S = 3.0, 1e-3, 10.0
 
 

@@ -48,7 +48,7 @@ def locked(
     path : the lock's file; it stays, empty, when the lock is released
     shared : held together with others that share it
     patience_s : how long to wait; None waits as long as it takes
-    say : hears whom one waits for
+    say : told whom it waits for
 
     Raises
     ------

@@ -287,7 +287,7 @@ def synchronise(work: Runner, experiment: ExperimentSpec) -> Stored[Recording]:
 
 
 def _on_one_clock(tracked: Track, log: PressureLog, experiment: ExperimentSpec) -> Recording:
-    """Synchronise; what went wrong is told by its cause, where track or log say it themselves."""
+    """Synchronise; an error names its cause where that lies in the track or in the log."""
     from rfea_vision.sync import synchronise as synchronise_clocks
 
     spec, sync = experiment.pressure, experiment.sync

@@ -74,7 +74,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
     known = before is not None and before.effects == options.effects and not options.effect_files
     if not known:  # the catalogue takes a second to load
         _refuse_unknown(options.effects, options.effect_files)
-    # A joint that there is not is told before anything is measured, too.
+    # An unknown joint is refused before anything is measured, too.
     if not known and any("@" in effect for effect in options.effects):
         from rfea_vision.fitting.problem import parse_effects
 
@@ -96,7 +96,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
 
 
 def _refuse_unknown(effects: tuple[str, ...], files: tuple[Path, ...]) -> None:
-    """A slip in a name or in a file of one's own is told before anything is measured."""
+    """Refuse effects that nobody declares, and faulty effect files, before anything is measured."""
     if effects or files:
         from rfea_vision.effects.catalogue import find_effects
 
@@ -104,7 +104,7 @@ def _refuse_unknown(effects: tuple[str, ...], files: tuple[Path, ...]) -> None:
 
 
 def _refuse_impossible(work: Runner, options: FitOptions) -> None:
-    """What no tube of the campaign can have is told before anything is measured, too."""
+    """Refuse, before anything is measured, a lever that no tube of the campaign can have."""
     for experiment in work.campaign.with_role("train"):
         refuse_impossible_lever(options.fixed, experiment.actuator)
 

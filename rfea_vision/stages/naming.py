@@ -11,7 +11,7 @@ from rfea_vision.artefacts import Ladder
 from rfea_vision.errors import InputError
 from rfea_vision.options import FitOptions
 from rfea_vision.options.asking import as_record, from_record
-from rfea_vision.stages.cache import StageRecord, plain
+from rfea_vision.stages.cache import StageRecord, as_json
 from rfea_vision.stages.runner import Runner
 
 #: What may differ between the rungs of one ladder: what they are called, what they add, and what is studied beside them.
@@ -79,7 +79,7 @@ def _others(
         return []
     finer = name in (rungs or ()) or "segments" in name.split("+")  # also of an earlier ladder, whose chain was made finer
     left = {*leave, "segments", "auto_segments"} if finer else set(leave)
-    old, new = (plain(as_record(one)) for one in (before, options))
+    old, new = (as_json(as_record(one)) for one in (before, options))
     keys: list[str] = [field.name for field in fields(FitOptions) if field.name not in left]
     return [f"{key} {_shown(before, key)}" for key in keys if old.get(key) != new.get(key)]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -43,7 +43,7 @@ class _Looking(Workspace):
         load: Callable[[], _Result],
         facts: Callable[[_Result], Mapping[str, object]] = lambda result: {},
     ) -> Stored[_Result]:
-        if not self.has(stage if stage.code is not None else replace(stage, code=make)):
+        if not self.has(stage.made_by(make)):
             raise _NotYetError(f"{stage.name} {stage.subject}")
         said = {"stage": stage.name, "subject": stage.subject, "outcome": "unchanged", "sentence": ""}
         self.outcomes.append(said)

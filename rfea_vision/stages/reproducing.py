@@ -49,7 +49,7 @@ def reproduce(work: Workspace, *, formats: Sequence[str] = FORMATS) -> list[Path
     fits = {column: work.model(name) for column, name in MODELS.items()}
     steps = {step.rung.model: step for step in collect(work.out).steps}
     predictions = {column: steps[name].predictions for column, name in MODELS.items()}
-    recordings = {name: item.value.dataset for name, item in work.recordings("train", "validate").items()}
+    recordings = {name: item.dataset for name, item in work.recordings("train", "validate").items()}
     runs = {role: _first(work, role) for role in ("train", "validate")}
     if runs["train"] is None or "tip" not in recordings[runs["train"]]:
         raise DataError(

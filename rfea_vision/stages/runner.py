@@ -45,6 +45,10 @@ class Stage:
         """Name of the record."""
         return f"{self.name}/{self.subject}"
 
+    def made_by(self, make: Callable[..., object]) -> Stage:
+        """The same with the code of `make`, unless it names its own."""
+        return self if self.code is not None else replace(self, code=make)
+
 
 class Runner:
     """A campaign and its results.
@@ -90,7 +94,7 @@ class Runner:
         """
         if stage.key in self._done:
             return self._done[stage.key]
-        hashes, digest = self._digest(stage if stage.code is not None else replace(stage, code=make))
+        hashes, digest = self._digest(stage.made_by(make))
         stored = None
         if not self._is_fresh(stage, digest):
             with locked(self.cache.lock, say=self.listener.note):

@@ -49,8 +49,7 @@ def warnings_of(measured: Track | Recording) -> list[str]:
 
 def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
     """What makes one doubt that a log is what it is said to be, beside the times (frames,) of a track."""
-    said = list(log.doubts) or plausibility.of_pressure(log.pressure_kPa, log.chambers)
-    return said + plausibility.of_times(log.time_s, seen_s)
+    return plausibility.of_pressure(log) + plausibility.of_times(log.time_s, seen_s)
 
 
 def log_warnings(

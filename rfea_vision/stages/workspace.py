@@ -146,6 +146,6 @@ class Workspace(Runner):
         """Write the report and return its path; with no model yet, `improve` comes first."""
         return publishing.report(self).value
 
-    def recordings(self, *roles: str) -> dict[str, Stored[Recording]]:
-        """Return the recordings of these roles by name."""
-        return measurement.recordings(self, *roles)
+    def recordings(self, *roles: str) -> dict[str, Recording]:
+        """Return the recordings of these roles by name; DataError if no training run is left."""
+        return values(measurement.recordings(self, *roles))

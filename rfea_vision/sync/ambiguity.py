@@ -57,10 +57,10 @@ def repeat_notes(repeats: int, frames: int) -> list[str]:
 def repetition(
     offsets: FloatArray, shares: FloatArray, own: FloatArray, *, slowest_s: float, experiment: str
 ) -> tuple[str, float]:
-    """A note where the excitation nearly repeats, or is slow; an error where nothing tells the repetitions apart.
+    """A note where the excitation nearly repeats, or is slow, and a standard error (s); an error where repetitions are alike.
 
-    Slow is what leaves several offsets within `slowest_s` of one another, and none farther away: then the best is taken, with
-    a standard error (s), the second of the two returned, by which each of them is as likely.
+    A slow excitation leaves several offsets within `slowest_s` of one another, and none farther away: the best is taken, with a
+    standard error that covers the others.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _rivals(offsets: FloatArray, own: FloatArray, best: int) -> NDArray[np.intp]
 
 
 def check_direction(bend_rad: FloatArray, pressure_kPa: FloatArray, *, experiment: str, bends: str) -> None:
-    """A tube under pressure bends; if it straightens instead, direction or sign are wrong.
+    """Refuse a motion that falls as the pressure rises: the direction of bending or the sign of the pressure is wrong.
 
     bend_rad, pressure_kPa : (frames,) angle to the side where it should bend, and the pressure at the same times
 

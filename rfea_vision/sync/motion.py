@@ -63,15 +63,19 @@ LEAST_ERROR_S = 5e-5  # four modes and the filters' own errors
 
 @dataclass(frozen=True)
 class Alignment:
-    """Log clock minus camera clock, and how sure that is; `curve` is (offset_s, explained share)."""
+    """Log clock minus camera clock, and how sure that is.
+
+    `explained` is the share of the pressure that the motion explains, `curve` that share over offsets (offset_s, share), of
+    `align_by_motion` alone; without arguments a clock that is known.
+    """
 
     offset_s: float
-    offset_stderr_s: float
-    drift_ppm: float
-    drift_stderr_ppm: float
-    explained: float
-    curve: tuple[FloatArray, FloatArray]
-    note: str
+    offset_stderr_s: float = 0.0
+    drift_ppm: float = 0.0
+    drift_stderr_ppm: float = 0.0
+    explained: float = 1.0
+    curve: tuple[FloatArray, FloatArray] = (np.empty(0), np.empty(0))
+    note: str = ""
 
 
 def align_by_motion(
@@ -83,7 +87,7 @@ def align_by_motion(
     bends: str,
     gravity_deg: float | None = 0.0,
 ) -> Alignment:
-    """Estimate offset and drift.
+    """Estimate offset (s) and drift (ppm) of the log's clock against the camera's.
 
     log_time_s, pressure_kPa : (samples,) the log on its own clock; bends : the side to which pressure bends the tube
     gravity_deg : where gravity points, from down and positive towards that side; None where the plane of motion is level
@@ -189,7 +193,7 @@ class FilteredMotion:
     def noise_above_band(self) -> FloatArray:
         """Covariance (m, m) of white noise with the power that lies in the octave above the compared band.
 
-        Of the quieter half of all stretches: what the tube itself does there is soon over.
+        Of the quieter half of all stretches, as the tube's own motion in that octave is brief.
         """
 
         def octave(values: FloatArray) -> FloatArray:
@@ -307,12 +311,12 @@ def refine(seen: FilteredMotion, target: Target, offset: float, curve: tuple[Flo
     extra = list(range(FIRST_TERM + columns.shape[2] - len(SUPPLEMENTS), FIRST_TERM + columns.shape[2]))
     chosen = [OFFSET, *range(FIRST_TERM, extra[0])]
     offset, found = _newton(seen, target, offset, use, columns, each[0], chosen)
-    lasting = 0.5 * found.unaccounted(chosen)  # half: what the noise does not make, the law may lack
+    lasting = 0.5 * found.unaccounted(chosen)  # half: the rest of what noise does not explain may be lacking in the law
     noises = np.concatenate([np.sqrt(2 * (1 - lasting)) * each[0], np.sqrt(2 * lasting) * each[1]])
     offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
     scale = np.sqrt(no_more_noise_than_rest(found, chosen))
     noises, white = scale * noises, scale * each[0]
-    for _ in range(2):  # what is lacking shifts the offset, and the offset what is lacking
+    for _ in range(2):  # supplements change the offset, and the offset which supplements are chosen
         offset, found = _newton(seen, target, offset, use, columns, noises, chosen)
         chosen = choose(found, [OFFSET, *range(FIRST_TERM, extra[0])], extra)
     offset, found = _newton(seen, target, offset, use, columns, noises, chosen)

@@ -21,7 +21,6 @@ MOST_SEEDS = 60  # pulses from which an offset is tried: more repeat the same pa
 FEWEST_SEEN = 3  # switches in common where the log covers only a part of the film
 SURE_FRAMES = 0.4  # so near to a pulse, and so sure, the motion must be to tell which one it is
 LATE_FRAMES = 0.35  # a frame that lies so far from its pulse belongs to another
-_NOTHING = (np.empty(0), np.empty(0))
 
 
 def switch_times(time_s: FloatArray, signal: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -67,8 +66,8 @@ def align_by_trigger(
 
     log_time_s, signal : (samples,) clock of the log, and the trigger's level in any unit; a pulse begins where it rises
 
-    Where even pulses begin before the film, neither they nor the frames tell which is the first frame's: `by_motion`,
-    where it is given, is asked for an offset that need only be right to a fraction of a frame.
+    Where evenly spaced pulses begin before the film, pulses and frames alone do not say which pulse is the first frame's: that is
+    decided by the offset that `by_motion` finds, where it is given, which need only be right to a fraction of a frame.
 
     Raises
     ------
@@ -83,14 +82,11 @@ def align_by_trigger(
     if len(pulses) == 0:
         raise InputError(f"{experiment}: sync: the trigger column never switches; check sync.channel")
     if len(pulses) < 0.5 * len(frames) or len(frames) <= 3:
+        note = ""
         if len(pulses) > 1:
             apart = float(np.min(np.diff(pulses)))
-            note = (
-                f"{len(pulses)} pulses, the nearest {apart:.2f} s apart: the first was taken for the start of the film"
-            )
-        else:
-            note = ""
-        return Alignment(float(pulses[0] - frames[0]), step / np.sqrt(12), 0.0, 0.0, 1.0, _NOTHING, note)
+            note = f"{len(pulses)} pulses, the nearest {apart:.2f} s apart: the first was taken for the start of the film"
+        return Alignment(float(pulses[0] - frames[0]), step / np.sqrt(12), note=note)
     if len(pulses) == len(frames):  # unless as many frames were dropped as pulses came before the film
         found = _fitting(frames, pulses, step)
         if found is not None:
@@ -168,7 +164,7 @@ def _pulses_before(
 
 
 def align_by_lamp(track: Track, log_time_s: FloatArray, signal: FloatArray, *, experiment: str) -> Alignment:
-    """Pair the lamp's switching in the picture with that in the log; the pattern of intervals decides which is which.
+    """Pair the switches of a lamp in the pictures with those in the log, by the pattern of their intervals.
 
     log_time_s, signal : (samples,) clock of the log, and the lamp's level in any unit
 
@@ -233,7 +229,7 @@ def _mismatch(
 def _refuse_ambiguous(
     tried: list[tuple[float, float]], least: float, offset: float, frame: float, count: int, experiment: str
 ) -> None:
-    """A lamp that blinks evenly, or once where the log switches often, fits at many places."""
+    """Refuse a pattern that fits at several offsets: of a lamp that blinks evenly, or once where the log switches often."""
     rivals = [where for cost, where in tried if abs(where - offset) > 4 * frame and cost <= least + 0.5 * count]
     if rivals:
         other = min(rivals, key=lambda where: abs(where - offset))
@@ -247,7 +243,7 @@ def _line(camera: FloatArray, log: FloatArray, step: float) -> Alignment:
     """Offset and drift of matched times; the standard error of the offset is that at camera time 0."""
     difference = log - camera
     if len(camera) < 8:
-        return Alignment(float(difference.mean()), step / np.sqrt(12 * len(camera)), 0.0, 0.0, 1.0, _NOTHING, "")
+        return Alignment(float(difference.mean()), step / np.sqrt(12 * len(camera)))
     middle = camera.mean()
     x = np.column_stack([np.ones(len(camera)), camera - middle])
     solution, *_ = np.linalg.lstsq(x, difference, rcond=None)
@@ -257,6 +253,4 @@ def _line(camera: FloatArray, log: FloatArray, step: float) -> Alignment:
     drift = float(solution[1]) if drifts else 0.0
     offset = float(difference.mean()) - drift * middle
     variance = covariance[0, 0] + (covariance[1, 1] * middle**2 if drifts else 0.0)
-    return Alignment(
-        offset, float(np.sqrt(variance)), 1e6 * drift, 1e6 * float(np.sqrt(covariance[1, 1])), 1.0, _NOTHING, ""
-    )
+    return Alignment(offset, float(np.sqrt(variance)), 1e6 * drift, 1e6 * float(np.sqrt(covariance[1, 1])))

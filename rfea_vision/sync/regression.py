@@ -1,13 +1,13 @@
 """Least squares for an offset beside the coefficients of a law, where the law's terms carry the track's noise.
 
-Noise in the terms would shrink the coefficients and lean on the offset. What it adds to the normal equations is
+Noise in the terms would shrink the coefficients and bias the offset. What it adds to the normal equations is
 measured by adding the track's own noise a second time, and taken out of them (Fuller, Measurement Error Models, 1987,
-ch. 2.2). Beside the law every column of `supplements` may enter: one that leaves at least a twentieth less
-unexplained, for as long as the track's noise does not account for what is left.
+ch. 2.2). A column of `supplements` is added to the law where it leaves at least a twentieth less unexplained, until the
+track's noise accounts for the rest.
 
 The error is that of leaving out one stretch at a time (jackknife), at the quantile of Student's t for so many
-stretches. Where noise does not explain all of what is left, as much as this is the share of what one more supplement
-would move is added.
+stretches. To it is added by how much one more supplement would move the offset, times the share of the rest that noise
+does not explain.
 """
 
 from __future__ import annotations
@@ -88,9 +88,9 @@ def moments(columns: FloatArray, noises: FloatArray, pressure: FloatArray, rate:
 
 
 def no_more_noise_than_rest(found: Moments, columns: list[int]) -> float:
-    """Factor on the noise, at most 1, that keeps it below the residual: fast motion looks like noise at high frequencies.
+    """The largest factor on the noise, at most 1, at which it explains no more than the residual and the equations stay positive.
 
-    The largest at which the normal equations stay positive and noise makes no more than what is unexplained.
+    Fast motion looks like noise at high frequencies, so that noise may be estimated too large.
     """
     gram, noise, right = (part.sum(0) for part in (found.gram, found.noise, found.right))
     pick = np.ix_(columns, columns)

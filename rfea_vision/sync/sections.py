@@ -108,9 +108,9 @@ def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> Obse
 
 
 def repeated(time_s: FloatArray, amplitudes: FloatArray) -> NDArray[np.bool_]:
-    """Which of n frames repeat the picture before, as late cameras do: they show an earlier instant than their time says.
+    """Which frames (n,) repeat the picture before, as late cameras do, by the amplitudes (n, m) at their times (n,) in s.
 
-    Where the motion of a frame stands out of the noise: those that hardly moved, between frames that did.
+    A repeat shows an earlier instant than its time says: it hardly moves between frames that do, by more than the noise.
     """
     again = np.zeros(len(time_s), dtype=bool)
     if len(time_s) < 4 * DIFFERENCE:

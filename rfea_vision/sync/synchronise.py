@@ -129,18 +129,17 @@ def _align(
 ) -> Alignment:
     """Offset and drift by the method asked for."""
     log_time, pressure = (np.asarray(values, dtype=float) for values in (log.time_s, log.pressure_kPa))
-    nothing = (np.empty(0), np.empty(0))
     apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
 
     def by_motion() -> Alignment:
         return align_by_motion(track, log_time, pressure, experiment=experiment, bends=bends, gravity_deg=gravity_deg)
 
     if method == "common_clock":
-        return Alignment(apart_s, 0.0, 0.0, 0.0, 1.0, nothing, log.zero_doubt(track.dataset.attrs.get("clock_zero_s")))
+        return Alignment(apart_s, note=log.zero_doubt(track.dataset.attrs.get("clock_zero_s")))
     if method == "offset":
         if value_s is None:
             raise InputError(f"{experiment}: sync.value is missing; give log clock minus camera clock, such as 12 ms")
-        return Alignment(apart_s + float(value_s), 0.0, 0.0, 0.0, 1.0, nothing, "")
+        return Alignment(apart_s + float(value_s))
     if method == "motion":
         return by_motion()
     try:
@@ -182,8 +181,8 @@ def check_log(time_s: FloatArray, pressure_kPa: FloatArray, experiment: str, *, 
     return [f"the log stays at exactly {pressure_kPa.max():.1f} kPa for {samples} samples: is the sensor saturated?"]
 
 
+#: Samples that are equal to the last digit: more is no chance.
 HELD_SAMPLES = 20
-"""That are equal to the last digit: more is no chance."""
 
 
 def _clipped(pressure_kPa: FloatArray) -> int:

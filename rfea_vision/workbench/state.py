@@ -15,7 +15,7 @@ from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.campaign import Campaign, ExperimentSpec, read_campaign
 from rfea_vision.options.fit import SEGMENTS
 from rfea_vision.report.camera import read_camera
-from rfea_vision.stages.cache import StageCache, plain
+from rfea_vision.stages.cache import StageCache, as_json
 from rfea_vision.stages.warnings import DOUBTS, is_doubt
 from rfea_vision.workbench.guide import mend, next_step
 
@@ -56,7 +56,7 @@ def _experiment(campaign: Campaign, item: ExperimentSpec, cache: StageCache) -> 
         "role": item.role,
         "pictures": item.video is not None,
         "logged": not item.pressure.missing,
-        "hints": {key: plain(getattr(camera.hints, key)) for key in POINTABLE} if camera is not None else {},
+        "hints": {key: as_json(getattr(camera.hints, key)) for key in POINTABLE} if camera is not None else {},
         "sync": {"method": sync.method, "value_s": sync.value, "box": sync.lamp_box, "channel": sync.channel},
         "bends": item.actuator.bends,
         "tracked": _track(folder / "track.nc"),
@@ -70,7 +70,7 @@ def _changed(item: ExperimentSpec, cache: StageCache) -> bool:
     record = cache.record(f"track/{item.name}")
     if record is None or item.camera is None or "camera" not in record.options:
         return False
-    now, then = plain(item.camera.hints), record.options["camera"].get("hints", {})
+    now, then = as_json(item.camera.hints), record.options["camera"].get("hints", {})
     return any((then.get(key) or None) != (now[key] or None) for key in POINTABLE)
 
 

@@ -21,13 +21,13 @@ def _fake(noise: np.ndarray, sigma_mm: float) -> tuple[SimpleNamespace, SimpleNa
     time = np.arange(noise.shape[0]) / 240.0
     item = SimpleNamespace(
         origin_sigma=0.0,
-        name="run", role="train", repeat_of=None, has_tip=True, time=time, frame=np.arange(time.size),
+        name="run", role="train", repeat_of=None, has_tip=True, time=time, period_s=1 / 240.0, frame=np.arange(time.size),
         points=noise[:, None, :] * 1e-3, tip_noise_mm=0.0,
     )  # fmt: skip
     predicted = SimpleNamespace(points=np.zeros((time.size, 1, 2)))
     tip_sigma = np.full((time.size, 2), sigma_mm)
     recordings = {"run": SimpleNamespace(dataset=xr.Dataset({"tip_sigma": (("time", "xy"), tip_sigma)}))}
-    problem = SimpleNamespace(train=(item,), validate=(), with_roles=lambda *_: (item,), recordings=recordings)
+    problem = SimpleNamespace(train=(item,), validate=(), scored=(item,), recordings=recordings)
     return problem, SimpleNamespace(solution=SimpleNamespace(evaluation=SimpleNamespace(predicted=(predicted,))))
 
 

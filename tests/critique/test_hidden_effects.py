@@ -157,7 +157,7 @@ def test_a_rest_curvature_that_varies_is_found_behind_its_twin(campaign):
 
 @pytest.mark.study
 def test_a_tube_that_widens_is_told_though_the_base_model_is_bent_out_of_shape(tmp_path):
-    """The base model swallows it in values from which neither a linear step nor a refit finds back."""
+    """The base model absorbs it in values from which neither a linear step nor a refit finds back."""
     options = TwinOptions(
         hidden={"radial_expansion.c": 7e-8}, seed=1273, roles=("train", "train", "validate"), duration_s=6.0, rate_Hz=60.0,
         joints=16, sync="common_clock", noise_mm=0.1, write_truth=False,

@@ -117,7 +117,7 @@ def test_from_a_bent_model_a_refit_begins_at_the_best_fit_and_again_where_that_h
     again = trials.refit(base, ("drag",), {"drag.c": 900.0})
     assert began[1] == (better.fitted, {"k_ref": 0.2}) and again.cost == 5e4  # what it shares, and no more
     assert trials.refit(base, ("drag",), {}) is again and len(began) == 2
-    # elsewhere at the model as it stands, and one effect also where nothing has been swallowed
+    # elsewhere at the model as it stands, and one effect also where nothing has been absorbed
     trials.bent, trials.stiff = False, {"k_ref": 9.0}
     trials.refit(base, ("maxwell",), {"drag.c": 900.0})
     trials.refit(base, ("maxwell", "coulomb"), {"drag.c": 900.0})

@@ -14,7 +14,7 @@ from scipy.optimize import lsq_linear
 from rfea_vision.critique import screening
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.evidence import effect_parameters
-from rfea_vision.critique.ladder import _look_back
+from rfea_vision.critique.ladder import _without_needless
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import Sensitivity
 from rfea_vision.critique.search import Search
@@ -32,8 +32,8 @@ def test_looking_back_drops_what_earns_nothing(campaign):
     problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
     options = FitOptions(segments=6, starts=0, effects=("damping_profile", "gravity_tilt"), name="both")
     fitted = fit(problem, options)
-    assert _look_back(problem, fitted, 0.085, keep="gravity_tilt").options.effects == ("gravity_tilt",)
-    assert "gravity_tilt" in _look_back(problem, fitted, 0.085, keep="damping_profile").options.effects
+    assert _without_needless(problem, fitted, 0.085, keep="gravity_tilt").options.effects == ("gravity_tilt",)
+    assert "gravity_tilt" in _without_needless(problem, fitted, 0.085, keep="damping_profile").options.effects
 
 
 def test_a_claim_about_a_better_model_is_weighed_against_the_model_without_effects(campaign):
@@ -53,7 +53,7 @@ def test_a_refit_is_carried_from_thinned_runs_to_all_frames_of_any_kind(campaign
     problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)), FitOptions(observe=observe))
     options = FitOptions(segments=4, starts=0, observe=observe)
     trials = Trials(problem)
-    base = trials.stands(fit(problem, options))
+    base = trials.adopt(fit(problem, options))
     assert trials.rough[0].time.size < problem.train[0].time.size
     found = trials.refit(base, ("gravity_tilt",), {})
     whole = refit_from(problem, replace(options, effects=("gravity_tilt",)), base.fitted)
@@ -89,7 +89,7 @@ def test_what_an_earlier_search_has_fitted_is_taken_up_and_not_begun_anew(campai
     (tilted,) = (row["values"] for row in first.refits if row["effects"] == ["gravity_tilt"])
     monkeypatch.setattr(Trials, "_from", lambda *_: pytest.fail("begun anew"))
     trials = Trials(problem, known={frozenset({"gravity_tilt"}): tilted})
-    found = trials.refit(trials.stands(fitted), ("gravity_tilt",), {})
+    found = trials.refit(trials.adopt(fitted), ("gravity_tilt",), {})
     assert found is not None and found.fitted.values["gravity_tilt.angle"] == pytest.approx(-0.08, rel=0.1)
     assert [row["effects"] for row in trials.refits()] == [[], ["gravity_tilt"]]
 
@@ -175,7 +175,7 @@ def test_a_linear_step_sets_out_from_where_an_effect_is_absent():
 def test_a_larger_set_is_never_worse_than_one_that_it_holds(campaign):
     problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
     trials = Trials(problem)
-    base = trials.stands(fit(problem, FitOptions(segments=4, starts=0)))
+    base = trials.adopt(fit(problem, FitOptions(segments=4, starts=0)))
     one = trials.refit(base, ("gravity_tilt",), {"gravity_tilt.angle": -0.05})
     astray = {"gravity_tilt.angle": 0.4, "payload.m": 0.01}
     both = trials.refit(base, ("gravity_tilt", "payload"), astray)
@@ -185,7 +185,7 @@ def test_a_larger_set_is_never_worse_than_one_that_it_holds(campaign):
 def test_a_fit_of_thinned_runs_is_carried_over_to_all_frames_without_their_slopes(campaign):
     problem = make_problem(*campaign((("gravity_tilt.angle", -0.08),)))
     trials = Trials(problem)
-    base = trials.stands(fit(problem, FitOptions(segments=4, starts=0)))
+    base = trials.adopt(fit(problem, FitOptions(segments=4, starts=0)))
     one = trials.refit(base, ("gravity_tilt",), {"gravity_tilt.angle": -0.05})
     exact = refit_from(problem, one.fitted.options, one.fitted)
     assert one.cost == pytest.approx(exact.solution.cost, rel=1e-3)

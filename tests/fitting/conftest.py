@@ -24,7 +24,7 @@ def _complete(folder: Path) -> tuple[dict[str, Recording], Actuator, Mapping[str
     work = open_campaign(folder / "complete")
     recordings = work.recordings("train", "validate", "test")
     return (
-        {name: Recording(stored.value.dataset.load()) for name, stored in recordings.items()},
+        {name: Recording(item.dataset.load()) for name, item in recordings.items()},
         work.campaign.actuator,
         truth,
     )

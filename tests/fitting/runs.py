@@ -36,7 +36,7 @@ def exact_runs(folder: Path) -> tuple[dict[str, xr.Dataset], Actuator, dict[str,
     )
     truth = simulate(folder / "exact", options)
     recordings = open_campaign(folder / "exact").recordings("train", "validate")
-    runs = {name: stored.value.dataset.load() for name, stored in recordings.items()}
+    runs = {name: item.dataset.load() for name, item in recordings.items()}
     base = {name: value * (1 if name == "r_hyd" else SEGMENTS / 8) for name, value in truth["base"].items()}
     return runs, options.actuator, base
 

@@ -36,7 +36,7 @@ def test_the_load_is_weighed_and_the_held_out_run_met(beam, capsys):
 def test_the_load_is_named(beam):
     """Of what could make a beam sag more and swing slower it is the mass, and nothing of a pressure that there is not."""
     work = open_campaign(beam)
-    recordings = {name: stored.value for name, stored in work.recordings("train", "validate").items()}
+    recordings = work.recordings("train", "validate")
     rivals = ("payload", "rest_curvature", "pressure_offset", "com_offset", "drag")
     diagnosis, _ = diagnose(work.fit(segments=4), recordings, candidates=rivals)
     assert diagnosis.named[0] == "payload"

@@ -15,7 +15,15 @@ from rfea_vision.fitting.intervals import _unknown_from, intervals
 from rfea_vision.fitting.noise import noise_floor_mm, white_noise_mm
 from rfea_vision.fitting.observation import observe_recording
 from rfea_vision.fitting.problem import make_model, make_problem, start_vector
-from rfea_vision.fitting.refit import FELT_SHARE, UNFELT, _unfelt, in_long_steps, refit, refit_from, rough_runs
+from rfea_vision.fitting.refit import (
+    NEGLIGIBLE,
+    TOLERATED_SHARE,
+    _negligible,
+    in_long_steps,
+    refit,
+    refit_from,
+    rough_runs,
+)
 from rfea_vision.fitting.residual_tests import count_jumps
 from rfea_vision.fitting.residuals import evaluate
 from rfea_vision.fitting.scoring import as_artefact, in_its_steps
@@ -78,7 +86,7 @@ def test_what_is_far_off_is_met_in_longer_steps(complete_campaign):
     before, after = (evaluate(far.model, far.par, runs, (), far.solution.clocks) for runs in (usual, longer))
     assert before is not None and after is not None
     felt = np.linalg.norm(after.residual - before.residual) / np.linalg.norm(before.residual)
-    assert 0 < felt < FELT_SHARE
+    assert 0 < felt < TOLERATED_SHARE
 
 
 def test_steps_are_as_long_as_nobody_feels(complete_campaign):
@@ -95,20 +103,20 @@ def test_steps_are_as_long_as_nobody_feels(complete_campaign):
     before, after = (evaluate(model, par, runs.train, ()) for runs in (problem, longer))
     assert before is not None and after is not None
     moved = np.sqrt(np.mean((after.residual - before.residual) ** 2))
-    assert 0 < moved < 3 * UNFELT  # each doubling less than that
+    assert 0 < moved < 3 * NEGLIGIBLE  # each doubling less than that
 
 
 def test_what_few_frames_feel_is_small_beside_what_a_model_leaves():
     """A ring at the start of a run holds its steps short where the model fits, not where it leaves a hundred times as much."""
-    moved = np.full(1000, 0.5 * UNFELT)
-    assert _unfelt(moved, np.ones(1000))
+    moved = np.full(1000, 0.5 * NEGLIGIBLE)
+    assert _negligible(moved, np.ones(1000))
     moved[:8] = 2.0  # 0.18 in the mean square
-    assert not _unfelt(moved, np.ones(1000))
-    assert not _unfelt(moved, 15 * np.ones(1000))
-    assert _unfelt(moved, 30 * np.ones(1000))
+    assert not _negligible(moved, np.ones(1000))
+    assert not _negligible(moved, 15 * np.ones(1000))
+    assert _negligible(moved, 30 * np.ones(1000))
     moved[:16] = 2.0
-    assert not _unfelt(moved, 30 * np.ones(1000))  # these are no longer few
-    assert not _unfelt(np.full(1000, 2 * UNFELT), 1000 * np.ones(1000))
+    assert not _negligible(moved, 30 * np.ones(1000))  # these are no longer few
+    assert not _negligible(np.full(1000, 2 * NEGLIGIBLE), 1000 * np.ones(1000))
 
 
 def test_a_model_is_scored_and_taken_up_again_in_the_same_long_steps(complete_campaign):

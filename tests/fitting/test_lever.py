@@ -31,7 +31,7 @@ def test_the_share_of_the_pressure_that_bends_the_tube_is_found_and_no_mass_does
     recordings, actuator, truth = stiff_wall
     problem = make_problem(recordings, actuator)
     trials = Trials(problem)
-    base = trials.stands(fit(problem, OPTIONS))
+    base = trials.adopt(fit(problem, OPTIONS))
     assert base.fitted.solution.mean_square > 100  # the usual bounds hold, and the base model is far off
     assert "pressure_gain" in [effect.id for effect in offered(problem, base.fitted, None, ())]
     gain = trials.refit(base, ("pressure_gain",), {"pressure_gain.g": 0.9})

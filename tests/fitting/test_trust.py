@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rfea_vision.artefacts import ExperimentScore
+from rfea_vision.artefacts import ExperimentScore, Parameter
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.alarms import alarms, runaway
@@ -203,7 +203,7 @@ def test_a_tube_that_rings_is_not_called_noise(period_s):
     excitation = SimpleNamespace(at=lambda t: t)
     found = []
     for seen in (points, np.repeat(noise[:, None, None], 2, axis=2)):
-        item = SimpleNamespace(time=time, has_tip=True, points=seen, excitation=excitation)
+        item = SimpleNamespace(time=time, period_s=time[1] - time[0], has_tip=True, points=seen, excitation=excitation)
         found.append(examine_residuals([item], [still])["whiteness"]["sentence"])
     assert "not noise alone" in found[0] and found[1] == "the residual is white"
 
@@ -277,5 +277,5 @@ def test_a_profile_under_the_robust_loss_counts_wrong_frames_no_more_than_the_fi
 
 
 def test_an_interval_of_hundreds_is_written_out():
-    assert "= 554.2 ± 102 N/rad" in about_ratio({"k_ref": (22.168, 4.1)}, 0.04)
-    assert "= 34.4 ± 2.0 N/rad" in about_ratio({"k_ref": (0.43, 0.025)}, 0.0125)
+    assert "= 554.2 ± 102 N/rad" in about_ratio(Parameter(value=22.168, unit="N*m/rad", interval_95=(0.0, 8.2)), 0.04)
+    assert "= 34.4 ± 2.0 N/rad" in about_ratio(Parameter(value=0.43, unit="N*m/rad", interval_95=(0.0, 0.05)), 0.0125)

@@ -13,7 +13,7 @@ from rfea_vision import open_campaign
 from rfea_vision.campaign import load_campaign
 from rfea_vision.errors import DataError
 from rfea_vision.stages import Listener, Workspace
-from rfea_vision.stages.cache import StageCache, plain
+from rfea_vision.stages.cache import StageCache, as_json
 from rfea_vision.stages.runner import Stage
 
 
@@ -133,7 +133,7 @@ def test_options_become_plain_values():
         values: tuple[float, ...]
         more: dict
 
-    kept = plain(Options(Path("/somewhere/video.mp4"), (1.0, 2.0), {"a": np.float64(3.0), "b": np.arange(2)}))
+    kept = as_json(Options(Path("/somewhere/video.mp4"), (1.0, 2.0), {"a": np.float64(3.0), "b": np.arange(2)}))
     assert kept == {"file": "video.mp4", "values": [1.0, 2.0], "more": {"a": 3.0, "b": [0, 1]}}
 
 
