@@ -11,12 +11,13 @@ import pytest
 
 from rfea_vision.artefacts import Candidate, Diagnosis, ExperimentScore, Ladder, ModelFit, Recording
 from rfea_vision.artefacts.judgement import WorstPlace
-from rfea_vision.critique import diagnose, improve
+from rfea_vision.critique import diagnose, evidence, improve
 from rfea_vision.critique.diagnosis import judge
 from rfea_vision.critique.ladder import Step, _Climb, _findings, _finer, _titles, next_step, rest_of_set
 from rfea_vision.critique.rule import RULE
 from rfea_vision.critique.screening import available
 from rfea_vision.critique.verdict import split_by
+from rfea_vision.effects.base import BASE_PARAMETERS
 from rfea_vision.effects.catalogue import find_effects
 from rfea_vision.fitting import fit_model
 from rfea_vision.fitting.fit import fit
@@ -218,3 +219,13 @@ def test_a_lever_that_was_held_by_rule_is_not_made_up_for_by_an_effect(campaign)
     ruled = judge(problem, replace(held, ratio_only=True), candidates=rivals)
     assert ruled.diagnosis.verdict == "complete"
     assert ruled.search.present.fitted.values["r_hyd"] > 3.5e-3, "of six bodies, towards the twin's 3.564 mm and beyond"
+
+
+def test_what_a_base_parameter_had_absorbed_is_told_with_its_unit(monkeypatch):
+    monkeypatch.setattr(evidence, "intervals", lambda *_: SimpleNamespace(covariance=1e-12 * np.eye(7)))
+    par = np.array([0.2, 100.0, 0.002, 1.0, 0.002, 1.0, 0.0036])
+    one: Any = SimpleNamespace(par=par, model=SimpleNamespace(names=BASE_PARAMETERS), options=SimpleNamespace(segments=8))
+    other: Any = SimpleNamespace(par=par * [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.1], options=one.options)
+    problem: Any = SimpleNamespace(train=(), actuator=None)
+    (said,) = evidence.absorbed(problem, one, other, ["maxwell"])
+    assert said.startswith("r_hyd had moved to make up for maxwell: 0.0036 m before, 0.00396 with it (360 of")
