@@ -56,9 +56,10 @@ def test_a_film_that_edges_cannot_read_is_read_by_the_body(arm, tmp_path):
         full = np.abs(LEFT) / np.abs(LEFT).max()
         drawn = (1 + arm.stretch * full) / (1 + arm.stretch * full[0]) - 1
         off = track.dataset["marker_elongation"].values - drawn[:, None]
-        assert np.isfinite(off).mean() > 0.9 and np.sqrt(np.nanmean(off**2)) < 0.012
+        # The last stretch ends under tape of the paper's colour: it is known to no better than a tenth, and left out.
+        assert np.isfinite(off).mean() > 0.8 and np.sqrt(np.nanmean(off**2)) < 0.012
         known = track.dataset["marker_elongation_sigma"].values
-        assert np.nanmean(np.abs(off) < 1.96 * known) > 0.95
+        assert np.mean((np.abs(off) < 1.96 * known)[np.isfinite(off)]) > 0.95
         assert np.sqrt(np.nanmean((off / known)[:, :-4] ** 2)) > 0.25  # no wider than need be, up to the last mark
     width = track.dataset["width"].values
     assert abs(width[:4, -3].mean() / width[:4, 2].mean() - (1 - 0.9 * arm.taper)) < 0.15

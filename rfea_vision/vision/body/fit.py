@@ -174,7 +174,7 @@ def fit_body(
         _add_shape(matrix, vector, body, normals, rest_half, rest)
         if outline:
             leans = LEANS * float(middle(body.half)) if marks else 0.0
-            share_seen = np.clip(2.0 * backing, 0.1, 1.0) * (held_by_clamp(body, rest) if skin is not None else 1.0)
+            share_seen = np.clip(2.0 * backing, 0.1, 1.0) * (held_by_clamp(body, rest) if skin is not None else 1.0) * body.told
             _add_edges(matrix, vector, edges, share_seen, leans)
         if skin is not None:
             strip = cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin[:2]
@@ -182,7 +182,7 @@ def fit_body(
             information[:, [1, 2, 4]] *= skin[2]
             pull[:, 1] *= skin[2]
             # The skin of an earlier frame counts where enough of it is recognised.
-            add_skin(matrix, vector, information, pull, np.clip((alike - 0.4) / 0.4, 0.0, 1.0), SKIN_FIRST, SKIN_VALUE)
+            add_skin(matrix, vector, information, pull, body.told * np.clip((alike - 0.4) / 0.4, 0.0, 1.0), SKIN_FIRST, SKIN_VALUE)
         end = np.full(RAYS, np.nan)
         if end_offsets is not None:
             end = end_rays(picture, wall, body, 2.0 * span) - end_offsets

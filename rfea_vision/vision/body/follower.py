@@ -38,6 +38,7 @@ from rfea_vision.vision.body.model import (
     marks_found,
     middle,
     skin_of,
+    told_from_wall,
 )
 from rfea_vision.vision.body.rules import LENGTHS, SURELY_BESIDE, First, elsewhere, refused
 from rfea_vision.vision.body.sampling import RAYS
@@ -212,7 +213,8 @@ class BodyFollower:
             learn_colours(lab, self.body)
             offsets = self._end_seen(lab, half)
         believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
-        self.end_offsets = offsets if believed else None
+        self.body.told = told_from_wall(self.body)
+        self.end_offsets = offsets if believed and not self.body.untold else None
         skin = skin_of(lab, self.body)
         # Where the end is seen, it says how far the body reaches: the skin claims too much of that.
         self.skin = skin, np.full_like(skin, SKIN_SCATTER**2), TRUSTED if believed else 1.0
@@ -264,6 +266,8 @@ class BodyFollower:
         """An end that lay before something of its own colour when it was pointed at is measured from the first clear sight of it on."""
         half = self.pointed_half()
         seen = self._end_seen(lab, half)
+        if self.body.untold:
+            return
         if np.ptp(seen) < END_LEVEL * half and abs(np.median(seen)) < END_NEAR * half:  # not so where a ray is NaN
             self.end_offsets, self.skin = seen - np.median(seen), (*self.skin[:2], TRUSTED)
 
@@ -307,7 +311,7 @@ class BodyFollower:
     def _outlined(self, lab: Picture) -> tuple[SeenBody, FloatArray] | None:
         """The body where all is that looks like it and hangs together with it from its clamp on, and what that leaves open."""
         line = reached(lab, self.wall, self.body, self.foot, self.pointed_half())
-        if line is None:
+        if line is None or self.body.untold:
             return None
         near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
         return near.body, self._spread(LENGTH_SPREAD)

@@ -67,6 +67,7 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
     moved = (after - before)[:, 0].astype(float)
     station = np.tile(np.arange(STATIONS), len(FLOW_ACROSS))
+    kept &= last.body.told[station]
     body = last.body.copy()
     if kept.sum() < STATIONS // 3:
         return body, 0.0
@@ -79,7 +80,7 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     beyond = np.sum(moved[middles] * tangents, axis=1) - t
     along = np.empty(STATIONS)
     inner = np.abs(arc_length(body.points, along) - 2.0 * along) < along[-1] - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
-    textured = _textured(seen, before[middles, 0], tangents) * inner
+    textured = _textured(seen, before[middles, 0], tangents) * (inner & last.body.told)
     known = textured * kept[middles]
     line = np.vstack([foot, (body.points + n[:, None] * normals + t[:, None] * tangents)[1:]])
     # What flow found by chance, as on a body that swells at once, makes its skin no more like what it was.
@@ -99,7 +100,7 @@ def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, leng
     ways = [
         replace(body, points=np.column_stack([np.interp(SHARES * length, steps, line[:, c]) for c in (0, 1)])) for length in tried
     ]
-    unlike = np.array([_unlike(skin_of(shown, way), skin) for way in ways])
+    unlike = np.array([_unlike(skin_of(shown, way)[body.told], skin[body.told]) for way in ways])
     best = int(np.argmin(unlike))
     others = unlike[np.abs(tried / tried[best] - 1.0) > ANOTHER_LENGTH]
     return ways[best] if unlike[best] < CLEARLY * others.min() else body

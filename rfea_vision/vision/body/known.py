@@ -18,9 +18,11 @@ POINTED_PX = 1.0  # how well a person points, in px of the film
 # Of the half width: rims, glare and shadows move an edge alike in many frames. Over eleven clear scenes of testing/phone.py the
 # line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
 SYSTEMATIC = 0.1
+TURNED = 0.3  # of its length, 1 s.d., chosen: an end that cannot be told from the wall may turn, or lie elsewhere
 FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
 
-_TO_COEFFICIENTS = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS)) @ NORMAL_BASIS
+_TO_LINE = np.linalg.pinv(basis_matrix(SHARES, COEFFICIENTS))
+_TO_COEFFICIENTS = _TO_LINE @ NORMAL_BASIS
 _WIDTH_OF = np.linalg.pinv(basis_matrix(SHARES, WIDTH_COEFFICIENTS))
 _TO_WIDTH = _WIDTH_OF @ WIDTH_BASIS
 
@@ -74,10 +76,12 @@ def fill_numbers(
     work.covariance[:k, :k] = _TO_COEFFICIENTS @ fit.covariance[NORMAL, NORMAL] @ _TO_COEFFICIENTS.T * seen
     work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * seen
     work.covariance[np.diag_indices(len(work.covariance))] += floor
+    aside = _TO_LINE @ (TURNED * np.clip(fit.body.untold - (1.0 - SHARES) * fit.body.length, 0.0, None))
+    work.covariance[:k, :k] += np.outer(aside, aside) * mm2
     # What the frame itself says along the body counts in full; what was carried into it may lag.
     carried = np.linalg.inv(fit.covariance[ALONG, ALONG] + (LAGS * ranged) ** 2 * UNIFORMLY)
     known = np.linalg.inv(fit.own + carried), fit.covariance[ALONG, ALONG]
     along = max(float(ALONG_BASIS[-1] @ covariance @ ALONG_BASIS[-1]) for covariance in known)
     # Where the length that was carried and the frame disagree by more than both allow, one of them is wrong: Birge's ratio.
     along *= max(1.0, fit.stretched**2 / (along + held))
-    numbers[fitted.TIP_VARIANCE] = along * mm2 + floor + (POINTED_PX * scale) ** 2 * mm2
+    numbers[fitted.TIP_VARIANCE] = (along + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (POINTED_PX * scale) ** 2 * mm2
