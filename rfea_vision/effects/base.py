@@ -57,7 +57,6 @@ class EffectParameter:
     start : where a refit starts; for a parameter without `absent` the first of `grid` is used in its place
     grid : values to screen when the parameter vanishes with the amplitude (Davies' problem)
     display : unit in which people read it
-    fixed : not fitted unless asked for
     """
 
     unit: str
@@ -68,7 +67,6 @@ class EffectParameter:
     text: str
     grid: tuple[float, ...] = ()
     display: str | None = None
-    fixed: bool = False
 
 
 @dataclass(frozen=True)
