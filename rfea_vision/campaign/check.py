@@ -13,6 +13,7 @@ from rfea_vision.campaign import following, plausibility, pointing, repeats
 from rfea_vision.campaign.loading import read_campaign
 from rfea_vision.campaign.problems import FileProblem
 from rfea_vision.campaign.specs import CameraSpec, Campaign, ExperimentSpec, TrackSpec, VideoSpec
+from rfea_vision.campaign.tracked import motion_of
 from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_square, of_stretch, of_tube, of_weight
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import sha256_of
@@ -41,7 +42,7 @@ class _AllRuns:
     highest_kPa: dict[str, float] = field(default_factory=dict)
     responses: dict[str, plausibility.Response] = field(default_factory=dict)
     moduli: dict[str, float | None] = field(default_factory=dict)
-    angles: dict[str, following.AngleRun] = field(default_factory=dict)
+    angles: dict[str, following.Pair] = field(default_factory=dict)
     logs: dict[str, PressureLog] = field(default_factory=dict)
     motions: dict[str, FloatArray] = field(default_factory=dict)
     lines: dict[str, tuple[int, float]] = field(default_factory=dict)
@@ -286,7 +287,7 @@ def _look_at_track(run: _Run, spec: TrackSpec, runs: _AllRuns) -> None:
         to_rig_mm=(lambda pixels: pixels) if run.in_px else None,  # lengths are not what is looked at here
     )
     run.track, run.seconds = track, track.time_s
-    runs.motions[experiment.name] = repeats.motion_of(track.dataset)
+    runs.motions[experiment.name] = motion_of(track.dataset)[0]
     runs.lines[experiment.name] = repeats.line_of(track.dataset)
     run.warn("track", *plausibility.of_gaps(track.time_s))
     if not run.in_px:
@@ -330,9 +331,9 @@ def _beside_the_motion(run: _Run, track: Track, log: PressureLog, runs: _AllRuns
     if sync.method == "common_clock" and (text := log.zero_doubt(zero_s)):
         run.warn("sync", text)
     shifted = track.time_s + log.zero_apart_s(zero_s) + (sync.value or 0.0)
-    if "tip" not in track.dataset and "bend_angle" in track.dataset and len(log.pushes_kPa or ()) < 2:
-        angle_deg = track.dataset["bend_angle"].values
-        runs.angles[run.experiment.name] = following.AngleRun(angle_deg, shifted, log.time_s, log.pressure_kPa)
+    pair = following.pair_of(track.dataset, shifted, log.time_s, log.pressure_kPa)
+    if pair is not None and pair.unit == "deg" and len(log.pushes_kPa or ()) < 2:
+        runs.angles[run.experiment.name] = pair
     held = run.experiment.rig.held
     if not held and (rest := repeats.rest_of(track.dataset, np.interp(shifted, log.time_s, log.pressure_kPa))):
         runs.rests[run.experiment.name] = rest

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rfea_vision.campaign.plausibility import across
+from rfea_vision.campaign.tracked import across
 from rfea_vision.data import column_words
 from rfea_vision.errors import RfeaError
 from rfea_vision.readers.columns import column, in_unit, said_unit

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.measurement import bend_sign
 from rfea_vision.campaign.sensors import of_mixed, of_pauses, of_standstill
+from rfea_vision.campaign.tracked import across, begins_at, lengths, motion_of, stretches, swing, valid_rows
 from rfea_vision.scatter import third_difference_noise
 from rfea_vision.units import counted
 
@@ -40,8 +41,6 @@ _LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
 _OTHERWISE = 4.0
 # lengths of the tube that its tip may be from the clamp: a soft arm may stretch a little, and markers stand a little off
 _REACH = 1.15
-# of the farthest that its tip ever reaches: a tube that bends by 40 degrees keeps 98 % of it
-_STRAIGHT = 0.98
 # of its length, by which a tube that is driven goes to its side; a third of it to the other side may be how it hangs. Chosen.
 _ASIDE = 0.2
 # s and share of a film that copies of one picture last before they are no slip of the recorder's, which last a few pictures
@@ -60,6 +59,8 @@ _OTHER_LENGTH = 0.2
 _CURLED = 0.5
 # of its length, by which a tip begins above its clamp only where up is down
 _UPWARDS = 0.5
+# of its length, below which all places are those of a track in m, or in another unit that is far larger than mm
+_UNMOVED = 0.02
 # of the tube's length, or deg: a track with larger standard errors cannot tell a tube that bends by 6 deg, or by half of 40, from one
 # that rests. Chosen.
 _BLIND, _BLIND_DEG = 0.05, 20.0
@@ -140,73 +141,75 @@ def of_times(log_s: FloatArray, pictures_s: FloatArray, *, filmed: bool = False)
     return [slow if filmed and camera > SLOW_MOTION * logged else f"{both}; only what both cover can be used"]
 
 
-def valid_rows(track: xr.Dataset, name: str) -> FloatArray:
-    """Those rows (k, ...) of a variable of a track that count."""
-    return track[name].values[track["valid"].values.astype(bool)]
-
-
-def across(tip: np.ndarray) -> np.ndarray:
-    """How far across (n,) a tip (n, 2) in the rig has gone: from the clamp, or from where it begins if it begins straight.
-
-    Markers that stand beside the line put a straight tube's tip beside its clamp, too.
-    """
-    reach, first = np.hypot(*tip.T), slice(max(1, len(tip) // 20))
-    begins_straight = np.median(reach[first]) > _STRAIGHT * reach.max()
-    return tip[:, 0] - (float(np.median(tip[first, 0])) if begins_straight else 0.0)
-
-
 def of_track(track: xr.Dataset, length_mm: float) -> list[str]:
     """Doubt a track of another tool: its unit and its axes, by the length of the tube."""
+    text = _of_angles(track) if "bend_angle" in track else ""
     if "tip" in track:
-        tip = valid_rows(track, "tip")
-        distance = np.hypot(*tip.T)
-        far, off = float(distance.max()), distance > _OFF * length_mm
-        begins = np.median(tip[: max(1, len(tip) // 20)], axis=0)
-        (x_mm, y_mm), above_mm = np.abs(begins), float(begins[1])
-        at_most = f"the tip is at most {far:.4g} mm from the clamp, and the tube {length_mm:.4g} mm long"
-        if 0 < off.mean() < _FEW:
-            return [f"{at_most}; {off.sum()} rows lie beyond any tube: leave empty those in which none was seen"]
-        if far < 0.02 * length_mm and _from_the_tip(track, length_mm):
-            return [
-                f"{at_most}, and its first point as far as the tube is long; are the points written from tip to clamp?"
-            ]
-        if far >= 0.02 * length_mm and (text := _of_origin(track, length_mm)):
-            return [text]
-        if far < 0.02 * length_mm or off.any():
-            return [f"{at_most}; are these mm?" + " And is the clamp where x and y are 0?" * bool(off.any())]
-        if far > _REACH * length_mm:
-            return [
-                f"{at_most}; is actuator.length that of the part that bends, and the track's first point at its clamp?"
-            ]
-        if text := _folded(track) or _of_length(track, far, length_mm) or _of_errors(track, length_mm):
-            return [text]
-        outwards = -bend_sign(str(track.attrs.get("bends", "left"))) * across(tip) / length_mm
-        if -np.percentile(outwards, 5) > max(_ASIDE, 2 * np.percentile(outwards, 95)):
-            aside = "the tip goes to the other side than actuator.bends says"
-            return [f"{aside}; is that right, is the track mirrored, or does it run backwards?"]
-        if y_mm < 0.2 * length_mm < 0.8 * length_mm < x_mm:
-            return [f"begins with the tip {x_mm:.3g} mm beside the clamp and {y_mm:.3g} mm below; are x and y swapped?"]
-        if above_mm > _UPWARDS * length_mm:
-            return [f"begins with the tip {above_mm:.3g} mm above the clamp; does y count downwards, as in pictures?"]
-    elif "bend_angle" in track:
-        angles = valid_rows(track, "bend_angle")
-        if turns := int(np.sum(np.abs(np.diff(angles)) > _TURNED_DEG)):
-            return [
-                f"jumps by more than half a turn from row to row, {counted(turns, 'time')}; does the sensor begin anew after a full "
-                "turn? Write the angle on beyond it"
-            ]
-        widest = float(np.nanmax(np.abs(angles)))
-        if widest < np.pi:
-            return [f"never bends beyond {widest:.3g} deg; are these radians?"]
-        if (sigma := float(np.nanmedian(track["bend_angle_sigma"]))) > _BLIND_DEG:
-            return [f"its standard errors, sigma_deg, are {sigma:.3g} deg; is the unit right?"]
-    return []
+        tip, lines = valid_rows(track, "tip"), valid_rows(track, "midline") if "midline" in track else None
+        text = (
+            _of_places(tip, lines, length_mm)
+            or ("" if lines is None else _folded(lines))
+            or _of_length(lines, float(np.hypot(*tip.T).max()), length_mm)
+            or _of_errors(track, length_mm)
+            or _of_axes(tip, str(track.attrs.get("bends", "left")), length_mm)
+        )
+    return [text] if text else []
+
+
+def _of_places(tip: FloatArray, lines: FloatArray | None, length_mm: float) -> str:
+    """Doubt unit, rows and origin of a tip (n, 2) and of the centre line (n, points, 2) to it; empty where they may be right."""
+    distance = np.hypot(*tip.T)
+    far, off = float(distance.max()), distance > _OFF * length_mm
+    at_most = f"the tip is at most {far:.4g} mm from the clamp, and the tube {length_mm:.4g} mm long"
+    if 0 < off.mean() < _FEW:
+        return f"{at_most}; {off.sum()} rows lie beyond any tube: leave empty those in which none was seen"
+    if far < _UNMOVED * length_mm:
+        if lines is not None and np.hypot(*lines[:, 0].T).max() > _CURLED * length_mm:
+            return f"{at_most}, and its first point as far as the tube is long; are the points written from tip to clamp?"
+        return f"{at_most}; are these mm?"
+    if lines is not None and (text := _of_origin(lines, length_mm)):
+        return text
+    if off.any():
+        return f"{at_most}; are these mm? And is the clamp where x and y are 0?"
+    if far > _REACH * length_mm:
+        return f"{at_most}; is actuator.length that of the part that bends, and the track's first point at its clamp?"
+    return ""
+
+
+def _of_axes(tip: FloatArray, bends: str, length_mm: float) -> str:
+    """Doubt the axes of a tip (n, 2): mirrored, swapped or upside down; empty where they may be right."""
+    outwards = -bend_sign(bends) * across(tip) / length_mm
+    if -np.percentile(outwards, 5) > max(_ASIDE, 2 * np.percentile(outwards, 95)):
+        aside = "the tip goes to the other side than actuator.bends says"
+        return f"{aside}; is that right, is the track mirrored, or does it run backwards?"
+    x_mm, above_mm = begins_at(tip)
+    if abs(above_mm) < 0.2 * length_mm < 0.8 * length_mm < abs(x_mm):
+        beside, below = f"{abs(x_mm):.3g} mm beside the clamp", f"{abs(above_mm):.3g} mm below"
+        return f"begins with the tip {beside} and {below}; are x and y swapped?"
+    if above_mm > _UPWARDS * length_mm:
+        return f"begins with the tip {above_mm:.3g} mm above the clamp; does y count downwards, as in pictures?"
+    return ""
+
+
+def _of_angles(track: xr.Dataset) -> str:
+    """Doubt an angle alone: its unit, its turns and its standard errors; empty where they may be right."""
+    angles = valid_rows(track, "bend_angle")
+    if turns := int(np.sum(np.abs(np.diff(angles)) > _TURNED_DEG)):
+        return (
+            f"jumps by more than half a turn from row to row, {counted(turns, 'time')}; does the sensor begin anew after a full "
+            "turn? Write the angle on beyond it"
+        )
+    widest = float(np.nanmax(np.abs(angles)))
+    if widest < np.pi:
+        return f"never bends beyond {widest:.3g} deg; are these radians?"
+    if (sigma := float(np.nanmedian(track["bend_angle_sigma"]))) > _BLIND_DEG:
+        return f"its standard errors, sigma_deg, are {sigma:.3g} deg; is the unit right?"
+    return ""
 
 
 def of_upside_down(track: xr.Dataset, length_mm: float) -> list[str]:
     """Doubt a film in which the tube begins with its tip above its clamp: an arc comes no higher than a fifth of its length."""
-    tip = valid_rows(track, "tip")
-    above_mm = float(np.median(tip[: max(1, len(tip) // 20), 1]))
+    above_mm = begins_at(valid_rows(track, "tip"))[1]
     if above_mm < _UPWARDS * length_mm:
         return []
     return [
@@ -215,31 +218,18 @@ def of_upside_down(track: xr.Dataset, length_mm: float) -> list[str]:
     ]
 
 
-def _from_the_tip(track: xr.Dataset, length_mm: float) -> bool:
-    """Whether the first point of the centre line, where there is one, is where a tip would be."""
-    if "midline" not in track:
-        return False
-    firsts = valid_rows(track, "midline")[:, 0]
-    return bool(np.hypot(*firsts.T).max() > _CURLED * length_mm)
-
-
-def _of_origin(track: xr.Dataset, length_mm: float) -> str:
-    """Doubt a centre line of the tube's length that begins elsewhere than at the origin; empty where it begins there."""
-    if "midline" not in track:
-        return ""
-    lines = valid_rows(track, "midline")
+def _of_origin(lines: FloatArray, length_mm: float) -> str:
+    """Doubt a centre line (n, points, 2) of the tube's length that begins elsewhere than at the origin; empty where it begins there."""
     x, y = np.median(lines[:, 0], axis=0)
-    along = float(np.nanmedian(np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(axis=1)))
+    along = float(np.nanmedian(lengths(lines)))
     if np.hypot(x, y) < _ASIDE * length_mm or abs(along / length_mm - 1) > _OTHER_LENGTH:
         return ""
     return f"its line begins at x = {x:.4g}, y = {y:.4g} mm, and the clamp is where both are 0; count x and y from the clamp"
 
 
-def _folded(track: xr.Dataset) -> str:
-    """Doubt the order of a centre line's points where it goes back on itself; empty where it does not."""
-    if "midline" not in track:
-        return ""
-    steps = np.diff(valid_rows(track, "midline"), axis=1)
+def _folded(lines: FloatArray) -> str:
+    """Doubt the order of points of a centre line (n, points, 2) that goes back on itself; empty where it does not."""
+    steps = np.diff(lines, axis=1)
     headings = np.arctan2(steps[..., 1], steps[..., 0])
     turns_deg = np.degrees(np.abs((np.diff(headings, axis=1) + np.pi) % (2 * np.pi) - np.pi))
     folded = np.flatnonzero(np.nanmedian(turns_deg, axis=0) > _FOLDED_DEG) + 1
@@ -260,11 +250,10 @@ def _of_errors(track: xr.Dataset, length_mm: float) -> str:
     return ""
 
 
-def _of_length(track: xr.Dataset, far_mm: float, length_mm: float) -> str:
+def _of_length(lines: FloatArray | None, far_mm: float, length_mm: float) -> str:
     """Doubt the tube's length (mm) by the centre line, or where there is none by how far the tip comes out; empty where it fits."""
-    if "midline" in track:
-        lines = valid_rows(track, "midline")
-        along = float(np.nanmedian(np.hypot(*np.diff(lines, axis=1).transpose(2, 0, 1)).sum(axis=1)))
+    if lines is not None:
+        along = float(np.nanmedian(lengths(lines)))
         if abs(along / length_mm - 1) <= _OTHER_LENGTH:
             return ""
         both = f"the centre line is {along:.4g} mm long, and the tube {length_mm:.4g} mm"
@@ -294,17 +283,12 @@ class Response:
 
 def response(track: xr.Dataset, pressure_kPa: FloatArray) -> Response | None:
     """Return how far a run and its log (samples,) go; None where too little of either was seen."""
-    name = next((item for item in ("tip", "bend_angle") if item in track), None)
-    if name is None:
-        return None
-    motion = track[name]
-    places = motion.values.reshape(len(motion), -1)
+    places, unit = motion_of(track)
     places = places[np.isfinite(places).all(axis=1)]
     swing_kPa = float(np.ptp(np.percentile(pressure_kPa, (1, 99))))
     if len(places) < 20 or swing_kPa < _LOW_KPA:
         return None
-    swing = float(np.linalg.norm(np.ptp(np.percentile(places, (1, 99), axis=0), axis=0)))
-    return Response("mm" if name == "tip" else "deg", swing, swing_kPa)
+    return Response(unit, swing(places), swing_kPa)
 
 
 def of_response(name: str, responses: Mapping[str, Response]) -> str:
@@ -372,12 +356,11 @@ def of_gaps(pictures_s: FloatArray, *, counted: bool = False) -> list[str]:
 
 def of_copies(time_s: FloatArray, is_copy: NDArray[np.bool_]) -> list[str]:
     """Doubt a film (frames,) that stands still while the tube moved: one stretch of copies, of half a second and a tenth of it."""
-    turns = np.flatnonzero(np.diff(np.concatenate([[0], is_copy.astype(int), [0]])))
-    begins, ends = turns[::2], turns[1::2] - 1
+    begins, ends = stretches(is_copy)
     if not begins.size:
         return []
     longest = int(np.argmax(ends - begins))
-    from_s, to_s = float(time_s[begins[longest]]), float(time_s[ends[longest]])
+    from_s, to_s = float(time_s[begins[longest]]), float(time_s[ends[longest] - 1])
     if to_s - from_s < max(_STANDS_S, _STANDS * float(np.ptp(time_s))):
         return []
     stands = f"the picture stands still from {from_s:.2f} to {to_s:.2f} s, and no frames were measured there"

@@ -12,6 +12,7 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.campaign.specs import ExperimentSpec
+from rfea_vision.campaign.tracked import lengths, motion_of
 from rfea_vision.files import sha256_of
 from rfea_vision.scatter import rounding_noise
 
@@ -75,10 +76,9 @@ class Rest:
 
 def rest_of(track: xr.Dataset, pressure_kPa: FloatArray) -> Rest | None:
     """How a run begins, by its pressure at each frame (frames,); None where it is not at rest then, or goes nowhere."""
-    name = next((name for name in ("tip", "bend_angle") if name in track), None)
-    if name is None:
+    motion, _ = motion_of(track)
+    if not len(motion):
         return None
-    motion = track[name].values.reshape(len(pressure_kPa), -1)
     seen = np.isfinite(motion).all(axis=1) & np.isfinite(pressure_kPa)
     motion, pressure = motion[seen], pressure_kPa[seen]
     first = slice(max(3, len(pressure) // _BEGINS))
@@ -111,19 +111,12 @@ def of_rest(name: str, rests: Mapping[str, Rest]) -> str:
     )
 
 
-def motion_of(track: xr.Dataset) -> FloatArray:
-    """What moves (rows, columns) of a track or recording: its tip in mm, else its angle in deg; rows without numbers left out."""
-    values = next((track[name].values for name in ("tip", "bend_angle") if name in track), np.empty((0, 1)))
-    values = values.reshape(len(values), -1)
-    return np.asarray(values[np.isfinite(values).all(axis=1)], dtype=float)
-
-
 def line_of(track: xr.Dataset) -> tuple[int, float]:
     """Points of the centre line of a track or recording, and its length in mm; zeros where it has none."""
     if "midline" not in track:
         return 0, 0.0
-    steps = np.linalg.norm(np.diff(track["midline"].values, axis=1), axis=2)
-    return steps.shape[1] + 1, float(np.nanmedian(steps.sum(axis=1)))
+    lines = track["midline"].values
+    return lines.shape[1], float(np.nanmedian(lengths(lines)))
 
 
 def of_line(name: str, lines: Mapping[str, tuple[int, float]]) -> str:
@@ -152,7 +145,8 @@ def alike(
 ) -> list[tuple[ExperimentSpec, str, str]]:
     """Doubt a film, a track, a pressure log or a motion that stands in two runs: the second of each pair, its key, and why.
 
-    `motions` (rows, columns) by run are alike where one is the other or a part of it, to the digits that were saved.
+    `motions` (rows, columns) by run are alike where one is the other or a part of it, to the digits that were saved; rows without
+    numbers do not count.
     """
     found = []
     for key, what in _COPIED.items():
@@ -169,7 +163,9 @@ def alike(
                         (item, key, f"is the same {what}, as that of '{first.name}'; was it copied by mistake?")
                     )
     said = {item.name for item, _, _ in found}
-    moving = [(item, motions[item.name]) for item in experiments if motions and len(motions.get(item.name, ())) >= _FEW_ROWS]
+    seen_to_move = [(item, (motions or {}).get(item.name, np.empty((0, 1)))) for item in experiments]
+    moving = [(item, rows[np.isfinite(rows).all(axis=1)]) for item, rows in seen_to_move]
+    moving = [(item, rows) for item, rows in moving if len(rows) >= _FEW_ROWS]
     for (first, other), (item, own) in combinations(moving, 2):
         short, long = sorted((own, other), key=len)
         if item.name not in said and short.shape[1] == long.shape[1] and _within(short, long):

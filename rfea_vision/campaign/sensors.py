@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.campaign.tracked import stretches
 from rfea_vision.scatter import rounding_noise, third_difference_noise
 
 #: Rows in a row of exactly one value: noise of more than its last digit leaves one of two rows as it was at most, and of 30 all
@@ -30,8 +31,7 @@ def of_mixed(time_s: FloatArray) -> list[str]:
     uneven = np.abs(steps - usual / 2) > _EVEN * usual  # a log that is read twice as fast for a while is not meant
     apart = (np.abs(steps[:-1] + steps[1:] - usual) < _EVEN * usual) & uneven[:-1]
     even = np.abs(steps - usual) < _EVEN * usual
-    turns = np.flatnonzero(np.diff(np.concatenate([[0], apart.astype(int), [0]])))
-    begins, ends = turns[::2], turns[1::2]
+    begins, ends = stretches(apart)
     if not begins.size or (longest := int(np.argmax(ends - begins))) < 0 or ends[longest] - begins[longest] < _ROWS:
         return []
     inside = np.zeros(steps.size, dtype=bool)

@@ -10,7 +10,7 @@ import numpy as np
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.measurement import ELASTOMER_MODULUS, bend_sign
-from rfea_vision.campaign.plausibility import valid_rows
+from rfea_vision.campaign.tracked import lengths, valid_rows
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -111,7 +111,7 @@ def of_stretch(track: xr.Dataset, tube: Actuator) -> list[str]:
     if len(line) < 20 or steps.shape[1] < 4:
         return []
     heading = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=1)
-    bend, length_mm = heading[:, -1] - heading[:, 0], np.linalg.norm(steps, axis=2).sum(axis=1)
+    bend, length_mm = heading[:, -1] - heading[:, 0], lengths(line)
     if np.ptp(np.percentile(bend, (2, 98))) < _LEAST_BEND or np.corrcoef(bend, length_mm)[0, 1] ** 2 < _TOLD:
         return []
     (slope_mm, straight_mm), covariance = np.polyfit(bend, length_mm, 1, cov=True)

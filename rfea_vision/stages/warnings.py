@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rfea_vision.artefacts import Recording, Track
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.campaign import ExperimentSpec, following, plausibility, repeats
+from rfea_vision.campaign.tracked import motion_of
 from rfea_vision.campaign.tubes import modulus_of, of_moduli, of_tube
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def warn_of_fitted(work: Runner, recordings: Mapping[str, Stored[Recording]]) ->
             work.tell(f"warning: {experiment.name}: pressure: {text}")
         if text := repeats.of_line(experiment.name, lines):
             work.tell(f"warning: {experiment.name}: track: {text}")
-    warn_of_copies(work, experiments, {name: repeats.motion_of(item.value.dataset) for name, item in recordings.items()})
+    warn_of_copies(work, experiments, {name: motion_of(item.value.dataset)[0] for name, item in recordings.items()})
 
 
 #: Attributes of a track and its recording that may hold a doubt about the run itself, and not about how it was brought on one clock.

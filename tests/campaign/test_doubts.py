@@ -13,7 +13,7 @@ import xarray as xr
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.measurement import Hints
 from rfea_vision.campaign.check import check_campaign
-from rfea_vision.campaign.following import AngleRun, of_pair, together
+from rfea_vision.campaign.following import Pair, of_pair, together
 from rfea_vision.campaign.plausibility import of_copies, of_times, of_upside_down
 from rfea_vision.campaign.pointing import of_hints
 from rfea_vision.campaign.repeats import alike, of_repeat, of_rest, rest_of
@@ -320,7 +320,7 @@ def _sines(gain, late_s, periods_s):
     """Angles that follow sines of these periods, so much later."""
     time_s = np.arange(0, 40, 0.05)
     pressures = [40 * (1 + np.sin(2 * np.pi * time_s / period_s)) for period_s in periods_s]
-    return [AngleRun(60 + gain * np.interp(time_s - late_s, time_s, p), time_s, time_s, p) for p in pressures]
+    return [Pair(60 + gain * np.interp(time_s - late_s, time_s, p)[:, None], time_s, time_s, p) for p in pressures]
 
 
 @pytest.mark.parametrize(("gain", "late_s"), [(-0.5, 1.2), (-0.5, 0.0), (0.5, 1.2)])
@@ -340,7 +340,7 @@ def test_angles_that_all_fall_are_said_to_by_check(tmp_path):
         folder.mkdir()
         columns = {"time_s": run.log_s, "pressure_kPa": run.pressure_kPa}
         pd.DataFrame(columns).to_csv(folder / "pressure.csv", index=False)
-        pd.DataFrame({"time_s": run.time_s, "angle_deg": run.angle_deg}).to_csv(folder / "track.csv", index=False)
+        pd.DataFrame({"time_s": run.time_s, "angle_deg": run.motion[:, 0]}).to_csv(folder / "track.csv", index=False)
         (folder / "experiment.yaml").write_text(
             "format: rfea-experiment/1\nrole: train\npressure: {file: pressure.csv}\ntrack: {file: track.csv}\n"
             "sync: {method: common_clock}\n"
