@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,11 +17,16 @@ from rfea_vision.campaign.tracked import motion_of
 from rfea_vision.campaign.tubes import modulus_of, of_load, of_moduli, of_square, of_stretch, of_tube, of_weight
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import sha256_of
+from rfea_vision.readers.source import open_source
 
 if TYPE_CHECKING:
     from rfea_vision.arrays import FloatArray
-    from rfea_vision.artefacts import Track
+    from rfea_vision.artefacts import Actuator, Track
+    from rfea_vision.calibration.board import Board
     from rfea_vision.readers.pressure import PressureLog
+
+
+_UNREADABLE = "{} is not a readable picture; take it out or copy it again"
 
 
 @dataclass(frozen=True)
@@ -137,53 +142,80 @@ def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[Cam
     return found
 
 
-def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None) -> list[FileProblem]:
-    """Look for the board in every photo; three with a board are needed."""
-    from rfea_vision.calibration.corners import Refused, find_corners
-    from rfea_vision.calibration.storage import load_calibration
-    from rfea_vision.readers.pictures import read_grey
+@dataclass
+class _Look:
+    """A file of the campaign while what it names is looked at, for one run or for all, and what is wrong."""
 
-    file = campaign.root / "campaign.yaml" if experiment is None else experiment.file
-    name = None if experiment is None else experiment.name
-    problems: list[FileProblem] = []
+    file: Path
+    name: str | None
+    problems: list[FileProblem] = field(default_factory=list, kw_only=True)
+
+    def warn(self, key: str, *texts: str) -> None:
+        self.problems += [FileProblem(self.file, text, key, severity="warning", experiment=self.name) for text in texts]
+
+    def refuse(self, key: str, text: str) -> None:
+        self.problems.append(FileProblem(self.file, text, key, experiment=self.name))
+
+
+def _camera_problems(camera: CameraSpec, campaign: Campaign, experiment: ExperimentSpec | None) -> list[FileProblem]:
+    """Read an earlier calibration, and look for the board in every photo."""
+    from rfea_vision.calibration.storage import load_calibration
+
+    look = _Look(campaign.root / "campaign.yaml", None) if experiment is None else _Look(experiment.file, experiment.name)
     if camera.file is not None:
         try:
             load_calibration(camera.file)
         except RfeaError as error:
-            problems.append(FileProblem(file, str(error), "camera.file", experiment=name))
-    if camera.board is None:
-        return problems
-    seen = 0
-    refused: dict[str, list[str]] = {}
-    tube = campaign.actuator if experiment is None else experiment.actuator
-    if text := _of_another_camera(camera):
-        problems.append(FileProblem(file, text, "camera.plane", experiment=name))
-    for photo in [*camera.photos, *([camera.plane] if camera.plane else [])]:
-        key = "camera.plane" if photo == camera.plane else "camera.photos"
+            look.refuse("camera.file", str(error))
+    if camera.board is not None:
+        if text := _of_another_camera(camera):
+            look.refuse("camera.plane", text)
+        _look_at_photos(look, camera, camera.board)
+        if camera.plane is not None:
+            _look_at_plane(look, camera, camera.board, (experiment or campaign).actuator)
+    return look.problems
+
+
+def _look_at_photos(look: _Look, camera: CameraSpec, board: Board) -> None:
+    """Look for the board in the photos of the lens: three with it are needed."""
+    from rfea_vision.calibration.corners import Refused, find_corners
+    from rfea_vision.readers.pictures import read_grey
+
+    seen, refused = 0, dict[str, list[str]]()
+    for photo in (item for item in camera.photos if item != camera.plane):
         grey = read_grey(photo)
         if grey is None:
-            message = f"{photo} is not a readable picture; take it out or copy it again"
-            problems.append(FileProblem(file, message, key, experiment=name))
-            continue
-        found = find_corners(photo, grey, camera.board)
-        if key == "camera.plane" and (twin := _same_picture(photo, camera.photos)):
-            message = f"{photo.name} is {twin} once more; photograph the board lying in the plane in which the tube moves"
-            problems.append(FileProblem(file, message, key, severity="warning", experiment=name))
-        if not isinstance(found, Refused):
-            seen += key == "camera.photos"
-            if key == "camera.plane" and (text := of_square(found.board_mm, found.pixels, grey.shape, tube)):
-                problems.append(FileProblem(file, text, "camera.board.square", severity="warning", experiment=name))
-        elif key == "camera.plane":
-            problems.append(FileProblem(file, f"{photo.name}: {found.reason}", key, experiment=name))
-        else:
+            look.refuse("camera.photos", _UNREADABLE.format(photo))
+        elif isinstance(found := find_corners(photo, grey, board), Refused):
             refused.setdefault(found.reason, []).append(photo.name)
-    for reason, photos in refused.items():  # what ails many photos alike is said once
-        message = f"{_some(photos)}: {reason}"
-        problems.append(FileProblem(file, message, "camera.photos", severity="warning", experiment=name))
+        else:
+            seen += 1
+    for reason, (first, *more) in refused.items():  # what ails many photos alike is said once
+        some = f"{1 + len(more)} photos ({first} to {more[-1]})" if more else first
+        look.warn("camera.photos", f"{some}: {reason}")
     if camera.photos and seen < 3:
-        message = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
-        problems.append(FileProblem(file, message, "camera.photos", experiment=name))
-    return problems
+        text = f"{seen} of {len(camera.photos)} photos show the board, 3 are needed; check camera.board or take more"
+        look.refuse("camera.photos", text)
+
+
+def _look_at_plane(look: _Look, camera: CameraSpec, board: Board, tube: Actuator) -> None:
+    """Look for the board in the photo of the plane of motion, and how large the tube is beside it."""
+    from rfea_vision.calibration.corners import Refused, find_corners
+    from rfea_vision.readers.pictures import read_grey
+
+    plane = camera.plane
+    grey = None if plane is None else read_grey(plane)
+    if plane is None or grey is None:
+        look.refuse("camera.plane", _UNREADABLE.format(plane))
+        return
+    if twin := _same_picture(plane, camera.photos):
+        text = f"{plane.name} is {twin} once more; photograph the board lying in the plane in which the tube moves"
+        look.warn("camera.plane", text)
+    found = find_corners(plane, grey, board)
+    if isinstance(found, Refused):
+        look.refuse("camera.plane", f"{plane.name}: {found.reason}")
+    elif text := of_square(found.board_mm, found.pixels, grey.shape, tube):
+        look.warn("camera.board.square", text)
 
 
 def _of_another_camera(camera: CameraSpec) -> str:
@@ -208,14 +240,9 @@ def _same_picture(photo: Path, others: tuple[Path, ...]) -> str:
     return next((item.name for item in alike if sha256_of(item) == sha256_of(photo)), "")
 
 
-def _some(names: list[str]) -> str:
-    """Name a few of many."""
-    return names[0] if len(names) == 1 else f"{len(names)} photos ({names[0]} to {names[-1]})"
-
-
 def _experiment_problems(experiment: ExperimentSpec, runs: _AllRuns, *, pressure_said: bool) -> list[FileProblem]:
     """Read what belongs to a run, and keep of it what is looked at together with the others."""
-    run = _Run(experiment)
+    run = _Run(experiment.file, experiment.name, experiment)
     try:
         if experiment.video is not None:
             _look_at_film(run, experiment.video)
@@ -231,19 +258,12 @@ def _experiment_problems(experiment: ExperimentSpec, runs: _AllRuns, *, pressure
 
 
 @dataclass
-class _Run:
-    """A run while it is looked at: its track and the times (s) of its frames, as far as they can be read, and what is wrong."""
+class _Run(_Look):
+    """A run while it is looked at: its track and the times (s) of its frames, as far as they can be read."""
 
     experiment: ExperimentSpec
     track: Track | None = None
     seconds: FloatArray | None = None
-    problems: list[FileProblem] = field(default_factory=list)
-
-    def warn(self, key: str, *texts: str) -> None:
-        self.problems += [_warning(self.experiment, key, text) for text in texts]
-
-    def refuse(self, key: str, text: str) -> None:
-        self.problems.append(FileProblem(self.experiment.file, text, key, experiment=self.experiment.name))
 
     @property
     def in_px(self) -> bool:
@@ -254,16 +274,12 @@ class _Run:
 
 def _look_at_film(run: _Run, video: VideoSpec) -> None:
     """Times and size of the pictures."""
-    from rfea_vision.readers.video import open_frames, open_video
-
-    if video.file is not None:
-        source, own = open_video(video.file, video.rate_Hz), open_video(video.file)
-        run.warn("video.rate", *plausibility.of_rate(video.rate_Hz, own.rate_Hz))
-        run.warn("video.rate", *([] if video.rate_Hz is None else plausibility.of_gaps(own.times_s(), counted=True)))
-    elif video.frames is not None and (video.times is not None or video.rate_Hz is not None):
-        source = open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
-    else:
-        return
+    if video.file is None and (video.frames is None or (video.times is None and video.rate_Hz is None)):
+        return  # what is lacking was said of its keys
+    source = open_source(video)
+    if video.file is not None and video.rate_Hz is not None:
+        own = open_source(replace(video, rate_Hz=None))
+        run.warn("video.rate", *plausibility.of_rate(video.rate_Hz, own.rate_Hz), *plausibility.of_gaps(own.times_s(), counted=True))
     run.seconds = source.times_s()
     camera, gravity_deg = run.experiment.camera, run.experiment.rig.gravity_deg
     for key, text in [] if camera is None else pointing.of_hints(camera.hints, gravity_deg):

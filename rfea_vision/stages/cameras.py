@@ -11,12 +11,12 @@ from rfea_vision.campaign import CameraSpec, ExperimentSpec, VideoSpec
 from rfea_vision.campaign.schema import ScalePart
 from rfea_vision.errors import InputError
 from rfea_vision.progress import Progress
+from rfea_vision.readers.source import open_source
 from rfea_vision.stages.runner import Runner, Stage
 from rfea_vision.stages.stored import Stored
 
 if TYPE_CHECKING:
     from rfea_vision.arrays import FloatArray
-    from rfea_vision.readers.video import FrameSource
 
 
 def calibration_path(work: Runner, experiment: ExperimentSpec | None) -> Path:
@@ -129,16 +129,6 @@ def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Cali
     (ax, ay), (bx, by) = hints.clamp
     line = [((ax + bx) / 2, (ay + by) / 2), *hints.centre_line, hints.tip]
     return scaled_by_distance(size, line, length_mm, error_mm=TUBE_SPREAD * length_mm)
-
-
-def open_source(video: VideoSpec) -> FrameSource:
-    """Open a video or a folder of frames."""
-    from rfea_vision.readers.video import open_frames, open_video
-
-    if video.file is not None:
-        return open_video(video.file, video.rate_Hz)
-    assert video.frames is not None
-    return open_frames(video.frames, video.times, video.rate_Hz, within=video.within)
 
 
 def own_times(experiment: ExperimentSpec, time_s: FloatArray) -> FloatArray | None:

@@ -16,7 +16,8 @@ from rfea_vision.campaign.tubes import of_stretch, of_width
 from rfea_vision.errors import DataError, InputError, RfeaError
 from rfea_vision.files import whole_file, write_text
 from rfea_vision.progress import Progress
-from rfea_vision.stages.cameras import calibration_of, calibration_path, open_source, own_times, pictures_of
+from rfea_vision.readers.source import open_source
+from rfea_vision.stages.cameras import calibration_of, calibration_path, own_times, pictures_of
 from rfea_vision.stages.earlier import runs_before, with_earlier_pressure
 from rfea_vision.stages.products import compiling
 from rfea_vision.stages.runner import Runner, Stage

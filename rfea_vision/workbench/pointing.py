@@ -17,8 +17,8 @@ from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.calibration.storage import load_calibration
 from rfea_vision.campaign import Campaign, ExperimentSpec, VideoSpec
 from rfea_vision.errors import InputError
+from rfea_vision.readers.source import open_source
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.stages.cameras import open_source
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
 from rfea_vision.vision.track import matched_to
 from rfea_vision.workbench.state import POINTABLE

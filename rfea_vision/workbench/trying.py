@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.readers.source import open_source
 from rfea_vision.readers.video import FrameSource, Luma
 from rfea_vision.stages import open_campaign
-from rfea_vision.stages.cameras import open_source
 from rfea_vision.stages.measurement import follow
 from rfea_vision.vision.show.clip import in_frame, rig_to_plane
 from rfea_vision.vision.track import matched_to
