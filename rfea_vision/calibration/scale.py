@@ -16,6 +16,7 @@ from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.rows import CalibrationQuality
 from rfea_vision.calibration.projection import rms_distance, rotation_matrix, tilt_deg
 from rfea_vision.errors import InputError
+from rfea_vision.lines import along
 
 # focal length over the longer side of the picture: 28 mm on 36 mm film, as main cameras of phones have
 FOCAL_SHARE = 0.8
@@ -46,7 +47,7 @@ def scaled_by_distance(
         If the points lie nearer to each other than a person can point.
     """
     points = np.asarray(points_px, dtype=float)
-    pixels = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    pixels = float(along(points)[-1])
     if pixels < 10 * POINTING_PX:
         raise InputError(f"camera.scale.points: they are {pixels:.0f} px apart; take two that are far apart")
     error = READING_MM if error_mm is None else error_mm

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -51,7 +52,7 @@ def across(tip: FloatArray) -> FloatArray:
 
 def lengths(lines: FloatArray) -> FloatArray:
     """Lengths (n,) of centre lines (n, points, 2)."""
-    return np.linalg.norm(np.diff(lines, axis=1), axis=2).sum(axis=1)
+    return along(lines)[:, -1]
 
 
 def stretches(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.errors import InputError
+from rfea_vision.lines import along, evenly
 from rfea_vision.readers.columns import in_unit, refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table, listed, points_of_columns, unseen
 from rfea_vision.units import conversion_factor
@@ -176,13 +177,11 @@ def even_nodes(marks_mm: FloatArray) -> FloatArray:
     nodes = np.full((len(marks_mm), count, 2), np.nan)
     for row in np.flatnonzero(np.isfinite(marks_mm).all(axis=(1, 2))):
         marks = marks_mm[row]
-        chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(marks, axis=0), axis=1))])
+        chord = along(marks)
         if np.any(np.diff(chord) <= 0):
             continue  # two marks in one place: no line through them
         fine = CubicSpline(chord, marks)(np.linspace(0.0, chord[-1], _FINE * count))
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
-        even = np.linspace(0.0, along[-1], count)
-        nodes[row] = np.stack([np.interp(even, along, fine[:, axis]) for axis in (0, 1)], axis=1)
+        nodes[row] = evenly(fine, count)
     return nodes
 
 

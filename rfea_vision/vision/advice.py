@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.calibration.projection import project
+from rfea_vision.lines import along
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.body.begin import hinted_lines, leaving, scale_for
 from rfea_vision.vision.body.follower import BodyFollower
@@ -92,7 +93,7 @@ def film_lacks(source: FrameSource, scene: Scene) -> str:
     """Say what keeps a body that was pointed at from being followed: its shape, its pixels, its contrast; empty where none does."""
     assert scene.clamp_px is not None
     wide_px = float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
-    slender = float(np.linalg.norm(np.diff(scene.line_px, axis=0), axis=1).sum()) / wide_px
+    slender = float(along(scene.line_px)[-1]) / wide_px
     if slender < LEAST_SLENDER:
         return (
             f"what was pointed at is {slender:.1f} times as long as wide, and a body is followed from {LEAST_SLENDER:g} times on: "

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import evenly
 from rfea_vision.vision.compiled import compiled, lean
 
 COEFFICIENTS = 18
@@ -78,18 +79,15 @@ def basis_matrix(u: FloatArray, count: int, derivative: int = 0) -> FloatArray:
 
 def fit_curve(points: FloatArray, count: int = COEFFICIENTS) -> FloatArray:
     """Coefficients (count, 2) of the curve through ordered points (n, 2), parameter even in arc length."""
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    u, solver = _solver(count, max(4 * count, len(points)))
-    even = np.column_stack([np.interp(u * lengths[-1], lengths, points[:, i]) for i in (0, 1)])
-    return solver @ even
+    places = max(4 * count, len(points))
+    return _solver(count, places) @ evenly(points, places)
 
 
 @lru_cache(maxsize=32)
-def _solver(count: int, places: int) -> tuple[FloatArray, FloatArray]:
-    """Even parameters (places,), and what turns points there into the coefficients of the curve through them."""
-    u = np.linspace(0, 1, places)
-    matrix = basis_matrix(u, count)
-    return u, np.asarray(np.linalg.solve(matrix.T @ matrix + 1e-9 * np.eye(count), matrix.T), dtype=float)
+def _solver(count: int, places: int) -> FloatArray:
+    """What turns points at so many even parameters into the coefficients (count, 2) of the curve through them."""
+    matrix = basis_matrix(np.linspace(0, 1, places), count)
+    return np.asarray(np.linalg.solve(matrix.T @ matrix + 1e-9 * np.eye(count), matrix.T), dtype=float)
 
 
 VERTEX_U = np.linspace(0.0, 1.0, VERTICES)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from rfea_vision.vision.body.begin import first_body
-from rfea_vision.vision.body.fit import UNKNOWNS, fit_body
+from rfea_vision.vision.body.fit import UNKNOWNS, Evidence, fit_body
 from rfea_vision.vision.body.marks import find_marks, marks_in, place_of
-from rfea_vision.vision.body.model import STATIONS, coloured, lab_of, skin_of
+from rfea_vision.vision.body.model import STATIONS, lab_of
 from rfea_vision.vision.body.wall import Wall
 
 RED, GREEN, GREY = (200, 40, 40), (40, 150, 60), (130, 145, 165)
@@ -58,17 +58,6 @@ def test_grain_and_patterns_are_no_marks():
     assert find_marks(large, first_body(large, 3 * points + 1, 30.0), None) == []
 
 
-def test_a_mark_that_hangs_over_one_edge_is_not_looked_for_on_the_body():
-    """A spot and a band must stay on the skin; a ball at the edge is beside it as soon as it turns."""
-    rgb = np.full((200, 120, 3), 225, dtype=np.uint8)
-    rgb[20:180, 50:70] = GREY
-    rgb[60:66, 46:74] = RED
-    cv2.circle(rgb, (60, 110), 4, RED, -1)
-    cv2.circle(rgb, (69, 150), 6, RED, -1)
-    found = coloured(skin_of(np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB)), arm()))
-    assert [int(found[round((y - 20) / 160 * (STATIONS - 1))].sum()) for y in (63, 110, 150)] == [7, 5, 0]
-
-
 @pytest.mark.parametrize("aside", [-12.0, 9.0])
 def test_marks_are_followed_and_pins_are_not(aside):
     """The arm moves aside, foretold where it was; a pin of the mark's colour hangs on the wall that is known."""
@@ -95,6 +84,7 @@ def test_rubber_that_swells_to_one_side_leaves_its_material_where_the_marks_are(
     covariance = np.eye(UNKNOWNS) * 1e2
     for _ in range(3):
         seen = marks_in(swollen, marks, body, wall)
-        body = fit_body(swollen, wall, body, None, None, covariance, clamp, np.full(STATIONS, 10.0), 8.0, marks=seen).body
+        evidence = Evidence(swollen, wall, clamp, np.full(STATIONS, 10.0), None, marks=seen)
+        body = fit_body(evidence, body, covariance, 8.0).body
     assert np.median(body.points[20:60, 0]) - 59.5 == pytest.approx(aside, abs=1.0)
     assert np.median(body.half[20:60]) == pytest.approx(12.0, abs=0.7)

@@ -30,8 +30,7 @@ def test_an_edge_off_its_expected_place_is_put_right_in_one_step(blur, outward, 
         picture = np.tile(line, (3, 1)) if along_row else np.tile(line, (3, 1)).T
         sums, pixels = np.zeros((1, 6)), np.empty(LONGEST_ROW)
         shift, info, misfit, lighter = cross_edge(
-            picture, along_row, 1, place - off * outward, outward, table.blurs, row, blur, 180.0, 60.0, 50.0,
-            table.table, sums, 0, pixels,
+            picture, along_row, 1, place - off * outward, outward, table, row, blur, 180.0, 60.0, 50.0, sums, 0, pixels,
         )  # fmt: skip
         assert abs(shift - off) < (0.02 if blur < 0.5 else 0.004)
         slope = 120.0 * np.diff(ndtr((np.arange(61.0) - 0.5 - place + off * outward) / blur))
@@ -45,8 +44,7 @@ def test_pixels_that_are_not_there_are_not_read():
     row = _blur_row(table.blurs, 0.8, 0)
     for place in (3.0, 17.0):
         answer = cross_edge(
-            picture, True, 1, place, 1, table.blurs, row, 0.8, 180.0, 60.0, 50.0, table.table, np.zeros((1, 6)), 0,
-            np.empty(LONGEST_ROW),
+            picture, True, 1, place, 1, table, row, 0.8, 180.0, 60.0, 50.0, np.zeros((1, 6)), 0, np.empty(LONGEST_ROW),
         )  # fmt: skip
         assert answer[1] < 0
     assert pixels_across(MOST_BLUR_PX * 1.03) + 10 < LONGEST_ROW

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along, evenly
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.model import (
     NORMAL_BASIS,
-    SHARES,
     STATIONS,
     Picture,
     SeenBody,
@@ -138,8 +138,7 @@ def _bow(line_px: FloatArray, inwards: FloatArray, length_px: float) -> FloatArr
         (1 - t) ** 2 * line_px[0] + 2 * t * (1 - t) * (line_px[0] + reach * chord * inwards) + t**2 * line_px[1]
         for reach in np.linspace(0.2, 2.0, 19)
     ]
-    lengths = [float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum()) for curve in curves]
-    return curves[int(np.argmin(np.abs(np.array(lengths) - length_px)))]
+    return curves[int(np.argmin(np.abs(along(curves)[:, -1] - length_px)))]
 
 
 def like_colour(colours: NDArray[Any], hinted: FloatArray) -> FloatArray:
@@ -191,8 +190,7 @@ def smooth_line(points: FloatArray) -> FloatArray:
 
 def even(points: FloatArray) -> FloatArray:
     """The same line with its stations at even distances."""
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    return np.column_stack([np.interp(SHARES * steps[-1], steps, points[:, c]) for c in (0, 1)])
+    return evenly(points, STATIONS)
 
 
 def standing_out(picture: Picture, body: SeenBody, half_px: float) -> FloatArray:

@@ -97,7 +97,6 @@ class Fit:
         another stretch of it
     beyond : (3,) share of what is beyond its end that does, ever farther
     standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
-    marks : (S,) share of the first frame's coloured marks that are found on it, NaN where it has none
     reason : why it is no measurement; empty where it is one
     stretched : px by which it is longer than what was carried into the frame
     """
@@ -112,7 +111,6 @@ class Fit:
     beside: FloatArray = field(default_factory=lambda: np.zeros((STATIONS, 2)))
     beyond: FloatArray = field(default_factory=lambda: np.zeros(len(BEYOND)))
     standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
-    marks: FloatArray | None = None
     reason: str = ""
     stretched: float = 0.0
 
@@ -122,73 +120,89 @@ class Fit:
         return float(np.mean(self.backing) + np.mean(self.seen))
 
 
-def fit_body(
-    picture: Picture,
-    wall: Wall,
-    predicted: SeenBody,
-    skin: tuple[FloatArray, FloatArray, float] | None,
-    end_offsets: FloatArray | None,
-    covariance: FloatArray,
-    clamp: FloatArray,
-    rest_half: FloatArray,
-    reach: float,
-    *,
-    marks: Sequence[SeenMark] = (),
-    outline: bool = True,
-) -> Fit:
+@dataclass(frozen=True)
+class Evidence:
+    """What a body is fitted to; each piece is added to the normal equations of a displacement from where the body is.
+
+    Attributes
+    ----------
+    clamp : (2, 2) px where the body begins, and the unit vector in which it leaves
+    rest_half : (S,) px half width in the first frame
+    skin : colours (S, V, 3) of an earlier frame, their variances, and how much counts of what they say along the body; None at first
+    end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
+    marks : points of the material that their colour has found
+    outline : whether edges are looked for, or the skin alone is followed
+    """
+
+    picture: Picture
+    wall: Wall
+    clamp: FloatArray
+    rest_half: FloatArray
+    skin: tuple[FloatArray, FloatArray, float] | None
+    end_offsets: FloatArray | None = None
+    marks: Sequence[SeenMark] = ()
+    outline: bool = True
+
+    def add_outline(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, span: float) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Both edges, looked for within `span` px; which (S, 2) were seen, and how much (S,) of the inside looks like the body."""
+        edges, backing = np.full((STATIONS, 2, 2), np.inf), np.ones(STATIONS)
+        if self.outline:
+            wall, normals = self.wall, frame_of(body.points)[1]
+            around = wall.colour, wall.times, wall.relief, body.points, normals, body.half, body.inside, body.outside
+            support(self.picture, *around, 0.0, backing)
+            measure_edges(self.picture, *around, span, edges)
+            held = held_by_clamp(body, float(middle(self.rest_half))) if self.skin is not None else 1.0
+            leans = LEANS * float(middle(body.half)) if self.marks else 0.0
+            _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
+        return np.isfinite(edges[:, :, 1]), backing
+
+    def add_skin(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, slips: FloatArray) -> None:
+        """The skin of an earlier frame, which counts where enough of it is recognised, `slips` (S,) px along the body at most."""
+        if self.skin is None:
+            return
+        information, pull, alike = np.empty((STATIONS, 6)), np.empty((STATIONS, 3)), np.empty(STATIONS)
+        strip = self.wall.cleared(self.picture), body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE, *self.skin[:2]
+        match_skin(*strip, slips, information, pull, alike)
+        information[:, [1, 2, 4]] *= self.skin[2]
+        pull[:, 1] *= self.skin[2]
+        add_skin(matrix, vector, information, pull, body.told * np.clip((alike - 0.4) / 0.4, 0.0, 1.0), SKIN_FIRST, SKIN_VALUE)
+
+    def add_end(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, span: float) -> FloatArray:
+        """Where the body ends, along (RAYS,) rays: px beyond where it was expected."""
+        if self.end_offsets is None:
+            return np.full(RAYS, np.nan)
+        end = end_rays(self.picture, self.wall, body, 2.0 * span) - self.end_offsets
+        _add_end(matrix, vector, end)
+        return end
+
+
+def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, reach: float) -> Fit:
     """Fit the body to a picture.
 
     Parameters
     ----------
     predicted : where the flow has put it
-    skin : colours (S, V, 3) of an earlier frame, their variances, and how much counts of what they say along the body; None at first
-    end_offsets : (RAYS,) px how far beyond the last station the body ends, ray by ray; None while unknown
     covariance : (25, 25) px^2 of the prediction
-    clamp : (2, 2) px where the body begins, and the unit vector in which it leaves
-    rest_half : (S,) px half width in the first frame
     reach : px to either side in which edges are looked for
-    marks : points of the material that their colour has found
-    outline : whether edges are looked for, or the skin alone is followed
     """
-    body, cleared = predicted.copy(), wall.cleared(picture)
-    information, pull, alike = np.zeros((STATIONS, 6)), np.zeros((STATIONS, 3)), np.zeros(STATIONS)
-    edges = np.full((STATIONS, 2, 2), np.inf)
+    body, total = predicted.copy(), np.zeros(UNKNOWNS)
     prior: FloatArray = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
-    matrix, total = prior, np.zeros(UNKNOWNS)
-    shape = BENDING / (POINTED_SHAPE_PX if skin is None else SHAPE_PX) ** 2
+    shape = BENDING / (POINTED_SHAPE_PX if evidence.skin is None else SHAPE_PX) ** 2
     # px that it may have slipped along itself
     slips = np.sqrt(np.sum((ALONG_BASIS @ covariance[ALONG, ALONG]) * ALONG_BASIS, axis=1))
-    rest = float(middle(rest_half))
-    moved, backing = 0.0, np.ones(STATIONS)
+    rest = float(middle(evidence.rest_half))
     for turn in range(TURNS):
         tangents, normals = frame_of(body.points)
         span = reach if turn == 0 else max(0.5 * reach, 4.0)
-        if outline:
-            around = wall.colour, wall.times, wall.relief, body.points, normals, body.half, body.inside, body.outside
-            support(picture, *around, 0.0, backing)
-            measure_edges(picture, *around, span, edges)
-        matrix = prior.copy()
-        vector = -prior @ total
+        matrix, vector = prior.copy(), -prior @ total
         matrix[NORMAL, NORMAL] += shape
         vector[NORMAL] -= shape @ total[NORMAL]
-        _add_shape(matrix, vector, body, normals, rest_half, rest)
-        if outline:
-            leans = LEANS * float(middle(body.half)) if marks else 0.0
-            share_seen = np.clip(2.0 * backing, 0.1, 1.0) * (held_by_clamp(body, rest) if skin is not None else 1.0) * body.told
-            _add_edges(matrix, vector, edges, share_seen, leans)
-        if skin is not None:
-            strip = cleared, body.points, normals, body.half, ACROSS_TEXTURE, *skin[:2]
-            match_skin(*strip, slips, information, pull, alike)
-            information[:, [1, 2, 4]] *= skin[2]
-            pull[:, 1] *= skin[2]
-            # The skin of an earlier frame counts where enough of it is recognised.
-            add_skin(matrix, vector, information, pull, body.told * np.clip((alike - 0.4) / 0.4, 0.0, 1.0), SKIN_FIRST, SKIN_VALUE)
-        end = np.full(RAYS, np.nan)
-        if end_offsets is not None:
-            end = end_rays(picture, wall, body, 2.0 * span) - end_offsets
-            _add_end(matrix, vector, end)
-        _add_clamp(matrix, vector, body, clamp, tangents[0], rest_half)
-        _add_marks(matrix, vector, body, marks, tangents, normals)
+        _add_shape(matrix, vector, body, normals, evidence.rest_half, rest)
+        seen, backing = evidence.add_outline(matrix, vector, body, span)
+        evidence.add_skin(matrix, vector, body, slips)
+        end = evidence.add_end(matrix, vector, body, span)
+        _add_clamp(matrix, vector, body, evidence.clamp, tangents[0], evidence.rest_half)
+        _add_marks(matrix, vector, body, evidence.marks, tangents, normals)
         step = np.linalg.solve(matrix, vector)
         total += step
         across, along = NORMAL_BASIS @ step[NORMAL], ALONG_BASIS @ step[ALONG]
@@ -196,20 +210,12 @@ def fit_body(
         limit = np.minimum(1.0, 1.5 * span / np.maximum(np.linalg.norm(shift, axis=1, keepdims=True), 1e-9))
         body.points = body.points + shift * limit
         body.half = np.maximum(body.half + WIDTH_BASIS @ step[WIDTH], 0.4 * predicted.half)
-        moved = float(np.abs(shift).max())
-        if turn and moved < 0.05:
+        if turn + 1 == TURNS or (turn and np.abs(shift).max() < 0.05):
             break
     body.points = gradual(body.points, rest)
-    return Fit(
-        body,
-        np.asarray(np.linalg.inv(matrix), dtype=float),
-        TRUSTED * (matrix[ALONG, ALONG] - prior[ALONG, ALONG]),
-        np.isfinite(edges[:, :, 1]),
-        backing,
-        end,
-        marks,
-        stretched=body.length - predicted.length,
-    )
+    own = TRUSTED * (matrix[ALONG, ALONG] - prior[ALONG, ALONG])
+    inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
+    return Fit(body, inverse, own, seen, backing, end, evidence.marks, stretched=body.length - predicted.length)
 
 
 def held_by_clamp(body: SeenBody, rest: float) -> FloatArray:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
+from rfea_vision.lines import along, at
 from rfea_vision.vision.body.begin import (
     even,
     first_body,
@@ -19,7 +20,18 @@ from rfea_vision.vision.body.begin import (
     smooth_line,
     standing_out,
 )
-from rfea_vision.vision.body.fit import ALONG, NORMAL, TRUSTED, UNKNOWNS, WIDTH, Fit, end_rays, fit_body, looks_around
+from rfea_vision.vision.body.fit import (
+    ALONG,
+    NORMAL,
+    TRUSTED,
+    UNKNOWNS,
+    WIDTH,
+    Evidence,
+    Fit,
+    end_rays,
+    fit_body,
+    looks_around,
+)
 from rfea_vision.vision.body.gone import CARRIED, FLOW_SCATTER, UNIFORMLY, as_long, flown, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.known import POINTED_PX, as_state, fill_numbers
@@ -30,12 +42,10 @@ from rfea_vision.vision.body.model import (
     Picture,
     SeenBody,
     Sight,
-    coloured,
     follow_colours,
     frame_of,
     lab_of,
     learn_colours,
-    marks_found,
     middle,
     skin_of,
     told_from_wall,
@@ -62,7 +72,6 @@ END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found 
 LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
 MOVING_PX = 0.5  # from frame to frame: a body that moves so and then not at all was written twice
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
-SWINGS = np.linspace(-1.2, 1.2, 25)  # rad that a lost body is looked for beyond its last shape
 
 
 class BodyFollower:
@@ -124,8 +133,6 @@ class BodyFollower:
         if self.good and fit.reason and not fit.reason.startswith("touches_border") and (gone := self._outlined(lab)) is not None:
             anew = self._judged(lab, self._fit(lab, *gone, 0.8))
             fit = fit if anew.reason else anew
-        if self.good and fit.reason and self.missed and self.missed % 5 == 0:
-            fit = self._judged(lab, self._fit(lab, self._swung(lab), self._spread(), 1.2))
         if fit is not fits[0]:  # no flow from the last frame that was measured has carried its length
             fit.stretched = fit.body.length - self.body.length
         reason = fit.reason
@@ -150,20 +157,14 @@ class BodyFollower:
         """Places (n, 2) px, and how far around them the next picture is looked at: where the body was, or all where it is sought."""
         if self.good == 0:
             return np.zeros((1, 2)), np.inf
-        places = np.vstack([self.body.points, self.first_body.points]) if self.coloured.any() else self.body.points
         known = self.missed == 0 and self.guide is None
-        return places, LOOKED_AT * float(middle(self.body.half)) if known else np.inf
+        return self.body.points, LOOKED_AT * float(middle(self.body.half)) if known else np.inf
 
     def _judged(self, lab: Picture, fit: Fit) -> Fit:
         """A fit with the reason for which it is no measurement: it leaves the hints, or breaks a rule."""
         fit.beside, fit.beyond = looks_around(lab, self.wall, fit.body)
         half = self.pointed_half() * float(middle(fit.body.half / self.first.half))
         fit.standing_out = standing_out(lab, fit.body, half)
-        if self.good and self.guide is None:  # where another program leads, its ends are off by as much as a mark
-            fit.marks = np.full(STATIONS, np.nan)
-            if self.coloured.any():
-                skin, left = skin_of(self.wall.cleared(lab), fit.body), skin_of(lab, self.first_body)
-                fit.marks = marks_found(self.skin[0], self.coloured, skin, left)
         line_mm = unproject(self.camera, fit.body.points)
         lost = self.good > 0 and self.missed > 0 and not self.refusal.startswith("touches_border")
         fit.reason = refused(self.first, fit, lost=lost) or off_hints(line_mm, self.scene, first=self.good == 0)
@@ -218,14 +219,13 @@ class BodyFollower:
         skin = skin_of(lab, self.body)
         # Where the end is seen, it says how far the body reaches: the skin claims too much of that.
         self.skin = skin, np.full_like(skin, SKIN_SCATTER**2), TRUSTED if believed else 1.0
-        self.coloured = coloured(skin)
         self.covariance = self.covariance.copy()
         self.covariance[ALONG, ALONG] = np.eye(6) * 0.01
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
         hinted = self.scene.hints.marks
         self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), max(self.scale, 1.0))
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
-        self.first.leaves, self.first_body = self.foot[1], self.body.copy()
+        self.first.leaves = self.foot[1]
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
         pointed = End(0.0, POINTED_PX / self.scene.px_per_mm, "hint")
@@ -285,27 +285,20 @@ class BodyFollower:
         covariance: FloatArray | None = None,
     ) -> Fit:  # fmt: skip
         half = float(middle(predicted.half))
-        return fit_body(
-            lab,
-            self.wall,
-            predicted,
-            self.skin if skin else None,
-            self.end_offsets if skin else None,
-            (self.covariance if covariance is None else covariance) + spread,
-            self.foot,
-            self.first.half,
-            max(reach * half, 5.0),
-            marks=marks_in(lab, self.marks, predicted, self.wall) if skin else (),
-        )
+        evidence = Evidence(lab, self.wall, self.foot, self.first.half, None)
+        if skin:
+            marks = marks_in(lab, self.marks, predicted, self.wall)
+            evidence = replace(evidence, skin=self.skin, end_offsets=self.end_offsets, marks=marks)
+        return fit_body(evidence, predicted, (self.covariance if covariance is None else covariance) + spread, max(reach * half, 5.0))
 
     def _predicted(self, lab: Picture, last: Sight) -> tuple[SeenBody, FloatArray]:
         """The body of an earlier frame, moved as its skin has moved since, and the covariance of this movement."""
-        skin, rest, spread = (last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]), self.first.half, self._spread()
+        skin, spread = (last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]), self._spread()
         near, carried = flown(last, lab, self.wall, self.foot[0])
         if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
             near = as_long(lab, self.wall, near, self.skin[0], np.array(LENGTHS) * self.first.length)
             spread = self._spread(LENGTH_SPREAD)
-        moved = fit_body(lab, self.wall, near, skin, None, spread, self.foot, rest, 5.0, outline=False)
+        moved = fit_body(Evidence(lab, self.wall, self.foot, self.first.half, skin, outline=False), near, spread, 5.0)
         return moved.body, moved.covariance
 
     def _outlined(self, lab: Picture) -> tuple[SeenBody, FloatArray] | None:
@@ -313,18 +306,10 @@ class BodyFollower:
         line = reached(lab, self.wall, self.body, self.foot, self.pointed_half())
         if line is None or self.body.untold:
             return None
+        if abs(self.body.length / along(line)[-1] - 1.0) < LENGTH_SPREAD:  # its end may be rounded, and rubber keeps its length
+            line = at(np.vstack([line, line[-1] + 8.0 * (line[-1] - line[-2])]), SHARES * self.body.length)
         near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
         return near.body, self._spread(LENGTH_SPREAD)
-
-    def _swung(self, lab: Picture) -> SeenBody:
-        """The last shape bent farther to either side: that in which the inside looks most like the body."""
-        steps = np.diff(self.body.points, axis=0) @ (1.0, 1.0j)
-        fits = []
-        for swing in SWINGS:
-            line = np.cumsum([0.0, *steps * np.exp(1j * swing * (SHARES[1:] - 0.5 / STATIONS))])
-            points = self.body.points[0] + np.column_stack([np.real(line), np.imag(line)])
-            fits.append(self._fit(lab, replace(self.body, points=points), self._spread(), 1.2))
-        return max(fits, key=lambda found: found.likeness).body
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         held = (1.0 + self.missed) * (STRETCH_SHARE * self.body.length) ** 2  # px^2 of the length that was carried

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along, at
 from rfea_vision.vision.body.begin import PIECES, smooth_line
-from rfea_vision.vision.body.equations import arc_length
 from rfea_vision.vision.body.fit import TO_ALONG
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
@@ -78,8 +78,8 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
     middles = slice(STATIONS, 2 * STATIONS)  # to either side windows hold the wall, which stays
     beyond = np.sum(moved[middles] * tangents, axis=1) - t
-    along = np.empty(STATIONS)
-    inner = np.abs(arc_length(body.points, along) - 2.0 * along) < along[-1] - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
+    lengths = along(body.points)
+    inner = np.abs(lengths[-1] - 2.0 * lengths) < lengths[-1] - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
     textured = _textured(seen, before[middles, 0], tangents) * (inner & last.body.told)
     known = textured * kept[middles]
     line = np.vstack([foot, (body.points + n[:, None] * normals + t[:, None] * tangents)[1:]])
@@ -96,10 +96,7 @@ def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, leng
     """
     tried, shown = np.linspace(lengths[0], lengths[1], LENGTHS_TRIED), wall.cleared(picture)
     line = np.vstack([body.points, body.points[-1] + lengths[1] * frame_of(body.points)[0][-1]])
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    ways = [
-        replace(body, points=np.column_stack([np.interp(SHARES * length, steps, line[:, c]) for c in (0, 1)])) for length in tried
-    ]
+    ways = [replace(body, points=at(line, SHARES * length)) for length in tried]
     unlike = np.array([_unlike(skin_of(shown, way)[body.told], skin[body.told]) for way in ways])
     best = int(np.argmin(unlike))
     others = unlike[np.abs(tried / tried[best] - 1.0) > ANOTHER_LENGTH]
@@ -141,12 +138,10 @@ def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:
     """Stations on a line with the distances of `like` and what they gain (S,) px along it, without what gathers there."""
     beyond = line[-1] + 3.0 * (line[-1] - line[-4])
     line = np.vstack([line, beyond])
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    stations = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(like, axis=0), axis=1))])
+    stations = along(like)
     most = float(np.max(np.abs(np.diff(gains)) / np.maximum(np.diff(stations), 1e-9)))
     wanted = ALONG_BASIS @ (TO_ALONG @ (stations + gains * min(1.0, MOST_STRETCH / max(most, 1e-9))))
-    wanted -= wanted[0]
-    return np.column_stack([np.interp(wanted, steps, line[:, c]) for c in (0, 1)])
+    return at(line, wanted - wanted[0])
 
 
 def reached(picture: Picture, wall: Wall, body: SeenBody, foot: FloatArray, half_px: float) -> FloatArray | None:
@@ -172,11 +167,11 @@ def reached(picture: Picture, wall: Wall, body: SeenBody, foot: FloatArray, half
     # It runs into a corner of the end from half a width before that on, and would go straight.
     found = found[: int(np.flatnonzero(deep >= DEEP * np.median(deep))[-1]) + 1]
     way = np.vstack([foot[:1], COARSE * found[:, ::-1].astype(np.float64) + (left, top)])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
-    if along[-1] < half_px:
+    lengths = along(way)
+    if lengths[-1] < half_px:
         return None
-    way = way if along[-1] < reach else way[along < body.length]
-    ahead = way[-1] - way[int(np.searchsorted(along, along[len(way) - 1] - half_px))]
+    way = way if lengths[-1] < reach else way[lengths < body.length]
+    ahead = way[-1] - way[int(np.searchsorted(lengths, lengths[len(way) - 1] - half_px))]
     end_px = way[-1] + float(np.median(deep)) * half_px * ahead / np.linalg.norm(ahead)
     return smooth_line(np.vstack([way[:: max(len(way) // 60, 1)], end_px]))
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
+from rfea_vision.lines import along
 from rfea_vision.vision.body.fit import ALONG, NORMAL, WIDTH, Fit
 from rfea_vision.vision.body.gone import UNIFORMLY
 from rfea_vision.vision.body.model import ALONG_BASIS, NORMAL_BASIS, SHARES, WIDTH_BASIS, SeenBody, middle
@@ -33,7 +34,7 @@ def as_state(camera: FloatArray, body: SeenBody, work: fitted.Buffers) -> fitted
     scale = np.linalg.norm(np.gradient(body.points, axis=0), axis=1) / np.maximum(
         np.linalg.norm(np.gradient(points, axis=0), axis=1), 1e-9
     )
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    steps = along(points)
     width = _WIDTH_OF @ np.interp(SHARES, steps / steps[-1], body.half / scale)
     blank = np.ones((3, work.centre.shape[0]))
     return fitted.State(fit_curve(points), width, np.zeros((*blank.shape, 2)), blank, blank.copy(), np.zeros(2), np.zeros(4))
@@ -64,7 +65,6 @@ def fill_numbers(
     numbers[fitted.LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     numbers[fitted.BEND] = turning(work.normal)
     numbers[fitted.NOISE] = numbers[fitted.INFLATION] = numbers[fitted.USED] = 1.0
-    numbers[fitted.ONE_SIDED] = float(np.mean(fit.seen[:, 0] != fit.seen[:, 1]))
     mm2 = px_per_mm**-2
     floor = (FLOOR * (half := float(middle(fit.body.half)))) ** 2 * mm2
     # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to

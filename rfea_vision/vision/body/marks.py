@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along
 from rfea_vision.vision.body.model import MARKED, SHARES, STATIONS, Picture, SeenBody, frame_of
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
@@ -126,9 +127,9 @@ def along_line(
     found: Sequence[SeenMark], body: SeenBody, points_mm: FloatArray, px_per_mm: float
 ) -> dict[float, tuple[float, float]]:
     """Where marks lie along the line of stations `points_mm` (S, 2) on the plane, and the standard error in mm, by their share."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points_mm, axis=0), axis=1))])
+    lengths = along(points_mm)
     return {
-        seen.mark.share: (float(np.interp(place_on(seen.place, body)[0], SHARES, along)), seen.stderr / px_per_mm)
+        seen.mark.share: (float(np.interp(place_on(seen.place, body)[0], SHARES, lengths)), seen.stderr / px_per_mm)
         for seen in found
     }
 

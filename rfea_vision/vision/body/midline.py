@@ -11,6 +11,7 @@ from scipy.interpolate import splev, splprep
 from scipy.ndimage import map_coordinates
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along, evenly
 from rfea_vision.vision.body.ways import Ways, thinned
 
 LEAST_SLENDER = 4.0  # length over width
@@ -28,7 +29,7 @@ class Midline:
     @property
     def length(self) -> float:
         """Arc length in px."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return float(along(self.points)[-1])
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def midline_from_mask(mask: NDArray[np.bool_], *, nodes: int = 50) -> Midline | 
         return Refusal("folded: far wider in one place than elsewhere, the body touches itself")
     points = _smooth(path[:, ::-1].astype(float), half)
     points = _to_ends(points, body, half)
-    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    length = float(along(points)[-1])
     if length < LEAST_SLENDER * 2 * half:
         return Refusal("not_slender: its length is less than four widths")
     area_length = float(body.sum()) / (2 * half)
@@ -121,7 +122,7 @@ def _smooth(points: FloatArray, half: float, count: int = 200) -> FloatArray:
 def _to_ends(points: FloatArray, body: NDArray[np.bool_], half: float) -> FloatArray:
     """Cut the last half width, where a skeleton bends to a corner, and go on straight to the outline."""
     soft = cv2.GaussianBlur(body.astype(np.float64), (0, 0), 0.7)
-    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    arc = along(points)
     cut = min(0.7 * half, 0.1 * arc[-1])
     keep = (arc >= cut) & (arc <= arc[-1] - cut)
     points = points[keep]
@@ -146,24 +147,23 @@ def _centred(points: FloatArray, body: NDArray[np.bool_], half: float, nodes: in
     soft = cv2.GaussianBlur(body.astype(np.float64), (0, 0), 0.7)
     width = np.zeros(nodes)
     for _ in range(2):
-        arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        even = np.linspace(0, arc[-1], nodes)
-        points = np.column_stack([np.interp(even, arc, points[:, k]) for k in (0, 1)])
+        step = along(points)[-1] / (nodes - 1)
+        points = evenly(points, nodes)
         tangent = np.gradient(points, axis=0)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-12
         normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-        steps = np.arange(0.0, 1.8 * half + 1.5, 0.1)
+        reach = np.arange(0.0, 1.8 * half + 1.5, 0.1)
         sides = []
         for sign in (1, -1):
-            places = points[:, None] + sign * steps[None, :, None] * normal[:, None]
+            places = points[:, None] + sign * reach[None, :, None] * normal[:, None]
             light = map_coordinates(soft, [places[..., 1], places[..., 0]], order=1, mode="constant")
             below = light < 0.5
-            first = np.where(below.any(axis=1), below.argmax(axis=1), len(steps) - 1)
-            sides.append(steps[first])
+            first = np.where(below.any(axis=1), below.argmax(axis=1), len(reach) - 1)
+            sides.append(reach[first])
         width = sides[0] + sides[1]
         middle = 0.5 * (sides[0] - sides[1])
         # Near the ends the cross-section is the cap, not the body.
-        trust = np.minimum(np.arange(nodes), np.arange(nodes)[::-1]) * (even[1] - even[0]) > half
+        trust = np.minimum(np.arange(nodes), np.arange(nodes)[::-1]) * step > half
         middle = np.where(trust, np.clip(middle, -0.6 * half, 0.6 * half), 0.0)
         kernel = np.array([1.0, 2, 3, 2, 1]) / 9
         middle = np.convolve(np.pad(middle, 2, mode="edge"), kernel, "valid")

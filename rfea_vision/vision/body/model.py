@@ -138,36 +138,6 @@ def skin_of(picture: Picture, body: SeenBody) -> FloatArray:
     return strip
 
 
-def coloured(first_skin: FloatArray) -> NDArray[np.bool_]:
-    """Where (S, V) the skin of the first frame is of another colour than most of it: bands around it, and spots upon it.
-
-    What hangs over one edge alone, such as a ball or a pin, is beside the body once that turns.
-    """
-    off = np.max(np.abs(first_skin - np.median(first_skin, axis=(0, 1)))[..., 1:], axis=-1)
-    within = np.flatnonzero(np.abs(ACROSS_TEXTURE) < 0.7)
-    marked = np.zeros(off.shape, dtype=bool)
-    marked[:, within] = off[:, within] > MARKED
-    return marked & (marked[:, within[:1]] == marked[:, within[-1:]])
-
-
-def marks_found(first_skin: FloatArray, marked: NDArray[np.bool_], skin: FloatArray, left: FloatArray) -> FloatArray:
-    """Share (S,) of the coloured marks of the first frame that are found on the skin; NaN at stations that have none.
-
-    `marked` (S, V) is where the first frame has them, and `left` (S, V, 3) what the picture shows where the body was then: a
-    mark that is still there is a pin or a line on the wall.
-    """
-    marked = marked & (_apart(left, first_skin) > MARKED)
-    count = marked.sum(axis=1)
-    return np.where(
-        count > 0, (marked & (_apart(skin, first_skin) < MARKED)).sum(axis=1) / np.maximum(count, 1), np.nan
-    )
-
-
-def _apart(one: FloatArray, other: FloatArray) -> FloatArray:
-    """By how much two colours differ in hue and saturation: the greater of a and b."""
-    return np.max(np.abs(one - other)[..., 1:], axis=-1)
-
-
 def _colours(picture: Picture, body: SeenBody, across: FloatArray, least: FloatArray) -> FloatArray:
     """Mean and variance (S, 2, 3) of the colours at `across` half widths, neighbouring stations taken together."""
     near = _near(picture, body, across)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.body.fit import ALONG, Fit
-from rfea_vision.vision.body.model import ALONG_BASIS, SHARES, STATIONS, middle
+from rfea_vision.vision.body.fit import Fit
+from rfea_vision.vision.body.model import SHARES, STATIONS, middle
 from rfea_vision.vision.find.begin import digits_of
 
 # Limits of the table at the end, set on the even scenes of testing/phone.py,
@@ -36,14 +36,11 @@ WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone t
 # Of the first frame's half width, over a tenth of the length: a body that narrows to that has lost an edge to the middle of itself.
 # In 13 rendered films no place fell below 0.86; where the line had left a lattice arm, a third of it was at 0.3.
 NARROWED, LONGEST_NARROW = 0.6, 0.1
-LONGEST_LOST = 0.35  # of the length in one piece
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
-WIDEST_ERROR = 0.6  # of the half width: standard error of the end that is still a measurement
 SHARPEST = 0.9  # curvature times half width
 # Of the half width, from one station to the next, near the clamp: an arm whose base turns in what holds it leaves along the clamp, and
 # its line, which begins there squarely, ran back by 0.01 to 0.05 in a hundred frames in which it was in the arm otherwise.
 RUNS_BACK = 0.06
-MARK_FOUND = 0.15  # of a coloured mark must be where it was on the skin, which swells more than the mark
 END_UNLIKE = 0.5  # of the last body width must look like the body: else the line runs on beyond its end
 # Of what stood out of its last fifth so much must: a wire of 2 px that tweezers bent was followed beside its end, where nothing did.
 END_OUT = 0.2
@@ -129,14 +126,6 @@ def _unlike(first: First, fit: Fit) -> str:
     return "" if share >= least else f"{100 * share:.0f} % of what is there looks like the tube"
 
 
-def _hidden(first: First, fit: Fit) -> str:
-    """A long stretch that looks like nothing that the tube was before."""
-    lost = _longest(fit.backing < 0.3)
-    if len(lost) < LONGEST_LOST * STATIONS:
-        return ""
-    return f"the tube looks unlike before, {_stretch(first, lost)}"
-
-
 def _goes_on(first: First, fit: Fit) -> str:
     """A long stretch beside which there is more of the body: the line has left its middle."""
     if first.seen is None:
@@ -211,30 +200,12 @@ def _folded(first: First, fit: Fit) -> str:
     return "" if sharpest < SHARPEST and gathered > 0.4 and back < RUNS_BACK * half else "the line that fits is folded"
 
 
-def _marks(first: First, fit: Fit) -> str:
-    """Coloured marks do not leave the skin: where one is not, something covers it, or the line is another thing's."""
-    if fit.marks is None:
-        return ""
-    places = np.flatnonzero(np.isfinite(fit.marks))
-    for group in np.split(places, np.flatnonzero(np.diff(places) > 2) + 1):
-        if len(group) and float(np.mean(fit.marks[group])) < MARK_FOUND and len(group) >= 2:
-            place = float(SHARES[group].mean()) * first.length_mm
-            return f"the mark {place:.{digits_of(first.length_mm)}f} mm from the clamp is not found there"
-    return ""
-
-
 def _border(first: First, fit: Fit) -> str:
     x, y = fit.body.points[-1]
     height, width = first.shape
     margin = 0.3 * float(fit.body.half[-1])
     inside = margin <= x <= width - 1 - margin and margin <= y <= height - 1 - margin
     return "" if inside else "the tip is at the border of the picture"
-
-
-def _vague(first: First, fit: Fit) -> str:
-    error = float(np.sqrt(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]))
-    limit = WIDEST_ERROR * float(middle(fit.body.half))
-    return "" if error <= limit else f"the end is known to {error / first.px_per_mm:.{digits_of(first.length_mm) + 1}f} mm only"
 
 
 # Reason for which a fitted frame is refused, and a test that returns what was seen, or nothing.
@@ -244,8 +215,6 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("no_fit", _folded),
     ("no_tube", _wall),
     ("no_tube", _unlike),
-    ("occluded", _hidden),
-    ("no_fit", _marks),
     ("no_fit", _goes_on),
     ("no_fit", _short),
     ("edge_lost", _edges),
@@ -253,7 +222,6 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("length_off", _length),
     ("off_hints", _elsewhere),
     ("tip_hidden", _beyond),
-    ("tip_hidden", _vague),
 )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.measurement import Vertical
+from rfea_vision.lines import along
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
 from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, picture_errors
@@ -100,7 +101,7 @@ def _rest_direction(coefficients: FloatArray) -> FloatArray:
     """Direction of the straightest frames' chord: the resting tube hangs straight down."""
     points = np.matmul(basis_matrix(np.linspace(0, 1, 33), COEFFICIENTS), coefficients)
     chord = points[:, -1] - points[:, 0]
-    length = np.linalg.norm(np.diff(points, axis=1), axis=-1).sum(axis=1)
+    length = along(points)[:, -1]
     straight = np.linalg.norm(chord, axis=1) / length
     chosen = straight >= np.quantile(straight, 1 - STRAIGHTEST_SHARE)
     down = np.median(chord[chosen] / np.linalg.norm(chord[chosen], axis=1, keepdims=True), axis=0)

@@ -53,23 +53,9 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     sums[:] = 0.0
     levels, blurs = state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
     filled = measure_polyline(
-        picture,
-        camera,
-        work.steps,
-        points,
-        outward,
-        0.0,
-        across,
-        levels,
-        blurs,
-        np.int64(1),
-        np.int64(1),
-        3.0 * px_per_mm * half,
-        work.stations,
-        np.int64(0),
-        sums,
-        work.pixels,
-    )
+        picture, camera, work, points, outward, 0.0, across, levels, blurs, sums, np.int64(1), np.int64(1),
+        3.0 * px_per_mm * half, np.int64(0),
+    )  # fmt: skip
     expected = 2.0 * CAP_REACH * half * px_per_mm * max(abs(tx), abs(ty))
     if filled < 4:
         return 0.0, 1.0, 0.0

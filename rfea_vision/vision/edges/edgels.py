@@ -42,26 +42,9 @@ def _blur_row(blurs, blur, near):
 
 
 @inlined
-def cross_edge(
-    picture, along_row, line, place, outward, blurs, row, blur, inside, outside, inner, table, sums, vertex, values
-):
-    """Compare one row (or column) with the edge model.
-
-    `place` is where the edge is expected on row (column) `line`; `outward` is +1 or -1; `row` of `blurs` is the one
-    nearest to its blur; of the tube, `inner` px may be used. Adds level and blur statistics to row `vertex` of `sums`.
-    Returns the Newton step in px along the line (positive outward), its information per unit noise variance (negative
-    where pixels are missing), the misfit, and how much lighter than `inside` the tube is here.
-    """
-    half, blur_off = blurs[row, HALF_REACH], blur - blurs[row, BLUR_PX]
-    beyond = half + PLATEAU_PX
-    inward = min(beyond, inner)
-    first = math.ceil(place - (inward if outward > 0 else beyond))
-    last = math.floor(place + (beyond if outward > 0 else inward))
-    if first < 0 or last >= (picture.shape[1] if along_row else picture.shape[0]):
-        return 0.0, -1.0, 0.0, 0.0
-    # From low to high pixels, whichever of them are the tube's: the model turned round is one minus itself. Indices
-    # are unsigned, because those that might count from the end could not be loaded side by side.
-    pixels = np.uint64(last + 1 - first)
+def _read_row(picture, along_row, line, first, pixels, values):
+    """Copy `pixels` pixels of a row (or column), from `first` on, into `values`."""
+    # Indices are unsigned, because those that might count from the end could not be loaded side by side.
     line_, first_ = np.uint64(line), np.uint64(first)
     if along_row:
         for k in range(pixels):
@@ -69,15 +52,54 @@ def cross_edge(
     else:
         for k in range(pixels):
             values[k] = picture[first_ + k, line_]
-    number = int(blurs[row, PIXELS])
+
+
+@inlined
+def _add_levels(values, begin, end, pixels, outward, sums, vertex):
+    """Add what lies before `begin` and from `end` on to the sums of light on the tube and beyond it; the sum and count on the tube."""
+    below = above = 0.0
+    for k in range(np.uint64(begin)):
+        below += values[k]
+    for k in range(np.uint64(end), pixels):
+        above += values[k]
+    count_below, count_above = float(begin), max(float(pixels) - end, 0.0)
+    if outward < 0:
+        below, above, count_below, count_above = above, below, count_above, count_below
+    sums[vertex, SUM_IN] += below
+    sums[vertex, COUNT_IN] += count_below
+    sums[vertex, SUM_OUT] += above
+    sums[vertex, COUNT_OUT] += count_above
+    return below, count_below
+
+
+@inlined
+def cross_edge(picture, along_row, line, place, outward, steps, row, blur, inside, outside, inner, sums, vertex, values):
+    """Compare one row (or column) with the edge model.
+
+    `place` is where the edge is expected on row (column) `line`; `outward` is +1 or -1; `row` of the blurs in `steps` is the one
+    nearest to its blur; of the tube, `inner` px may be used. Adds level and blur statistics to row `vertex` of `sums`.
+    Returns the Newton step in px along the line (positive outward), its information per unit noise variance (negative
+    where pixels are missing), the misfit, and how much lighter than `inside` the tube is here.
+    """
+    half, blur_off = steps.blurs[row, HALF_REACH], blur - steps.blurs[row, BLUR_PX]
+    beyond = half + PLATEAU_PX
+    inward = min(beyond, inner)
+    first = math.ceil(place - (inward if outward > 0 else beyond))
+    last = math.floor(place + (beyond if outward > 0 else inward))
+    if first < 0 or last >= (picture.shape[1] if along_row else picture.shape[0]):
+        return 0.0, -1.0, 0.0, 0.0
+    # From low to high pixels, whichever of them are the tube's: the model turned round is one minus itself.
+    pixels = np.uint64(last + 1 - first)
+    _read_row(picture, along_row, line, first, pixels, values)
+    number = int(steps.blurs[row, PIXELS])
     begin = math.ceil(place - half)
     nearest = int((begin - place + half) * PHASES + 0.5)
     off = (begin - place + half) - nearest * (1.0 / PHASES)
     low, high = (inside, outside) if outward > 0 else (outside, inside)
-    step = low - high
+    step, table = low - high, steps.table
     gain = info = misfit = up = down = 0.0
     from_k, to_k = max(first - begin, 0), min(last + 1 - begin, number)
-    at = np.uint64(int(blurs[row, BEGIN]) + 3 * number * nearest + from_k)
+    at = np.uint64(int(steps.blurs[row, BEGIN]) + 3 * number * nearest + from_k)
     at_slope, at_blur, at_value = at + np.uint64(number), at + np.uint64(2 * number), np.uint64(begin - first + from_k)
     for k in range(np.uint64(max(to_k - from_k, 0))):
         slope, by_blur = table[at_slope + k], table[at_blur + k]
@@ -87,19 +109,7 @@ def cross_edge(
         misfit += residual * residual
         up += by_blur * residual
         down += by_blur * by_blur
-    below = above = 0.0
-    from_above = np.uint64(max(begin - first + number, 0))
-    for k in range(np.uint64(max(begin - first, 0))):
-        below += values[k]
-    for k in range(from_above, pixels):
-        above += values[k]
-    count_below, count_above = float(max(begin - first, 0)), float(max(last + 1 - begin - number, 0))
-    if outward < 0:
-        below, above, count_below, count_above = above, below, count_above, count_below
-    sums[vertex, SUM_IN] += below
-    sums[vertex, COUNT_IN] += count_below
-    sums[vertex, SUM_OUT] += above
-    sums[vertex, COUNT_OUT] += count_above
+    on_tube, count = _add_levels(values, max(begin - first, 0), max(begin - first + number, 0), pixels, outward, sums, vertex)
     sums[vertex, BLUR_UP] += step * up
     sums[vertex, BLUR_DOWN] += step * step * down
     if info * step * step < 1e-9:
@@ -108,48 +118,44 @@ def cross_edge(
     shift = gain / (step * info)
     curved = 1.0 + min(shift * shift / (blur * blur + 1.0 / 12.0), 1.0) / 12.0
     unlike = max(misfit - gain * gain / info, 0.0) / (to_k - from_k)
-    lighter = below / count_below - inside if count_below > 0.0 else 0.0
+    lighter = on_tube / count - inside if count > 0.0 else 0.0
     return outward * shift * curved, step * step * info, unlike, lighter
+
+
+@inlined
+def _px_per_mm(camera, point, pixel_x, pixel_y, outward):
+    """Px (x, y) by which a mm along `outward` moves a point (2,) mm that is seen at a pixel."""
+    x, y = project_point(camera, point[0] + 0.5 * outward[0], point[1] + 0.5 * outward[1])
+    return 2.0 * (x - pixel_x), 2.0 * (y - pixel_y)
+
+
+@inlined
+def _lines_between(a, b, limit, stride):
+    """Every `stride`-th row (column) from `a` to `b`, inside the picture only: a curve that ran away must not be walked to its end."""
+    first = math.ceil(min(max(min(a, b), 0.0), limit))
+    return range(first + (-first) % stride, math.ceil(min(max(max(a, b), 0.0), limit)), stride)
 
 
 @lean
 def measure_polyline(
-    picture,
-    camera,
-    steps,
-    points,
-    outward,
-    side,
-    u,
-    levels,
-    blurs,
-    stride,
-    hop,
-    reach_limit,
-    stations,
-    filled,
-    sums,
-    values,
-):
+    picture, camera, work, points, outward, side, u, levels, blurs, sums, stride, hop, reach_limit, filled
+):  # fmt: skip
     """Measure along one edge.
 
     Parameters
     ----------
-    steps : the edge model, `rfea_vision.vision.edges.step.Steps`
+    work : `rfea_vision.vision.edges.fitted.Buffers`, of which the edge model, the table of stations and the room for a row are used
     points, outward : (V, 2) mm, expected edge and the direction (unit) in which its shift is counted
     u : (V,) parameter written to the stations
     levels : (V, 2) inside and outside grey level; blurs : (V,) px
+    sums : (V, 6) level and blur statistics, added to
     stride : use every so many rows; hop : and every so many points
     reach_limit : px on the inner side that still belong to the tube
-    stations : table to append to, from row `filled` on; returns the new count
-    sums : (V, 6) level and blur statistics, added to
-    values : room for the pixels of one row
+    filled : row of the table from which on stations are appended; returns the new count
     """
-    count = points.shape[0]
+    count, stations = points.shape[0], work.stations
     px0, py0 = project_point(camera, points[0, 0], points[0, 1])
-    tip_x, tip_y = project_point(camera, points[0, 0] + 0.5 * outward[0, 0], points[0, 1] + 0.5 * outward[0, 1])
-    ox0, oy0 = 2.0 * (tip_x - px0), 2.0 * (tip_y - py0)
-    v = -hop
+    ox0, oy0 = _px_per_mm(camera, points[0], px0, py0, outward[0])
     following, row = 0, np.int64(0)
     while following < count - 1:
         v = following
@@ -157,12 +163,7 @@ def measure_polyline(
         px1, py1 = project_point(camera, points[following, 0], points[following, 1])
         ox1, oy1 = ox0, oy0
         if following % 4 == 0 or following == count - 1:  # how far a mm reaches changes slowly
-            tip_x, tip_y = project_point(
-                camera,
-                points[following, 0] + 0.5 * outward[following, 0],
-                points[following, 1] + 0.5 * outward[following, 1],
-            )
-            ox1, oy1 = 2.0 * (tip_x - px1), 2.0 * (tip_y - py1)
+            ox1, oy1 = _px_per_mm(camera, points[following], px1, py1, outward[following])
         dx, dy = px1 - px0, py1 - py0
         along_row = abs(dy) >= abs(dx)
         span = dy if along_row else dx
@@ -173,36 +174,19 @@ def measure_polyline(
                 nx, ny = -nx, -ny
             cosine = abs(nx) if along_row else abs(ny)
             direction = 1 if (nx if along_row else ny) > 0 else -1
-            a = py0 if along_row else px0
-            b = py1 if along_row else px1
-            # Inside the picture only: a curve that ran away must not be walked to its end.
-            limit = float(picture.shape[0] if along_row else picture.shape[1])
-            first = math.ceil(min(max(min(a, b), 0.0), limit))
-            last = math.ceil(min(max(max(a, b), 0.0), limit))
+            a, b = (py0, py1) if along_row else (px0, px1)
             # The pixel is a box along the line and smears the edge across it by its slope: exact where aligned.
             blur = 0.5 * (blurs[v] + blurs[following])
             seen = math.sqrt(blur * blur + (1.0 - cosine * cosine) / 12.0) / cosine
-            row = _blur_row(steps.blurs, seen, row)
-            for line in range(first + (-first) % stride, last, stride):
+            row = _blur_row(work.steps.blurs, seen, row)
+            for line in _lines_between(a, b, float(picture.shape[0] if along_row else picture.shape[1]), stride):
                 f = (line - a) / span
                 vertex = v if f < 0.5 else following
+                place = px0 + f * dx if along_row else py0 + f * dy
                 shift, info, misfit, lighter = cross_edge(
-                    picture,
-                    along_row,
-                    line,
-                    px0 + f * dx if along_row else py0 + f * dy,
-                    direction,
-                    steps.blurs,
-                    row,
-                    seen,
-                    levels[vertex, 0],
-                    levels[vertex, 1],
-                    reach_limit / cosine,
-                    steps.table,
-                    sums,
-                    vertex,
-                    values,
-                )
+                    picture, along_row, line, place, direction, work.steps, row, seen, levels[vertex, 0], levels[vertex, 1],
+                    reach_limit / cosine, sums, vertex, work.pixels,
+                )  # fmt: skip
                 if info < 0.0:
                     continue
                 if filled >= stations.shape[0]:

@@ -21,7 +21,6 @@ class FrameFit(NamedTuple):
 
     length: float
     width: float
-    tip_shift: float
     tip_variance: float
     noise: float  # grey levels
     inflation: float  # of the edges' scatter over their noise
@@ -29,8 +28,6 @@ class FrameFit(NamedTuple):
     innovation: float
     profile: float  # of an edge that is not a blurred step
     blur: float
-    contrast: float  # near the free end, over that at the edges
-    one_sided: float
     cap_used: float
     longest_gap: float  # of the length
     last_step: float  # px
@@ -49,8 +46,8 @@ class FrameFit(NamedTuple):
 
 NUMBERS = len(FrameFit._fields)
 (
-    LENGTH, WIDTH, TIP_SHIFT, TIP_VARIANCE, NOISE, INFLATION, USED, INNOVATION, PROFILE, BLUR, CONTRAST, ONE_SIDED, CAP_USED,
-    LONGEST_GAP, LAST_STEP, BEND, TIP_X, TIP_Y, CAP_CONTRAST, END_GAP, END_BLUR, SMEAR, SATURATED, END_LONE, END_ODD, CAP_ROUND,
+    LENGTH, WIDTH, TIP_VARIANCE, NOISE, INFLATION, USED, INNOVATION, PROFILE, BLUR, CAP_USED, LONGEST_GAP, LAST_STEP, BEND,
+    TIP_X, TIP_Y, CAP_CONTRAST, END_GAP, END_BLUR, SMEAR, SATURATED, END_LONE, END_ODD, CAP_ROUND,
 ) = range(NUMBERS)  # fmt: skip
 
 SECTIONS = 64  # along the tube, in which stations are counted

@@ -21,7 +21,7 @@ from rfea_vision.vision.edges.edgels import (
     measure_polyline,
     smooth_levels,
 )
-from rfea_vision.vision.edges.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, ONE_SIDED, SECTIONS
+from rfea_vision.vision.edges.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, SECTIONS
 from rfea_vision.vision.edges.solve import (
     PRIOR_BEND_MM,
     PRIOR_WIDTH_MM,
@@ -55,24 +55,11 @@ def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
                 work.outward[v, k] = side * work.normal[v, k]
                 work.edge[v, k] = work.centre[v, k] + work.half_width[v] * work.outward[v, k]
         reach = 0.9 * px_per_mm * work.half_width[count // 2]
+        part = slice(low, high)
         filled = measure_polyline(
-            picture,
-            camera,
-            work.steps,
-            work.edge[low:high],
-            work.outward[low:high],
-            side,
-            work.u[low:high],
-            state.levels[s, low:high],
-            state.blurs[s, low:high],
-            stride,
-            4 if stride > 1 else 1,
-            reach,
-            work.stations,
-            filled,
-            work.sums[s, low:high],
-            work.pixels,
-        )
+            picture, camera, work, work.edge[part], work.outward[part], side, work.u[part], state.levels[s, part],
+            state.blurs[s, part], work.sums[s, part], stride, 4 if stride > 1 else 1, reach, filled,
+        )  # fmt: skip
     return filled, length
 
 
@@ -265,7 +252,7 @@ def profile_error(state, work, filled, noise):
 
 @lean
 def gaps(work, filled, numbers, to_u):
-    """Stretches of u without kept stations: the longest without any, those at the free end, the share seen from one side.
+    """Stretches of u without kept stations: the longest without any, and those at the free end.
 
     At the free end: how much is not seen at all, how much is seen from one side or beside its place, and how much of
     the latter shows clear edges that are not where those of the tube should be.
@@ -279,15 +266,11 @@ def gaps(work, filled, numbers, to_u):
             seen[0 if stations[n, SIDE] > 0 else 1, k] += 1.0
         elif odd[n]:
             seen[2, k] += 1.0
-    run = longest = one = lone = strange = broken = unseen = 0
+    run = longest = lone = strange = broken = unseen = 0
     for k in range(bins):
         left, right = seen[0, k] > 0, seen[1, k] > 0
-        if not (left or right):
-            run += 1
-            longest = max(longest, run)
-        else:
-            run = 0
-            one += left != right
+        run = 0 if left or right else run + 1
+        longest = max(longest, run)
         # Beside what hides the tube, one edge alone may be an edge of that.
         broken = 0 if left and right else broken + 1
         unseen = 0 if left and right else unseen + (not left and not right)
@@ -300,4 +283,3 @@ def gaps(work, filled, numbers, to_u):
     numbers[END_GAP] = max(run / bins - hidden, 0.0)
     numbers[END_LONE] = lone / bins
     numbers[END_ODD] = strange / bins
-    numbers[ONE_SIDED] = one / bins

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import project, unproject
+from rfea_vision.lines import along
 from rfea_vision.vision.curve import (
     VERTICES,
     WIDTH_COEFFICIENTS,
@@ -335,8 +336,7 @@ def line_of(state: State) -> FloatArray:
 
 def length_of(state: State) -> float:
     """Arc length of the centre line in mm."""
-    points = line_of(state)
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return float(along(line_of(state))[-1])
 
 
 def scale_at(camera: FloatArray, pixel: FloatArray) -> float:

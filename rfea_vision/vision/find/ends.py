@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import project
+from rfea_vision.lines import along
 from rfea_vision.vision.curve import basis_matrix
 
 STEP_MM = 0.05
 HALF_WINDOW_MM = 1.0
 LEAST_STEP = 0.3  # of the contrast between tube and background
 LEAST_TIP_STEP = 0.2  # the same where a tube of its own light may end in a ferrule of another
+CLAMP_NEAR_MM = 4.0, 5.0  # so far beyond the clamp and within the tube it is looked for again,
+STRONG_STEP = 0.4  # where less of the strongest step is no step
 END_STRIP_MM = (0.6, 2.0)  # so far from the tip its light is read, to either side
 APART_MM = 0.5  # at this distance pixels have different noise
 LEAST_STDERR_MM = 0.002
@@ -41,9 +44,7 @@ def extended(
     count = coefficients.shape[0]
     ends = np.array([0.0, 1.0])
     slope = basis_matrix(ends, count, 1) @ coefficients
-    length = float(
-        np.linalg.norm(np.diff(basis_matrix(np.linspace(0, 1, 200), count) @ coefficients, axis=0), axis=1).sum()
-    )
+    length = float(along(basis_matrix(np.linspace(0, 1, 200), count) @ coefficients)[-1])
     s = np.arange(-within_mm, beyond_mm + STEP_MM / 2, STEP_MM)
     inside = np.minimum(s, 0.0) / length
     u = 1.0 + inside if at_tip else -inside
@@ -83,41 +84,37 @@ def strips(
     return means, seen
 
 
-def find_end(
-    picture: NDArray[np.uint8],
-    camera: FloatArray,
-    coefficients: FloatArray,
-    half_mm: float,
-    contrast: float,
-    *,
-    at_tip: bool,
-    beyond_mm: float = 14.0,
-    within_mm: float = 14.0,
-) -> End:
-    """The first cross-section, going outwards, where the tube stops looking like the tube.
+def clamp_step(
+    picture: NDArray[np.uint8], camera: FloatArray, coefficients: FloatArray, half_mm: float, contrast: float
+) -> End | None:
+    """The first cross-section, going outwards, where a tube that was followed stops looking like one at its clamp, if any does.
 
-    At the tip the light on the tube must change; at the clamp it may be the light on the tube or beside it.
+    The light on the tube changes there, or that beside it; a shadow's weak step does not count beside a much stronger one.
     """
-    s, points, tangents = extended(coefficients, at_tip, beyond_mm, within_mm)
+    s, points, tangents = extended(coefficients, False, *CLAMP_NEAR_MM)
     means, seen = strips(picture, camera, points, tangents, half_mm)
     m = round(HALF_WINDOW_MM / STEP_MM)
-    cumulative = np.vstack([np.zeros(3), np.cumsum(means, axis=0)])
-    k = np.arange(m, len(s) - m)
-    steps = (cumulative[k + m] - cumulative[k] - (cumulative[k] - cumulative[k - m])) / m / abs(contrast)
-    size = np.abs(steps)
+    k, size = _steps(means, m, contrast)
     size[~seen[k]] = 0.0
-    channels = size[:, :1] if at_tip else size
-    strongest = channels.max(axis=1)
+    strongest = size.max(axis=1)
     first_unseen = int(np.argmin(seen)) if not seen.all() else len(s)
-    peaks = np.flatnonzero(
-        (strongest > LEAST_STEP) & (strongest >= _sliding_max(strongest, m // 2) - 1e-12) & (k < first_unseen)
-    )
+    peaks = np.flatnonzero(_peaks(strongest, LEAST_STEP, m) & (k < first_unseen))
     if len(peaks) == 0:
-        if first_unseen < len(s):
-            return End(float(s[max(first_unseen - 1, 0)]), 0.1, "border")
-        return End(0.0, 1.0, "path")
-    peak = _choose(peaks, strongest, at_tip)
-    return _end_at(s, means, size, k, peak, m, at_tip)
+        return None
+    strong = strongest[peaks] > STRONG_STEP * strongest[peaks].max()
+    return _end_at(s, means, size, k, int(peaks[np.argmax(strong)]), m, False)
+
+
+def _steps(means: FloatArray, m: int, contrast: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """How much the light (n, 3) changes, over `m` rows to either side of a row, in units of the contrast; and which rows these are."""
+    total = np.vstack([np.zeros(3), np.cumsum(means, axis=0)])
+    k = np.arange(m, len(means) - m)
+    return k, np.abs((total[k + m] - total[k] - (total[k] - total[k - m])) / m / abs(contrast))
+
+
+def _peaks(strongest: FloatArray, least: float, m: int) -> NDArray[np.bool_]:
+    """Where a step is larger than `least`, and than what is beside it."""
+    return (strongest > least) & (strongest >= _sliding_max(strongest, m // 2) - 1e-12)
 
 
 def light_at_end(
@@ -127,13 +124,6 @@ def light_at_end(
     s, points, tangents = extended(coefficients, True, END_STRIP_MM[1], END_STRIP_MM[1])
     light = strips(picture, camera, points, tangents, half_mm)[0][:, 0]
     return float(light[s < -END_STRIP_MM[0]].mean()), float(light[s > END_STRIP_MM[0]].mean())
-
-
-def _choose(peaks: NDArray[np.int64], strongest: FloatArray, at_tip: bool) -> int:
-    """The first strong step met when leaving the tube; a shadow's weak step does not count beside a much stronger one."""
-    top = strongest[peaks].max()
-    share = 0.5 if at_tip else 0.4
-    return int(next(p for p in peaks if strongest[p] > share * top))
 
 
 def end_candidates(
@@ -162,14 +152,12 @@ def end_candidates(
         out.append((End(float(s[max(last - 1, 0)]), 0.1, "border"), 0.3))
     if len(s) <= 2 * m:  # of a worm under a microscope: no step is so sharp
         return out
-    cumulative = np.vstack([np.zeros(3), np.cumsum(means, axis=0)])
-    k = np.arange(m, len(s) - m)
-    size = np.abs(cumulative[k + m] - 2 * cumulative[k] + cumulative[k - m]) / m / abs(contrast)
+    k, size = _steps(means, m, contrast)
     size[k + m > last] = 0.0
     strongest = (size[:, :1] if at_tip else size).max(axis=1)
     likeness = np.clip((means[:, :1] - means[:, 1:]) / contrast, 0.0, 1.0).mean(axis=1)
     total = np.concatenate([[0.0], np.cumsum(likeness)])
-    for peak in np.flatnonzero((strongest > least) & (strongest >= _sliding_max(strongest, m // 2) - 1e-12)):
+    for peak in np.flatnonzero(_peaks(strongest, least, m)):
         centre = int(k[peak])
         low, high = max(centre - reach, 0), min(centre + reach, len(s))
         before = (total[centre] - total[low]) / max(centre - low, 1)

@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along, evenly
 
 WIDTH_SCALED_PX = 9.0  # the picture is scaled until the tube is this wide
 ORIENTATIONS = 36
@@ -147,17 +148,15 @@ def cut_at(path: Path, ends_px: FloatArray, length_px: float) -> Path:
     part = path.points[i : j + 1] if i <= j else path.points[j : i + 1][::-1]
     middle = part[1:-1] if len(part) > 4 else part[:0]
     points = np.vstack([ends_px[0], middle, ends_px[1]])
-    length = float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    length = float(along(points)[-1])
     score = path.score if len(middle) == 0 else _length_score(length / length_px) * path.strength
     return Path(points, path.polarity, path.response, score, length, path.strength)
 
 
 def hinted_paths(line_px: FloatArray) -> list[Path]:
     """The line through the hints (n, 2) itself, as a lighter and as a darker tube."""
-    steps = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line_px, axis=0), axis=1))])
-    along = np.linspace(0.0, steps[-1], 40)
-    points = np.column_stack([np.interp(along, steps, line_px[:, k]) for k in (0, 1)])
-    return [Path(points, polarity, 0.0, 1.0, float(steps[-1])) for polarity in (1, -1)]
+    points, length = evenly(line_px, 40), float(along(line_px)[-1])
+    return [Path(points, polarity, 0.0, 1.0, length) for polarity in (1, -1)]
 
 
 def _length_score(ratio: float) -> float:
@@ -172,7 +171,7 @@ def _passes(path: Path, near_px: FloatArray, reach: float) -> bool:
 
 
 def _scored(points: FloatArray, polarity: int, response: float, contrast: float, length_px: float) -> Path:
-    length = float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    length = float(along(points)[-1])
     ratio = length / length_px
     strength = float(np.sqrt(min(response / contrast, 3.0)))
     return Path(points, polarity, response, _length_score(ratio) * strength + 0.02 * min(ratio, 1.0), length, strength)

@@ -14,7 +14,7 @@ from rfea_vision.vision.derive.picture_errors import ORIGIN_PX
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.edges.cap import CAP_VERTICES
 from rfea_vision.vision.find.begin import Initialisation, Scene, begin, off_hints
-from rfea_vision.vision.find.ends import find_end
+from rfea_vision.vision.find.ends import clamp_step
 from rfea_vision.vision.follow.bump import CameraWatch
 from rfea_vision.vision.follow.coarse import bend_search
 from rfea_vision.vision.follow.frame import fit_frame
@@ -172,10 +172,8 @@ class Follower:
         assert self.state is not None and self.start is not None
         half = float(self.work.numbers[fitted.WIDTH]) / 2
         contrast = float(np.median(self.state.reference[:2]))
-        end = find_end(
-            luma, self.scene.camera, self.state.coefficients, half, contrast, at_tip=False, beyond_mm=4.0, within_mm=5.0
-        )
-        if end.kind != "step":
+        end = clamp_step(luma, self.scene.camera, self.state.coefficients, half, contrast)
+        if end is None:
             return None
         start = point_and_tangent(self.state.coefficients, 0.0)
         return np.array(start[:2]) - end.along_mm * np.array(start[2:4]), end.stderr_mm

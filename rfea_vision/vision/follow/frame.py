@@ -16,7 +16,6 @@ from rfea_vision.vision.edges.fitted import (
     CAP_CONTRAST,
     CAP_ROUND,
     CAP_USED,
-    CONTRAST,
     END_BLUR,
     INFLATION,
     INNOVATION,
@@ -26,7 +25,6 @@ from rfea_vision.vision.edges.fitted import (
     PROFILE,
     SATURATED,
     SMEAR,
-    TIP_SHIFT,
     TIP_VARIANCE,
     TIP_X,
     TIP_Y,
@@ -135,7 +133,6 @@ def _describe(camera, state, work, noise, cap_used):
     numbers[CAP_USED] = cap_used
     numbers[CAP_CONTRAST] = cap_contrast(state)
     numbers[CAP_ROUND] = -state.cap[1] * work.half_width[VERTICES - 1]
-    numbers[CONTRAST] = _outer_contrast(state)
     numbers[BLUR] = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
     numbers[END_BLUR] = np.mean(state.blurs[0, 7 * VERTICES // 8 :])
     # A picture taken while the tube moves by s has the blur of a box of that width on top of the lens's own.
@@ -169,7 +166,6 @@ def _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain, blur_li
         shift, variance, used = measure_cap(picture, camera, state, work, px_per_mm, noise, gain)
         cap_levels(state, work, blur_limit)
         work.numbers[TIP_VARIANCE] = variance
-        work.numbers[TIP_SHIFT] = shift
         if look < looks - 1:
             continue
         if used <= 0.3:
@@ -179,18 +175,6 @@ def _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain, blur_li
         if abs(shift) * px_per_mm < END_AT_ONCE_PX:
             break
     return abs(shift), used
-
-
-@compiled
-def _outer_contrast(state):
-    """Light step at the edges near the free end, over that of the first frames: motion blurs it away."""
-    from_v = 7 * VERTICES // 8
-    total = 0.0
-    for s in range(2):
-        now = np.mean(state.levels[s, from_v:, 0]) - np.mean(state.levels[s, from_v:, 1])
-        then = np.mean(state.reference[s, from_v:])
-        total = max(total, now / then if then != 0.0 else 0.0)
-    return total
 
 
 @compiled

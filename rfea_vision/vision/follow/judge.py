@@ -111,18 +111,11 @@ RULES = (
         "2 % of the length at the end wider or narrower than the tube",
     ),
     EdgeRule("edge_lost", lambda f, t: _end_strange(f), "2 % of the length at the end seen from one side"),
-    EdgeRule("blurred", lambda f, t: f.contrast < 0.45, "45 % of the light step at the edges is left near the end"),
     EdgeRule("width_off", lambda f, t: abs(f.width / (2 * t.half_mm) - 1) > 0.2, "20 % of actuator.outer_radius"),
     EdgeRule(
         "tip_hidden",
         lambda f, t: f.cap_used < 0.3 or f.cap_contrast < LEAST_CAP_CONTRAST,
         "30 % of the end's edge is seen",
-    ),
-    # One edge is seen, and what is taken for it is not an edge of a tube.
-    EdgeRule(
-        "edge_lost",
-        lambda f, t: f.one_sided > 0.5 and f.inflation > 4.0,
-        "half of the tube by one edge that scatters twofold",
     ),
 )
 

@@ -1,0 +1,25 @@
+"""Lines of points: how far each point lies along them, and what lies at a given distance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rfea_vision.arrays import FloatArray
+
+
+def along(points: ArrayLike) -> FloatArray:
+    """Length (..., n) of lines of points (..., n, d) up to each of these, in their unit; NaN from a point that is NaN on."""
+    steps = np.linalg.norm(np.diff(points, axis=-2), axis=-1)
+    return np.concatenate([np.zeros((*steps.shape[:-1], 1)), np.cumsum(steps, axis=-1)], axis=-1)
+
+
+def at(points: FloatArray, lengths: FloatArray) -> FloatArray:
+    """Places (m, d) that lie `lengths` (m,) along a line of points (n, d), straight between them; before and beyond it its ends."""
+    steps = along(points)
+    return np.column_stack([np.interp(lengths, steps, coordinate) for coordinate in points.T])
+
+
+def evenly(points: FloatArray, count: int) -> FloatArray:
+    """`count` places (count, d) on a line of points (n, d), at even distances from its first point to its last."""
+    return at(points, np.linspace(0.0, 1.0, count) * along(points)[-1])
