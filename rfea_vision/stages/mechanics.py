@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -220,58 +220,109 @@ def improve(work: Runner, options: FitOptions, critique: CritiqueOptions) -> Sto
 
     def make(progress: Progress) -> tuple[Ladder, list[Path], str]:
         work.tell(compiling("dynamics"))  # before the import, which compiles the first of it
-        from rfea_vision.critique import improve as climb
+        from rfea_vision.critique import improve as climb_ladder
 
-        outputs: list[Path] = []
-        rungs: list[tuple[Rung, Diagnosis]] = []
-        finished = _finished(work, options, critique, recordings, actuator)
+        climb = _Climb(work, options, critique, recordings, actuator)
+        finished = climb.finished()
         work.tell("" if finished else CLIMBING)
         for model, diagnosis in finished:
-            rungs.append((rung_of(model, diagnosis, rungs), diagnosis))
-            outputs.extend(model_folder(work, model.name) / file for file in RUNG_FILES)
-            work.listener.note(f"{describe_rung(rungs[-1][0])} (as before)")
-
-        def on_rung(
-            model: ModelFit,
-            predictions: Mapping[str, xr.Dataset],
-            comparison: Comparison,
-            diagnosis: Diagnosis,
-            pressure: xr.Dataset | None,
-        ) -> None:
-            rung = (model, predictions, comparison, diagnosis, pressure)
-            saved = _save_rung(work, options, critique, recordings, actuator, rung)
-            outputs.extend(file for _, files in saved for file in files)
-            rungs.append((rung_of(model, diagnosis, rungs), diagnosis))
-            so_far = [rung for rung, _ in rungs]
-            Ladder(rungs=so_far, noise_floor_mm=model.noise_floor_mm, stopped_because="not finished").save(path)
-            work.remember(*saved)  # at the very end: whoever is interrupted before finds the rung not done
-            work.listener.note(describe_rung(so_far[-1]))
-
-        ladder = climb(
+            rung = climb.add(model, diagnosis, [model_folder(work, model.name) / file for file in RUNG_FILES])
+            work.listener.note(f"{describe_rung(rung)} (as before)")
+        ladder = climb_ladder(
             values(recordings),
             actuator,
             replace(options, study_segments=True),
             critique,
-            on_rung=on_rung,
+            on_rung=climb.save,
             finished=finished,
             progress=progress,
             say=work.tell,
         )
         ladder.save(path)
-        outputs += _predict_test(work, ladder, recordings)
-        return ladder, [path, *dict.fromkeys(outputs)], ladder.stopped_because
+        files = [*climb.files, *_predict_test(work, ladder, recordings)]
+        return ladder, [path, *dict.fromkeys(files)], ladder.stopped_because
 
-    return work.run(
-        Stage(
-            "improve",
-            "ladder",
-            inputs=options.effect_files,
-            earlier=_recording_hashes(work, recordings),
-            options={"fit": as_record(options), "critique": as_record(critique), "actuator": actuator},
-        ),
-        make=make,
-        load=lambda: Ladder.load(path),
+    stage = Stage(
+        "improve",
+        "ladder",
+        inputs=options.effect_files,
+        earlier=_recording_hashes(work, recordings),
+        options={"fit": as_record(options), "critique": as_record(critique), "actuator": actuator},
     )
+    return work.run(stage, make=make, load=lambda: Ladder.load(path))
+
+
+@dataclass(frozen=True)
+class _Climb:
+    """A ladder while it is climbed: what is asked for, the rungs so far, and their files."""
+
+    work: Runner
+    options: FitOptions
+    critique: CritiqueOptions
+    recordings: Recordings
+    actuator: Actuator
+    rungs: list[tuple[Rung, Diagnosis]] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+
+    def add(self, model: ModelFit, diagnosis: Diagnosis, files: Sequence[Path]) -> Rung:
+        """Go up by a rung."""
+        rung = rung_of(model, diagnosis, self.rungs)
+        self.rungs.append((rung, diagnosis))
+        self.files.extend(files)
+        return rung
+
+    def fit_stage(self, model: ModelFit) -> Stage:
+        """What makes a rung's model: its effects, and its segments where it has more than were asked for."""
+        finer = self.options.with_segments(model.segments)
+        own = replace(finer, name=model.name, effects=tuple(model.effects))
+        return _fit_stage(self.work, own, self.recordings, self.actuator)
+
+    def finished(self) -> list[tuple[ModelFit, Diagnosis]]:
+        """Rungs of the ladder on disk that are up to date, from the first up to one that is not."""
+        work, path, found = self.work, self.work.out / Ladder.FILE, list[tuple[ModelFit, Diagnosis]]()
+        if "improve" in work.force or not path.is_file():
+            return found
+        for rung in Ladder.load(path).rungs:
+            folder = model_folder(work, rung.model)
+            if not (folder / "model.json").is_file():
+                break
+            model = ModelFit.load(folder / "model.json")
+            if not found and model.name != self.options.name:  # it begins with another model, such as one of fewer segments
+                break
+            if not work.has(self.fit_stage(model)):
+                break
+            if not work.has(_diagnose_stage(work, model.name, self.recordings, self.critique)):
+                break
+            found.append((model, Diagnosis.load(folder / "diagnosis.json")))
+        return found
+
+    def save(
+        self,
+        model: ModelFit,
+        predictions: Mapping[str, xr.Dataset],
+        comparison: Comparison,
+        diagnosis: Diagnosis,
+        pressure: xr.Dataset | None,
+    ) -> None:
+        """Write a rung's artefacts, and that the stages that make them one by one are done."""
+        work, folder = self.work, model_folder(self.work, model.name)
+        seen = [name for name in self.recordings if work.campaign.experiment(name).role in PREDICTED_ROLES]
+        model = model.model_copy(update={"inputs": work.raw_inputs(seen)})
+        save_prediction(folder, predictions)
+        model.save(folder / "model.json")
+        save_timings(folder, model)
+        comparison.save(folder / "comparison.json")
+        made = [
+            (self.fit_stage(model), [folder / "model.json", folder / "prediction.nc"]),
+            (_compare_stage(work, model.name), [folder / "comparison.json"]),
+        ]
+        diagnosed = save_diagnosis(folder, diagnosis, pressure)
+        made.append((_diagnose_stage(work, model.name, self.recordings, self.critique), diagnosed))
+        rung = self.add(model, diagnosis, [file for _, files in made for file in files])
+        so_far = [rung for rung, _ in self.rungs]
+        Ladder(rungs=so_far, noise_floor_mm=model.noise_floor_mm, stopped_because="not finished").save(work.out / Ladder.FILE)
+        work.remember(*made)  # at the very end: whoever is interrupted before finds the rung not done
+        work.listener.note(describe_rung(rung))
 
 
 def _predict_test(work: Runner, ladder: Ladder, recordings: Recordings) -> list[Path]:
@@ -289,66 +340,9 @@ def _predict_test(work: Runner, ladder: Ladder, recordings: Recordings) -> list[
     return files
 
 
-def _finished(
-    work: Runner, options: FitOptions, critique: CritiqueOptions, recordings: Recordings, actuator: Actuator
-) -> list[tuple[ModelFit, Diagnosis]]:
-    """Rungs of the ladder on disk that are up to date, from the first up to one that is not."""
-    path = work.out / Ladder.FILE
-    found: list[tuple[ModelFit, Diagnosis]] = []
-    if "improve" in work.force or not path.is_file():
-        return found
-    for rung in Ladder.load(path).rungs:
-        folder = model_folder(work, rung.model)
-        if not (folder / "model.json").is_file():
-            break
-        model = ModelFit.load(folder / "model.json")
-        if not found and model.name != options.name:  # the ladder begins with another model, such as one of fewer segments
-            break
-        own = _for_rung(options, model)
-        if not work.has(_fit_stage(work, own, recordings, actuator)):
-            break
-        if not work.has(_diagnose_stage(work, model.name, recordings, critique)):
-            break
-        found.append((model, Diagnosis.load(folder / "diagnosis.json")))
-    return found
-
-
-def _for_rung(options: FitOptions, model: ModelFit) -> FitOptions:
-    """Return the same options for another rung: its effects, and its segments where it has more."""
-    return replace(options.with_segments(model.segments), name=model.name, effects=tuple(model.effects))
-
-
 def _with_files(critique: CritiqueOptions, fit: FitOptions | None) -> CritiqueOptions:
     """Return the critique's options with the effect files of the fit, where it has none of its own."""
     return critique if critique.effect_files or fit is None else replace(critique, effect_files=fit.effect_files)
-
-
-def _save_rung(
-    work: Runner,
-    options: FitOptions,
-    critique: CritiqueOptions,
-    recordings: Recordings,
-    actuator: Actuator,
-    rung: tuple[ModelFit, Mapping[str, xr.Dataset], Comparison, Diagnosis, xr.Dataset | None],
-) -> list[tuple[Stage, list[Path]]]:
-    """Write a rung's artefacts; return the stages that make them one by one, each with its files."""
-    model, predictions, comparison, diagnosis, pressure = rung
-    seen = [name for name in recordings if work.campaign.experiment(name).role in PREDICTED_ROLES]
-    model = model.model_copy(update={"inputs": work.raw_inputs(seen)})
-    folder = model_folder(work, model.name)
-    save_prediction(folder, predictions)
-    model.save(folder / "model.json")
-    save_timings(folder, model)
-    comparison.save(folder / "comparison.json")
-    diagnosed = save_diagnosis(folder, diagnosis, pressure)
-    return [
-        (
-            _fit_stage(work, _for_rung(options, model), recordings, actuator),
-            [folder / "model.json", folder / "prediction.nc"],
-        ),
-        (_compare_stage(work, model.name), [folder / "comparison.json"]),
-        (_diagnose_stage(work, model.name, recordings, critique), diagnosed),
-    ]
 
 
 # -- what each stage depends on ------------------------------------------------------------------------------------

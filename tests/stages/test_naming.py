@@ -125,7 +125,7 @@ def test_a_climb_takes_no_rung_of_a_ladder_that_begins_with_another_model(work, 
     monkeypatch.setattr(mechanics, "ModelFit", SimpleNamespace(**read))
     monkeypatch.setattr(mechanics, "Diagnosis", SimpleNamespace(**read))
     asked = (FitOptions(segments=4), FitOptions(name="base-2"))
-    assert [len(mechanics._finished(work, one, CritiqueOptions(), {}, None)) for one in asked] == [1, 0]
+    assert [len(mechanics._Climb(work, one, CritiqueOptions(), {}, None).finished()) for one in asked] == [1, 0]
 
 
 def test_a_run_that_is_called_as_its_campaign_has_a_calibration_of_its_own(tmp_path, monkeypatch):
