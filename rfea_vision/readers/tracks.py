@@ -61,14 +61,13 @@ def read_track(
     """
     table = read_table(path)
     points = points_in(table, spec)
-    if points is not None:
-        assert spec is not None
-        time_s, nodes, tip = nodes_of_points(points, spec, to_rig_mm)
-        angle = None
-    else:
+    if points is None:
         _refuse_keys_of_points(path, spec)
         time_s = _time(table, spec)
         nodes, tip, angle = _nodes(table), _pair(table), _angle(table, spec)
+    else:
+        assert spec is not None
+        (time_s, nodes, tip), angle = nodes_of_points(points, spec, to_rig_mm), None
     if nodes is not None:  # some tools write 0 or 9999 everywhere where they saw no tube
         nodes[(np.diff(nodes, axis=1) == 0).all(axis=(1, 2))] = np.nan
     valid = _complete(table, len(time_s), nodes, tip, angle)
@@ -80,25 +79,28 @@ def read_track(
             "reason": ("time", np.where(valid, "", _why_not(points, spec)).astype(object)),
         },
         coords={"time": ("time", time_s, {"units": "s"}), "xy": ["x", "y"]},
-        attrs={
-            "source": str(path.name),
-            "bends": bends,
-            "sigma_source": "given in the track" if given else ESTIMATED_ERRORS,
-        },
+        attrs={"source": path.name, "bends": bends, "sigma_source": "given in the track" if given else ESTIMATED_ERRORS},
     )
     name = (spec and spec.time) or "time_s"
     zero_s = clock_zero_s(table, name if name in table.columns else None)
     if zero_s is not None:
         dataset.attrs["clock_zero_s"] = zero_s
     if nodes is not None:
-        _add_nodes(dataset, nodes, valid, sigma_mm, bends)
+        _add_nodes(dataset, nodes, valid, _errors(sigma_mm, nodes, valid), bends)
     if tip is not None:
-        sigma = sigma_mm if sigma_mm is not None else np.full(len(time_s), noise_of(tip[valid]))
-        _add_with_sigma(dataset, "tip", ("time", "xy"), tip, np.repeat(sigma[:, None], 2, axis=1), valid, "mm")
+        _add_with_sigma(dataset, "tip", ("time", "xy"), tip, _errors(sigma_mm, tip[:, None], valid), valid, "mm")
     if angle is not None:
-        sigma = sigma_deg if sigma_deg is not None else np.full(len(time_s), noise_of(angle[valid, None]))
+        sigma = _errors(sigma_deg, angle[:, None, None], valid)[:, 0]
         _add_with_sigma(dataset, "bend_angle", ("time",), angle, sigma, valid, "deg")
     return Track(dataset)
+
+
+def _errors(sigma: FloatArray | None, places: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+    """Standard errors (time, place) of measured places (time, place, axis): as given (time,), else by their own noise."""
+    count, each, _ = places.shape
+    if sigma is not None:
+        return np.repeat(sigma[:, None], each, axis=1)
+    return np.tile([noise_of(places[valid, place]) for place in range(each)], (count, 1))
 
 
 def _complete(table: Table, count: int, *measured: FloatArray | None) -> NDArray[np.bool_]:
@@ -234,7 +236,8 @@ def _add_with_sigma(
     valid: NDArray[np.bool_],
     units: str,
 ) -> None:
-    """Add what was measured and, as wide as its dimensions, its standard error; nothing where a row is not valid."""
+    """Add what was measured and its standard error, of (time, 1) that of either axis; nothing where a row is not valid."""
+    sigma = np.repeat(sigma, values.shape[1], axis=1) if sigma.shape[1:] == (1,) else sigma
     for key, given in ((name, values), (f"{name}_sigma", sigma)):
         shown = given.copy()
         shown[~valid] = np.nan
@@ -242,21 +245,15 @@ def _add_with_sigma(
 
 
 def _add_nodes(
-    dataset: xr.Dataset, nodes: FloatArray, valid: NDArray[np.bool_], sigma_mm: FloatArray | None, bends: str
+    dataset: xr.Dataset, nodes: FloatArray, valid: NDArray[np.bool_], sigma: FloatArray, bends: str
 ) -> None:
-    """Add the centre line, its tip and the tangent's angle there."""
-    time_count, node_count, _ = nodes.shape
-    if sigma_mm is None:
-        sigma = np.tile([noise_of(nodes[valid, index]) for index in range(node_count)], (time_count, 1))
-    else:
-        sigma = np.repeat(sigma_mm[:, None], node_count, axis=1)
+    """Add the centre line, its standard errors (time, node) in mm, its tip and the tangent's angle there."""
     _add_with_sigma(dataset, "midline", ("time", "node", "xy"), nodes, sigma, valid, "mm")
-    _add_with_sigma(dataset, "tip", ("time", "xy"), nodes[:, -1], np.repeat(sigma[:, -1:], 2, axis=1), valid, "mm")
+    _add_with_sigma(dataset, "tip", ("time", "xy"), nodes[:, -1], sigma[:, -1:], valid, "mm")
     angle, angle_sigma = _tip_angle(nodes, sigma, bends)
     _add_with_sigma(dataset, "bend_angle", ("time",), angle, angle_sigma, valid, "deg")
-    dataset["bend_angle"].attrs["source"] = (
-        f"tangent at the tip, from the last {min(_LAST_CHORDS, node_count - 1)} chords"
-    )
+    chords = min(_LAST_CHORDS, nodes.shape[1] - 1)
+    dataset["bend_angle"].attrs["source"] = f"tangent at the tip, from the last {chords} chords"
 
 
 def _tip_angle(nodes: FloatArray, sigma: FloatArray, bends: str) -> tuple[FloatArray, FloatArray]:

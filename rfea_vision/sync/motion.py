@@ -77,6 +77,17 @@ class Alignment:
     curve: tuple[FloatArray, FloatArray] = (np.empty(0), np.empty(0))
     note: str = ""
 
+    @property
+    def attributes(self) -> dict[str, float]:
+        """What a recording says of it."""
+        return {
+            "offset_s": self.offset_s,
+            "offset_stderr_s": self.offset_stderr_s,
+            "drift_ppm": self.drift_ppm,
+            "drift_stderr_ppm": self.drift_stderr_ppm,
+            "sync_explained": self.explained,
+        }
+
 
 def align_by_motion(
     track: Track,

@@ -54,36 +54,20 @@ def synchronise(
     """
     if method not in SYNC_METHODS:
         raise InputError(f"{experiment}: sync.method: '{method}' is unknown; use one of {', '.join(SYNC_METHODS)}")
-    log_time = np.asarray(log.time_s, dtype=float)
-    pressure = np.asarray(log.pressure_kPa, dtype=float)
-    notes = check_log(log_time, pressure, experiment, moving=method == "motion")
+    notes = check_log(log.time_s, log.pressure_kPa, experiment, moving=method == "motion")
     alignment = _align(track, log, experiment, bends, method, value_s, channel, gravity_deg)
     shifted = track.time_s * (1 + 1e-6 * alignment.drift_ppm) + alignment.offset_s
-    covered = _covered(shifted, track, log_time, experiment, method)
+    covered = _covered(shifted, track, log.time_s, experiment, method)
     if np.mean(covered) < 0.98:
         notes.append(f"{100 * np.mean(~covered):.0f} % of the frames lie outside the log")
     dataset = _on_log_clock(track, log, shifted)
     if len(alignment.curve[0]):
         dataset = dataset.assign_coords(sync_offset=("sync_offset", alignment.curve[0], {"units": "s"}))
         dataset["sync_explained"] = xr.Variable(("sync_offset",), alignment.curve[1], {"units": "1"})
-    if alignment.note:
-        notes.append(alignment.note)
-    attributes = {
-        "experiment": experiment,
-        "role": role,
-        "bends": bends,
-        "sync_method": method,
-        "offset_s": alignment.offset_s,
-        "offset_stderr_s": alignment.offset_stderr_s,
-        "drift_ppm": alignment.drift_ppm,
-        "drift_stderr_ppm": alignment.drift_stderr_ppm,
-        "sync_explained": alignment.explained,
-        "sync_notes": "; ".join(notes),
-        "pressure_source": PurePath(log.source).name,
-    }
-    dataset.attrs = {**track.dataset.attrs, **attributes}
-    if repeat_of:
-        dataset.attrs["repeat_of"] = repeat_of
+    about = {"experiment": experiment, "role": role, "bends": bends, "sync_method": method}
+    said = {"sync_notes": "; ".join(filter(None, [*notes, alignment.note])), "pressure_source": PurePath(log.source).name}
+    repeats = {"repeat_of": repeat_of} if repeat_of else {}
+    dataset.attrs = {**track.dataset.attrs, **about, **alignment.attributes, **said, **repeats}
     return Recording(dataset)
 
 
@@ -105,10 +89,10 @@ def _on_log_clock(track: Track, log: PressureLog, time_s: FloatArray) -> xr.Data
     """The track at times (n,) of the log's clock, and the pressure beside it: of each chamber, too, where there are several."""
     dataset = track.dataset.assign_coords(
         time=("time", time_s, {"units": "s", "long_name": "time on the log's clock"}),
-        log_time=("log_time", np.asarray(log.time_s, dtype=float), {"units": "s"}),
+        log_time=("log_time", log.time_s, {"units": "s"}),
     )
     attributes = {"units": "kPa", "long_name": "gauge pressure"}
-    dataset["pressure"] = (("log_time",), np.asarray(log.pressure_kPa, dtype=float), attributes)
+    dataset["pressure"] = (("log_time",), log.pressure_kPa, attributes)
     if log.chambers:
         signs = ("chamber", [log.signs[name] for name in log.chambers])
         dataset = dataset.assign_coords(chamber=("chamber", list(log.chambers)), chamber_sign=signs)
@@ -128,7 +112,7 @@ def _align(
     gravity_deg: float | None,
 ) -> Alignment:
     """Offset and drift by the method asked for."""
-    log_time, pressure = (np.asarray(values, dtype=float) for values in (log.time_s, log.pressure_kPa))
+    log_time, pressure = log.time_s, log.pressure_kPa
     apart_s = log.zero_apart_s(track.dataset.attrs.get("clock_zero_s"))
 
     def by_motion() -> Alignment:
