@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +33,12 @@ BETTER_BY = 0.2
 # and the gain must stand out of its scatter over the photos by so many standard errors.
 SURE_BY = 2.5
 SIZE_TOLERANCE_PX = 2  # some programs write one row or column more
-OUTLIER_SIGMA = 6.0
-SPLITS = 3
-LEAST_FOR_HALVES = 6
-WIDE_DEG = 35.0
+OUTLIER_SIGMA = 6.0  # times the median distance of a photo's corners: of Gaussian errors one in 2^36 is so far off (Rayleigh)
+SPLITS = 3  # times that the photos are parted into halves, of which either predicts the other
+LEAST_FOR_HALVES = 2 * MINIMUM_PHOTOS
+WIDE_DEG = 35.0  # half diagonal beyond which the Brown polynomial begins to fail
+# px over which a photo's edges rise, and times those of the others, from which it is blurred: corners are found to a part of a rise
+SOFT_PX, SOFTER = 6.0, 3.0
 
 
 def calibrate(
@@ -85,8 +88,8 @@ def calibrate(
     refused = [*refused, *misfits]
     model, scores, reason = choose_lens(views, size, lens)
     doubt = _check_plane(plane_view, views, size, model) if plane_view is not None else ""
-    every = [*views, plane_view] if plane_view is not None else list(views)
-    bundle = solve_bundle(every, size, model, joint_view=len(views) if plane_view is not None else None)
+    every, joint_view = (views, None) if plane_view is None else ([*views, plane_view], len(views))
+    bundle = solve_bundle(every, size, model, joint_view=joint_view)
     extra, inflate = assess(every, bundle, size, model, has_plane=plane_view is not None, scores=scores)
     quality: CalibrationQuality = {
         "lens_scores_px": scores,
@@ -95,14 +98,11 @@ def calibrate(
         "board_offset_mm": board_offset_mm,
         "corners_left_out": dropped,
         **extra,
-        "warnings": [*extra.get("warnings", []), *([doubt] if doubt else [])],
+        "warnings": [*extra.get("warnings", []), *filter(None, [doubt])],
     }
-    records: list[PhotoRecord] = [
-        {"file": v.file.name, "used": True, "reason": "", "rms_px": bundle.rms_of(i)} for i, v in enumerate(views)
-    ]
-    for one in refused:
-        records.append({"file": one.file.name, "used": False, "reason": one.reason, "rms_px": None})
-    found = _assemble(bundle, size, plane_view, records, quality, vertical, board_offset_mm, inflate)
+    used = [PhotoRecord(file=v.file.name, used=True, reason="", rms_px=bundle.rms_of(i)) for i, v in enumerate(views)]
+    left = [PhotoRecord(file=item.file.name, used=False, reason=item.reason, rms_px=None) for item in refused]
+    found = _assemble(bundle, size, plane_view, [*used, *left], quality, vertical, board_offset_mm, inflate)
     return found if tube_length_mm is None else with_region(found, clamp_px, tube_length_mm)
 
 
@@ -185,19 +185,12 @@ def _leave_out_blurred(views: list[BoardView], refused: list[Refused]) -> list[B
     rises = np.array([v.rise_px for v in views])
     if np.isfinite(rises).sum() < 4:
         return views
-    limit = max(6.0, 3.0 * float(np.nanmedian(rises)))
-    keep = []
-    for view in views:
-        if view.rise_px > limit:
-            refused.append(
-                Refused(
-                    view.file,
-                    f"blurred: its edges rise over {view.rise_px:.1f} px, the others' over {np.nanmedian(rises):.1f} px",
-                )
-            )
-        else:
-            keep.append(view)
-    return keep
+    usual = float(np.nanmedian(rises))
+    soft = rises > max(SOFT_PX, SOFTER * usual)
+    for view in compress(views, soft):
+        said = f"blurred: its edges rise over {view.rise_px:.1f} px, the others' over {usual:.1f} px"
+        refused.append(Refused(view.file, said))
+    return list(compress(views, ~soft))
 
 
 def find_plane(plane: Path, board: Board, size: tuple[int, int]) -> BoardView:
@@ -290,7 +283,7 @@ def _candidates(views: Sequence[BoardView], size: tuple[int, int]) -> list[str]:
 
 
 def _is_wide(views: Sequence[BoardView], size: tuple[int, int]) -> bool:
-    """Whether the half diagonal spans more than 35 degrees, where the Brown polynomial begins to fail."""
+    """Whether the half diagonal spans so much that a fisheye can be told from another lens."""
     focal = first_fisheye(views, size).matrix[0, 0]
     return float(np.degrees(np.hypot(*size) / 2 / focal)) > WIDE_DEG
 

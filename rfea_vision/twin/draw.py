@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -184,7 +185,7 @@ def posture_at(plant: Plant, motion: PlantMotion, time_s: FloatArray) -> Posture
     )
 
 
-def misread_plane(points_mm: FloatArray, hidden: dict[str, float]) -> FloatArray:
+def misread_plane(points_mm: FloatArray, hidden: Mapping[str, float]) -> FloatArray:
     """What a wrong scale or a tilted plane makes of true points (..., 2) in mm: `camera_scale` and `plane_tilt`."""
     metres = points_mm * 1e-3
     factor = 1 + hidden.get("plane_tilt.a", 0.0) * metres[..., 0] + hidden.get("plane_tilt.b", 0.0) * metres[..., 1]

@@ -95,7 +95,7 @@ def simulate_like(
             write_experiment(folder, run, given)
             _write_log(folder / "pressure.csv", recording)
             generator = np.random.default_rng([options.seed, 3, index])
-            write_track(folder / "track.csv", camera_s, posture, dict(options.hidden), given, generator)
+            write_track(folder / "track.csv", camera_s, posture, given, generator)
             noises[name] = given.noise_angle_deg if given.observe == "angle" else given.noise_mm
             runs.append(run)
             if progress is not None:

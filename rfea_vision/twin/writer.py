@@ -36,6 +36,7 @@ from rfea_vision.twin.options import HIDDEN, TwinOptions, with_partners
 from rfea_vision.twin.studio import Studio
 
 NODES = 33  # of an exact track, as many as the tracker writes
+_PLAYED, _FILMED = 200, 800  # steps of progress a run: filming takes four times as long
 
 
 def simulate(
@@ -66,13 +67,11 @@ def simulate(
     with whole_campaign(out) as work:
         plant, base = build_plant(options)
         runs = draw_runs(options, 0.0 if options.given is not None else highest_pressure(plant, options))
-        hidden = with_partners(options.hidden)
-        report = progress or (lambda done, total: None)
-        total = 1000 * len(runs)
         camera_s = camera_times(options)
+        report, total = progress or (lambda done, total: None), (_PLAYED + _FILMED) * len(runs)
         postures, told = [], []
         for index, run in enumerate(runs):
-            report(200 * index, total)
+            report(_PLAYED * index, total)
             motion, runs[index], valves = play(plant, run, options)
             told.append(valves)
             postures.append(posture_at(plant, motion, run.offset_s + (1 + run.drift) * camera_s))
@@ -80,22 +79,21 @@ def simulate(
         camera = studio.write_calibration(work / "calibration") if studio else None
         write_campaign(work, options.name or out.name, options, camera)
         for index, (run, posture) in enumerate(zip(runs, postures, strict=True)):
-            report(200 * len(runs) + 800 * index, total)
+            begun, folder = _PLAYED * len(runs) + _FILMED * index, work / run.name
+            report(begun, total)
             generator = np.random.default_rng([options.seed, 3, index])
-            folder = work / run.name
             folder.mkdir()
             write_experiment(folder, run, options)
             _write_pressure(folder / "pressure.csv", run, options, generator)
             _write_valves(folder / "valves.csv", told[index])
             if studio is None:
-                write_track(folder / "track.csv", camera_s, posture, hidden, options, generator)
+                write_track(folder / "track.csv", camera_s, posture, options, generator)
             else:
-                begun = 200 * len(runs) + 800 * index
-                studio.film(
-                    folder / "video.mp4",
-                    posture,
-                    lambda frame, begun=begun: report(begun + 800 * frame // camera_s.size, total),
-                )
+
+                def filmed(frames: int, begun: int = begun) -> None:
+                    report(begun + _FILMED * frames // camera_s.size, total)
+
+                studio.film(folder / "video.mp4", posture, filmed)
             if options.exact_tracks:
                 _write_exact(out.with_name(f"{out.name}-truth") / f"{run.name}.nc", camera_s, posture)
         truth = truth_of(options, asdict(base), runs)
@@ -206,7 +204,6 @@ def write_track(
     path: Path,
     camera_s: FloatArray,
     posture: Posture,
-    hidden: dict[str, float],
     options: TwinOptions,
     generator: np.random.Generator,
 ) -> None:
@@ -216,16 +213,13 @@ def write_track(
         noise = noise_like(angle.shape, options.noise_angle_deg, options.noise_correlation, generator)
         columns = {"angle_deg": angle + noise, "sigma_deg": np.full(angle.size, options.noise_angle_deg)}
     else:
-        fraction = np.linspace(0.0, 1.0, NODES) if options.observe == "midline" else np.array([1.0])
-        points = misread_plane(posture.line(fraction)[0], hidden)
+        fraction, names = np.array([1.0]), ["tip_x_mm", "tip_y_mm"]
+        if options.observe == "midline":
+            fraction = np.linspace(0.0, 1.0, NODES)
+            names = [f"{axis}{node:02d}_mm" for node in range(NODES) for axis in "xy"]
+        points = misread_plane(posture.line(fraction)[0], options.hidden)
         points = points + noise_like(points.shape, options.noise_mm, options.noise_correlation, generator)
-        names = (
-            [f"{axis}{node:02d}_mm" for node in range(NODES) for axis in "xy"]
-            if options.observe == "midline"
-            else ["tip_x_mm", "tip_y_mm"]
-        )
-        flat = points.reshape(points.shape[0], -1)
-        columns = {name: flat[:, index] for index, name in enumerate(names)}
+        columns = dict(zip(names, points.reshape(camera_s.size, -1).T, strict=True))
         columns["sigma_mm"] = np.full(camera_s.size, options.noise_mm)
     table = pd.DataFrame({"time_s": [f"{time:.6f}" for time in camera_s], **columns})
     write_text(path, table.to_csv(index=False, float_format="%.4f"))
