@@ -9,6 +9,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from rfea_vision.workbench.orders import order
 from rfea_vision.workbench.process import ENDS, WorkerProcess
 
 if TYPE_CHECKING:
+    from rfea_vision.campaign import ExperimentSpec
     from rfea_vision.workbench.opened import OpenedCampaign
 
 DEEPEST = 3  # folders below the one that was opened in which campaigns are looked for
@@ -109,26 +111,15 @@ class AppState:
     def submit(self, index: int, do: str, options: dict[str, Any], label: str, command: str | None = None) -> bool:
         """Submit a job to the worker as it stands; one without a command is no step of its own."""
         out = None if self.out is None else str(self.out)
-        job = {
-            "index": index,
-            "do": do,
-            "options": options,
-            "campaign": str(self.campaigns[index]),
-            "out": out,
-            "label": label,
-        }
-        return self.worker.submit(job | ({"command": command} if command else {}))
+        job = {"index": index, "do": do, "options": options, "campaign": str(self.campaigns[index]), "out": out}
+        return self.worker.submit(job | {"label": label} | ({"command": command} if command else {}))
 
     def begin_all(self) -> bool:
         """Run all campaigns as `rfea batch` would; False if the worker is busy."""
         folders = [shown(folder) for folder in self.campaigns]
-        job = {
-            "do": "batch",
-            "options": {},
-            "campaigns": list(map(str, self.campaigns)),
-            "label": f"Run {len(folders)} campaigns",
-        }
-        return self.worker.submit(job | {"command": shlex.join(["rfea", "batch", *folders])})
+        job = {"do": "batch", "options": {}, "campaigns": list(map(str, self.campaigns))}
+        said = {"label": f"Run {len(folders)} campaigns", "command": shlex.join(["rfea", "batch", *folders])}
+        return self.worker.submit(job | said)
 
     def check_law(self, file: Path, text: str, *, keep: bool) -> dict[str, Any]:
         """Check a law in a process of its own; with `keep` it is written, and one that is right counts as the user's.
@@ -198,6 +189,33 @@ class AppState:
         """End the processes."""
         self.worker.stop()
         self.judge.stop()
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A question of the page: the campaign that its address names and the part of it, by number, and what comes with it."""
+
+    app: AppState
+    index: int = 0
+    number: int = 0
+    given: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def opened(self) -> OpenedCampaign:
+        """The campaign that is asked about."""
+        return self.app.opened(self.index)
+
+    @property
+    def experiment(self) -> ExperimentSpec:
+        """The run that is asked about; InputError if there is none of that number."""
+        return self.opened.experiment(self.number)
+
+    def __getitem__(self, key: str) -> Any:
+        return self.given[key]
+
+    def get(self, key: str, default: Any = None) -> Any:
+        """What comes under a key, if it does."""
+        return self.given.get(key, default)
 
 
 def in_words(sentence: str) -> str:

@@ -19,7 +19,7 @@ from starlette.routing import Route
 
 from rfea_vision.errors import RfeaError
 from rfea_vision.files import storage_error
-from rfea_vision.workbench.app_state import AppState
+from rfea_vision.workbench.app_state import AppState, Asked
 from rfea_vision.workbench.loading import loaded
 
 #: Bytes of a question: a law of one's own has some thousand, the rest far less.
@@ -30,18 +30,14 @@ KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 def application(app: AppState) -> Starlette:
     """The server's routes."""
 
-    def get(path: str, answer: str) -> Route:
+    def route(method: str, path: str, answer: str) -> Route:
         async def endpoint(request: Request) -> Response:
-            return await _behind(answer, app, *_place(app, request), dict(request.query_params))
+            given = await _body(request) if method == "POST" else dict(request.query_params)
+            return await _behind(answer, app, request, given)
 
-        return Route(path, endpoint)
+        return Route(path, endpoint, methods=[method])
 
-    def post(path: str, answer: str) -> Route:
-        async def endpoint(request: Request) -> Response:
-            return await _behind(answer, app, *_place(app, request), await _body(request))
-
-        return Route(path, endpoint, methods=["POST"])
-
+    get, post = partial(route, "GET"), partial(route, "POST")
     return Starlette(
         routes=[
             Route("/", lambda request: RedirectResponse("c/0/" if app.single else "c/all/")),
@@ -79,17 +75,12 @@ def application(app: AppState) -> Starlette:
     )
 
 
-async def _behind(answer: str, *arguments: Any) -> Response:
+async def _behind(answer: str, app: AppState, request: Request, given: dict[str, Any]) -> Response:
     """Answer in a thread; when the server ends, nobody waits for it."""
-    return await anyio.to_thread.run_sync(partial(_said, answer, *arguments), abandon_on_cancel=True)
-
-
-def _place(app: AppState, request: Request) -> tuple[int, ...]:
-    """Numbers in the address: of the campaign, and of what is asked of it."""
-    numbers = tuple(int(request.path_params[key]) for key in ("index", "number") if key in request.path_params)
-    if "index" in request.path_params and numbers[0] >= len(app.campaigns):
+    index, number = (int(request.path_params.get(key, 0)) for key in ("index", "number"))
+    if index >= len(app.campaigns):
         raise HTTPException(404)
-    return numbers
+    return await anyio.to_thread.run_sync(_said, answer, Asked(app, index, number, given), abandon_on_cancel=True)
 
 
 async def _body(request: Request) -> dict[str, Any]:
@@ -110,10 +101,11 @@ async def _body(request: Request) -> dict[str, Any]:
     return content
 
 
-def _said(answer: str, *arguments: Any) -> Response:
+def _said(answer: str, asked: Asked) -> Response:
     """The answer of that name, or why there is none; the libraries behind them are loaded when the first is asked for."""
     try:
-        return getattr(loaded("workbench.answers"), answer)(*arguments)
+        found = getattr(loaded("workbench.answers"), answer)(asked)
+        return found if isinstance(found, Response) else JSONResponse(found)
     except RfeaError as error:
         return JSONResponse({"error": str(error)}, 422)
     except OSError as error:

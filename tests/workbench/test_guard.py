@@ -11,7 +11,7 @@ import pytest
 
 from rfea_vision.errors import InputError
 from rfea_vision.workbench.answers import law_open
-from rfea_vision.workbench.app_state import AppState
+from rfea_vision.workbench.app_state import AppState, Asked
 from rfea_vision.workbench.guard import Guard
 
 TOKEN, PORT = "secret", 8123
@@ -137,7 +137,7 @@ def test_typing_goes_over_no_law_that_was_not_opened(fitted, tmp_path):
         with pytest.raises(InputError, match="is there already: open it"):
             app.check_law(file, "# typed", keep=True)
         assert file.read_text() == "# a year's work"
-        law_open(app, 0, {"file": str(file)})
+        law_open(Asked(app, given={"file": str(file)}))
         with pytest.raises(InputError, match="no effect"):
             app.check_law(file, "# typed", keep=True)
         assert file.read_text() == "# typed"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rfea_vision.workbench import process
-from rfea_vision.workbench.app_state import AppState
+from rfea_vision.workbench.app_state import AppState, Asked
 from rfea_vision.workbench.evidence import stamps
 from rfea_vision.workbench.process import WorkerProcess
 from rfea_vision.workbench.routes import _said
@@ -61,7 +61,7 @@ def test_a_law_that_was_deleted_takes_nothing_else_away(fitted):
     app = AppState(fitted)
     app.own_files = {Path("/nowhere/gone.py")}
     try:
-        assert _said("effects", app, 0, {}).status_code == 200
+        assert _said("effects", Asked(app)).status_code == 200
         assert app.laws() == []
     finally:
         app.close()
@@ -72,7 +72,7 @@ def test_a_missing_file_is_told_in_a_sentence(monkeypatch):
         Path("/nowhere/film.mp4").stat()
 
     monkeypatch.setattr("rfea_vision.workbench.answers.stop", missing)
-    answer = _said("stop", None, {})
+    answer = _said("stop", Asked(None))
     assert answer.status_code == 422 and b"/nowhere/film.mp4: No such file" in answer.body
 
 
