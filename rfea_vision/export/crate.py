@@ -17,7 +17,7 @@ from rfea_vision.artefacts.judgement import Parameter
 from rfea_vision.files import sha256_of, write_text
 from rfea_vision.units import counted
 
-_Entity = dict[str, object]
+_Entity = Mapping[str, object]
 _CONTEXT = "https://w3id.org/ro/crate/1.1/context"
 _PROFILE = "https://w3id.org/ro/crate/1.1"
 _PAPER = {
@@ -97,7 +97,7 @@ def _copied(folder: Path, inside: str, path: Path) -> _Entity:
 
 def _value(name: str, item: Parameter) -> _Entity:
     """A parameter with its unit and, where it has one, its interval."""
-    found: _Entity = {"@id": f"#parameter/{quote(name)}", "@type": "PropertyValue", "name": name}
+    found: dict[str, object] = {"@id": f"#parameter/{quote(name)}", "@type": "PropertyValue", "name": name}
     found |= {"value": item.value, "unitText": item.unit}
     if item.interval_95:
         low, high = item.interval_95
