@@ -1,4 +1,4 @@
-"""The array type that all rooms speak of."""
+"""The type of arrays of floats, and the stretches of a mask."""
 
 from __future__ import annotations
 
@@ -6,3 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+
+def stretches(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where the stretches of a mask (n,) begin, and the places after their ends."""
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return turns[::2], turns[1::2]

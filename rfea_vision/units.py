@@ -208,3 +208,12 @@ def rounded(value: float, digits: int = 3) -> str:
     if not -4 <= exponent < 6:
         return f"{value:.{digits - 1}e}"
     return f"{value:.{max(0, digits - 1 - exponent)}f}"
+
+
+def finite(value: object) -> object:
+    """The same with None in place of the numbers that JSON cannot say, and text for keys, in dictionaries and lists of any depth."""
+    if isinstance(value, dict):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

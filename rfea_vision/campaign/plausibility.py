@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.arrays import FloatArray
+from rfea_vision.arrays import FloatArray, stretches
 from rfea_vision.artefacts.measurement import bend_sign
 from rfea_vision.campaign.sensors import of_mixed, of_pauses, of_standstill
-from rfea_vision.campaign.tracked import across, begins_at, lengths, motion_of, stretches, swing, valid_rows
+from rfea_vision.campaign.tracked import across, begins_at, lengths, motion_of, swing, valid_rows
 from rfea_vision.scatter import third_difference_noise
 from rfea_vision.units import counted
 

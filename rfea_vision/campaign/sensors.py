@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rfea_vision.arrays import FloatArray
-from rfea_vision.campaign.tracked import stretches
+from rfea_vision.arrays import FloatArray, stretches
 from rfea_vision.scatter import rounding_noise, third_difference_noise
 
 #: Rows in a row of exactly one value: noise of more than its last digit leaves one of two rows as it was at most, and of 30 all

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
@@ -53,9 +52,3 @@ def across(tip: FloatArray) -> FloatArray:
 def lengths(lines: FloatArray) -> FloatArray:
     """Lengths (n,) of centre lines (n, points, 2)."""
     return along(lines)[:, -1]
-
-
-def stretches(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Where the stretches of a mask (n,) begin, and the places after their ends."""
-    turns = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    return turns[::2], turns[1::2]

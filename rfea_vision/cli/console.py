@@ -7,9 +7,9 @@ import shlex
 import shutil
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 from click.core import ParameterSource
@@ -29,7 +29,7 @@ from rich.text import Text
 
 from rfea_vision.progress import Listener, Outcome
 from rfea_vision.progress import Progress as ProgressCall
-from rfea_vision.units import counted, rounded
+from rfea_vision.units import counted, finite, rounded
 
 if TYPE_CHECKING:
     from rfea_vision.stages.runner import Runner
@@ -62,17 +62,7 @@ def print_error(message: str, exit_code: int, *, as_json: bool, quiet: bool = Fa
 
 def print_json(value: object) -> None:
     """Print one JSON document on stdout; NaN is not JSON and becomes null."""
-    click.echo(json.dumps(_finite(value), indent=1, default=str))
-
-
-def _finite(value: object) -> object:
-    if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
-        return None
-    return value
+    click.echo(json.dumps(finite(value), indent=1, default=str))
 
 
 def say(text: str, *, indent: str = "") -> None:
@@ -163,6 +153,15 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[obje
     for row in cells:
         table.add_row(*row)
     return Console(file=sys.stdout, width=width, highlight=False, markup=False).print(table)
+
+
+def print_columns(
+    title: str, columns: Mapping[str, Callable[[Any], object]], items: Sequence[object], *, always: Sequence[str] = (), left: int = 1
+) -> None:
+    """Print a table of one row per item, the cells as `columns` make them; one without any cell is left out, but for `always`."""
+    cells = {name: [cell(item) for item in items] for name, cell in columns.items()}
+    kept = {name: column for name, column in cells.items() if name in always or any(cell is not None for cell in column)}
+    print_table(title, list(kept), list(zip(*kept.values(), strict=True)), left=left)
 
 
 def _print_lines(title: str, columns: Sequence[str], cells: Sequence[Sequence[str]]) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
+from rfea_vision.cli.console import print_columns, print_json, print_table, say, say_next, up_to_date
 from rfea_vision.cli.options import ask, campaign_options, opened
 from rfea_vision.errors import InputError
 from rfea_vision.options import FitOptions
@@ -82,44 +83,27 @@ def print_study(model: ModelFit) -> None:
         return
     known = {key for row in model.segments_study for key, value in row.items() if value is not None}
     role = "validate" if any(key.startswith("validate") for key in known) else "train"
-    wanted = {
-        "tip mm": "tip_rmse_mm",
-        "tip x mm": "tip_x_rmse_mm",
-        "tip y mm": "tip_y_rmse_mm",
-        "angle deg": "angle_rmse_deg",
-    }
-    columns = {name: key for name, what in wanted.items() if (key := f"{role}_{what}") in known}
-    rows = [
-        [row["segments"], *(row.get(key) for key in columns.values()), model.timings.get(str(row["segments"]))]
-        for row in model.segments_study
-    ]
+    columns: dict[str, Callable[[Any], object]] = {"segments": lambda row: row["segments"]}
+    for name in ("tip mm", "tip x mm", "tip y mm", "angle deg"):
+        what, unit = name.rsplit(" ", 1)
+        key = f"{role}_{'_'.join(what.split())}_rmse_{unit}"
+        columns[name] = lambda row, key=key: row.get(key)
+    columns["seconds"] = lambda row: model.timings.get(str(row["segments"]))
     title = f"root mean square errors over the number of segments ({role})"
-    print_table(title, ["segments", *columns, "seconds"], rows, left=1)
-
-
-_METRICS = {
-    "tip mm": "tip_rmse_mm",
-    "tip y mm": "tip_y_rmse_mm",
-    "midline mm": "midline_rmse_mm",
-    "angle deg": "angle_rmse_deg",
-}
+    print_columns(title, columns, model.segments_study, always=("segments", "seconds"))
 
 
 def print_metrics(models: dict[str, ModelFit]) -> None:
     """Print the errors of models by role, beside the noise floor; what these tracks cannot give has no column."""
     scores = [(name, model, role, metrics) for name, model in models.items() for role, metrics in model.metrics.items()]
-    columns = {
-        title: key for title, key in _METRICS.items() if any(getattr(item, key) is not None for *_, item in scores)
+    columns: dict[str, Callable[[Any], object]] = {
+        "model": lambda score: score[0],
+        "role": lambda score: score[2],
+        "tip mm": lambda score: score[3].tip_rmse_mm,
+        "tip y mm": lambda score: score[3].tip_y_rmse_mm,
+        "midline mm": lambda score: score[3].midline_rmse_mm,
+        "angle deg": lambda score: score[3].angle_rmse_deg,
+        "noise floor mm": lambda score: score[1].noise_floor_mm or None,
+        "noise floor deg": lambda score: score[1].noise_floor_deg or None,
     }
-    floors = {"mm": "noise_floor_mm", "deg": "noise_floor_deg"}
-    floors = {f"noise floor {u}": key for u, key in floors.items() if any(getattr(m, key) for m in models.values())}
-    rows = [
-        [
-            name,
-            role,
-            *(getattr(metrics, key) for key in columns.values()),
-            *(getattr(model, key) for key in floors.values()),
-        ]
-        for name, model, role, metrics in scores
-    ]
-    print_table("root mean square errors", ["model", "role", *columns, *floors], rows, left=2)
+    print_columns("root mean square errors", columns, scores, always=("model", "role"), left=2)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
+from rfea_vision.cli.console import print_columns, print_json, say, say_next, up_to_date
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.options import ask, campaign_options, code_option, models_like, opened
 from rfea_vision.options import CritiqueOptions, FitOptions
@@ -146,20 +146,12 @@ def _print_candidates(diagnosis: Diagnosis) -> None:
     unit = "mm" if diagnosis.noise_floor_deg is None else "deg"
     rows = diagnosis.candidates[:12]
     columns = {"candidate": lambda c: c.effect + (f" ({c.form})" if c.form else ""), "at": lambda c: c.at}
-    if any(row.probability is not None for row in rows):
-        columns["probability"] = lambda c: _percent(c.probability)
-    if any(row.share is not None for row in rows):
-        columns["share"] = lambda c: _percent(c.share)
+    columns |= {"probability": lambda c: _percent(c.probability), "share": lambda c: _percent(c.share)}
     for name in ("predicted", "train", "validate"):
         columns[f"{name} {unit}"] = lambda c, key=f"{name}_rmse_{unit}": getattr(c, key)
     columns["delta BIC"] = lambda c: None if c.delta_bic is None else f"{c.delta_bic:z.0f}"
     columns["matters"] = lambda c: "yes" if c.matters else "no" if c.refitted else "unknown"
-    columns = {
-        name: cell
-        for name, cell in columns.items()
-        if name == "candidate" or any(cell(row) is not None for row in rows)
-    }
-    print_table("", list(columns), [[cell(row) for cell in columns.values()] for row in rows], left=1)
+    print_columns("", columns, rows, always=("candidate",))
 
 
 def _print_floors(diagnosis: Diagnosis) -> None:
@@ -204,14 +196,8 @@ def print_ladder(ladder: Ladder) -> None:
         "delta BIC": lambda r: None if r.delta_bic is None else f"{r.delta_bic:z.0f}",
         "verdict": lambda r: r.verdict,
     }
-    always = ("model", "added", "verdict")
-    columns = {
-        name: cell for name, cell in columns.items() if name in always or any(cell(r) is not None for r in ladder.rungs)
-    }
-    rows = [[cell(rung) for cell in columns.values()] for rung in ladder.rungs]
-    print_table(
-        f"error ladder ({'tip' if unit == 'mm' else 'bend angle'}, root mean square)", list(columns), rows, left=2
-    )
+    title = f"error ladder ({'tip' if unit == 'mm' else 'bend angle'}, root mean square)"
+    print_columns(title, columns, ladder.rungs, always=("model", "added", "verdict"), left=2)
     for rung in ladder.rungs:
         if len(rung.tied) > _RIVALS:
             say(f"{rung.model}: {rung.added} cannot be told from {', '.join(rung.tied)}")

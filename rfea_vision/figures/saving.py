@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rfea_vision.errors import InputError
-from rfea_vision.figures.plates import Bars, Lines, Map, Plate, Series, told_apart
+from rfea_vision.figures.plates import Bars, Lines, Map, Plate, Role, Series, told_apart
 from rfea_vision.files import whole_file, write_text
 
 if TYPE_CHECKING:  # of an extra
@@ -29,11 +29,9 @@ _PAPER_PT, _SCREEN_PT = 8.0, 10.0  # size of text in a paper and on a screen
 # Okabe and Ito's palette, told apart by people who do not see all colours (https://jfly.uni-koeln.de/color/).
 _BLUE, _ORANGE, _GREEN, _GREY, _PURPLE, _SKY = "#0072B2", "#D55E00", "#009E73", "#777777", "#CC79A7", "#56B4E9"
 _CYCLE = (_PURPLE, _GREEN, _SKY, "#E69F00", "#000000", _GREY)
-_STROKES: dict[str, dict[str, Any]] = {
+_STROKES: dict[Role, dict[str, Any]] = {
     "measured": {"color": _SKY, "linewidth": 2.4, "solid_capstyle": "round"},
     "modelled": {"color": "#A23B00", "linewidth": 0.8},
-    "coarse": {"color": _GREEN, "linewidth": 0.9, "linestyle": (0, (4, 1.5))},
-    "floor": {"color": _GREY, "linewidth": 0.8, "linestyle": (0, (2, 2))},
     "dots": {"color": _BLUE, "linestyle": "none", "marker": ".", "markersize": 3.5},
     "rings": {"color": _ORANGE, "linestyle": "none", "marker": "o", "markersize": 4, "markerfacecolor": "none"},
 }
@@ -175,8 +173,7 @@ def _legend(axes: Axes, plate: Lines) -> None:
 
 
 def _curve(axes: Axes, item: Series) -> None:
-    stroke = _STROKES.get(item.role, {"linewidth": 1.0})
-    (line,) = axes.plot(item.x, item.y, label=item.name, **stroke)
+    (line,) = axes.plot(item.x, item.y, label=item.name, **_STROKES[item.role])
     if item.sigma is not None and item.role not in ("dots", "rings"):
         axes.fill_between(item.x, item.y - item.sigma, item.y + item.sigma, color=line.get_color(), alpha=0.2, lw=0)
     elif item.sigma is not None:

@@ -112,7 +112,7 @@ def _half(item: Parameter) -> float:
     return max(abs(end - item.value) for end in item.interval_95)
 
 
-def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes beside one another") -> str:
+def render_group(tubes: Sequence[GroupMember]) -> str:
     """Make the page of a group: one HTML document without any link to another file."""
     titles: dict[str, str] = {}
     for tube in tubes:
@@ -124,13 +124,15 @@ def render_group(tubes: Sequence[GroupMember], *, title: str = "Tubes beside one
     cells = {tube.name: _effects(tube) for tube in tubes}
     effects = list(dict.fromkeys(effect for row in cells.values() for effect in row))
     rows = [_row(tube) for tube in tubes]
+    drawn = _drawn(tubes)
     plates = [
         {"title": plate.title, "svg": Markup(as_svg(plate)), "left_out": left_out}
-        for plate, (_, left_out) in zip(group_plates(tubes), _drawn(tubes), strict=True)
+        for plate, (_, left_out) in zip(told_apart([plate for plate, _ in drawn]), drawn, strict=True)
     ]
     parameters = {tube.name: parameters_of(tube) for tube in tubes}
     return environment().get_template("group.html.j2").render(
-        title=title, rows=rows, cells=cells, effects=effects, titles=titles, meanings=meanings, plates=plates, parameters=parameters,
+        title="Tubes beside one another", rows=rows, cells=cells, effects=effects, titles=titles, meanings=meanings, plates=plates,
+        parameters=parameters,
         not_drawn=_not_drawn(tubes), unasked=[row["name"] for row in rows if row["shown"] and not row["verdict"]],
         variables=list(dict.fromkeys(key for tube in tubes for key in tube.design)),
         shared=list(dict.fromkeys(name for item in parameters.values() for name in item)), style=static("style.css"),

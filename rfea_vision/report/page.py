@@ -21,6 +21,7 @@ from rfea_vision.report.films import fit_films
 from rfea_vision.report.pack import Pack
 from rfea_vision.report.series import pack_experiment, pack_step, rung_name
 from rfea_vision.report.shown import Shown, errors_of, of_candidate
+from rfea_vision.units import finite
 
 SIZE_LIMIT_BYTES = 10_000_000  # so that the page can be mailed
 SERIES_LIMIT_BYTES = 5_500_000  # of it for series; the rest is for films and text
@@ -147,17 +148,6 @@ def safe_json(value: object) -> Markup:
     """JSON that may stand inside a script element: no NaN, no closing tag."""
     text = json.dumps(finite(value), separators=(",", ":"), allow_nan=False, default=str)
     return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
-
-
-def finite(value: object) -> object:
-    """The same with None in place of what JSON cannot say."""
-    if isinstance(value, dict):
-        return {str(key): finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def _calibration(evidence: Evidence) -> dict[str, object]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from rfea_vision.arrays import stretches
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.report.collect import Evidence, Experiment, LadderStep
 from rfea_vision.report.formatting import inner_title, listing
@@ -116,21 +117,14 @@ def _pose_rows(experiment: Experiment, data: xr.Dataset, pack: Pack) -> np.ndarr
 
 
 def _gaps(data: xr.Dataset) -> list[dict[str, object]]:
-    """Stretches of frames that were set aside, with the reason of the first."""
+    """Stretches of frames that were set aside for one reason."""
     time, valid, reason = data["time"].values, data["valid"].values.astype(bool), data["reason"].values.astype(str)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~valid).astype(int), [0]])))
     out = []
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in zip(*stretches(~valid), strict=True):
         splits = [start, *(start + 1 + np.flatnonzero(reason[start + 1 : stop] != reason[start : stop - 1])), stop]
         for a, b in pairwise(splits):
-            out.append(
-                {
-                    "from": float(time[a]),
-                    "to": float(time[b - 1]),
-                    "frames": int(b - a),
-                    "reason": reason_of(str(reason[a])).words,
-                }
-            )
+            why = reason_of(str(reason[a])).words
+            out.append({"from": float(time[a]), "to": float(time[b - 1]), "frames": int(b - a), "reason": why})
     return out
 
 

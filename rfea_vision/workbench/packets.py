@@ -6,7 +6,7 @@ import json
 import struct
 
 from rfea_vision.report.pack import Pack
-from rfea_vision.report.page import finite
+from rfea_vision.units import finite
 
 
 def packet(header: dict[str, object], pack: Pack) -> bytes:
