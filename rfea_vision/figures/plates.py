@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 
-Role = Literal["measured", "modelled", "dots", "rings"]
+Role = Literal["measured", "modelled", "coarse", "other", "dots", "rings"]
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ _CYCLE = (_PURPLE, _GREEN, _SKY, "#E69F00", "#000000", _GREY)
 _STROKES: dict[Role, dict[str, Any]] = {
     "measured": {"color": _SKY, "linewidth": 2.4, "solid_capstyle": "round"},
     "modelled": {"color": "#A23B00", "linewidth": 0.8},
+    "coarse": {"color": _GREEN, "linewidth": 0.9, "linestyle": (0, (4, 1.5))},
+    "other": {"linewidth": 1.0},
     "dots": {"color": _BLUE, "linestyle": "none", "marker": ".", "markersize": 3.5},
     "rings": {"color": _ORANGE, "linestyle": "none", "marker": "o", "markersize": 4, "markerfacecolor": "none"},
 }

@@ -17,7 +17,7 @@ from rfea_vision.artefacts import Actuator, ModelFit
 from rfea_vision.dynamics.parameters import PAPER_UNITS, PUBLISHED
 from rfea_vision.errors import DataError
 from rfea_vision.figures import FORMATS, Lines, Plate, Series, save_plates
-from rfea_vision.figures.plates import Axis, lines
+from rfea_vision.figures.plates import Axis, Role, lines
 from rfea_vision.figures.runs import curve, tip_path
 from rfea_vision.files import write_text
 from rfea_vision.report.collect import collect
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rfea_vision.stages.workspace import Workspace
 
 MODELS = {"2-DoF": "two-bodies", "8-DoF": "eight-bodies"}
+_ROLES: dict[str, Role] = {"2-DoF": "coarse", "8-DoF": "modelled"}  # in drawings
 _NAMES = {
     "b_0neg": "Damper coefficient, negative direction", "m_bneg": "Its slope over the inner radius",
     "b_0pos": "Damper coefficient, positive direction", "m_bpos": "Its slope over the inner radius",
@@ -55,9 +56,7 @@ def reproduce(work: Workspace, *, formats: Sequence[str] = FORMATS) -> list[Path
         raise DataError(
             f"{work.campaign.root}: the paper's figures need the tip in a training run; this campaign has none"
         )
-    plates = [
-        *_model(fits, recordings[runs["train"]], {key: value[runs["train"]] for key, value in predictions.items()})
-    ]
+    plates = _model(fits, recordings[runs["train"]], {key: value[runs["train"]] for key, value in predictions.items()})
     for number, role, run in ((7, "train", runs["train"]), (9, "validate", runs["validate"])):
         if run is not None:
             modelled = {column: found[run] for column, found in predictions.items() if run in found}
@@ -137,17 +136,16 @@ def _postures(data: xr.Dataset, modelled: Mapping[str, xr.Dataset]) -> list[Plat
     if "bend_angle" not in data:
         return []
     angle = np.asarray(data["bend_angle"].values, dtype=float)
-    moments = {"rest": int(np.nanargmin(np.abs(angle))), "largest bend": int(np.nanargmax(np.abs(angle)))}
     series: list[Series | None] = []
-    for row in moments.values():
+    for row in (int(np.nanargmin(np.abs(angle))), int(np.nanargmax(np.abs(angle)))):
         if "midline" in data:
             line = data["midline"].values[row]
             series.append(Series("measured", "measured", line[:, 0], line[:, 1]))
-        for (column, prediction), role in zip(modelled.items(), ("coarse", "modelled"), strict=True):
+        for column, prediction in modelled.items():
             at = int(np.argmin(np.abs(prediction["time"].values - data["time"].values[row])))
             if "midline" in prediction:
                 line = prediction["midline"].values[at]
-                series.append(Series(column, role, line[:, 0], line[:, 1]))  # type: ignore[arg-type]
+                series.append(Series(column, _ROLES[column], line[:, 0], line[:, 1]))
     return lines(
         "fig04-modelled-tube",
         "Fig. 4: the tube that is modelled, at rest and at its largest bend",
@@ -162,14 +160,14 @@ def _joint(fits: Mapping[str, ModelFit], modelled: Mapping[str, xr.Dataset]) -> 
     """Fig. 5: spring and damper of the joint over its angle, per 1/n of the tube, so that the models can be compared."""
     spring: list[Series | None] = []
     damper: list[Series | None] = []
-    for (column, fit), role in zip(fits.items(), ("coarse", "modelled"), strict=True):
+    for column, fit in fits.items():
         values = {key: item.value / fit.segments for key, item in fit.parameters.items()}
         theta = np.linspace(0.0, np.deg2rad(float(np.nanmax(modelled[column]["theta"].values))), 60)
         grown = _radius_mm(fit, theta) * 1e-3 - fit.actuator["inner_radius"]
         whole_deg = np.rad2deg(theta) * fit.segments
         k, b_pos, b_neg = (values[f"{law}_ref"] + values[f"{law}_slope"] * grown for law in ("k", "b_pos", "b_neg"))
-        spring.append(Series(column, role, whole_deg, k))  # type: ignore[arg-type]
-        damper.append(Series(f"{column}, b+", role, whole_deg, 1e3 * b_pos))  # type: ignore[arg-type]
+        spring.append(Series(column, _ROLES[column], whole_deg, k))
+        damper.append(Series(f"{column}, b+", _ROLES[column], whole_deg, 1e3 * b_pos))
         damper.append(Series(f"{column}, b-", "other", whole_deg, 1e3 * b_neg))
     bend = Axis("bend of the whole tube", "deg")
     return [
@@ -196,14 +194,17 @@ def _segment(fit: ModelFit, prediction: xr.Dataset) -> list[Plate]:
     outer = 1e3 * fit.actuator["outer_radius"]
     length = 1e3 * fit.actuator["length"] / fit.segments
     theta = np.deg2rad(float(np.nanmax(prediction["theta"].values)))
-    series: list[Series | None] = []
-    for label, angle, role in (("at rest", 0.0, "coarse"), (f"bent by {np.rad2deg(theta):.1f} deg", theta, "modelled")):
+    series: list[Series] = []
+    drawn: tuple[tuple[str, float, Role], ...] = (
+        ("at rest", 0.0, "coarse"), (f"bent by {np.rad2deg(theta):.1f} deg", theta, "modelled"),
+    )  # fmt: skip
+    for label, angle, role in drawn:
         bore = float(_radius_mm(fit, np.array([angle]))[0])
         for across in ((0.0, 2 * outer), (outer - bore, outer + bore)):  # the tube, then its bore
             x, y = _outline(angle, length, across)
-            series.append(Series(label, role, x, y))  # type: ignore[arg-type]
+            series.append(Series(label, role, x, y))
     title = "Fig. 6: a segment of the tube, from its hinge side at x = 0"
-    return [Lines("fig06-segment", title, X, Y, tuple(item for item in series if item is not None), equal=True)]
+    return [Lines("fig06-segment", title, X, Y, tuple(series), equal=True)]
 
 
 def _outline(angle: float, length: float, across: tuple[float, float]) -> tuple[FloatArray, FloatArray]:
