@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
-from rfea_vision.cli.options import code_option, named_files, output_options, trust_option, trusted
+from rfea_vision.cli.options import PATH, code_option, named_files, output_options, trust_option, trusted
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.units import counted, rounded
 
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 
 
 @click.command("batch")
-@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=click.Path(path_type=Path))
+@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=PATH)
 @click.option("--dry-run", is_flag=True, help="Say what would run and what is up to date, and do nothing.")
 @click.option(
     "--scheduler", metavar="ADDRESS", help="A Dask scheduler, tcp://host:8786 or tls://host:8786; default this machine."
 )
-@click.option("--tls-ca", type=click.Path(path_type=Path), help="Certificate of the authority, for tls:// (PEM).")
-@click.option("--tls-cert", type=click.Path(path_type=Path), help="Certificate of this client, for tls:// (PEM).")
-@click.option("--tls-key", type=click.Path(path_type=Path), help="Key of this client, for tls:// (PEM).")
+@click.option("--tls-ca", type=PATH, help="Certificate of the authority, for tls:// (PEM).")
+@click.option("--tls-cert", type=PATH, help="Certificate of this client, for tls:// (PEM).")
+@click.option("--tls-key", type=PATH, help="Key of this client, for tls:// (PEM).")
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes on this machine.")
 @click.option(
     "--memory", default="auto", show_default=True, help="Of each process here, such as 2GB; auto: equal shares."
 )
 @click.option("--recipe", default="default", show_default=True, help="Recipe to run, by name or as a .yaml file.")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for one folder of results per campaign.")
+@click.option("--out", type=PATH, help="Folder for one folder of results per campaign.")
 @click.option(
     "--index",
-    type=click.Path(path_type=Path),
+    type=PATH,
     default="rfea-batch.html",
     show_default=True,
     help="Page that lists all campaigns: experiments down, rungs across.",
@@ -199,13 +199,11 @@ def _held_out(rung: Mapping[str, Any]) -> str | None:
 
 
 @click.command("table")
-@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=click.Path(path_type=Path))
+@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...", type=PATH)
 @click.option(
     "--format", "kind", type=click.Choice(["parquet", "csv"]), help="Of the file; default as its name ends, or parquet."
 )
-@click.option(
-    "-o", "--output", type=click.Path(path_type=Path), help="File to write; default rfea-table.parquet or .csv."
-)
+@click.option("-o", "--output", type=PATH, help="File to write; default rfea-table.parquet or .csv.")
 @output_options
 def table_command(folders: tuple[Path, ...], kind: str | None, output: Path | None, as_json: bool) -> int:
     """Results of many campaigns as one table.

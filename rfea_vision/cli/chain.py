@@ -9,16 +9,16 @@ import click
 from rfea_vision.cli.console import print_json, say_next, up_to_date
 from rfea_vision.cli.fit import print_metrics
 from rfea_vision.cli.model import print_ladder
-from rfea_vision.cli.options import campaign_options, code_option, opened, refuse_beside
+from rfea_vision.cli.options import PATH, campaign_options, code_option, opened, refuse_beside
 from rfea_vision.errors import InputError
 
 
 @click.command("report")
 @code_option
 @campaign_options
-@click.argument("more", nargs=-1, metavar="[CAMPAIGN]...", type=click.Path(path_type=Path))
+@click.argument("more", nargs=-1, metavar="[CAMPAIGN]...", type=PATH)
 @click.option("--group", is_flag=True, help="Many tubes on one page: parameters over the design, effects by tube.")
-@click.option("--compare", "other", metavar="OTHER", type=click.Path(path_type=Path), help="Side by side with OTHER.")
+@click.option("--compare", "other", metavar="OTHER", type=PATH, help="Side by side with OTHER.")
 @click.option("--notebook", is_flag=True, help="Also write a notebook that opens the artefacts.")
 def report_command(
     campaign: Path,
@@ -48,11 +48,12 @@ def report_command(
         return
     if other is not None and not other.is_dir():
         raise InputError(f"--compare {other}: no such folder; give a campaign, or an earlier folder of its results")
-    forced, second = ("report",) if force else (), None
+    second = None
     if other is not None and not publishing.is_results(other):
-        with opened(other, None, force=forced) as second:  # one after the other: two that wait for each other never end
+        # one after the other: two that wait for each other never end
+        with opened(other, None, "report", force=force) as second:
             second.report()
-    with opened(campaign, out, force=forced) as work:
+    with opened(campaign, out, "report", force=force) as work:
         files = {"file": work.report()}
         status = work.outcome("report", "page")
         if notebook:
@@ -77,7 +78,7 @@ def _report_group(campaigns: tuple[Path, ...], page: Path, force: bool, as_json:
     page = page if page.suffix == ".html" else page / "rfea-group.html"
     works = []
     for path in {path.resolve(): path for path in campaigns}.values():  # each once
-        with opened(path, None, force=("report",) if force else ()) as work:
+        with opened(path, None, "report", force=force) as work:
             publishing.bring_up_to_date(work)
         works.append(work)
     files = publishing.group(works, page)
@@ -101,7 +102,7 @@ def run_command(recipe: str, campaign: Path, out: Path | None, force: bool, as_j
     from rfea_vision.stages.recipes import load_recipe, run_recipe
 
     steps = load_recipe(recipe)
-    with opened(campaign, out, force=tuple(name for name, _ in steps.calls()) if force else ()) as work:
+    with opened(campaign, out, *(name for name, _ in steps.calls()), force=force) as work:
         results = run_recipe(work, steps)
         models = {name: work.model(name) for name in work.model_names()}
     if as_json:

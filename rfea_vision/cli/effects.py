@@ -9,7 +9,7 @@ import click
 
 import rfea_vision.data
 from rfea_vision.cli.console import WholeHelpGroup, print_json, print_table, say, say_next
-from rfea_vision.cli.options import ask, effects_like, output_options
+from rfea_vision.cli.options import PATH, ask, effects_like, output_options
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
 
@@ -71,7 +71,7 @@ def _cell(value: object) -> str:
 
 
 @effects_command.command("new")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("file", type=PATH)
 @output_options
 def new_command(file: Path, as_json: bool) -> None:
     """A template of one's own effect, to edit and to pass on with --effect-file."""

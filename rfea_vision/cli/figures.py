@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import ConsoleListener, print_json, say, say_next
-from rfea_vision.cli.options import code_option, opened, output_options, stage_options
+from rfea_vision.cli.options import PATH, code_option, opened, output_options, stage_options
 from rfea_vision.errors import InputError
 
 
@@ -39,7 +39,7 @@ def figures_command(
 
     wanted = [name.strip() for name in formats.split(",")]
     refuse_unknown_formats(wanted)
-    with opened(campaign, out, force=("report",) if force else ()) as work:
+    with opened(campaign, out, "report", force=force) as work:
         work.report()
         files = figures(work, formats=wanted, style=style, model=model)
         ladder = work.out / "ladder.json"
@@ -53,10 +53,10 @@ def figures_command(
 
 
 @click.command("reproduce")
-@click.argument("campaign", required=False, type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")
+@click.argument("campaign", required=False, type=PATH)
+@click.option("--out", type=PATH, help="Where results go; default CAMPAIGN/rfea.")
 @click.option(
-    "--twin", type=click.Path(path_type=Path), default="rfea-paper", show_default=True,
+    "--twin", type=PATH, default="rfea-paper", show_default=True,
     help="Without CAMPAIGN: where the twin of the paper's tube goes, or is already.",
 )  # fmt: skip
 @click.option("--force", is_flag=True, help="Fit again even if nothing has changed.")
@@ -73,7 +73,7 @@ def reproduce_command(campaign: Path | None, out: Path | None, twin: Path, force
         campaign = twin
         if not (twin / "campaign.yaml").is_file():
             _write_twin(twin)
-    with opened(campaign, out, force=("fit",) if force else ()) as work:
+    with opened(campaign, out, "fit", force=force) as work:
         files = reproduce(work)
     if as_json:
         print_json({"page": str(files[0]), "files": [str(path) for path in files[1:]]})

@@ -36,7 +36,7 @@ def fit_command(
         effect = name.partition(".")[0].partition("@")[0]
         if "." in name and effect not in parts:
             raise InputError(f"{name}: is no parameter of this model, which is fitted without {effect}; add it: --add {effect}")
-    with opened(campaign, out, force=("fit",) if force else ()) as work:
+    with opened(campaign, out, "fit", force=force) as work:
         model = work.fit(options)
     if as_json:
         print_json(model.model_dump(mode="json"))

@@ -10,7 +10,7 @@ import click
 
 from rfea_vision.artefacts.rows import CalibrationQuality
 from rfea_vision.cli.console import print_json, print_table, say, say_next, up_to_date
-from rfea_vision.cli.options import Command, campaign_options, opened
+from rfea_vision.cli.options import PATH, Command, campaign_options, opened
 from rfea_vision.errors import DataError
 
 
@@ -23,10 +23,10 @@ def experiment_option(command: Command) -> Command:
 
 @click.command("calibrate")
 @campaign_options
-@click.option("--ros", type=click.Path(path_type=Path), help="Also write the lens as a ROS camera_info file.")
+@click.option("--ros", type=PATH, help="Also write the lens as a ROS camera_info file.")
 def calibrate_command(campaign: Path, out: Path | None, force: bool, as_json: bool, ros: Path | None) -> None:
     """Lens and plane of motion from the photos of the board."""
-    with opened(campaign, out, force=("calibrate",) if force else ()) as work:
+    with opened(campaign, out, "calibrate", force=force) as work:
         calibration = work.calibrate()
         outcomes = work.outcomes
     if calibration is None:
@@ -106,7 +106,7 @@ def track_command(
     """
     from rfea_vision.stages.measurement import facts_of_track
 
-    with opened(campaign, out, force=("track", "clip") if force else ()) as work:
+    with opened(campaign, out, "track", "clip", force=force) as work:
         tracks = work.each(names, work.track_of, "tracked")
         previews = work.preview(names) if preview else {}
         facts = {name: track.facts or facts_of_track(track.value) for name, track in tracks.items()}
@@ -155,7 +155,7 @@ def sync_command(campaign: Path, out: Path | None, force: bool, as_json: bool, n
     """Track and pressure on one clock."""
     from rfea_vision.stages.measurement import facts_of_recording
 
-    with opened(campaign, out, force=("sync",) if force else ()) as work:
+    with opened(campaign, out, "sync", force=force) as work:
         recordings = work.each(names, work.recording_of, "synchronised")
         facts = {name: found.facts or facts_of_recording(found.value) for name, found in recordings.items()}
     summary = [

@@ -30,7 +30,7 @@ def compare_command(campaign: Path, models: tuple[str, ...], out: Path | None, f
 
     Beside the noise floor; all models, or those named.
     """
-    with opened(campaign, out, force=("compare",) if force else ()) as work:
+    with opened(campaign, out, "compare", force=force) as work:
         comparisons = work.compare(*models)
         fits = {name: work.model(name) for name in comparisons}
     if as_json:
@@ -67,7 +67,7 @@ def diagnose_command(
 
     By default from the one fitted last.
     """
-    with opened(campaign, out, force=("diagnose",) if force else ()) as work:
+    with opened(campaign, out, "diagnose", force=force) as work:
         diagnosis = work.diagnose(model, options)
     if as_json:
         print_json(diagnosis.model_dump(mode="json", by_alias=True))
@@ -92,7 +92,7 @@ def improve_command(
 
     Until a verdict ends it; then the report is written.
     """
-    with opened(campaign, out, force=("improve",) if force else ()) as work:
+    with opened(campaign, out, "improve", force=force) as work:
         ladder = work.improve(fit, critique)
         report = work.report()
     if as_json:

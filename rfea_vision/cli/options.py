@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rfea_vision.stages import Workspace
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+PATH = click.Path(path_type=Path)
 _TRUST = "rfea_vision.trust"
 
 
@@ -90,7 +91,7 @@ def code_option(command: Command) -> Command:
 
     return click.option(
         LAWS,
-        type=click.Path(path_type=Path),
+        type=PATH,
         multiple=True,
         expose_value=False,
         callback=name,
@@ -149,10 +150,8 @@ def stage_options(command: Command) -> Command:
 def campaign_argument(command: Command) -> Command:
     """Add the argument CAMPAIGN and the options of every command that works on one."""
     command = trust_option(output_options(command))
-    command = click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")(
-        command
-    )
-    return click.argument("campaign", type=click.Path(path_type=Path))(command)
+    command = click.option("--out", type=PATH, help="Where results go; default CAMPAIGN/rfea.")(command)
+    return click.argument("campaign", type=PATH)(command)
 
 
 def effects_like(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
@@ -216,8 +215,8 @@ def _members(annotation: object) -> tuple[object, ...]:
 
 
 @contextmanager
-def opened(campaign: Path, out: Path | None, *, force: tuple[str, ...] = ()) -> Iterator[Workspace]:
-    """Open a campaign with bars on stderr while the block runs."""
+def opened(campaign: Path, out: Path | None, *stages: str, force: bool = False) -> Iterator[Workspace]:
+    """Open a campaign with bars on stderr while the block runs; with `force` these stages are redone."""
     from rfea_vision.campaign import load_campaign
     from rfea_vision.stages import Workspace
     from rfea_vision.stages.locks import locked
@@ -225,7 +224,9 @@ def opened(campaign: Path, out: Path | None, *, force: tuple[str, ...] = ()) -> 
     context = click.get_current_context(silent=True)
     told = context is not None and context.meta.get(AGAIN) is False and not context.params.get("as_json")
     with ConsoleListener(told=told).shown() as listener:
-        work = Workspace(load_campaign(campaign, out, trust=trusted()), listener=listener, force=force)
+        work = Workspace(
+            load_campaign(campaign, out, trust=trusted()), listener=listener, force=stages if force else ()
+        )
         with locked(work.cache.lock, say=listener.note):
             try:
                 yield work

@@ -31,7 +31,7 @@ def power_command(
     """
     from rfea_vision.critique import power_study
 
-    with opened(campaign, out, force=("fit",) if force else ()) as work:
+    with opened(campaign, out, "fit", force=force) as work:
         names = work.model_names()
         fit = work.model(model or names[-1]) if model or names else work.fit()
         recordings = work.recordings("train", "validate")

@@ -31,7 +31,7 @@ def propose_command(
     the model fitted last. A law describes, it does not explain: 'rfea improve CAMPAIGN --effect-file FILE' weighs it against the
     catalogue.
     """
-    with opened(campaign, out, force=("fit",) if force else ()) as work:
+    with opened(campaign, out, "fit", force=force) as work:
         proposal = work.propose(model, file)
     if as_json:
         print_json({**asdict(proposal), "file": str(proposal.file)})

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
-from rfea_vision.cli.options import output_options, trust_option, trusted
+from rfea_vision.cli.options import PATH, output_options, trust_option, trusted
 from rfea_vision.errors import InputError
 from rfea_vision.units import counted
 
@@ -19,11 +19,9 @@ if TYPE_CHECKING:
 
 
 @click.command("init")
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path))
-@click.option(
-    "--from", "first", metavar="FILES...", type=click.Path(path_type=Path), help="Files or folders to look at."
-)
-@click.argument("files", nargs=-1, metavar="", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="DIR", type=PATH)
+@click.option("--from", "first", metavar="FILES...", type=PATH, help="Files or folders to look at.")
+@click.argument("files", nargs=-1, metavar="", type=PATH)
 @output_options
 def init_command(folder: Path, first: Path | None, files: tuple[Path, ...], as_json: bool) -> None:
     """A campaign to fill in, or one guessed from files.
@@ -81,7 +79,7 @@ def told_once(problems: Sequence[FileProblem]) -> list[tuple[FileProblem, list[s
 
 
 @click.command("check")
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=PATH)
 @trust_option
 @output_options
 def check_command(campaign: Path, as_json: bool) -> int:
@@ -151,7 +149,7 @@ def doctor_command(as_json: bool) -> int:
 
 @click.command("board")
 @click.argument("name", required=False)
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="PDF to write; default NAME.pdf.")
+@click.option("-o", "--output", type=PATH, help="PDF to write; default NAME.pdf.")
 @output_options
 def board_command(name: str | None, output: Path | None, as_json: bool) -> None:
     """A calibration board as PDF, at true scale.

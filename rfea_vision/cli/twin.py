@@ -12,7 +12,7 @@ import click
 from rfea_vision.campaign.specs import GRAVITY_DEG
 from rfea_vision.cli.console import ConsoleListener, print_json, print_table, say, say_next
 from rfea_vision.cli.model import print_ladder
-from rfea_vision.cli.options import Quantity, ask, opened, output_options, refuse_beside, typed
+from rfea_vision.cli.options import PATH, Quantity, ask, opened, output_options, refuse_beside, typed
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
 from rfea_vision.units import counted, parse_quantity
@@ -26,7 +26,7 @@ _BESIDE_LIKE = {"like", "hidden", "seed", "write_truth", "as_json", "debug"}  # 
 
 
 @click.command("simulate")
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=PATH)
 @click.option(
     "--hidden",
     multiple=True,
@@ -85,7 +85,7 @@ _BESIDE_LIKE = {"like", "hidden", "seed", "write_truth", "as_json", "debug"}  # 
 )
 @click.option(
     "--like",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="CAMPAIGN",
     help="Tracks with the pressure logs, roles, frames, clocks and noise of this campaign, and the tube fitted to it.",
 )
@@ -219,9 +219,9 @@ def _roles(count: int | None, roles: str | None) -> tuple[str, ...] | None:
 
 
 @click.command("demo")
-@click.argument("place", metavar="[FOLDER]", required=False, type=click.Path(path_type=Path))
+@click.argument("place", metavar="[FOLDER]", required=False, type=PATH)
 @click.option(
-    "--folder", type=click.Path(path_type=Path), default="demo", show_default=True, help="Where it is copied to."
+    "--folder", type=PATH, default="demo", show_default=True, help="Where it is copied to."
 )
 @ask("demo", options=CritiqueOptions)
 @click.option("--force", is_flag=True, help="Redo the ladder even if nothing has changed.")
@@ -240,7 +240,7 @@ def demo_command(place: Path | None, folder: Path, options: CritiqueOptions, for
     campaign = (place or folder) / _DEMO
     if not (campaign / "campaign.yaml").is_file():
         shutil.copytree(example, campaign, ignore=shutil.ignore_patterns("rfea", ".*"), dirs_exist_ok=True)
-    with opened(campaign, None, force=("improve",) if force else ()) as work:
+    with opened(campaign, None, "improve", force=force) as work:
         ladder = work.improve(critique=options)
         report = work.report()
         models = work.out / "models"

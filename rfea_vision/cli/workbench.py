@@ -13,13 +13,13 @@ from pathlib import Path
 import click
 
 from rfea_vision.cli.console import print_json
-from rfea_vision.cli.options import output_options
+from rfea_vision.cli.options import PATH, output_options
 from rfea_vision.errors import InputError
 
 
 @click.command("open")
-@click.argument("folder", metavar="CAMPAIGN|FOLDER", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Where results go; default CAMPAIGN/rfea.")
+@click.argument("folder", metavar="CAMPAIGN|FOLDER", type=PATH)
+@click.option("--out", type=PATH, help="Where results go; default CAMPAIGN/rfea.")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port on this machine; default a free one.")
 @click.option("--no-browser", is_flag=True, help="Print the address and leave opening it to you.")
 @output_options
