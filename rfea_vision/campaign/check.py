@@ -40,8 +40,17 @@ class CheckedCampaign:
 
 @dataclass(frozen=True)
 class _AllRuns:
-    """What is kept of each run, to look at all of them together: by name the highest pressure (kPa), how far it and the tube go, the
-    modulus (Pa) that goes with it, angles alone, logs, what moved, centre lines, and how runs begin.
+    """What is kept of each run, by its name, for the checks that compare runs.
+
+    Attributes
+    ----------
+    highest_kPa : highest pressure
+    responses : how far tube and pressure go
+    moduli : Young's modulus (Pa) of a wall that bends so far; None where it cannot be told
+    angles : motion and log of runs in which only an angle was measured
+    logs, motions : pressure log, and what moves (frames, 2 or 1)
+    lines : number of points and length (mm) of the centre line
+    rests : where the tube is before anything moves, and at which pressure
     """
 
     highest_kPa: dict[str, float] = field(default_factory=dict)

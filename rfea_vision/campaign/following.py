@@ -19,32 +19,32 @@ if TYPE_CHECKING:
 _LOW_KPA = 0.5  # a pressure that changes by less stands still: soft actuators are driven with 10 to 500 kPa
 # mm of the tip, or deg: a tube beside the one that was driven seemed to move by 0.008 mm, a few of its standard errors.
 _STILL = 0.05
-# Of the pressure's variance, that a linear function of the tip's place, up to half a second later, gives again: 0.85 to 1.00 over the
-# runs of a twin and of a real finger, 0.26 for a staircase beside the log of a sum of sines.
+# Least share of the pressure's variance that a linear function of the tip's place explains up to half a second later (s). The share is
+# 0.85 to 1.00 in the runs of a twin and of a real finger, and 0.26 for a staircase beside the log of a sum of sines.
 _FOLLOWS, _LAGS_S = 0.5, np.arange(0.0, 0.51, 0.05)
-# s by which slow rubber, a long line, or a log on another clock is behind; of a run no more than a fifth, or anything follows anything
+# Longer delays (s): slow rubber, a long line, a log on another clock. At most a fifth of the run, as with more any two series agree.
 _LATE_S, _LATE_SHARE = np.arange(0.6, 5.01, 0.1), 0.2
-# No tube moves before its pressure: leads (s) that are tried, of a run no more than half; the share of the pressure's variance that the
-# motion must explain at one of them; and the part of what is unexplained at all delays (tried in steps of the last) that it may leave.
-# Chosen: with right clocks 0.95 to 0.99 is explained without delay, of periodic runs no more a period ahead; sensors are less late.
+# No tube moves before its pressure. Leads (s) that are tried, up to half of a run:
 _AHEAD_S, _AHEAD_SHARE = np.arange(0.2, 5.01, 0.1), 0.5
+# A lead is doubted where the motion explains this share of the pressure's variance at it, and leaves at most this part of what it
+# leaves at the best delay (delays in steps of so many s). Chosen: with right clocks 0.95 to 0.99 is explained without delay.
 _TOLD_AHEAD, _UNTOLD, _FINE_S = 0.9, 0.5, 0.01
 _FEWEST = 20  # frames: of fewer a good fit may be chance
-# Frames that tell whether another order of them, or another rate, goes with the pressure: a motion needs no more. Chosen.
+# Frames from which another order, or another rate, is judged; more do not change the answer. Chosen.
 _ENOUGH_FRAMES = 1000
 # Of the tip's distance from the clamp, or of 100 deg, by which no tube creeps at a constant pressure. Chosen.
 _DRIVEN = 0.1
-# Of a pressure's variance, that such another order or rate must tell more: half a step between the delays that are tried leaves less.
+# Share of the pressure's variance that another order or rate must explain in addition: half a step between delays costs less.
 _MORE = 0.02
-# Of what chambers push with, each by itself, what their signs leave: a pair that works against each other is driven by its difference,
-# which leaves all; of a real finger, whose two chambers are blown up together and bend it to one side, opposite signs left 0.06.
+# Least share of the chambers' pressures that is left when they are added with their signs. An antagonistic pair is driven by its
+# difference, which leaves all. A real finger whose two chambers are inflated together had 0.06 left by opposite signs.
 _CANCELLED = 0.2
-_HARDLY = 0.1  # of what the strongest chamber moves: one that moves less says nothing of its side
-# Shares of an angle's range: a first value within the one of zero was set to zero, where by its pressure it should be beyond the
-# other. Chosen: noise of an angle stays within the one, what friction and rubber leave within the other.
+_HARDLY = 0.1  # share of the strongest chamber's motion: the side of one that moves the tube by less cannot be told
+# Shares of an angle's range. A first value nearer to zero than the first was set to zero, if its pressure should bend the tube by more
+# than the second. Chosen: the noise of an angle is below the first, what friction and creep leave is below the second.
 _SET_TO_ZERO, _SHOULD_BE = 0.02, 0.2
-# Share of the highest pressure below which it rests, and deg that are more than a tube at rest is bent by: sensors count from the level
-# (90) or from above (180). Chosen; of its range it must be twice, or rubber that creeps would do.
+# Share of the highest pressure below which the tube is at rest, and an angle (deg) that is too large for a tube at rest: sensors count
+# from the level (90) or from above (180). It must also be twice the range, as creep leaves less. Chosen.
 _AT_REST, _FAR_DEG = 0.05, 60.0
 
 
@@ -222,7 +222,7 @@ def _mirrored(track: xr.Dataset, pair: Pair) -> str:
 
 
 def _angle_doubts(pair: Pair, kPa_per_deg: float) -> str:
-    """Doubt sign and zero of an angle, by what the pressure tells of it; else empty."""
+    """Doubt sign and zero of an angle by its pressure; empty where both may be right."""
     if kPa_per_deg < 0 and not _rises(pair):
         first = (
             "the angle falls while the pressure rises; positive is where actuator.bends points: if the sensor counts the other way, or "

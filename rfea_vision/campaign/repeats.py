@@ -24,22 +24,23 @@ if TYPE_CHECKING:
 #: Parts of a run that no two runs have in common, and how they are alike.
 _COPIED = {"video": "film, byte by byte", "track": "track, row by row", "pressure": "log, row by row"}
 
-# of the range of a motion: two runs are never alike so far in every row, and a copy with seven digits is
+# share of a motion's range within which two motions agree in every row: no two runs do, and a copy with seven digits does
 _SAME_MOTION = 1e-5
-# of a pressure's variance that one of which it is said to be a repeat must tell; repeats with a valve leave 0.01 at most. Chosen.
+# least share of a pressure's variance that the repeated run's pressure explains; repeats with a valve leave 0.01 at most. Chosen.
 _REPEATED = 0.8
-# s about their beginnings within which a repeat is brought to what it repeats (as `before_repeat` of the fits does), and steps of that
+# shifts (s) between the beginnings of a repeat and of what it repeats that are tried, as `before_repeat` of the fits does
 _BEGINNINGS_S = np.arange(-0.5, 0.51, 0.02)
-# of what is lacking to a line by its points, as far as its length may lack another part: of lines that are whole nothing is lacking
+# tolerance, as a share of the missing points, with which the missing length must agree with them: whole lines miss nothing
 _CUT_SHORT = 0.3
 # kPa of standard deviation of a pressure that stands still, as soft actuators are driven with 10 to 500
 _STILL_KPA = 0.5
-# Of a run, the part that may show it at rest, one in so many of its frames; and of its swing and the pressure's, what rest is.
+# The first twentieth of a run is looked at; it is at rest if motion and pressure stay within this share of their swings.
 _BEGINS, _QUIET = 20, 0.02
-# Of the highest pressure, by which a sensor's zero does not differ from run to run: data sheets give 0.5 % of the range and less; and
-# of what so much pressure moves the tube elsewhere, what leaves it where it was. Chosen: friction holds a tube, but not in one run.
+# Share of the highest pressure by which zeros of a sensor may differ between runs: data sheets give 0.5 % of the range and less. And
+# the share of the motion that such a difference would cause, below which the tube is where it was. Chosen: friction holds a tube, but
+# not in one run alone.
 _ZERO, _UNMOVED = 0.03, 0.3
-# rows: of fewer, and of a motion over fewer steps of its last digit, likeness may be chance
+# rows, and steps of the last digit that the motion covers: with fewer, two motions may agree by chance
 _FEW_ROWS = 20
 
 
@@ -93,7 +94,7 @@ def rest_of(track: xr.Dataset, pressure_kPa: FloatArray) -> Rest | None:
 
 
 def of_rest(name: str, rests: Mapping[str, Rest]) -> str:
-    """Doubt the zero of a sensor by which the tube rests where it rests in all other runs, at another pressure; else empty."""
+    """Doubt the zero of a sensor: the tube rests in the same place as in all other runs, at another pressure; else empty."""
     own, others = rests.get(name), [rest for other, rest in rests.items() if other != name]
     if own is None or len(others) < 2 or any(rest.place.shape != own.place.shape for rest in others):
         return ""

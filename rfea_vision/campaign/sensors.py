@@ -1,4 +1,4 @@
-"""What a log's own rows tell of it: a sensor that stands at exactly one value, rows that are missing, or come twice as densely."""
+"""Faults that show in a log's rows alone: a sensor stuck at one value, missing rows, two recordings mixed into one."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import numpy as np
 from rfea_vision.arrays import FloatArray, stretches
 from rfea_vision.scatter import rounding_noise, third_difference_noise
 
-#: Rows in a row of exactly one value: noise of more than its last digit leaves one of two rows as it was at most, and of 30 all
-#: in one of 10^9 logs.
+#: Successive rows with exactly one value that are no chance: with noise above the last digit, a row equals the one before with a
+#: probability of a half at most, and 30 rows do so in one of 10^9 logs.
 _ROWS = 30
-#: Times the step of the last digit: with noise of less, rows may well be alike.
+#: Noise over the step of the last digit, below which equal rows are normal.
 _NOISY = 1.0
-#: Of the span of a log, by which a pressure that is zero for a moment has to fall and to rise again from one row to the next; and the
-#: most of its rows that a moment is: a tube that is emptied by valves rests for longer. Chosen.
+#: A dropout to zero falls and rises by this share of the log's span from one row to the next, and lasts for at most this share of its
+#: rows: a tube that is vented by valves rests for longer. Chosen.
 _LEAP, _MOMENT = 0.2, 0.05
-#: Times the usual step of an even clock, and s, that no row is missing: water and tube follow a valve within a tenth of a second.
+#: A pause is longer than so many usual steps, and than so many s: water and tube follow a valve within a tenth of a second.
 _PAUSE_STEPS, _PAUSE_S = 10.0, 0.1
-#: Of the usual step: the steps of a clock that is read evenly are so alike, in nearly all rows; and two of a stretch that is mixed.
+#: Share of the usual step within which the steps of an even clock agree; and the quantile of the steps that is the usual one.
 _EVEN, _NEARLY_ALL = 0.1, 0.75
 
 
@@ -31,8 +31,9 @@ def of_mixed(time_s: FloatArray) -> list[str]:
     apart = (np.abs(steps[:-1] + steps[1:] - usual) < _EVEN * usual) & uneven[:-1]
     even = np.abs(steps - usual) < _EVEN * usual
     begins, ends = stretches(apart)
-    if not begins.size or (longest := int(np.argmax(ends - begins))) < 0 or ends[longest] - begins[longest] < _ROWS:
+    if not begins.size or (ends - begins).max() < _ROWS:
         return []
+    longest = int(np.argmax(ends - begins))
     inside = np.zeros(steps.size, dtype=bool)
     inside[begins[longest] : ends[longest] + 1] = True
     if (~inside).sum() < _ROWS or np.mean(even[~inside]) < 1 - _EVEN:

@@ -7,6 +7,7 @@ from math import cos, radians, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import constants
 
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.measurement import ELASTOMER_MODULUS, bend_sign
@@ -27,8 +28,6 @@ _GRAMS_IN_MG = 0.05
 _NARROW = 0.1
 #: Names of materials whose moduli are those of elastomers; one that is not named is taken for one.
 _ELASTOMERS = ("", "PDMS", "SILICONE", "RUBBER")
-#: m/s^2
-_GRAVITY = 9.81
 #: Rad of bend that the highest pressure of a campaign must be able to hold: else the tip goes sideways by less than an eighth of the
 #: length. Chosen, as is the least swing that tells a modulus: below it the shape at rest and noise have too large a part.
 _LEAST_HELD, _LEAST_SWING = 0.25, 0.1
@@ -181,7 +180,7 @@ def weight_moment(bend: float, tube: Actuator, gravity_deg: float) -> float:
     across = bend / 6 if small else (bend - sin(bend)) / bend**2
     along = 0.5 if small else (1 - cos(bend)) / bend**2
     turn = radians(gravity_deg)
-    return _GRAVITY * tube.linear_density * tube.length**2 * (across * cos(turn) - along * sin(turn))
+    return constants.g * tube.linear_density * tube.length**2 * (across * cos(turn) - along * sin(turn))
 
 
 def of_moduli(found: Iterable[float | None]) -> str:
@@ -212,7 +211,7 @@ def of_load(load_kg: float, highest_kPa: float, tube: Actuator, gravity_deg: flo
     """Doubt a payload that holds a hanging tube straight under the highest pressure (kPa) of all runs; empty where it does not."""
     pushed = _pressure_moment(tube, highest_kPa)
     aside = tube.length * _LEAST_LOADED / 2  # of the tip of an arc
-    if tube.kind != "tube" or gravity_deg != 0.0 or not 0 < pushed < _GRAVITY * load_kg * aside:
+    if tube.kind != "tube" or gravity_deg != 0.0 or not 0 < pushed < constants.g * load_kg * aside:
         return ""
     straight = f"holds this tube straight, to {np.degrees(_LEAST_LOADED):.0f} deg"
     return (
