@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shutil
@@ -11,11 +10,10 @@ from dataclasses import dataclass, replace
 from itertools import chain, count
 from pathlib import Path
 
-import yaml
-
 from rfea_vision.campaign.guess import FileGuess, Key, look
 from rfea_vision.campaign.loading import OUTPUT_FOLDER, RESERVED_NAMES
 from rfea_vision.campaign.template import campaign_name, write_new
+from rfea_vision.campaign.yaml_file import flow
 from rfea_vision.data import column_words
 from rfea_vision.errors import InputError
 
@@ -149,19 +147,6 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def _scalar(value: object) -> str:
-    """A value as YAML, quoted wherever YAML might read something else into it."""
-    if isinstance(value, list):
-        return "[" + ", ".join(_scalar(item) for item in value) + "]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_scalar(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, int | float):
-        return str(value)
-    text = str(value)
-    plain = re.fullmatch(r"[A-Za-z][\w.-]*|[\d.]+ [A-Za-z]+", text) and yaml.safe_load(text) == text
-    return text if plain else json.dumps(text, ensure_ascii=False)
-
-
 def _item(keys: Sequence[Key], where: str, guesses: list[str]) -> str:
     """Keys as one item of a list."""
     first, *others = _lines(keys, where, guesses).splitlines(keepends=True)
@@ -178,9 +163,9 @@ def _lines(keys: Sequence[Key], where: str, guesses: list[str]) -> str:
             guesses.append(f"{where}.{key.name}: needed, and not guessed: {meaning}")
             continue
         mark = f"  # guessed: {key.why}" if key.why else ""
-        out.append(f"  {key.name}: {_scalar(key.value)}{mark}\n")
+        out.append(f"  {key.name}: {flow(key.value)}{mark}\n")
         if key.why:
-            guesses.append(f"{where}.{key.name}: {_scalar(key.value)}: {key.why}")
+            guesses.append(f"{where}.{key.name}: {flow(key.value)}: {key.why}")
     return "".join(out)
 
 
@@ -225,7 +210,7 @@ def _experiment(folder: Path, run: RunFiles, held_out: bool, guesses: list[str])
     )
     guesses.append(f"{where}.role: {role}: {why}")
     heading = "video" if run.motion.what == "film" else "track"
-    text = f"format: rfea-experiment/1\nname: {_scalar(run.name)}\nrole: {role}  # guessed: {why}\n"
+    text = f"format: rfea-experiment/1\nname: {flow(run.name)}\nrole: {role}  # guessed: {why}\n"
     text += f"{heading}:\n" + _lines(_brought(folder, run.name, run.motion.motion), f"{where}.{heading}", guesses)
     if run.log is None:
         guesses.append(
@@ -258,7 +243,7 @@ def _campaign(folder: Path, runs: Sequence[RunFiles], pictures: Sequence[Path], 
         said.get("bends", Key("bends", "left", "the paper's tube; as the camera sees it")),
     ]
     head = "# Guessed from files by 'rfea init --from'. Every guess is marked: correct it, or take the mark away.\n"
-    head += f"format: rfea-campaign/1\nname: {_scalar(campaign_name(folder))}\n"
+    head += f"format: rfea-campaign/1\nname: {flow(campaign_name(folder))}\n"
     text = head + "actuator:\n" + _lines(keys, "actuator", guesses)
     if not any(run.motion.what == "film" for run in runs):
         return text

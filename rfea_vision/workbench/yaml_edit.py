@@ -6,13 +6,13 @@ what went in by that key alone, else nothing is written.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from rfea_vision.campaign.yaml_file import flow
 from rfea_vision.errors import InputError
 from rfea_vision.files import whole_file
 
@@ -85,7 +85,7 @@ def _changed(text: str, keys: Keys, value: object) -> str:
             nested = _nested(keys[depth:], value)
             if above is not None:
                 return _replaced(text, above, node, nested)
-            return text[: node.start_mark.index] + _flow(nested) + text[node.end_mark.index :]
+            return text[: node.start_mark.index] + flow(nested) + text[node.end_mark.index :]
         entry = next((pair for pair in node.value if pair[0].value == key), None)
         if entry is None:
             return _inserted(text, node, keys[depth:], value, newline)
@@ -103,13 +103,13 @@ def _replaced(text: str, key: yaml.Node, node: yaml.Node, value: object) -> str:
     lead = "" if text[start - 1] in " \t" else " "
     if not getattr(node, "flow_style", True) and node.start_mark.line > key.end_mark.line:
         start, lead = key.end_mark.index + 1, " "  # a block below its key becomes one line beside it
-    return text[:start] + lead + _flow(value) + text[end:]
+    return text[:start] + lead + flow(value) + text[end:]
 
 
 def _inserted(text: str, node: yaml.MappingNode, keys: Keys, value: object, newline: str) -> str:
     if node.flow_style:
         last = _end(node.value[-1][1]) if node.value else node.start_mark.index + 1
-        return text[:last] + (", " if node.value else "") + _flow(_nested(keys, value))[1:-1] + text[last:]
+        return text[:last] + (", " if node.value else "") + flow(_nested(keys, value))[1:-1] + text[last:]
     last = _end(node.value[-1][1])
     line_end = text.find("\n", max(last - 1, 0))  # behind a comment that stands on the same line
     at = len(text) if line_end < 0 else line_end + 1
@@ -127,25 +127,9 @@ def _end(node: yaml.Node) -> int:
 
 def _lines(keys: Keys, value: object, column: int, newline: str) -> str:
     lines = [f"{' ' * (column + INDENT * depth)}{key}:" for depth, key in enumerate(keys)]
-    lines[-1] += " " + _flow(value)
+    lines[-1] += " " + flow(value)
     return newline.join(lines) + newline
 
 
 def _nested(keys: Keys, value: object) -> object:
     return value if not keys else {keys[0]: _nested(keys[1:], value)}
-
-
-def _flow(value: object) -> str:
-    """A value on one line."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return "[" + ", ".join(map(_flow, value)) + "]"
-    if isinstance(value, str) and (yaml.safe_load(f"[{value}]") if _plain(value) else None) == [value]:
-        return value
-    return json.dumps(value)
-
-
-def _plain(text: str) -> bool:
-    """Whether a text may stand without quotes."""
-    return bool(text) and all(mark.isalnum() or mark in " .+-_^/%" for mark in text) and text.strip() == text
