@@ -60,7 +60,16 @@ def sensed(
     row = sense(par, con, pressure)[0]
     values, slope, *own = (np.broadcast_to(np.asarray(value, dtype=float), pressure.shape) for value in row)
     slopes = np.stack(own, axis=-1)
-    return values.copy(), slopes if change is None else slopes + slope[:, None] * change
+    if change is not None:
+        slopes = first_of(change.shape[-1], slopes) + slope[:, None] * change
+    return values.copy(), slopes
+
+
+def first_of(columns: int, values: FloatArray) -> FloatArray:
+    """Derivatives (..., parameters) as the first of so many columns; the others, of waves that no hook knows, are zero."""
+    out = np.zeros((*values.shape[:-1], columns))
+    out[..., : values.shape[-1]] = values
+    return out
 
 
 def at_rest(
@@ -84,21 +93,26 @@ def _behind(
     values, slopes = sensed(hooks[0], par, con, pressure, change)
     lag, dlag = scalar(hooks[1], par, con)
     felt, slope = lagged(values, step_s, nodes, max(lag, 0.0))
-    derivative = slope[..., None] * dlag
+    derivative = first_of(slopes.shape[1], slope[..., None] * dlag)
     for k in np.flatnonzero(slopes.any(axis=0)):
         derivative[..., k] += lagged(slopes[:, k].copy(), step_s, nodes, max(lag, 0.0))[0]
     return felt, derivative
 
 
 def felt_pressure(
-    law: CompiledLaw, par: FloatArray, con: FloatArray, excitation: Excitation, nodes: FloatArray
+    law: CompiledLaw,
+    par: FloatArray,
+    con: FloatArray,
+    pressure: FloatArray,
+    change: FloatArray | None,
+    step_s: float,
+    nodes: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Pressure (steps, stages) in Pa in the tube at the fractions `nodes` (stages,) of each step of the excitation.
+    """Pressure (steps, stages) in Pa in the tube at the fractions `nodes` (stages,) of each step.
 
-    And its derivative (steps, stages, parameters), with no rows if there is none.
+    And its derivative (steps, stages, parameters), with no rows if there is none. `pressure` (grid,) is the sensed one, `change` its
+    derivative (grid, parameters), of waves of pressure (grid, waves) behind them.
     """
-    pressure, change = pressure_of_chambers(law, par, con, excitation)
     if change is None and not law.changes(*LINE_HOOKS):
-        return lagged(pressure, excitation.step_s, nodes, 0.0)[0], np.zeros((0, 0, 0))
-    hooks = (law.felt_pressure, law.line_time_constant)
-    return _behind(par, con, hooks, pressure, change, excitation.step_s, nodes)
+        return lagged(pressure, step_s, nodes, 0.0)[0], np.zeros((0, 0, 0))
+    return _behind(par, con, (law.felt_pressure, law.line_time_constant), pressure, change, step_s, nodes)

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.dynamics.system import OK
+from rfea_vision.dynamics.excitation import Excitation
+from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK
 
 
 @dataclass(frozen=True)
@@ -55,3 +56,16 @@ class Steady:
     pressure: float
     stability: float
     fallen: int = 0  # steps that it took to come to rest where it fell
+
+
+def why_it_failed(status: int, done: int, taken: int, excitation: Excitation) -> str:
+    """When a run failed, where in the log, and why."""
+    time_s = excitation.start_s + done * excitation.step_s
+    reasons = {
+        NOT_CONVERGED: "no step is short enough for what happens there",
+        BLOWN_UP: "the motion grows without end",
+    }
+    return (
+        f"the simulation failed at {time_s:.3f} s of the log, at {excitation.pressure[done] / 1e3:.1f} kPa, after {taken} steps: "
+        f"{reasons.get(status, 'for no known reason')}"
+    )

@@ -18,10 +18,10 @@ from rfea_vision.dynamics.compilation import CompiledLaw, compile_law, constants
 from rfea_vision.dynamics.equilibrium import equilibrium
 from rfea_vision.dynamics.excitation import Excitation, lagged
 from rfea_vision.dynamics.integration import Course, Trace, integrate
-from rfea_vision.dynamics.line import at_rest, felt_pressure, pressure_of_chambers, scalar
-from rfea_vision.dynamics.motion import Motion, Steady
+from rfea_vision.dynamics.line import at_rest, felt_pressure, first_of, pressure_of_chambers, scalar
+from rfea_vision.dynamics.motion import Motion, Steady, why_it_failed
 from rfea_vision.dynamics.shape import centre_line
-from rfea_vision.dynamics.system import BLOWN_UP, NOT_CONVERGED, OK, OPPOSED, System
+from rfea_vision.dynamics.system import OK, OPPOSED, System
 from rfea_vision.effects.base import OF_THE_TUBE
 from rfea_vision.errors import InputError
 
@@ -42,19 +42,6 @@ TABLEAUX: dict[int, FloatArray] = {
 }
 
 
-def _why(status: int, done: int, taken: int, excitation: Excitation) -> str:
-    """When a run failed, where in the log, and why."""
-    time_s = excitation.start_s + done * excitation.step_s
-    reasons = {
-        NOT_CONVERGED: "no step is short enough for what happens there",
-        BLOWN_UP: "the motion grows without end",
-    }
-    return (
-        f"the simulation failed at {time_s:.3f} s of the log, at {excitation.pressure[done] / 1e3:.1f} kPa, after {taken} steps: "
-        f"{reasons.get(status, 'for no known reason')}"
-    )
-
-
 @dataclass(frozen=True)
 class Model:
     """A chain and a law. Parameters are one vector in SI units, in the order of `names`."""
@@ -64,7 +51,9 @@ class Model:
     mirror: float = 1.0
     gravity: float = STANDARD_GRAVITY
     mounting: float = 0.0  # direction of gravity (rad) from down, positive towards the side of the bend
-    order: int = 2
+    #: Of the integrator. At 1 ms that of order two rings slower by 3e-5, which a long and clean track would see as a bias of one
+    #: standard error in r_hyd; the steps of this one may be twice as long and more.
+    order: int = 3
     tolerance: float = 1e-8
     at: dict[str, int] = field(default_factory=dict)  # effect id -> the only joint it acts on (counted from 1)
 
@@ -149,24 +138,28 @@ class Model:
         turned = np.array([[c, s], [-s, c]])
         return line, dline, turned @ gravity, np.ascontiguousarray(turned @ dgravity)
 
-    def system(self, par: FloatArray) -> System:
-        """Chain, law and one set of parameters (SI, in the order of `names`) as the compiled engine reads them."""
+    def system(self, par: FloatArray, waves: int = 0) -> System:
+        """Chain, law and one set of parameters (SI, in the order of `names`) as the compiled engine reads them.
+
+        `waves` of pressure are parameters to the engine, too: the last ones, which nothing but the pressure depends on.
+        """
         chain, dchain = self._bodies(par)
         law = self.law
         line, dline, gravity, dgravity = self._environment(par)
+        count = par.size + waves
         return System(
             chain=chain,
-            dchain=dchain,
+            dchain=first_of(count, dchain),
             base_length=self.chain.base_length,
             line=line,
-            dline=dline,
+            dline=first_of(count, dline),
             gravity=gravity,
-            dgravity=dgravity,
+            dgravity=first_of(count, dgravity),
             position=self.chain.position,
             arc=self.chain.arc,
             length=chain[:, 0].copy(),
             weights=self._weights,
-            par=par,
+            par=first_of(count, par),
             con=self._constants.copy(),
             columns=law.columns,
             states=law.state_count,
@@ -207,12 +200,12 @@ class Model:
         drive : (n,) torques on the joints in N m
         pulled : (2,) force in N at the tip, put on once the pressure is reached
         fall : take the steady state into which the tube falls from where its branch ends
-        change : (parameters,) derivative of a pressure that depends on parameters
+        change : (parameters + waves,) derivative of a pressure that depends on parameters, or on waves that `free` numbers behind them
         opposed : in Pa, of several chambers what the sum of all pressures is beyond the one that bends
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
-        system = self.system(par)
+        system = self.system(par, 0 if change is None else change.size - par.size)
         system.con[OPPOSED] = opposed
         index = np.asarray(free, dtype=np.int64)
         target, dpressure = at_rest(self.law, par, self._constants, pressure, change)
@@ -250,11 +243,18 @@ class Model:
             found = share == 1.0 and solve(target, phi, index, pull=force)
         return Steady(found, phi, states, S_phi, S_z, target if found else np.nan_to_num(reached), stability, fallen)
 
-    def _course(self, par: FloatArray, excitation: Excitation, frames_s: FloatArray, free: NDArray[np.int64]) -> Course:
-        """The excitation at the stage times, and where the frames fall."""
+    def _course(
+        self,
+        par: FloatArray,
+        excitation: Excitation,
+        sensed: tuple[FloatArray, FloatArray | None],
+        frames_s: FloatArray,
+        free: NDArray[np.int64],
+    ) -> Course:
+        """The excitation at the stage times, and where the frames fall; `sensed` as of `felt_pressure`."""
         tableau = TABLEAUX[self.order]
         nodes = np.concatenate([[0.0], tableau.sum(axis=1)])
-        felt, dfelt = felt_pressure(self.law, par, self._constants, excitation, nodes)
+        felt, dfelt = felt_pressure(self.law, par, self._constants, *sensed, excitation.step_s, nodes)
         opposed = lagged(excitation.opposed, excitation.step_s, nodes, 0.0)[0]
         drive = np.zeros((0, 0, self.chain.bodies))
         if excitation.drive is not None:
@@ -275,6 +275,7 @@ class Model:
         start: tuple[FloatArray, FloatArray] | None = None,
         held: FloatArray | None = None,
         pulled: FloatArray | None = None,
+        waves: FloatArray | None = None,
     ) -> Motion:
         """Run along the excitation, from the steady state at its first pressure unless another start is given.
 
@@ -285,6 +286,7 @@ class Model:
         start : joint angles (n,) in rad and rates (n,) in rad/s; hidden states are then zero, and no start depends on parameters
         held : (n,) joint angles in rad in which the tube was kept until the excitation begins, its hidden states relaxed
         pulled : (2,) force in N at the tip that held the tube until then
+        waves : (k, grid) pressures in Pa; the motion is differentiated by an amplitude of each, behind the parameters `free`
 
         Returns
         -------
@@ -293,20 +295,24 @@ class Model:
         """
         par = np.asarray(par, dtype=float)
         n, m = self.chain.bodies, max(self.law.state_count, 1)
+        pressure, change = self.combined(par, excitation)
+        pivot = self.pivot(par, free)
         index = np.asarray(free, dtype=np.int64)
+        if waves is not None:
+            change = np.column_stack([np.zeros((pressure.size, par.size)) if change is None else change, waves.T])
+            index = np.concatenate([index, np.arange(par.size, change.shape[1])])
+        system = self.system(par, 0 if waves is None else len(waves))
         frames_s = np.asarray(frames_s, dtype=float)
         p, count = index.size, frames_s.size
         out_phi, out_om, out_z = np.zeros((count, n + 1)), np.zeros((count, n + 1)), np.zeros((count, n, m))
         out_S = np.zeros((count, n + 1, p))
-        pivot = self.pivot(par, index)
-        pressure, change = self.combined(par, excitation)
         first = float(pressure[0]), None if change is None else change[0]
         if held is not None:
-            begin = self._held(par, np.asarray(held, dtype=float), *first, index)
+            begin = self._held(par, system, np.asarray(held, dtype=float), *first, index)
         elif start is None:
             first_drive = None if excitation.drive is None else excitation.drive[0]
             also = {"drive": first_drive, "pulled": pulled, "change": first[1], "opposed": excitation.opposed[0]}
-            rest = self.steady(par, first[0], list(free), fall=True, **also)
+            rest = self.steady(par, first[0], index.tolist(), fall=True, **also)
             if not rest.found:
                 message = f"no steady state at the first pressure ({excitation.pressure[0] / 1e3:.1f} kPa)"
                 return Motion(1, message, out_phi, out_om, out_z, out_S, index, pivot=pivot)
@@ -319,22 +325,27 @@ class Model:
             loops.joint_law,
             loops.joint_law_parameters,
             loops.body_force,
-            self.system(par),
-            self._course(par, excitation, frames_s, index),
+            system,
+            self._course(par, excitation, (pressure, change), frames_s, index),
             Trace(*begin, out_phi, out_om, out_z, out_S),  # pyright: ignore[reportCallIssue]
         )
-        message = "" if status == OK else _why(status, done, taken, excitation)
+        message = "" if status == OK else why_it_failed(status, done, taken, excitation)
         return Motion(status, message, out_phi, out_om, out_z, out_S, index, iterations, pivot, taken)
 
     def _held(
-        self, par: FloatArray, theta: FloatArray, pressure: float, change: FloatArray | None, free: NDArray[np.int64]
+        self,
+        par: FloatArray,
+        system: System,
+        theta: FloatArray,
+        pressure: float,
+        change: FloatArray | None,
+        free: NDArray[np.int64],
     ) -> tuple[Any, ...]:
         """Start of a run that is let go: a shape that does not depend on the parameters, hidden states that may."""
         n, m = self.chain.bodies, max(self.law.state_count, 1)
         phi = np.concatenate([[0.0], np.cumsum(theta)])
-        relaxed = np.zeros((n, m, 3 + par.size))
+        relaxed = np.zeros((n, m, 3 + system.par.size))
         if self.law.state_count:
-            system = self.system(par)
             felt, slope = at_rest(self.law, par, self._constants, pressure, change)
             at = (system.position, system.arc, system.weights, system.par, system.con)
             self.law.loops.relaxed_states(theta, np.zeros(n), np.zeros((n, m)), felt, *at, relaxed)

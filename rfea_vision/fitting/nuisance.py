@@ -26,11 +26,6 @@ UNKNOWN_SHARE = 0.5
 GAUSS_NEWTON_STEPS = 8
 LARGEST_STEP, LARGEST = 0.7, 3.0
 SETTLED = 1e-3
-#: After this change the derivatives of the step before still do.
-SLOPES_HOLD = 0.05
-#: Change of an amplitude for its derivatives: their error is of its size, and 1e-2 left half a unit of chi squared along the valley
-#: between a long and a short push; what Newton leaves of an angle is 1e-8.
-DIFFERENCE = 1e-3
 #: A cost that grows by less is the same: what Newton leaves of it.
 SAME = 1e-6
 
@@ -79,49 +74,31 @@ def unknowns_of(excitation: Excitation, pressure_zero_sd: float, unknown_before_
     return Unknowns(tuple(names), np.array(sizes)[:, None] * np.array(waves), np.array(sizes))
 
 
-def eliminate(
-    count: int, look: Callable[[FloatArray], FloatArray | None], weigh: Callable[[FloatArray], FloatArray]
-) -> tuple[FloatArray, FloatArray] | None:
-    """Amplitudes (count,) that fit a run best, and the derivative of what is seen for each, stacked along the first axis.
+def eliminate(count: int, look: Callable[[FloatArray], tuple[FloatArray, FloatArray] | None]) -> FloatArray | None:
+    """Amplitudes (count,) that fit a run best; None where it cannot be simulated.
 
-    Parameters
-    ----------
-    look : amplitudes to what is seen, any shape; None where the simulation fails
-    weigh : what is seen to the weighted residual
+    look : amplitudes to the weighted residual (rows,) and its derivatives (rows, count); None where the simulation fails
     """
     amplitude: FloatArray = np.zeros(count)
     seen = look(amplitude)
     if seen is None:
         return None
-    slopes: FloatArray = np.zeros((count, *seen.shape))
-    columns: FloatArray = np.zeros((0, count))
-    residual, change = weigh(seen), np.inf
     for _ in range(GAUSS_NEWTON_STEPS):
-        if change > SLOPES_HOLD:
-            columns = np.empty((residual.size, count))
-            for k in range(count):
-                beside = look(amplitude + DIFFERENCE * np.eye(count)[k])
-                if beside is None:
-                    return None
-                slopes[k] = (beside - seen) / DIFFERENCE
-                columns[:, k] = (weigh(beside) - residual) / DIFFERENCE
+        residual, columns = seen
         step = _bounded_step(columns, residual, amplitude)
         before = float(residual @ residual + amplitude @ amplitude)
         for share in (1.0, 0.3, 0.1, 0.03):
             wanted: FloatArray = np.clip(amplitude + share * step, -LARGEST, LARGEST)
             ahead = look(wanted)
-            if ahead is None:
-                continue
-            left = weigh(ahead)
-            if left @ left + wanted @ wanted < before * (1 + SAME):
+            if ahead is not None and ahead[0] @ ahead[0] + wanted @ wanted < before * (1 + SAME):
                 break
         else:
             break  # nothing lower this way: the best there is
         change = float(np.max(np.abs(wanted - amplitude)))
-        amplitude, seen, residual = wanted, ahead, left
+        amplitude, seen = wanted, ahead
         if change < SETTLED:
             break
-    return amplitude, slopes
+    return amplitude
 
 
 def _bounded_step(columns: FloatArray, residual: FloatArray, amplitude: FloatArray) -> FloatArray:

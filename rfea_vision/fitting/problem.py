@@ -19,9 +19,6 @@ from rfea_vision.fitting.rules import CONSTANT_PA, pushed
 from rfea_vision.options.fit import FitOptions, Observe
 
 WRONG_SIDE_RAD = 0.3  # median bend to the other side under pressure at which a run is refused
-#: Order of the integrator. At 1 ms that of order two rings slower by 3e-5, which a long and clean track would see as a bias of one
-#: standard error in r_hyd; the steps of this one may be twice as long and more.
-EXACT_ORDER = 3
 #: Twice the modulus of a stiff rubber (10 MPa): a thin wall of it has burst long before.
 BURSTS_PA = 2e7
 
@@ -154,7 +151,7 @@ def make_model(actuator: Actuator, options: FitOptions, mirror: float = 1.0) -> 
     ids, places = parse_effects(options.effects, options.segments)
     effects = sized(find_effects(ids, options.effect_files), actuator)
     chain = Chain.tube(actuator, options.segments, options.joints)
-    return Model(chain, effects, mirror=mirror, at=places, order=EXACT_ORDER)
+    return Model(chain, effects, mirror=mirror, at=places)
 
 
 def start_vector(model: Model, actuator: Actuator, segments: int) -> FloatArray:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from rfea_vision.arrays import FloatArray
@@ -64,40 +65,42 @@ def predict_observed(
     unknowns = item.unknowns
     if unknowns is None:
         return _predict(model, par, item, free, clock_s, fractions)
-    informative = item.informative
-    plain = _predict(model, par, informative, (), clock_s)
-    if plain is None:
+    waves, opening = unknowns.waves, item.informative
+
+    def driven(part: Observed, amplitude: FloatArray) -> Observed:
+        return replace(part, excitation=unknowns.driven(part.excitation, amplitude))
+
+    def look(amplitude: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        one = _predict(model, par, driven(opening, amplitude), (), clock_s, waves=waves)
+        if one is None:
+            return None
+        residual, slopes = rows(opening, one)
+        return residual, slopes[:, : len(waves)]
+
+    amplitude = eliminate(len(waves), look)
+    if amplitude is None:
         return None
-
-    def look(amplitude: FloatArray) -> FloatArray | None:
-        driven = replace(informative, excitation=unknowns.driven(informative.excitation, amplitude))
-        one = _predict(model, par, driven, (), clock_s)
-        return None if one is None else _flat(one.points, one.angle)
-
-    def weigh(seen: FloatArray) -> FloatArray:
-        return rows(informative, _unflat(plain, seen[..., None]))[0]
-
-    found = eliminate(unknowns.sizes.size, look, weigh)
-    if found is None:
-        return None
-    amplitude, slopes = found
-    driven = replace(item, excitation=unknowns.driven(item.excitation, amplitude))
-    predicted = _predict(model, par, driven, free, clock_s, fractions)
+    predicted = _predict(model, par, driven(item, amplitude), free, clock_s, fractions, waves)
     if predicted is None:
         return None
-    predicted = replace(predicted, nuisance=predicted.nuisance | unknowns.values_kPa(amplitude))
-    if fractions is not None:
-        return predicted
-    forgotten = np.zeros((slopes.shape[0], item.time.size - slopes.shape[1], slopes.shape[2]))
-    slopes = np.concatenate([slopes, forgotten], axis=1)
-    by_amplitude = _unflat(predicted, np.moveaxis(slopes, 0, -1), derivative=True)
-    columns, wide = rows(item, by_amplitude)[1], rows(item, predicted)[1]
-    change = -np.linalg.solve(columns.T @ columns + np.eye(columns.shape[1]), columns.T @ wide)
-    return replace(
-        predicted,
-        dpoints=predicted.dpoints + by_amplitude.dpoints @ change,
-        dangle=predicted.dangle + by_amplitude.dangle @ change,
-    )
+    columns = np.arange(len(free), len(free) + len(waves))
+    predicted = _without_waves(predicted, columns, item if fractions is None else None)
+    return replace(predicted, nuisance=predicted.nuisance | unknowns.values_kPa(amplitude))
+
+
+def _without_waves(predicted: Predicted, waves: NDArray[np.int64], item: Observed | None) -> Predicted:
+    """Derivatives without the columns of the waves' amplitudes, which follow the parameters where `item` is what they are fitted to."""
+    others = np.delete(np.arange(predicted.dangle.shape[1]), waves)
+    follow = np.zeros((waves.size, others.size))
+    if item is not None:
+        for slopes in (predicted.dpoints, predicted.dangle):
+            slopes[item.informative.time.size :, ..., waves] = 0.0  # later frames have forgotten them
+        slopes = rows(item, predicted)[1]
+        own = slopes[:, waves]
+        follow = -np.linalg.solve(own.T @ own + np.eye(waves.size), own.T @ slopes[:, others])
+    dpoints = predicted.dpoints[..., others] + predicted.dpoints[..., waves] @ follow
+    dangle = predicted.dangle[..., others] + predicted.dangle[..., waves] @ follow
+    return replace(predicted, dpoints=dpoints, dangle=dangle)
 
 
 def why_not(model: Model, par: FloatArray, item: Observed, clock_s: float = 0.0) -> str:
@@ -109,20 +112,6 @@ def why_not(model: Model, par: FloatArray, item: Observed, clock_s: float = 0.0)
     return "the start of the run, which the log does not tell, could not be found"
 
 
-def _flat(points: FloatArray, angle: FloatArray) -> FloatArray:
-    """Points (frames, m, 2) and angle (frames,) side by side: (frames, 2 m + 1)."""
-    return np.concatenate([points.reshape(angle.size, 2 * points.shape[1]), angle[:, None]], axis=1)
-
-
-def _unflat(like: Predicted, seen: FloatArray, *, derivative: bool = False) -> Predicted:
-    """Undo `_flat` for an array with one more axis: a prediction, or with `derivative` its derivatives along that axis."""
-    frames, columns = seen.shape[0], seen.shape[2]
-    points = seen[:, :-1].reshape(frames, seen.shape[1] // 2, 2, columns)
-    if derivative:
-        return replace(like, dpoints=points, dangle=seen[:, -1])
-    return replace(like, points=points[..., 0], angle=seen[:, -1, 0])
-
-
 def _predict(
     model: Model,
     par: FloatArray,
@@ -130,11 +119,14 @@ def _predict(
     free: Sequence[int],
     clock_s: float = 0.0,
     fractions: FloatArray | None = None,
+    waves: FloatArray | None = None,
 ) -> Predicted | None:
-    """Simulate an experiment whose excitation is all known."""
+    """Simulate an experiment whose excitation is all known; derivatives by amplitudes of `waves` (k, grid) stand before the clock's."""
     model, par, free = as_rigged(model, par, item, free)
     frames, slopes = _in_log(model, par, item, clock_s)
-    motion = model.simulate(par, item.excitation, frames, free, **_start(model, item))
+    given = item.excitation
+    own = None if waves is None else waves[:, : given.pressure.size]
+    motion = model.simulate(par, given, frames, free, **_start(model, item), waves=own)
     return _seen(model, par, item, free, frames, slopes, motion, fractions) if motion.ok else None
 
 

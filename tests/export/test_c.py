@@ -39,7 +39,7 @@ MODELS = {
 
 def _model(name, **options):
     segments, joints, ids, at = MODELS[name]
-    model = Model(Chain.tube(Actuator(), segments, joints), tuple(catalogue()[i]() for i in ids), at=at, **options)
+    model = Model(Chain.tube(Actuator(), segments, joints), tuple(catalogue()[i]() for i in ids), at=at, order=2, **options)
     base = scaled(PUBLISHED["8-DoF"].vector(), 8, segments)
     par = dict(zip(model.names, base, strict=False))
     for effect in model.effects:

@@ -132,7 +132,7 @@ def test_sensitivities_are_those_of_dual_numbers(actuator):
     step = 1e-3
     pressure = np.interp(np.arange(81) * step, [0, 0.03, 0.05, 0.08], [20e3, 150e3, 150e3, 60e3])
     angles, gradients = _run_in_duals(PAR, pressure, step, [0.1, 0.05], actuator)
-    model = Model(Chain.tube(actuator, 2, "start"), tolerance=1e-14)
+    model = Model(Chain.tube(actuator, 2, "start"), order=2, tolerance=1e-14)
     start = (np.array([0.1, 0.05]), np.zeros(2))
     motion = model.simulate(PAR, Excitation(0.0, step, pressure), np.arange(81) * step, range(7), start=start)
     assert motion.ok

@@ -28,7 +28,7 @@ def test_base_parameters_against_finite_differences(n, joints, actuator, publish
     frames = frames[:72]  # rise, hold, fall
     exact = model.simulate(par, excitation, frames, range(7)).sensitivity
     for index, name in enumerate(BASE_PARAMETERS):
-        difference = _difference(model, par, index, 2e-5 * abs(par[index]), excitation, frames)
+        difference = _difference(model, par, index, 2e-6 * abs(par[index]), excitation, frames)
         assert np.abs(exact[..., index] - difference).max() < 1e-5 * np.abs(difference).max(), name
 
 
