@@ -47,7 +47,8 @@ def decide(search: Search, weighed: list[Weighed]) -> Verdict:
             shared = _likely(search, weighed, search.as_likely(weighed), most)
             ties, probability, likely = shared if shared[2] else (ties, probability, likely)
     follows = {e.id for e in search.effects if set(e.goes_with) & set(likely)}  # what needs another is added after it
-    likely.sort(key=lambda one: (one in follows, -_worth(search, top, one)))
+    alone = _alone(weighed)
+    likely.sort(key=lambda one: (one in follows, -alone.get(one, -np.inf)))
     own = next((item for item in weighed if set(item.added) == set(likely)), weighed[0])
     best = own.trial
     left = search.structure(best)
@@ -92,10 +93,9 @@ def _other(best: Weighed, row: Weighed) -> str:
     return next(iter(set(row.added) - set(best.added)))
 
 
-def _worth(search: Search, best: Weighed, own: str) -> float:
-    """Held-out squared error above the floor where a member of the best set is left out."""
-    without = search.without(best, own)
-    return without.errors.held_excess(search.floor) if without is not None else 0.0
+def _alone(weighed: Sequence[Weighed]) -> dict[str, float]:
+    """Share of the misfit that each effect takes away by itself, of those that were refitted so: what helps most is added first."""
+    return {item.added[0]: item.share for item in weighed if len(item.added) == 1}
 
 
 def _matters_at_all(search: Search, item: Weighed) -> bool:
@@ -113,7 +113,7 @@ def stand_ins_of(search: Search, weighed: Sequence[Weighed]) -> tuple[str, ...]:
             chosen = item
     if chosen is None:
         return ()
-    alone = {item.added[0]: item.share for item in weighed if len(item.added) == 1}
+    alone = _alone(weighed)
     return tuple(sorted(chosen.added, key=lambda one: -alone.get(one, -np.inf)))
 
 
