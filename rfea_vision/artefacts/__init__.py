@@ -17,9 +17,10 @@ from rfea_vision.artefacts.judgement import (
     Tie,
     WorstPlace,
 )
-from rfea_vision.artefacts.measurement import Actuator, Calibration, Hints, Recording, Track, bend_sign
+from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Actuator, Calibration, Hints, Recording, Track, bend_sign
 
 __all__ = [
+    "CHOOSING_ROLES",
     "Actuator",
     "Calibration",
     "Candidate",

@@ -32,6 +32,8 @@ def bend_sign(bends: str) -> float:
     return -1.0 if bends == "right" else 1.0
 
 
+#: Roles of the runs that are looked at while a model is chosen: looked at before the end, a test run would prove nothing.
+CHOOSING_ROLES = ("train", "validate")
 #: What the attribute ``sigma_source`` says of a track that came without standard errors.
 ESTIMATED_ERRORS = "estimated from the track's own high frequencies"
 

@@ -34,7 +34,7 @@ def power_command(
     with opened(campaign, out, "fit", force=force) as work:
         names = work.model_names()
         fit = work.model(model or names[-1]) if model or names else work.fit()
-        recordings = work.recordings("train", "validate")
+        recordings = work.recordings()
     rows = power_study(fit, recordings, effect_files=options.effect_files)
     if as_json:
         print_json({"model": fit.name, "noise_floor_mm": fit.noise_floor_mm, "effects": [asdict(row) for row in rows]})

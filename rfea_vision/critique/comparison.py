@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import Comparison, Metrics, ModelFit, WorstPlace
-from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Recording
 from rfea_vision.artefacts.rows import GoesWith, PhaseRow, PressureRow, SegmentRow
 from rfea_vision.critique.elongation import describe_elongation
 from rfea_vision.critique.phases import label_phases
@@ -120,7 +120,7 @@ def compare(model: ModelFit, recordings: Mapping[str, Recording], predictions: M
     by_phase: list[PhaseRow] = []
     where = []
     pressures, squares, places, biases = [], [], [], []
-    compared = [name for name in predictions if recordings[name].role in ("train", "validate")]
+    compared = [name for name in predictions if recordings[name].role in CHOOSING_ROLES]
     units = {name: "mm" if {"tip", "midline"} & set(recordings[name].dataset) else "deg" for name in compared}
     unit = units[compared[0]] if compared else "mm"
     floor = model.noise_floor_mm if unit == "mm" else model.noise_floor_deg

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
-from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Recording
 from rfea_vision.artefacts.rows import Elongation, ElongationProfile
 
 ASSUMPTION = (
@@ -25,7 +25,7 @@ def describe_elongation(recordings: Mapping[str, Recording], predictions: Mappin
     chosen = [
         (name, r)
         for name, r in recordings.items()
-        if r.role in ("train", "validate") and "elongation" in r.dataset and name in predictions
+        if r.role in CHOOSING_ROLES and "elongation" in r.dataset and name in predictions
     ]
     if not chosen:
         lines = any("midline" in r.dataset for r in recordings.values())

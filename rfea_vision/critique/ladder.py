@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.artefacts.judgement import Candidate, Comparison, Diagnosis, Ladder, ModelFit, Rung
-from rfea_vision.artefacts.measurement import Actuator, Recording
+from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Actuator, Recording
 from rfea_vision.artefacts.rows import Refit, TestScore
 from rfea_vision.critique.comparison import compare, goes_with
 from rfea_vision.critique.diagnosis import held_of, judge, refit_artefact
@@ -322,7 +322,7 @@ def _judged(
 
 
 def _without_test(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
-    return {name: r for name, r in recordings.items() if r.role in ("train", "validate")}
+    return {name: r for name, r in recordings.items() if r.role in CHOOSING_ROLES}
 
 
 def _test_score(problem: Problem, first: Fitted, last: Fitted) -> TestScore:

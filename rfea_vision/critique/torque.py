@@ -16,7 +16,7 @@ from scipy.signal import savgol_filter
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts.judgement import ModelFit
-from rfea_vision.artefacts.measurement import Recording
+from rfea_vision.artefacts.measurement import CHOOSING_ROLES, Recording
 from rfea_vision.artefacts.rows import Dependence, TorqueSummary
 from rfea_vision.critique.phases import label_phases
 from rfea_vision.dynamics.inverse import joint_torques
@@ -179,7 +179,7 @@ def all_residual_torques(
         return residual_torque(model, par, item, clock), item, clock
 
     model.law  # noqa: B018 - compiled once, before the threads
-    names = [name for name, recording in recordings.items() if recording.role in ("train", "validate")]
+    names = [name for name, recording in recordings.items() if recording.role in CHOOSING_ROLES]
     found = zip(names, side_by_side(one, names), strict=True)
     return {name: (result, item, clock) for name, (result, item, clock) in found if result is not None}
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rfea_vision.artefacts import Calibration, Hints, Recording, Track
+from rfea_vision.artefacts import CHOOSING_ROLES, Calibration, Hints, Recording, Track
 from rfea_vision.campaign import ExperimentSpec, following, plausibility
 from rfea_vision.campaign.tubes import of_stretch, of_width
 from rfea_vision.errors import DataError, InputError, RfeaError
@@ -386,14 +386,14 @@ def describe_recording(recording: Recording) -> str:
 
 
 def recordings(work: Runner, *roles: str) -> dict[str, Stored[Recording]]:
-    """Return the recordings of these roles by name.
+    """Return the recordings of these roles by name; of those that are looked at while a model is chosen, where none is given.
 
     Raises
     ------
     DataError
         If no training experiment is left.
     """
-    wanted = [item.name for item in work.active() if item.role in roles]
+    wanted = [item.name for item in work.active() if item.role in (roles or CHOOSING_ROLES)]
     found = work.each(wanted, lambda item: synchronise(work, item), "synchronised") if wanted else {}
     if not any(work.campaign.experiment(name).role == "train" for name in found):
         raise DataError(f"{work.campaign.root}: no experiment with 'role: train' is left to fit; mend or add one")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rfea_vision.artefacts import Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
+from rfea_vision.artefacts import CHOOSING_ROLES, Actuator, Comparison, Diagnosis, Ladder, ModelFit, Recording, Rung
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.options.asking import as_record
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from rfea_vision.critique.propose import Proposal
 
-PREDICTED_ROLES = ("train", "validate")
 RUNG_FILES = ("model.json", "prediction.nc", "comparison.json", "diagnosis.json")
 
 Recordings = Mapping[str, Stored[Recording]]
@@ -80,7 +79,7 @@ def fit(work: Runner, options: FitOptions) -> Stored[ModelFit]:
 
         parse_effects(options.effects, options.segments)
     _refuse_impossible(work, options)
-    recordings = measurement.recordings(work, *PREDICTED_ROLES)
+    recordings = measurement.recordings(work)
     actuator = common_actuator(work, recordings)
     options = fit_apart(work, options)
     folder = model_folder(work, options.name)
@@ -148,7 +147,7 @@ def compare(work: Runner, name: str) -> Stored[Comparison]:
     """Say where a model fails."""
     model = fitted(work, name)
     folder = model_folder(work, name)
-    recordings = measurement.recordings(work, *PREDICTED_ROLES)
+    recordings = measurement.recordings(work)
 
     def make(progress: Progress) -> tuple[Comparison, list[Path], str]:
         comparison = _compared(model.value, values(recordings), folder)
@@ -170,7 +169,7 @@ def diagnose(work: Runner, name: str, options: CritiqueOptions) -> Stored[Diagno
     model = fitted(work, name)
     compared = compare(work, name)
     folder = model_folder(work, name)
-    recordings = measurement.recordings(work, *PREDICTED_ROLES)
+    recordings = measurement.recordings(work)
     options = _with_files(options, fitted_with(work.cache.record(f"fit/{name}")))
 
     def make(progress: Progress) -> tuple[Diagnosis, list[Path], str]:
@@ -205,7 +204,7 @@ def propose(work: Runner, name: str, file: Path | None) -> Proposal:
     target = file or model_folder(work, name) / "proposed.py"
     if target.suffix != ".py":
         raise InputError(f"{target}: an effect is a Python file; call it {target.with_suffix('.py')}")
-    model, recordings = fitted(work, name).value, values(measurement.recordings(work, *PREDICTED_ROLES))
+    model, recordings = fitted(work, name).value, values(measurement.recordings(work))
     return propose_law(model, recordings, target, effect_id=target.stem.replace("-", "_"))
 
 
@@ -306,7 +305,7 @@ class _Climb:
     ) -> None:
         """Write a rung's artefacts, and that the stages that make them one by one are done."""
         work, folder = self.work, model_folder(self.work, model.name)
-        seen = [name for name in self.recordings if work.campaign.experiment(name).role in PREDICTED_ROLES]
+        seen = [name for name in self.recordings if work.campaign.experiment(name).role in CHOOSING_ROLES]
         model = model.model_copy(update={"inputs": work.raw_inputs(seen)})
         save_prediction(folder, predictions)
         model.save(folder / "model.json")
@@ -353,7 +352,7 @@ def _fit_stage(work: Runner, options: FitOptions, recordings: Recordings, actuat
         "fit",
         options.name,
         inputs=options.effect_files,
-        earlier=_recording_hashes(work, recordings, PREDICTED_ROLES),
+        earlier=_recording_hashes(work, recordings, CHOOSING_ROLES),
         options={"fit": as_record(options), "actuator": actuator},
         code=_fitted,
     )
@@ -370,7 +369,7 @@ def _diagnose_stage(work: Runner, name: str, recordings: Recordings, critique: C
         "diagnose",
         name,
         inputs=critique.effect_files,
-        earlier=[model, *_recording_hashes(work, recordings, PREDICTED_ROLES)],
+        earlier=[model, *_recording_hashes(work, recordings, CHOOSING_ROLES)],
         options={"critique": as_record(replace(critique, budget_s=None))},  # the budget ends a climb, no diagnosis
         code=_diagnosed,
     )

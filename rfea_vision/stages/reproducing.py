@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.artefacts import Actuator, ModelFit
+from rfea_vision.artefacts import CHOOSING_ROLES, Actuator, ModelFit
 from rfea_vision.dynamics.parameters import PAPER_UNITS, PUBLISHED
 from rfea_vision.errors import DataError
 from rfea_vision.figures import FORMATS, Lines, Plate, Series, save_plates
@@ -50,8 +50,8 @@ def reproduce(work: Workspace, *, formats: Sequence[str] = FORMATS) -> list[Path
     fits = {column: work.model(name) for column, name in MODELS.items()}
     steps = {step.rung.model: step for step in collect(work.out).steps}
     predictions = {column: steps[name].predictions for column, name in MODELS.items()}
-    recordings = {name: item.dataset for name, item in work.recordings("train", "validate").items()}
-    runs = {role: _first(work, role) for role in ("train", "validate")}
+    recordings = {name: item.dataset for name, item in work.recordings().items()}
+    runs = {role: _first(work, role) for role in CHOOSING_ROLES}
     if runs["train"] is None or "tip" not in recordings[runs["train"]]:
         raise DataError(
             f"{work.campaign.root}: the paper's figures need the tip in a training run; this campaign has none"

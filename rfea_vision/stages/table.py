@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import pandas as pd
 
-from rfea_vision.artefacts import Diagnosis, Ladder, ModelFit
+from rfea_vision.artefacts import CHOOSING_ROLES, Diagnosis, Ladder, ModelFit
 from rfea_vision.campaign.loading import OUTPUT_FOLDER
 from rfea_vision.errors import InputError, RfeaError
 from rfea_vision.files import whole_file
@@ -16,7 +16,6 @@ from rfea_vision.stages.cache import StageCache
 
 _Artefact = TypeVar("_Artefact", ModelFit, Diagnosis, Ladder)
 _ERRORS = ("tip_rmse_mm", "midline_rmse_mm", "angle_rmse_deg")
-_ROLES = ("train", "validate")
 _RUNG = ("added", "grade", "probability", "share")
 
 
@@ -92,7 +91,7 @@ def write_table(path: Path, rows: Sequence[dict[str, object]], kind: str) -> lis
 def _facts(model: ModelFit, diagnosis: Diagnosis | None) -> dict[str, object]:
     errors = {
         f"{role}_{error}": getattr(model.metrics[role], error) if role in model.metrics else None
-        for role in _ROLES
+        for role in CHOOSING_ROLES
         for error in _ERRORS
     }
     return {

@@ -147,5 +147,5 @@ class Workspace(Runner):
         return publishing.report(self).value
 
     def recordings(self, *roles: str) -> dict[str, Recording]:
-        """Return the recordings of these roles by name; DataError if no training run is left."""
+        """Return the recordings of these roles (default: all but test runs) by name; DataError if no training run is left."""
         return values(measurement.recordings(self, *roles))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rfea_vision.artefacts import ModelFit, Recording
+from rfea_vision.artefacts import CHOOSING_ROLES, ModelFit, Recording
 from rfea_vision.artefacts.measurement import Actuator
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.errors import InputError
@@ -33,7 +33,6 @@ from rfea_vision.workbench.sliders import Slider, sliders_of
 #: Longest step of a look, and how far Newton is taken: what the third-order integrator loses by it of the tip's RMSE against the
 #: fit's own 1 ms and 1e-8, and what it gains in time, is measured by `python -m benchmarks workbench`.
 LONGEST_STEP_S, TOLERANCE, FIT_TOLERANCE = 6e-3, 1e-4, 1e-8
-ROLES = ("train", "validate")  # what is looked at while one chooses proves nothing: test runs are left out
 TIP = np.array([1.0])
 
 
@@ -91,7 +90,7 @@ class Player:
     def __init__(self, experiments: Mapping[str, Experiment]) -> None:
         self.runs: dict[str, PlayedRun] = {}
         for name, experiment in experiments.items():
-            if experiment.recording is not None and experiment.role in ROLES:
+            if experiment.recording is not None and experiment.role in CHOOSING_ROLES:
                 recording = Recording(experiment.recording)
                 item = observe_recording(recording)
                 self.runs[name] = PlayedRun(item, quickened(item), experiment, recording)
@@ -235,7 +234,7 @@ def _errors(runs: Mapping[str, PlayedRun], seen: Mapping[str, Predicted | None])
             squares[name] = np.rad2deg(run.item.angle - one.angle) ** 2
     by_run = {name: None if parts is None else float(np.sqrt(np.nanmean(parts))) for name, parts in squares.items()}
     roles: dict[str, float | None] = {}
-    for role in ROLES:
+    for role in CHOOSING_ROLES:
         parts = [squares[name] for name, run in runs.items() if run.item.role == role]
         whole = [part for part in parts if part is not None]
         roles[role] = float(np.sqrt(np.nanmean(np.concatenate(whole)))) if whole and len(whole) == len(parts) else None
