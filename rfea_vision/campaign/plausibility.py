@@ -21,56 +21,55 @@ if TYPE_CHECKING:
 
     from rfea_vision.readers.pressure import PressureLog
 
-SAME_RATE = 0.02  # NTSC's 29.97 for 30 and the rounding of containers are far below
-SLOW_MOTION = 1.5  # 50 played as 25 is the least that cameras do
-# Soft actuators are driven with 10 to 500 kPa: these leave a factor of six to both sides, and the usual slips are factors of
-# 1000 (Pa, ms, m) or 57 (radians), which no factor of six hides.
+SAME_RATE = 0.02  # share by which two rates differ and are the same: NTSC's 29.97 for 30, and rounding, are far below
+SLOW_MOTION = 1.5  # least ratio of filming to playing: cameras that film 50 and play 25 have 2
+# Highest pressures (kPa) that are doubted. Soft actuators are driven with 10 to 500 kPa: a factor of six is left to both sides, and the
+# usual slips are factors of 1000 (Pa, ms, m) or 57 (radians).
 _HIGH_KPA, _LOW_KPA = 3000.0, 0.5
-# of the atmosphere, from 2,000 m up to a high at the sea: what an absolute sensor reads at rest
+# pressure of the atmosphere (kPa) from 2,000 m up to a high at sea level: what an absolute sensor reads at rest
 _AIR_kPa = (80.0, 110.0)
 _VACUUM_KPA = -101.325  # no gauge pressure lies below
-_UNLIKE = 50.0  # a highest pressure so many times below that of another run: bar for kPa is 100
-# a log that lasts so many times as long as the pictures: of a factor of 1000, and runs are not that unlike
+_UNLIKE = 50.0  # ratio of the highest pressures of two runs: that of bar and kPa is 100
+# ratio of the durations of log and pictures: with a wrong unit it is 60 or 1000, and two parts of one run are not that unlike
 _TOO_LONG = 50.0
-# a track that counts in ones and lasts so many times as long as its log: stills are taken once a second while the log runs
+# the same of a track whose times count in ones: stills are taken once a second while the log runs
 _COUNTED = 2.0
-# s of the units in which a log may count, and so seem short; the empty one stands for pictures in ms
+# s of the units in which a log that seems too short may count; the name '' stands for pictures in ms
 _LONG_UNITS = {"min": 60.0, "": 1000.0, "hour": 3600.0, "day": 86400.0}
-# The smallest slip between units is 6.9 (psi for kPa). A tube that softens with the bend goes twice as far for each kPa, and where a
-# tube goes as far the pressures of runs are rarely as unlike as half of this.
+# Ratio of two runs' motions per kPa. The smallest slip between units is 6.9 (psi for kPa); a tube that softens as it bends moves twice
+# as far per kPa, and runs in which the tube moves as far rarely have pressures that differ by half of this.
 _OTHERWISE = 4.0
-# lengths of the tube that its tip may be from the clamp: a soft arm may stretch a little, and markers stand a little off
+# distance of the tip from the clamp, in lengths of the tube: a soft arm stretches a little, and markers stand a little off
 _REACH = 1.15
-# of its length, by which a tube that is driven goes to its side; a third of it to the other side may be how it hangs. Chosen.
+# share of its length by which the tip of a driven tube moves to its side; a third of it to the other side may be how it hangs. Chosen.
 _ASIDE = 0.2
-# s and share of a film that copies of one picture last before they are no slip of the recorder's, which last a few pictures
+# s, and share of the film, that the picture must stand still: slips of a recorder last for a few pictures
 _STANDS_S, _STANDS = 0.5, 0.1
-# pictures: with fewer no motion can be told from noise, whatever the run
+# fewest pictures from which motion can be told from noise
 _FEW_PICTURES = 10
-# s and share of a film by which its last picture may come before the announced end: a few pictures, and what sound goes on for
+# s, and share of the film, by which the last picture may come before the announced end: a few pictures, and sound that goes on
 _TAIL_S, _TAIL = 0.25, 0.02
-# a step so many times the usual one is a gap in the times of pictures; where more than this share are, the rate itself varies
+# usual steps in the times of pictures that are a gap; where more than this share of the steps are, the rate itself varies
 _GAP_STEPS, _GAPS = 4.0, 0.1
-#: What a track is in that is so many times shorter than mm: what its line measures tells to a fifth.
+# units in which a track may be given in place of mm, in mm; their ratios are told apart by a length that is known to a fifth
 _SHORTER = {"cm": 10.0, "inches": 25.4, "m": 1000.0}
-# of the tube's length, by which its centre line may seem longer or shorter: soft arms stretch, and markers stand a little off
+# share by which the centre line may be longer or shorter than the tube: soft arms stretch, and markers stand a little off
 _OTHER_LENGTH = 0.2
-# lengths of the tube that its tip is from the clamp when it bends by 217 deg: one that never comes out farther is not that long
+# distance of the tip from the clamp, in lengths of the tube, when it bends by 217 deg: a tube that never comes out farther is shorter
 _CURLED = 0.5
-# of its length, by which a tip begins above its clamp only where up is down
+# height of the tip above the clamp at the beginning, in lengths of the tube, that is reached only where up and down are exchanged
 _UPWARDS = 0.5
-# of its length, below which all places are those of a track in m, or in another unit that is far larger than mm
+# distance of the tip from the clamp, in lengths of the tube, below which the track is in m, or another unit far larger than mm
 _UNMOVED = 0.02
-# of the tube's length, or deg: a track with larger standard errors cannot tell a tube that bends by 6 deg, or by half of 40, from one
-# that rests. Chosen.
+# standard errors, in lengths of the tube and in deg, that hide a bend by 6 deg, or half of one by 40 deg. Chosen.
 _BLIND, _BLIND_DEG = 0.05, 20.0
-# of the tube's length, below which no standard error of a place lies (1.5 um of 155 mm), and how much farther rows must then scatter
+# a standard error, in lengths of the tube, that no camera reaches (1.5 um of 155 mm), and how many of them rows must then scatter by
 _TOO_SURE, _SCATTER = 1e-5, 30.0
-# deg between two steps along a line: beyond it the line goes back, as no tube does within one step, and in half of the rows
+# deg between two steps along a line, in half of the rows, that mean two points are exchanged: no tube turns back within a step
 _FOLDED_DEG = 150.0
-# from one row to the next, what no tube does: a sensor that counts from 0 to 360 deg jumps by a full turn
+# deg from one row to the next, as a sensor that counts from 0 to 360 jumps by a full turn
 _TURNED_DEG = 180.0
-# lengths of the tube, and the share of rows, beyond which places are those of a slip or of rows without a tube: no tube stretches so
+# distance of a place from the clamp, in lengths of the tube, that no tube reaches; and the share of rows up to which these are outliers
 _OFF, _FEW = 2.0, 0.05
 
 

@@ -18,39 +18,38 @@ if TYPE_CHECKING:
 
     from rfea_vision.arrays import FloatArray
 
-#: Short actuators are about three times as long as thick; one given by its diameters, or in cm, falls below this.
+#: Length over diameter: short actuators have about 3; one given by its diameters, or in cm, has less than this.
 _LEAST_SLENDER = 2.0
-#: A length in cm that is called mm is a tenth of 3 diameters or more; one in m a thousandth of 100 at most.
+#: The same, where the length is in m: cm that are called mm leave 0.3 and more, m that are called mm 0.1 at most.
 _IN_M = 0.1
-#: Of the fluid's mass: a tube that weighs less was given in mg for g, which no radius mends.
+#: Mass of the tube over that of its fluid, below which it was given in mg for g: no error of a radius does as much.
 _GRAMS_IN_MG = 0.05
-#: Of the outer radius, below which a bore is taken for a slip of ten: hoses and actuators have a third and more.
+#: Bore over outer radius, below which the decimal point is wrong: hoses and actuators have a third and more.
 _NARROW = 0.1
-#: Names of materials whose moduli are those of elastomers; one that is not named is taken for one.
+#: Materials whose moduli are those of elastomers; one that is not named is taken for one.
 _ELASTOMERS = ("", "PDMS", "SILICONE", "RUBBER")
-#: Rad of bend that the highest pressure of a campaign must be able to hold: else the tip goes sideways by less than an eighth of the
-#: length. Chosen, as is the least swing that tells a modulus: below it the shape at rest and noise have too large a part.
+#: Bend (rad) that the highest pressure of a campaign must be able to hold, at which the tip is an eighth of the length aside; and the
+#: least range of the bend from which a modulus is found: in less, the shape at rest and noise have too large a part. Chosen.
 _LEAST_HELD, _LEAST_SWING = 0.25, 0.1
-#: kg/m^3: lead and mercury, beside which no wall and no fluid of an actuator comes, and the lightest foams (CRC Handbook of Chemistry
-#: and Physics). A rubber's 900 to 2,000 that are taken for lb/ft^3 are 14,400 and more.
+#: kg/m^3 of lead, of mercury, and of the lightest foams (CRC Handbook of Chemistry and Physics): no wall and no fluid of an actuator is
+#: denser or lighter. A rubber's 900 to 2,000 that are taken for lb/ft^3 are 14,400 and more.
 _DENSEST, _DENSEST_FLUID, _LIGHTEST = 11_340.0, 13_600.0, 10.0
-#: Rad of bend to which a load must leave a tube under the highest pressure: at less its tip goes sideways by less than a fortieth of
-#: the length. Chosen, as the load is a person's choice and may well be large.
+#: Bend (rad) that a load must leave a tube under the highest pressure, at which the tip is a fortieth of the length aside. Chosen.
 _LEAST_LOADED = 0.05
-#: kg/m^3: silicones and natural rubbers begin at 900; four times the area, as diameters make of it, leaves at most 400.
+#: kg/m^3: silicones and natural rubbers begin at 900; diameters given as radii make the wall's area four times as large, and leave 400.
 _LIGHTEST_RUBBER = 700.0
-#: Of the picture's longer side the length, and px of the width, that a tube has in pictures from which it can be read: below both no
-#: edge of it is found. Above twice the diagonal it is not in the picture at all.
+#: Length of the tube over the picture's longer side, and its width (px), below both of which no edge of it is found; and its length
+#: over the picture's diagonal, above which it is not in the picture at all.
 _LEAST_SEEN, _LEAST_WIDE_PX, _MOST_SEEN = 0.1, 6.0, 2.0
 _PAPER_DIAMETERS_MM = (8.0, 6.0)
-#: Of the radius, by which the middle of a tube lengthens for each rad of bend: half of it is what diameters give. Noise and a real
-#: inextensible side that gives a little move it by less than this.
+#: Lengthening of the centre line per rad of bend, over the radius: it is 1, and 0.5 where the radius is a diameter. Noise, and an
+#: inextensible side that gives a little, change it by less than these bounds leave.
 _HALVED = (0.4, 0.6)
-#: Of its length, and in standard errors, by which a tube's line may seem longer or shorter: the same as of films.
+#: Share of the tube's length, and standard errors, by which its line may be longer or shorter: the same as of films.
 _OTHER_LENGTH, _CLEAR = 0.03, 4.0
-#: Of the width: blur and shade put either edge off by half a pixel or so, and tubes widen under pressure. Chosen.
+#: Share of the width: blur and shade move either edge by half a pixel or so, and tubes widen under pressure. Chosen.
 _OTHER_WIDTH = 0.1
-#: What the lengthening must be read from: rad of bend between two postures, and the share of its variance that the bend tells.
+#: Range of the bend (rad) from which the lengthening is read, and the share of its variance that the bend must explain.
 _LEAST_BEND, _TOLD = 0.35, 0.9
 
 

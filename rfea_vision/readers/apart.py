@@ -1,4 +1,4 @@
-"""Reading in a process of its own: whatever a stranger's file does to a parser in C, it does not do to this process.
+"""Files are read in a process of their own, so that a faulty or malicious one cannot harm this process through a parser in C.
 
 The process may use so much memory and no more, and an answer must come within a time. What it sends back is JSON and bare
 arrays, never pickles: an overrun parser could make those run code here.
@@ -57,12 +57,12 @@ def isolated() -> bool:
 
 
 def serving() -> bool:
-    """Whether this is that process."""
+    """Whether this process is the one that reads for another."""
     return _serving
 
 
 def begin_serving() -> None:
-    """From now on this is that process."""
+    """Mark this process as the one that reads for another."""
     global _serving
     _serving = True
 

@@ -16,7 +16,7 @@ from rfea_vision.units import conversion_factor, counted, pressure_unit
 _SIGNS = {"°": "deg", "º": "deg", "µs": "us", "sec": "s", "Sek": "s", "mBar": "mbar", "Bar": "bar"}
 """Spellings that no registry of units knows."""
 
-#: Share by which two units may differ and be the same: at and bar, 2 %, are two.
+#: Share within which two units are the same: the nearest that are not, at and bar, differ by 2 %.
 _SAME_UNIT = 0.005
 
 # What loggers call their columns, in the languages of the labs that we know of.

@@ -31,9 +31,9 @@ def numbered_pictures(folder: Path, endings: tuple[str, ...] = PICTURES) -> tupl
 
 
 def places_in_series(files: Sequence[Path]) -> NDArray[np.float64]:
-    """Which picture of its series each is, the first 0: numbers that are missing in their names count as pictures that are.
+    """Place (files,) of each picture in its series, from 0: a number that is missing among the names counts as a missing picture.
 
-    Where names tell no such series, each comes after the one before.
+    Where the names form no series the places are 0, 1, 2, ...
     """
     found = [re.split(r"(\d+)(?=\D*$)", path.stem) for path in files]
     if len(files) > 2 and all(len(parts) == 3 for parts in found) and len({(a, b) for a, _, b in found}) == 1:

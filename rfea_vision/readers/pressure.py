@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from rfea_vision.campaign.schema import PressurePart
     from rfea_vision.campaign.specs import PressureSpec
 
-#: s by which clocks of 24 and of 12 hours and one of summer time jump back, why, and how near to that a jump is one of them: no log
-#: has rows so far apart.
+#: Why a clock jumps back, by the size of the jump in s: clocks of 24 and of 12 hours, and summer time. The jump may differ from it by
+#: so many s, as no log has rows that far apart.
 _SET_BACK_S, _NEAR_S = {86400.0: "passes midnight", 43200.0: "passes midnight", 3600.0: "goes from summer to winter time"}, 60.0
 
 
@@ -38,7 +38,7 @@ class PressureLog:
     chambers : of several chambers the pressure in each, by name; `pressure_kPa` is their sum, each times its sign
     signs : of several chambers the sign of each, by name
     clock_zero_s : when `time_s` is 0, in s after 1970; None where the log names no dates
-    doubts : what its columns say against how they were read, as sentences
+    doubts : sentences on columns that contradict the way they were read
     """
 
     time_s: FloatArray
@@ -203,7 +203,7 @@ def _read_one(spec: PressureSpec, name: str) -> PressureLog:
 
 
 def _twice(table: Table, name: str) -> str:
-    """Doubt a column of whose name there is a second one, with other numbers; readers number these. Empty where there is none."""
+    """Doubt a column where another one, with other numbers, has the same name (readers number these); else empty."""
     second = distinct(name, [name])
     if second not in table.columns or np.array_equal(table.columns[name], table.columns[second]):
         return ""

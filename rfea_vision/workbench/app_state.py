@@ -57,8 +57,8 @@ class AppState:
         self.log: list[dict[str, Any]] = []
         self.failed: dict[int, str] = {}  # by campaign: why its runs could not be measured at the last try
         self.ending: Callable[[], bool] = lambda: False
-        self.own_files: set[Path] = set()  # effect files that this user has typed or opened, and that are right
-        self.begun_files: set[Path] = set()  # of these and the others, so that typing goes over no other file
+        self.own_files: set[Path] = set()  # effect files that this user has typed or opened, and that passed the check
+        self.begun_files: set[Path] = set()  # those that may be written to: the user has opened or begun them here
         self.worker = WorkerProcess(self.tell)
         # checks laws, so that one that never ends can be stopped
         self.judge = WorkerProcess(lambda event: None, prepared=False)

@@ -1,4 +1,4 @@
-"""Between which values a slider moves: those that the data leave open, within those that physics allows."""
+"""Range of each slider: what the data leave open, within what physics allows."""
 
 from __future__ import annotations
 
