@@ -101,7 +101,7 @@ def _cross_validate(
 
 
 class _Halves(NamedTuple):
-    """Two packed cameras (29,), how far apart they put places, how far chance does, and that over it: of `modes` shifts together."""
+    """Two packed cameras (29,), the distance of the places that they give, as found and expected, and its square over `modes` modes."""
 
     cameras: list[FloatArray]
     apart_mm: float

@@ -124,7 +124,7 @@ def scaled_by_places(
 
 
 def assumed_pose_covariance(translation_mm: FloatArray) -> FloatArray:
-    """Covariance (6, 6) of a plane that was written down without one: as of a camera that is set up by eye."""
+    """Covariance (6, 6) of the pose of a plane that comes without one: that of a camera set up by eye."""
     tilt, shift = np.radians(TILT_SPREAD_DEG) ** 2, (DEPTH_SPREAD * float(translation_mm[2])) ** 2
     return np.diag([tilt, tilt, 0.0, 0.0, 0.0, shift])
 

@@ -122,7 +122,7 @@ def _complete(table: Table, count: int, *measured: FloatArray | None) -> NDArray
 
 
 def _refuse_keys_of_points(path: Path, spec: TrackPart | None) -> None:
-    """Refuse what is said of named points where there are none: it would be left out without a word."""
+    """Refuse keys about named points in a file without any: they would be ignored."""
     if spec is None:
         return
     for key in _OF_POINTS:

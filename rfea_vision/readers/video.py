@@ -223,7 +223,7 @@ class FolderSource(FrameSource):
 
 
 def _opened(path: Path) -> InputContainer:
-    """Open a container of one of the kinds above, and nothing that it names: FFmpeg also reads lists of files and addresses."""
+    """Open a container of one of the kinds above, and no file that it refers to: FFmpeg also reads lists of files and addresses."""
     try:
         path.resolve(strict=True)
         return av.open(

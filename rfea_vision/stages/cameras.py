@@ -132,7 +132,7 @@ def _scaled(camera: CameraSpec, size: tuple[int, int], length_mm: float) -> Cali
 
 
 def own_times(experiment: ExperimentSpec, time_s: FloatArray) -> FloatArray | None:
-    """What a film tells of its times (frames,) itself, from the first of `time_s` on; None where no rate replaces them."""
+    """Times (frames,) that the container itself gives, from the first of `time_s` on; None where `video.rate` does not replace them."""
     video = experiment.video
     if video is None or video.file is None or video.rate_Hz is None or experiment.track is not None:
         return None

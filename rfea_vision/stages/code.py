@@ -44,7 +44,7 @@ def _place(work: Callable[..., object]) -> tuple[Path, str]:
 
 @cache
 def _read(home: Path, name: str) -> tuple[str, frozenset[str]]:
-    """What a function and those beside it that it calls do, without comments; and the modules they depend on."""
+    """Source of a function and of those in its file that it calls, without comments; and the modules that they depend on."""
     own, waiting = _named(home, name)
     found: set[str] = set()
     while waiting:

@@ -322,13 +322,13 @@ def _on_one_clock(tracked: Track, log: PressureLog, experiment: ExperimentSpec) 
 def _refuse_doubtful(
     log: PressureLog, time_s: FloatArray, experiment: ExperimentSpec, cause: Exception | None = None
 ) -> None:
-    """Raise where the log, beside the times (frames,) of a track, asks whether it is declared rightly."""
+    """Raise the doubt that a log is declared wrongly, by itself or beside the times (frames,) of a track, if there is one."""
     if doubt := next((text for text in log_doubts(log, time_s) if "?" in text), ""):
         raise InputError(f"{experiment.name}: pressure: {doubt}") from cause
 
 
 def rig_attributes(experiment: ExperimentSpec) -> dict[str, str | float]:
-    """Return what a recording says of how the run was set up; nothing where it hangs, free from the start, as the paper's."""
+    """Attributes of a recording on how its run was set up; none for a tube that hangs and is free from the start, as the paper's."""
     rig = experiment.rig
     found: dict[str, str | float] = {}
     if rig.gravity_deg is None:

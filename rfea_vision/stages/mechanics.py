@@ -325,7 +325,7 @@ class _Climb:
 
 
 def _predict_test(work: Runner, ladder: Ladder, recordings: Recordings) -> list[Path]:
-    """Write what the first and the last model say of the test runs: after all is decided, to be looked at, not chosen by."""
+    """Predict the test runs by the first and the last model, once the ladder has ended: nothing is chosen by them."""
     tested = {name: item for name, item in values(recordings).items() if item.role == "test"}
     if not ladder.test or not tested:
         return []

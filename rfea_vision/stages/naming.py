@@ -43,7 +43,7 @@ def fit_apart(work: Runner, options: FitOptions) -> FitOptions:
 
 
 def climb_apart(work: Runner, options: FitOptions) -> FitOptions:
-    """Return `options` under a name from which no rung of the ladder takes the name of a fit beside it."""
+    """Return `options` under a name with which no rung of the ladder takes the name of another fit."""
 
     def taken(name: str) -> list[str]:
         records = work.cache.records("fit")
@@ -61,7 +61,7 @@ def climb_apart(work: Runner, options: FitOptions) -> FitOptions:
 
 
 def _renamed(work: Runner, options: FitOptions, taken: Callable[[str], list[str]]) -> FitOptions:
-    """The same under the first name that is free, and a sentence that says so."""
+    """Return the options under the first free name, and tell so."""
     other = taken(options.name)
     name = next(name for number in count(2) if not taken(name := f"{options.name}-{number}"))
     if not (work.out / "models" / name / "model.json").is_file():
@@ -73,7 +73,7 @@ def _renamed(work: Runner, options: FitOptions, taken: Callable[[str], list[str]
 def _others(
     work: Runner, name: str, options: FitOptions, leave: tuple[str, ...] = ("name",), rungs: list[str] | None = None
 ) -> list[str]:
-    """The options in which the model of this name was fitted otherwise; empty where there is none, or it is the same."""
+    """Options that differ from those of the model that was fitted under this name; empty where there is none."""
     before = fitted_with(work.cache.record(f"fit/{name}"))
     if before is None or not (work.out / "models" / name / "model.json").is_file():
         return []

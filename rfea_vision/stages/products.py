@@ -21,7 +21,7 @@ CLIMBING = "improve fits the model, weighs every effect against what it leaves, 
 
 
 def compiling(room: str) -> str:
-    """A sentence before the first use of a room whose functions Numba still has to compile; empty once they are in its cache."""
+    """Announce that Numba has to compile the functions of a room; empty where they are in its cache."""
     kept = Path(__file__).parent.parent / room / "__pycache__"
     if "NUMBA_CACHE_DIR" in os.environ or not os.access(kept.parent, os.W_OK) or any(kept.glob("*.nbi")):
         return ""
@@ -62,7 +62,7 @@ def save_diagnosis(folder: Path, diagnosis: Diagnosis, pressure: xr.Dataset | No
 
 
 def rung_of(model: ModelFit, diagnosis: Diagnosis, below: Sequence[tuple[Rung, Diagnosis]]) -> Rung:
-    """Return the rung that a model stands on, above those `below`, for the ladder as far as it is."""
+    """Return the rung of a model, above those `below`."""
     from rfea_vision.effects.catalogue import plain  # brings SymPy: only where a ladder is climbed
 
     known, own = {rung.added for rung, _ in below}, [plain(effect) for effect in model.effects]

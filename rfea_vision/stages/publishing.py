@@ -135,7 +135,7 @@ def _page_beside(work: Runner, name: str) -> Path:
 
 
 def bring_up_to_date(work: Runner) -> None:
-    """Redo what stands on changed data: the ladder with its options, single models with theirs."""
+    """Redo what depends on changed data: the ladder with its options, single models with theirs."""
     ladder = work.cache.record("improve/ladder")
     options = mechanics.fitted_with(ladder)
     names = mechanics.model_names(work)
@@ -178,7 +178,7 @@ def commands(work: Runner) -> list[str]:
 
 
 def _beside(work: Runner) -> str:
-    """The option that leads to results elsewhere than in the campaign, from the folder in which the campaign lies."""
+    """The option --out, as seen from the campaign's parent folder; empty where results lie in the campaign."""
     if work.out == work.campaign.root / OUTPUT_FOLDER:
         return ""
     return f" --out {shlex.quote(os.path.relpath(work.out, work.campaign.root.parent))}"

@@ -138,7 +138,7 @@ def load_recipe(name_or_path: str) -> Recipe:
 
 
 def _look_beside(folder: Path, steps: object) -> None:
-    """Make effect files that steps name relative to the recipe's own `folder`: it may run elsewhere, on other machines, too."""
+    """Resolve the effect files of steps against the recipe's own `folder`: the recipe may run elsewhere."""
     for step in steps if isinstance(steps, list) else ():
         for options in step.values() if isinstance(step, dict) else ():
             if isinstance(options, dict) and isinstance(options.get("effect_files"), list):

@@ -49,14 +49,14 @@ def warnings_of(measured: Track | Recording) -> list[str]:
 
 
 def log_doubts(log: PressureLog, seen_s: FloatArray) -> list[str]:
-    """What makes one doubt that a log is what it is said to be, beside the times (frames,) of a track."""
+    """Doubts about how a log is declared, by itself and beside the times (frames,) of a track."""
     return plausibility.of_pressure(log) + plausibility.of_times(log.time_s, seen_s)
 
 
 def log_warnings(
     experiment: ExperimentSpec, recording: Recording, log: PressureLog, own_s: FloatArray | None = None
 ) -> dict[str, str]:
-    """The same, and that it belongs to the run, as an attribute of the recording; `own_s` (frames,) as in `following.of_pair`."""
+    """These, and doubts whether the log is that of the run, as an attribute of the recording; `own_s` as in `following.of_pair`."""
     seen_s = recording.time_s
     said = log_doubts(log, seen_s) or following.of_pair(
         recording.dataset, seen_s, log.time_s, log.pressure_kPa, log.pushes_kPa, own_s, held=experiment.rig.held
@@ -73,7 +73,7 @@ def say_warnings(work: Runner, experiment: ExperimentSpec, measured: Track | Rec
 def warn_of_copies(
     work: Runner, about: Sequence[ExperimentSpec], motions: Mapping[str, FloatArray] = MappingProxyType({})
 ) -> None:
-    """Say of these runs whether their film, track or log stands in another one, too, or what was seen to move (rows, columns)."""
+    """Warn where the film, track, log or motion (rows, columns) of one of these runs is that of another run, too."""
     for experiment, key, text in repeats.alike(work.active(), motions):
         if experiment in about or any(f"'{item.name}'" in text for item in about):
             work.tell(f"warning: {experiment.name}: {key} {text}")
@@ -110,12 +110,12 @@ DOUBTS = ("doubts", "length_check", "pressure_doubts")
 
 
 def is_doubt(attribute: str, text: str) -> bool:
-    """Whether one of `DOUBTS` asks for something: the check of the length is written of every film, with a remedy where it fails."""
+    """Whether one of `DOUBTS` needs attention: every film has a check of its length, which holds a remedy only where it fails."""
     return bool(text) and (attribute != "length_check" or ": " in text)
 
 
 def _written(dataset: xr.Dataset, *, after_sync: bool) -> list[str]:
-    """Sentences among the attributes; a remark with nothing to do about it is no doubt."""
+    """Sentences among the attributes that ask for something to be done."""
     length = str(dataset.attrs.get("length_check", ""))
     length = length if is_doubt("length_check", length) else ""
     if after_sync:

@@ -219,7 +219,7 @@ class Asked:
 
 
 def in_words(sentence: str) -> str:
-    """A sentence of the command line with what people read in place of the codes of its reasons."""
+    """A sentence of the command line with words in place of the codes of its reasons."""
     from rfea_vision.artefacts.reasons import REASONS  # the page is served before artefacts are loaded
 
     for code, reason in REASONS.items():

@@ -12,6 +12,6 @@ _IMPORTING = Lock()
 
 @cache
 def loaded(name: str) -> ModuleType:
-    """A module of the package, imported by one thread at a time: two that wait for each other's would see half of them."""
+    """A module of the package, imported by one thread at a time: two that import each other's modules would see them half loaded."""
     with _IMPORTING:
         return import_module(f"rfea_vision.{name}")

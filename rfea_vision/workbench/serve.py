@@ -57,7 +57,7 @@ def serve(folder: Path, *, out: Path | None = None, port: int = 0, ready: Callab
 
 
 def _announce(server: uvicorn.Server, app: AppState, ready: Callable[[str], None], address: str) -> None:
-    """Say the address once the server answers; load what the first page needs, and when that is there what the first click will."""
+    """Say the address once the server answers; then load what the first page needs, and after it what the first click needs."""
     while not server.started and not server.should_exit:
         threading.Event().wait(0.01)
     if server.started:

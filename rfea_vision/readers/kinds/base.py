@@ -140,7 +140,7 @@ def frame_table(source: str, frame: pd.DataFrame) -> Table:
 
 
 def points_table(source: str, points: Mapping[str, Points]) -> Table:
-    """Return poses as a table: the columns are those of the first individual, named ``point.x``, for those who look."""
+    """Return poses as a table; its columns are those of the first individual, named ``point.x``."""
     first = next(iter(points.values()))
     columns = {
         f"{name}.{axis}": first.positions[:, index, place]
@@ -175,7 +175,7 @@ def hdf5(path: Path) -> Generator[Any]:
 
 
 def begins_with(mark: bytes, within: int = 0) -> Callable[[Path], bool]:
-    """Return what says whether a file begins with `mark`, or has it among its first `within` bytes."""
+    """Return a test whether a file begins with `mark`, or has it among its first `within` bytes."""
 
     def is_mine(path: Path) -> bool:
         with path.open("rb") as stream:
@@ -185,7 +185,7 @@ def begins_with(mark: bytes, within: int = 0) -> Callable[[Path], bool]:
 
 
 def has_members(*names: str) -> Callable[[Path], bool]:
-    """Return what says whether an HDF5 file holds all of these datasets or groups."""
+    """Return a test whether an HDF5 file holds all of these datasets or groups."""
 
     def is_mine(path: Path) -> bool:
         import h5py

@@ -29,7 +29,7 @@ def read_mat(path: Path) -> Table:
 
 
 def _unpacked_bytes(path: Path) -> int:
-    """How large the compressed variables of a MATLAB 5 file say that they are (MAT-File Format, 1-7 to 1-10)."""
+    """Size (bytes) that the compressed variables of a MATLAB 5 file announce (MAT-File Format, 1-7 to 1-10)."""
     raw = path.read_bytes()
     order, at, total = "little" if raw[126:128] == b"IM" else "big", 128, 0
     while at + 8 <= len(raw):
