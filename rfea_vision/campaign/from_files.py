@@ -58,17 +58,14 @@ def write_campaign_from(folder: Path, files: Sequence[Path]) -> Written:
         raise InputError(
             f"{folder}: none of the files holds a film or a track ({seen}); give those of at least one run"
         )
-    pages: dict[Path, str] = {}
-    guesses: list[str] = []
-    for index, run in enumerate(runs):
-        place = folder / run.name / "experiment.yaml"
-        held_out = len(runs) > 1 and index == len(runs) - 1
-        pages[place] = _experiment(folder, run, held_out, guesses)
-    pictures = [item.path for item in found if item.what == "picture"]
-    pages[folder / "campaign.yaml"] = _campaign(folder, runs, pictures, guesses)
+    draft = _Draft(folder)
+    pages = {
+        folder / run.name / "experiment.yaml": draft.experiment(run, held_out=len(runs) > 1 and run is runs[-1]) for run in runs
+    }
+    pages[folder / "campaign.yaml"] = draft.campaign(runs, [item.path for item in found if item.what == "picture"])
     write_new(pages)
     left_out = [f"{item.path}: {item.note or 'belongs to no film or track'}" for item in alone]
-    return Written(tuple(pages), tuple(guesses), tuple(left_out))
+    return Written(tuple(pages), tuple(draft.guesses), tuple(left_out))
 
 
 def _expanded(files: Sequence[Path]) -> list[Path]:
@@ -105,11 +102,7 @@ def _runs(found: Sequence[FileGuess]) -> tuple[list[RunFiles], list[FileGuess]]:
     pending: list[FileGuess] = []
     for item in found:
         if item.what == "film" and _stem(item.path) in tracked:
-            alone.append(
-                FileGuess(
-                    item.path, "film", note="a track of the same run is there; name the film in its place if you like"
-                )
-            )
+            alone.append(replace(item, note="a track of the same run is there; name the film in its place if you like"))
         elif item.what in ("film", "track", "both"):
             pending.append(item)
     pairs: list[tuple[FileGuess, FileGuess | None, str]] = [(item, item, "") for item in pending if item.what == "both"]
@@ -147,53 +140,6 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def _item(keys: Sequence[Key], where: str, guesses: list[str]) -> str:
-    """Keys as one item of a list."""
-    first, *others = _lines(keys, where, guesses).splitlines(keepends=True)
-    return "  - " + first[2:] + "".join(f"  {line}" for line in others)
-
-
-def _lines(keys: Sequence[Key], where: str, guesses: list[str]) -> str:
-    """Keys as lines of YAML below a heading: guesses are marked, what nobody can guess is left as a comment."""
-    out = []
-    for key in keys:
-        if key.value is None:
-            example, _, meaning = key.why.partition(": ")
-            out.append(f"  # {key.name}: {example}  # needed: {meaning}\n")
-            guesses.append(f"{where}.{key.name}: needed, and not guessed: {meaning}")
-            continue
-        mark = f"  # guessed: {key.why}" if key.why else ""
-        out.append(f"  {key.name}: {flow(key.value)}{mark}\n")
-        if key.why:
-            guesses.append(f"{where}.{key.name}: {flow(key.value)}: {key.why}")
-    return "".join(out)
-
-
-def _brought(folder: Path, run: str, keys: Sequence[Key]) -> list[Key]:
-    return [Key("file", _brought_in(folder, folder / run, key.value)) if key.name == "file" else key for key in keys]
-
-
-def _brought_in(folder: Path, room: Path, path: Path) -> str:
-    """Return the name by which a campaign finds a file: where it lies if that is inside, else a link to it in `room`."""
-    root = folder.resolve()
-    if path.is_relative_to(root):
-        return (
-            os.path.relpath(path, room.resolve())
-            if path.is_relative_to(room.resolve())
-            else str(path.relative_to(root))
-        )
-    room.mkdir(parents=True, exist_ok=True)
-    there = room / path.name
-    if there.exists() and not there.samefile(path):
-        raise InputError(f"{there}: is there already and is another file than {path}; choose another folder")
-    if not there.exists():
-        try:
-            os.link(path, there)
-        except OSError:  # another disk
-            shutil.copy2(path, there)
-    return path.name
-
-
 #: What stands in place of a log that was not found; of a beam, or a tube that was let go, there is none.
 NO_LOG = """# pressure: {file: pressure.csv}  # needed: no log was found that belongs here; without one, at constant pressure:
 # pressure: {value: 0 kPa}
@@ -201,105 +147,120 @@ NO_LOG = """# pressure: {file: pressure.csv}  # needed: no log was found that be
 """
 
 
-def _experiment(folder: Path, run: RunFiles, held_out: bool, guesses: list[str]) -> str:
-    where = run.name
-    role, why = (
-        ("validate", "the last run, set aside to judge the model")
-        if held_out
-        else ("train", "a model needs runs to fit")
-    )
-    guesses.append(f"{where}.role: {role}: {why}")
-    heading = "video" if run.motion.what == "film" else "track"
-    text = f"format: rfea-experiment/1\nname: {flow(run.name)}\nrole: {role}  # guessed: {why}\n"
-    text += f"{heading}:\n" + _lines(_brought(folder, run.name, run.motion.motion), f"{where}.{heading}", guesses)
-    if run.log is None:
-        guesses.append(
-            f"{where}.pressure: needed, and not guessed: no log was found that belongs to {run.motion.path.name}"
-        )
-        return text + NO_LOG
-    text += "pressure:" + (f"  # guessed: {run.why}" if run.why else "") + "\n"
-    if run.why:
-        guesses.append(f"{where}.pressure: {run.log.path.name}: {run.why}")
-    if run.log.chambers:
-        brought = [_brought(folder, run.name, keys) for keys in run.log.chambers]
-        text += "".join(_item(keys, f"{where}.pressure[{index}]", guesses) for index, keys in enumerate(brought))
-    else:
-        text += _lines(_brought(folder, run.name, run.log.pressure), f"{where}.pressure", guesses)
-    if run.log is run.motion:
-        return text + "sync: {method: common_clock}  # pressure and motion stand in one table\n"
-    guesses.append(f"{where}.sync: motion: nothing says that the two clocks are one")
-    return text + "sync: {method: motion}  # guessed: nothing says that the two clocks are one\n"
+class _Draft:
+    """The YAML files of a campaign in `folder`, and every guess in them."""
 
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.guesses: list[str] = []
 
-def _campaign(folder: Path, runs: Sequence[RunFiles], pictures: Sequence[Path], guesses: list[str]) -> str:
-    said = {key.name: key for run in runs for key in run.motion.actuator}
-    paper = "that of the paper's tube; measure yours"
-    keys = [
-        Key("outer_radius", "4 mm", paper),
-        Key("inner_radius", "3 mm", paper),
-        said.get("length", Key("length", "155 mm", paper)),
-        Key("density", "965 kg/m^3", "that of PDMS"),
-        Key("fluid_density", "1000 kg/m^3", "that of water"),
-        said.get("bends", Key("bends", "left", "the paper's tube; as the camera sees it")),
-    ]
-    head = "# Guessed from files by 'rfea init --from'. Every guess is marked: correct it, or take the mark away.\n"
-    head += f"format: rfea-campaign/1\nname: {flow(campaign_name(folder))}\n"
-    text = head + "actuator:\n" + _lines(keys, "actuator", guesses)
-    if not any(run.motion.what == "film" for run in runs):
-        return text
-    return text + "camera:\n" + _lines(_camera(folder, pictures), "camera", guesses)
+    def experiment(self, run: RunFiles, *, held_out: bool) -> str:
+        """experiment.yaml of a run."""
+        role, why = ("validate", "the last run, set aside to judge the model") if held_out else ("train", "a model needs runs to fit")
+        self.guesses.append(f"{run.name}.role: {role}: {why}")
+        heading = "video" if run.motion.what == "film" else "track"
+        text = f"format: rfea-experiment/1\nname: {flow(run.name)}\nrole: {role}  # guessed: {why}\n"
+        text += f"{heading}:\n" + self._lines(self._brought(run.name, run.motion.motion), f"{run.name}.{heading}")
+        where = f"{run.name}.pressure"
+        if run.log is None:
+            self.guesses.append(f"{where}: needed, and not guessed: no log was found that belongs to {run.motion.path.name}")
+            return text + NO_LOG
+        text += "pressure:" + (f"  # guessed: {run.why}" if run.why else "") + "\n"
+        if run.why:
+            self.guesses.append(f"{where}: {run.log.path.name}: {run.why}")
+        for index, keys in enumerate(run.log.chambers):
+            first, *others = self._lines(self._brought(run.name, keys), f"{where}[{index}]").splitlines(keepends=True)
+            text += "  - " + first[2:] + "".join(f"  {line}" for line in others)
+        if not run.log.chambers:
+            text += self._lines(self._brought(run.name, run.log.pressure), where)
+        if run.log is run.motion:
+            return text + "sync: {method: common_clock}  # pressure and motion stand in one table\n"
+        self.guesses.append(f"{run.name}.sync: motion: nothing says that the two clocks are one")
+        return text + "sync: {method: motion}  # guessed: nothing says that the two clocks are one\n"
 
-
-def _camera(folder: Path, pictures: Sequence[Path]) -> list[Key]:
-    """The board and its photos, if one is seen in the pictures; else what else gives a scale."""
-    boards = [path for path in pictures if any(word in path.stem.lower() for word in column_words()["board"])] or list(
-        pictures
-    )
-    plane = next((path for path in pictures if re.search("plane|ebene", path.stem.lower())), None)
-    boards = [path for path in boards if path != plane]
-    if not boards:
-        return [
-            Key(
-                "board",
-                None,
-                "{kind: checkerboard, inner_corners: [9, 6], square: 12 mm}: a board, with 'photos'; or 'scale'",
-            )
+    def campaign(self, runs: Sequence[RunFiles], pictures: Sequence[Path]) -> str:
+        """campaign.yaml of the runs, with the camera of their films."""
+        said = {key.name: key for run in runs for key in run.motion.actuator}
+        paper = "that of the paper's tube; measure yours"
+        keys = [
+            Key("outer_radius", "4 mm", paper),
+            Key("inner_radius", "3 mm", paper),
+            said.get("length", Key("length", "155 mm", paper)),
+            Key("density", "965 kg/m^3", "that of PDMS"),
+            Key("fluid_density", "1000 kg/m^3", "that of water"),
+            said.get("bends", Key("bends", "left", "the paper's tube; as the camera sees it")),
         ]
-    corners = next((size for path in boards[:3] if (size := _corners(path)) is not None), None)
-    size = list(corners or (9, 6))
-    seen = (
-        f"seen in {boards[0].name}"
-        if corners
-        else "of 'rfea board checkerboard-9x6-12mm'; none was recognised in the photos"
-    )
-    room = folder / "calibration"
-    keys = [
-        Key(
-            "photos",
-            [_from_root(folder, _brought_in(folder, room, path)) for path in boards],
-            "pictures that are no films",
-        )
-    ]
-    if plane is not None:
-        keys.append(Key("plane", _from_root(folder, _brought_in(folder, room, plane)), "its name says so"))
-    square = "the square of 'rfea board'; measure yours"
-    board = {"kind": "checkerboard", "inner_corners": size, "square": "12 mm"}
-    return [Key("board", board, f"corners {seen}; {square}"), *keys]
+        text = "# Guessed from files by 'rfea init --from'. Every guess is marked: correct it, or take the mark away.\n"
+        text += f"format: rfea-campaign/1\nname: {flow(campaign_name(self.folder))}\n"
+        text += "actuator:\n" + self._lines(keys, "actuator")
+        filmed = any(run.motion.what == "film" for run in runs)
+        return text + ("camera:\n" + self._lines(self._camera(pictures), "camera") if filmed else "")
 
+    def _lines(self, keys: Sequence[Key], where: str) -> str:
+        """Keys as lines of YAML below a heading: guesses are marked, what nobody can guess is left as a comment."""
+        text = ""
+        for key in keys:
+            if key.value is None:
+                example, _, meaning = key.why.partition(": ")
+                text += f"  # {key.name}: {example}  # needed: {meaning}\n"
+                self.guesses.append(f"{where}.{key.name}: needed, and not guessed: {meaning}")
+                continue
+            text += f"  {key.name}: {flow(key.value)}" + (f"  # guessed: {key.why}" if key.why else "") + "\n"
+            if key.why:
+                self.guesses.append(f"{where}.{key.name}: {flow(key.value)}: {key.why}")
+        return text
 
-def _from_root(folder: Path, name: str) -> str:
-    return name if (folder / name).exists() else f"calibration/{name}"
+    def _camera(self, pictures: Sequence[Path]) -> list[Key]:
+        """The board and its photos, if one is seen in the pictures; else what else gives a scale."""
+        called = [path for path in pictures if any(word in path.stem.lower() for word in column_words()["board"])]
+        plane = next((path for path in pictures if re.search("plane|ebene", path.stem.lower())), None)
+        boards = [path for path in called or pictures if path != plane]
+        if not boards:
+            example = "{kind: checkerboard, inner_corners: [9, 6], square: 12 mm}"
+            return [Key("board", None, f"{example}: a board, with 'photos'; or 'scale'")]
+        corners = next((size for path in boards[:3] if (size := _corners(path)) is not None), None)
+        seen = f"seen in {boards[0].name}" if corners else "of 'rfea board checkerboard-9x6-12mm'; none was recognised in the photos"
+        board = {"kind": "checkerboard", "inner_corners": list(corners or (9, 6)), "square": "12 mm"}
+        keys = [
+            Key("board", board, f"corners {seen}; the square of 'rfea board'; measure yours"),
+            Key("photos", [self._photo(path) for path in boards], "pictures that are no films"),
+        ]
+        return keys if plane is None else [*keys, Key("plane", self._photo(plane), "its name says so")]
+
+    def _photo(self, path: Path) -> str:
+        """A photo of the board, brought into the campaign, as campaign.yaml names it."""
+        name = self._bring("calibration", path)
+        return name if (self.folder / name).exists() else f"calibration/{name}"
+
+    def _brought(self, run: str, keys: Sequence[Key]) -> list[Key]:
+        return [Key("file", self._bring(run, key.value)) if key.name == "file" else key for key in keys]
+
+    def _bring(self, place: str, path: Path) -> str:
+        """The name by which a campaign finds a file: where it lies if that is inside, else a link to it in the folder `place`."""
+        root, room = self.folder.resolve(), self.folder / place
+        if path.is_relative_to(room.resolve()):
+            return os.path.relpath(path, room.resolve())
+        if path.is_relative_to(root):
+            return str(path.relative_to(root))
+        room.mkdir(parents=True, exist_ok=True)
+        there = room / path.name
+        if there.exists() and not there.samefile(path):
+            raise InputError(f"{there}: is there already and is another file than {path}; choose another folder")
+        if not there.exists():
+            try:
+                os.link(path, there)
+            except OSError:  # another disk
+                shutil.copy2(path, there)
+        return path.name
 
 
 def _corners(path: Path) -> tuple[int, int] | None:
+    """How many inner corners the board in a picture has; None where none is seen."""
     from rfea_vision.calibration.board import Board
     from rfea_vision.calibration.corners import Refused, find_corners
     from rfea_vision.readers.pictures import read_grey
 
-    grey = read_grey(path)
-    if grey is None:
+    if (grey := read_grey(path)) is None:
         return None
-    sizes = (
-        size for size in _SIZES if not isinstance(find_corners(path, grey, Board("checkerboard", size, 0.012)), Refused)
-    )
-    return next(sizes, None)
+    found = ((size, find_corners(path, grey, Board("checkerboard", size, 0.012))) for size in _SIZES)
+    return next((size for size, view in found if not isinstance(view, Refused)), None)
