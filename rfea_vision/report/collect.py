@@ -86,41 +86,37 @@ def collect(folder: Path, runs: Collection[str] | None = None) -> Evidence:
     Results of runs that were renamed, taken out or set aside since stay in the folder, and are none of the campaign's.
     A missing or unreadable file becomes a sentence in ``absent``, never an error.
     """
-    absent: dict[str, str] = {}
+    absent = _Absent()
     if not folder.is_dir():
         absent["folder"] = f"{folder} is not there: no command has written results for this campaign yet."
-    ladder_path = folder / Ladder.FILE
-    ladder = None
-    if not ladder_path.exists():
-        absent["ladder"] = "No ladder yet: run `rfea improve` to let the tool add effects one by one."
-    else:
-        ladder = _load(Ladder.load, ladder_path, "ladder", absent)
+    no_ladder = "No ladder yet: run `rfea improve` to let the tool add effects one by one."
+    ladder = absent.read("ladder", Ladder.load, folder / Ladder.FILE, no_ladder)
     experiments = tuple(sorted(_experiments(folder, runs), key=lambda e: (_ROLE_ORDER.get(e.role, 3), e.name)))
     steps = tuple(_steps(folder, ladder, absent))
     if not steps:
         absent.setdefault("models", "No model yet: run `rfea fit` or `rfea improve`.")
-    camera = None
-    camera_path = folder / "calibration" / "camera.yaml"
-    if camera_path.exists():
-        camera = _load(read_camera, camera_path, "calibration", absent)
-    else:
-        absent["calibration"] = (
-            "No camera was calibrated here: the experiments came as tracks from another tool, "
-            "or `rfea calibrate` has not run."
-        )
+    no_camera = "No camera was calibrated here: the experiments came as tracks from another tool, or `rfea calibrate` has not run."
+    camera = absent.read("calibration", read_camera, folder / "calibration" / "camera.yaml", no_camera)
     photos = {path.stem: path.read_bytes() for path in sorted((folder / "calibration" / "photos").glob("*.jpg"))}
     return Evidence(folder, experiments, steps, ladder, camera, absent, photos)
 
 
-def _load(reader: Callable[[Path], _Read], path: Path, key: str, absent: dict[str, str]) -> _Read | None:
-    """`reader(path)`, or None with the reason filed under `key`."""
-    try:
-        return reader(path)
-    except RfeaError as error:
-        absent[key] = f"{error}"
-    except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
-        absent[key] = f"{path.name} could not be read ({error}); run the stage that writes it with --force."
-    return None
+class _Absent(dict[str, str]):
+    """Why pieces are missing: one sentence each."""
+
+    def read(self, key: str, reader: Callable[[Path], _Read], path: Path, missing: str = "") -> _Read | None:
+        """`reader(path)`; or None, with the reason under `key`: `missing` where there is no such file."""
+        if not path.exists():
+            if missing:
+                self[key] = missing
+            return None
+        try:
+            return reader(path)
+        except RfeaError as error:
+            self[key] = f"{error}"
+        except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
+            self[key] = f"{path.name} could not be read ({error}); run the stage that writes it with --force."
+        return None
 
 
 def _read_mapping(path: Path) -> dict[str, Any]:
@@ -134,19 +130,14 @@ def _experiments(folder: Path, runs: Collection[str] | None) -> list[Experiment]
     found = []
     rooms = {path.parent for pattern in ("*/recording.nc", "*/track.nc") for path in folder.glob(pattern)}
     for room in sorted(room for room in rooms if runs is None or room.name in runs):
-        absent: dict[str, str] = {}
-        recording = track = None
-        if (room / "recording.nc").exists():
-            loaded = _load(Recording.load, room / "recording.nc", "recording", absent)
-            recording = loaded.dataset if loaded else None
-        else:
-            absent["recording"] = f"{room.name} has no recording yet: run `rfea sync`."
-        if recording is None and (room / "track.nc").exists():
-            loaded = _load(Track.load, room / "track.nc", "track", absent)
-            track = loaded.dataset if loaded else None
+        absent = _Absent()
+        no_recording = f"{room.name} has no recording yet: run `rfea sync`."
+        recording = absent.read("recording", Recording.load, room / "recording.nc", no_recording)
+        track = absent.read("track", Track.load, room / "track.nc") if recording is None else None
         clip, info = _clip(room, absent)
-        role = str(recording.attrs.get("role", "")) if recording is not None else ""
-        found.append(Experiment(room.name, role or "not synchronised", recording, track, clip, info, absent))
+        role = str(recording.dataset.attrs.get("role", "")) if recording else ""
+        data = (recording.dataset if recording else None, track.dataset if track else None)
+        found.append(Experiment(room.name, role or "not synchronised", *data, clip, info, absent))
     return found
 
 
@@ -159,12 +150,9 @@ def _read_clip(path: Path) -> dict[str, Any]:
     return {**content, **told, "times_s": times}
 
 
-def _clip(room: Path, absent: dict[str, str]) -> tuple[bytes | None, dict[str, Any]]:
-    record = room / "clip.json"
-    if not record.exists():
-        absent["clip"] = "There is no film of this run (its track came from another tool), so the tube is drawn alone."
-        return None, {}
-    info = _load(_read_clip, record, "clip", absent)
+def _clip(room: Path, absent: _Absent) -> tuple[bytes | None, dict[str, Any]]:
+    no_film = "There is no film of this run (its track came from another tool), so the tube is drawn alone."
+    info = absent.read("clip", _read_clip, room / "clip.json", no_film)
     if info is None:
         return None, {}
     film = room / Path(str(info.get("file", "clip.mp4"))).name  # one that leads elsewhere is none, as in `_find`
@@ -174,11 +162,10 @@ def _clip(room: Path, absent: dict[str, str]) -> tuple[bytes | None, dict[str, A
     return film.read_bytes(), info
 
 
-def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[LadderStep]:
+def _steps(folder: Path, ladder: Ladder | None, absent: _Absent) -> list[LadderStep]:
     models: dict[str, ModelFit] = {}
     for path in sorted((folder / "models").glob("*/model.json")):
-        fit = _load(ModelFit.load, path, "models", absent)
-        if fit is not None:
+        if (fit := absent.read("models", ModelFit.load, path)) is not None:
             models[path.parent.name] = fit
     steps = []
     for rung in ladder.rungs if ladder else []:
@@ -188,9 +175,7 @@ def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[
         if rung.model in models:
             steps.append(_step(folder, models.pop(rung.model), rung, on_ladder=True))
         else:
-            absent["models"] = (
-                f"models/{rung.model} is named in ladder.json but is not there: run `rfea improve --force`."
-            )
+            absent["models"] = f"models/{rung.model} is named in ladder.json but is not there: run `rfea improve --force`."
     for name, fit in sorted(models.items(), key=lambda item: (len(item[1].effects), item[0])):
         rung = Rung.of(fit, model=name, added=" + ".join(fit.effects) or None, verdict="")
         steps.append(_step(folder, fit, rung, on_ladder=False))
@@ -198,37 +183,22 @@ def _steps(folder: Path, ladder: Ladder | None, absent: dict[str, str]) -> list[
 
 
 def _step(folder: Path, fit: ModelFit, rung: Rung, *, on_ladder: bool) -> LadderStep:
-    room = folder / "models" / rung.model
-    absent: dict[str, str] = {}
-    pieces: dict[str, Any] = {"comparison": None, "diagnosis": None}
-    for key, reader, command in (
-        ("comparison", Comparison.load, "rfea compare"),
-        ("diagnosis", Diagnosis.load, "rfea diagnose"),
-    ):
-        if (room / f"{key}.json").exists():
-            pieces[key] = _load(reader, room / f"{key}.json", key, absent)
-        else:
-            absent[key] = f"{rung.model} has no {key} yet: run `{command}`."
-    predictions: dict[str, xr.Dataset] = {}
-    path = room / "prediction.nc"
-    if path.exists():
-        predictions = _load(_read_groups, path, "prediction", absent) or {}
-        tested = room / "prediction-test.nc"
-        predictions |= (_load(_read_groups, tested, "prediction", absent) or {}) if tested.exists() else {}
-    else:
-        absent["prediction"] = f"{rung.model} has no prediction.nc: run `rfea compare`."
+    room, absent = folder / "models" / rung.model, _Absent()
+    no_comparison = f"{rung.model} has no comparison yet: run `rfea compare`."
+    comparison = absent.read("comparison", Comparison.load, room / "comparison.json", no_comparison)
+    no_diagnosis = f"{rung.model} has no diagnosis yet: run `rfea diagnose`."
+    diagnosis = absent.read("diagnosis", Diagnosis.load, room / "diagnosis.json", no_diagnosis)
+    no_prediction = f"{rung.model} has no prediction.nc: run `rfea compare`."
+    predictions = absent.read("prediction", _read_groups, room / "prediction.nc", no_prediction) or {}
+    if (room / "prediction.nc").exists():
+        predictions |= absent.read("prediction", _read_groups, room / "prediction-test.nc") or {}
     pressure = None
-    if pieces["diagnosis"] and pieces["diagnosis"].next_experiment:
-        pressure = _load(
-            _read_pressure, _find(folder, room, pieces["diagnosis"].next_experiment.pressure), "next_experiment", absent
-        )
-    seconds = {}
-    if (room / "timings.json").exists():
-        timings = _load(_read_mapping, room / "timings.json", "timings", absent)
-        seconds = (timings or {}).get("segments_study_s", {})
-    return LadderStep(
-        rung, on_ladder, fit, pieces["comparison"], pieces["diagnosis"], predictions, pressure, absent, seconds
-    )
+    if diagnosis and diagnosis.next_experiment:
+        file = _find(folder, room, diagnosis.next_experiment.pressure)
+        pressure = absent.read("next_experiment", _read_pressure, file, f"{file.name} is missing: run `rfea diagnose --force`.")
+    timings = absent.read("timings", _read_mapping, room / "timings.json") or {}
+    seconds = timings.get("segments_study_s", {})
+    return LadderStep(rung, on_ladder, fit, comparison, diagnosis, predictions, pressure, absent, seconds)
 
 
 def _find(folder: Path, room: Path, name: str) -> Path:
