@@ -6,11 +6,10 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-import rfea_vision.data
+from rfea_vision.data import template
 from rfea_vision.errors import InputError
 from rfea_vision.files import write_text
 
-_TEMPLATES = Path(rfea_vision.data.__file__).parent / "templates"
 _RUNS = (("run-1", "train"), ("run-2", "validate"))
 
 
@@ -22,11 +21,9 @@ def write_campaign_template(folder: Path) -> list[Path]:
     InputError
         If one of the files is there already: nothing is overwritten.
     """
-    pages = {folder / "campaign.yaml": _template("campaign.yaml").format(name=campaign_name(folder))}
-    pages |= {
-        folder / run / "experiment.yaml": _template("experiment.yaml").format(name=run, role=role)
-        for run, role in _RUNS
-    }
+    pages = {folder / "campaign.yaml": template("campaign.yaml").format(name=campaign_name(folder))}
+    run_page = template("experiment.yaml")
+    pages |= {folder / run / "experiment.yaml": run_page.format(name=run, role=role) for run, role in _RUNS}
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; choose another folder")
     write_new(pages)
@@ -46,7 +43,3 @@ def write_new(pages: Mapping[Path, str]) -> None:
             raise InputError(f"{path}: is there already and is left as it is; choose another folder")
     for path, text in pages.items():
         write_text(path, text)
-
-
-def _template(name: str) -> str:
-    return (_TEMPLATES / name).read_text(encoding="utf-8")

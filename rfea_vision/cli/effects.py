@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-import rfea_vision.data
 from rfea_vision.cli.console import WholeHelpGroup, print_json, print_table, say, say_next
 from rfea_vision.cli.options import PATH, ask, effects_like, output_options
+from rfea_vision.data import template
 from rfea_vision.errors import InputError
 from rfea_vision.options import CritiqueOptions
 
 if TYPE_CHECKING:
     from rfea_vision.effects.base import Effect
-
-_TEMPLATE = Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt"
 
 
 @click.group("effects", cls=WholeHelpGroup, invoke_without_command=True)
@@ -81,7 +79,7 @@ def new_command(file: Path, as_json: bool) -> None:
         raise InputError(f"{file}: is there already and is left as it is; choose another name")
     if file.suffix != ".py":
         raise InputError(f"{file}: an effect is a Python file; call it {file.with_suffix('.py')}")
-    text = _TEMPLATE.read_text(encoding="utf-8")
+    text = template("effect.py.txt")
     name = "".join(part.capitalize() for part in file.stem.replace("-", "_").split("_"))
     if file.stem.replace("-", "_").isidentifier():
         text = text.replace("MyEffect", name).replace('"my_effect"', f'"{file.stem.replace("-", "_")}"')

@@ -103,57 +103,54 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def run(arguments: list[str]) -> int:
     """Run the command line and return its exit code."""
     as_json, debug = "--json" in arguments, "--debug" in arguments
+
+    def failed(message: str, exit_code: int, *, traced: bool = True) -> int:
+        if debug and traced:
+            traceback.print_exc()
+        print_error(message, exit_code, as_json=as_json)
+        return exit_code
+
     try:
         result = rfea.main(arguments, prog_name="rfea", standalone_mode=False)
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except RfeaError as error:
-        if debug:
-            traceback.print_exc()
-        print_error(str(error), error.exit_code, as_json=as_json)
-        return error.exit_code
+        return failed(str(error), error.exit_code)
     except ModuleNotFoundError as error:
         extra = _EXTRAS.get((error.name or "").split(".")[0])
-        if debug:
-            traceback.print_exc()
         remedy = f"'rfea-vision[{extra}]'" if extra else str(error.name)
-        print_error(f"this needs the module '{error.name}'; pip install {remedy}", 2, as_json=as_json)
-        return 2
+        return failed(f"this needs the module '{error.name}'; pip install {remedy}", 2)
     except click.ClickException as error:
-        if "unexpected extra argument" in error.message and any(item.startswith("--") for item in arguments):
-            advice = "An option takes one value: repeat it for more, as in --add maxwell --add coulomb."
-            error = click.UsageError(f"{error.message}. {advice}", getattr(error, "ctx", None))
-        elif "unexpected extra argument" in error.message and sum(Path(item).is_dir() for item in arguments) > 1:
-            advice = "One campaign at a time; 'rfea batch' runs many, 'rfea report --group' and '--compare' show them together."
-            error = click.UsageError(f"{error.message}. {advice}", getattr(error, "ctx", None))
-        if isinstance(error, click.NoSuchOption) and error.ctx is not None:
-            error = _with_its_place(error, error.ctx)
+        error = _with_advice(error, arguments)
         error.show()
         if as_json:
             print_error(error.format_message(), error.exit_code, as_json=True, quiet=True)
         return error.exit_code
     except (click.Abort, KeyboardInterrupt):
-        print_error(_KEPT, INTERRUPTED, as_json=as_json)
-        return INTERRUPTED
+        return failed(_KEPT, INTERRUPTED, traced=False)
     except BrokenPipeError:
         # the reader of our output has gone, as in 'rfea effects | head'
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:
         if _interrupted:
-            print_error(_KEPT, INTERRUPTED, as_json=as_json)
-            return INTERRUPTED
-        if debug:
-            traceback.print_exc()
-        stored = storage_error(error) if isinstance(error, OSError) else None
-        if stored is not None:
-            print_error(str(stored), stored.exit_code, as_json=as_json)
-            return stored.exit_code
+            return failed(_KEPT, INTERRUPTED, traced=False)
+        if (stored := storage_error(error) if isinstance(error, OSError) else None) is not None:
+            return failed(str(stored), stored.exit_code)
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        print_error(
-            f"a fault in rfea-vision ({reason[:300]}); the same command with --debug shows where", 1, as_json=as_json
-        )
-        return 1
+        return failed(f"a fault in rfea-vision ({reason[:300]}); the same command with --debug shows where", 1)
+
+
+def _with_advice(error: click.ClickException, arguments: list[str]) -> click.ClickException:
+    """A wrong use of the command line with what was probably meant."""
+    if "unexpected extra argument" in error.message:
+        advice = ""
+        if any(item.startswith("--") for item in arguments):
+            advice = "An option takes one value: repeat it for more, as in --add maxwell --add coulomb."
+        elif sum(Path(item).is_dir() for item in arguments) > 1:
+            advice = "One campaign at a time; 'rfea batch' runs many, 'rfea report --group' and '--compare' show them together."
+        return click.UsageError(f"{error.message}. {advice}", getattr(error, "ctx", None)) if advice else error
+    return _with_its_place(error, error.ctx) if isinstance(error, click.NoSuchOption) and error.ctx is not None else error
 
 
 def _with_its_place(error: click.NoSuchOption, context: click.Context) -> click.UsageError:

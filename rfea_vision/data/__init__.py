@@ -76,8 +76,13 @@ def list_recipes() -> dict[str, Path]:
     return {path.stem: path for path in sorted(data_folder("pipelines").glob("*.yaml"))}
 
 
+def template(name: str) -> str:
+    """Text of a file to be filled in: ``campaign.yaml``, ``experiment.yaml`` or ``effect.py.txt``."""
+    return (_PACKAGE / "templates" / name).read_text(encoding="utf-8")
+
+
 @cache
 def column_words() -> dict[str, tuple[str, ...]]:
     """Words by which columns and files are told apart where nobody says what they are, by meaning."""
-    text = (Path(__file__).parent / "column_words.yaml").read_text(encoding="utf-8")
+    text = (_PACKAGE / "column_words.yaml").read_text(encoding="utf-8")
     return {meaning: tuple(words) for meaning, words in yaml.safe_load(text).items()}

@@ -13,7 +13,7 @@ from typing import Any
 
 import platformdirs
 
-import rfea_vision.data
+from rfea_vision.data import template
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import load_effect_file
 from rfea_vision.effects.permission import name_files
@@ -85,8 +85,7 @@ def ids_of(file: Path) -> frozenset[str]:
 def new_law() -> tuple[Path, str]:
     """A file that is not there yet, in the user's own folder, and the template's text for it."""
     file = own_file("my_effect")
-    text = (Path(rfea_vision.data.__file__).parent / "templates" / "effect.py.txt").read_text(encoding="utf-8")
-    return file, text.replace('"my_effect"', f'"{file.stem}"')
+    return file, template("effect.py.txt").replace('"my_effect"', f'"{file.stem}"')
 
 
 def own_file(stem: str) -> Path:
