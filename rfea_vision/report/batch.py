@@ -55,18 +55,11 @@ def campaign_row(folder: Path, *, beside: Path | None = None, why: str = "") -> 
 def render_rows(rows: Sequence[dict[str, Any]]) -> str:
     """Make the index of rows that `campaign_row` gave."""
     columns = max((len(row["steps"]) for row in rows), default=0)
-    known = {
-        unit: [
-            math.log10(v)
-            for row in rows
-            if row.get("unit") == unit
-            for e in row["experiments"]
-            for v in e["errors"]
-            if v
-        ]
-        for unit in ("mm", "deg")
-    }
-    scales = {unit: {"low": min(found, default=-2.0), "high": max(found, default=1.0)} for unit, found in known.items()}
+    scales = {}
+    for unit in ("mm", "deg"):
+        errors = [error for row in rows if row.get("unit") == unit for run in row["experiments"] for error in run["errors"]]
+        found = [math.log10(error) for error in errors if error]
+        scales[unit] = {"low": min(found, default=-2.0), "high": max(found, default=1.0)}
     return environment().get_template("index.html.j2").render(
         title="Campaigns", campaigns=rows, columns=columns, style=static("style.css"), scales=scales,
     )  # fmt: skip
@@ -131,18 +124,14 @@ def render_comparison(first: Path, second: Path, *, names: tuple[str, str] | Non
         "parameters": _parameters(both),
         "pair": [_side(evidence, pack) for evidence in both],
     }
-    sides = [
-        {
-            "name": name,
-            "absent": side["absent"],
-            "headline": prose.headline(evidence, prose.effect_titles(evidence)),
-            "last": evidence.last,
-            "evidence": evidence,
-            "shown": [errors_of(step, evidence) for step in evidence.climbed],
-            "names": [rung_name(step, prose.effect_titles(evidence)) for step in evidence.climbed],
-        }
-        for name, evidence, side in zip(called, both, manifest["pair"], strict=True)
-    ]
+    sides = []
+    for name, evidence, side in zip(called, both, manifest["pair"], strict=True):
+        titles, climbed = prose.effect_titles(evidence), evidence.climbed
+        sides.append({
+            "name": name, "absent": side["absent"], "headline": prose.headline(evidence, titles), "last": evidence.last,
+            "evidence": evidence, "shown": [errors_of(step, evidence) for step in climbed],
+            "names": [rung_name(step, titles) for step in climbed],
+        })  # fmt: skip
     return environment().get_template("pair.html.j2").render(
         title=f"{called[0]} and {called[1]}", sides=sides, parameters=manifest["parameters"], style=static("style.css"),
         manifest=safe_json(manifest), packed=Markup(pack.base64()), versions=methods.versions(),
@@ -199,11 +188,7 @@ def _side(evidence: Evidence, pack: Pack) -> dict[str, Any]:
     absent = {
         "intervals": "" if last else "no model has been fitted, so it has no parameters.",
         "loops": "" if loops else "no run has bend angle and pressure on one clock: run `rfea sync`.",
-        "steady": ""
-        if steady.get("pressure_kPa")
-        else "its model has no steady state: no rest at a pressure was found.",
-        "profiles": ""
-        if any(row.get("measured") for row in profiles)
-        else "no elongation along the tube was measured.",
+        "steady": "" if steady.get("pressure_kPa") else "its model has no steady state: no rest at a pressure was found.",
+        "profiles": "" if any(row.get("measured") for row in profiles) else "no elongation along the tube was measured.",
     }
     return {"steady": steady, "profiles": profiles, "loops": loops, "absent": absent}

@@ -30,8 +30,7 @@ def compiling(room: str) -> str:
 
 def save_prediction(folder: Path, predictions: Mapping[str, xr.Dataset], file: str = "prediction.nc") -> Path:
     """Write prediction.nc, one group per experiment, and return its path."""
-    groups: dict[str | None, xr.Dataset] = {name: dataset for name, dataset in predictions.items()}  # noqa: C416
-    write_datasets(folder / file, groups)
+    write_datasets(folder / file, {**predictions})
     return folder / file
 
 

@@ -139,7 +139,7 @@ def frame_table(source: str, frame: pd.DataFrame) -> Table:
     return Table(source, {str(name).strip(): frame[name].to_numpy() for name in frame.columns})
 
 
-def points_table(source: str, points: Mapping[str, Points]) -> Table:
+def points_table(points: Mapping[str, Points]) -> Table:
     """Return poses as a table; its columns are those of the first individual, named ``point.x``."""
     first = next(iter(points.values()))
     columns = {
@@ -147,7 +147,7 @@ def points_table(source: str, points: Mapping[str, Points]) -> Table:
         for index, name in enumerate(first.names)
         for place, axis in enumerate("xyz"[: first.positions.shape[2]])
     }
-    return Table(source, columns, points=dict(points))
+    return Table(first.source, columns, points=dict(points))
 
 
 @contextmanager

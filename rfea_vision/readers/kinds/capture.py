@@ -26,7 +26,7 @@ def read_c3d(path: Path) -> Table:
     rate = float(point["RATE"]["value"][0])
     unit = str(point["UNITS"]["value"][0]).strip() if point["UNITS"]["value"] else ""
     time_s = np.arange(len(positions)) / rate
-    table = points_table(str(path), {"": Points(str(path), names, positions, unit, time_s)})
+    table = points_table({"": Points(str(path), names, positions, unit, time_s)})
     times = dict.fromkeys(table.columns, time_s)
     units = dict.fromkeys(table.columns, unit)
     analog = parameters.get("ANALOG", {})
@@ -71,7 +71,7 @@ def read_motive(path: Path) -> Table:
     said = dict(pairwise(rows[0])).get("Length Units", "")
     unit = _MOTIVE_UNITS.get(said.lower(), re.sub(r"\W", "", said))
     points = Points(str(path), tuple(parts), values[:, 1:].reshape(len(values), -1, 3), unit, values[:, 0])
-    return points_table(str(path), {"": points})
+    return points_table({"": points})
 
 
 KINDS = (

@@ -66,7 +66,7 @@ def _dlc(path: Path, names: Sequence[Sequence[str]], data: np.ndarray) -> Table:
             raise InputError(f"{path}: not every body part has x, y and likelihood; export it again")
         x, y, trust = (data[:, [columns[key] for columns in parts.values()]] for key in _DLC_COORDINATES)
         found[individual] = Points(str(path), tuple(parts), np.stack([x, y], axis=2), "px", None, trust, y_down=True)
-    return points_table(str(path), found)
+    return points_table(found)
 
 
 def read_sleap(path: Path) -> Table:
@@ -91,7 +91,7 @@ def read_sleap(path: Path) -> Table:
         found[name or ("" if len(positions) == 1 else str(index))] = Points(
             str(path), nodes, track.transpose(2, 1, 0), "px", None, trust, y_down=True
         )
-    return points_table(str(path), found)
+    return points_table(found)
 
 
 _TIERPSY = ("coordinates/skeletons", "skeleton", "skeletons")
@@ -122,7 +122,7 @@ def read_tierpsy(path: Path) -> Table:
         time_s = np.asarray(frames[mine], dtype=float) / rate if np.isfinite(rate) and rate > 0 else None
         label = str(worm) if len(several) > 1 else ""
         found[label] = Points(str(path), names, midlines[mine], unit, time_s, y_down=True)
-    return points_table(str(path), found)
+    return points_table(found)
 
 
 def read_movement(path: Path) -> Table:
@@ -160,7 +160,7 @@ def read_movement(path: Path) -> Table:
         label = item if len(individuals) > 1 else ""
         sure = None if sure is None or np.all(np.isnan(sure)) else sure
         found[label] = Points(str(path), names, values, unit, time_s, sure, y_down=unit in ("px", "pixels"))
-    return points_table(str(path), found)
+    return points_table(found)
 
 
 def _text(value: object) -> str:
