@@ -72,6 +72,7 @@ def resolve_camera(
                 key, _, message = str(error).partition(": ")
                 finder.complain(key, message)
     _check_scale(part, finder)
+    profile = {} if part.profile is None else read_camera_profile(part.profile)
     vertical = part.vertical.model_dump() if isinstance(part.vertical, PlumbPart) else part.vertical
     camera = CameraSpec(
         board=board,
@@ -82,7 +83,7 @@ def resolve_camera(
         scale=part.scale,
         hints=_hints(part, finder),
         board_offset_mm=part.board_offset * 1000.0,
-        lens=part.lens or _lens_of(part.profile),
+        lens=part.lens or str(profile.get("lens", "auto")),
         line_delay_s=part.line_delay,
     )
     return (None if finder.problems else camera), finder.problems
@@ -118,10 +119,6 @@ def _hints(part: CameraPart, finder: Finder) -> Hints:
         masks=finder.file("camera.masks", part.masks, folder=True),
         keypoints=finder.file("camera.keypoints", part.keypoints),
     )
-
-
-def _lens_of(profile: str | None) -> str:
-    return "auto" if profile is None else str(read_camera_profile(profile).get("lens", "auto"))
 
 
 def resolve_experiment(

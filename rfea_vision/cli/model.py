@@ -15,7 +15,7 @@ from rfea_vision.options import CritiqueOptions, FitOptions
 from rfea_vision.units import rounded
 
 if TYPE_CHECKING:
-    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder, Rung
+    from rfea_vision.artefacts import Comparison, Diagnosis, Ladder
 
 #: Rivals of an effect that a table names.
 _RIVALS = 2
@@ -120,8 +120,9 @@ def print_comparison(name: str, comparison: Comparison) -> None:
 
 def print_diagnosis(diagnosis: Diagnosis, campaign: Path, out: Path) -> None:
     """Print the verdict, the evidence and what to do next."""
-    named = f": {', '.join(_with_rivals(name, diagnosis.rivals_of(name)) for name in diagnosis.named)}"
-    say(f"{diagnosis.model}: {diagnosis.verdict}{named if diagnosis.named else ''}")
+    rivals = {name: diagnosis.rivals_of(name) for name in diagnosis.named}
+    told = [f"{name} (or {' or '.join(others)}: these data cannot tell)" if others else name for name, others in rivals.items()]
+    say(": ".join(filter(None, (f"{diagnosis.model}: {diagnosis.verdict}", ", ".join(told)))))
     if diagnosis.sentence:
         say(diagnosis.sentence)
     if diagnosis.verdict == "unexplained" and diagnosis.where:  # what shows it comes before what it may be
@@ -168,10 +169,6 @@ def _percent(share: float | None) -> str | None:
     return None if share is None else f"{100 * share:z.0f} %"
 
 
-def _with_rivals(effect: str, rivals: Sequence[str]) -> str:
-    return f"{effect} (or {' or '.join(rivals)}: these data cannot tell)" if rivals else effect
-
-
 def _say_after(verdict: str, campaign: Path) -> None:
     """Say the next command after a verdict, and what for."""
     if verdict == "missing":
@@ -187,7 +184,7 @@ def print_ladder(ladder: Ladder) -> None:
     unit = ladder.rungs[0].unit if ladder.rungs else "mm"
     columns = {
         "model": lambda r: r.model,
-        "added": lambda r: _with_grade(r),
+        "added": lambda r: f"{r.added} (stand-in)" if r.added and r.grade == "stand-in" else r.added,
         "cannot be told from": lambda r: _first(r.tied),
         f"train {unit}": lambda r: r.error("train"),
         f"validate {unit}": lambda r: r.error("validate"),
@@ -209,7 +206,3 @@ def _first(rivals: Sequence[str]) -> str | None:
     """As many rivals as leave the figures beside them their room; the others stand below the table."""
     named, more = rivals[:_RIVALS], len(rivals) - _RIVALS
     return ", ".join([*named, *([f"{more} more"] if more > 0 else [])]) or None
-
-
-def _with_grade(rung: Rung) -> str | None:
-    return f"{rung.added} (stand-in)" if rung.added and rung.grade == "stand-in" else rung.added

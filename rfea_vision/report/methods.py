@@ -72,7 +72,8 @@ def versions() -> dict[str, str]:
 
 def methods(evidence: Evidence, step: LadderStep, titles: Mapping[str, str]) -> list[str]:
     """Paragraphs for a methods section, about the model of `step`."""
-    parts = (_measurement(evidence), _model(evidence, step, titles), _selection(evidence, titles), _software())
+    software = "Software: " + ", ".join(f"{name} {number_}" for name, number_ in versions().items()) + "."
+    parts = (_measurement(evidence), _model(evidence, step, titles), _selection(evidence, titles), software)
     return [part for part in parts if part]
 
 
@@ -163,7 +164,3 @@ def _selection(evidence: Evidence, titles: Mapping[str, str]) -> str:
     if evidence.ladder.test:
         text += "Test runs took no part in fitting or choosing and were scored once, at the end."
     return text.strip()
-
-
-def _software() -> str:
-    return "Software: " + ", ".join(f"{name} {number_}" for name, number_ in versions().items()) + "."

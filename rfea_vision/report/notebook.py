@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from rfea_vision.report.collect import Evidence, collect
+from rfea_vision.report.collect import collect
 
 _ABOUT = (
     "The artefacts of this campaign as xarray datasets and pandas tables. Lengths in mm, angles in deg, time in s, "
@@ -37,14 +37,15 @@ def render_notebook(folder: Path, *, title: str) -> str:
     """
     evidence = collect(folder)
     step = evidence.last
-    runs = [experiment.name for experiment in evidence.experiments if experiment.recording is not None]
+    recordings = {run.name: run.recording for run in evidence.experiments if run.recording is not None}
+    runs = list(recordings)
     cells = [_text(f"# {title}\n\n{_ABOUT}"), _code(_OPENING)]
     if runs:
         cells += [
             _text("## What was measured"),
             _code(f"recording = xr.load_dataset(rfea / {runs[0]!r} / 'recording.nc')"),
         ]
-        cells += [_code("recording"), _code(_PLOT if _has_angle(evidence, runs[0]) else "list(recording.data_vars)")]
+        cells += [_code("recording"), _code(_PLOT if "bend_angle" in recordings[runs[0]] else "list(recording.data_vars)")]
     if step is not None:
         cells += _model_cells(step.rung.model, runs[0] if runs and runs[0] in step.predictions else None)
     if evidence.ladder:
@@ -57,10 +58,6 @@ def render_notebook(folder: Path, *, title: str) -> str:
         "metadata": {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}},
         "nbformat": 4, "nbformat_minor": 5,
     }, indent=1) + "\n"  # fmt: skip
-
-
-def _has_angle(evidence: Evidence, run: str) -> bool:
-    return any(e.name == run and e.recording is not None and "bend_angle" in e.recording for e in evidence.experiments)
 
 
 def _model_cells(model: str, run: str | None) -> list[dict[str, object]]:

@@ -216,16 +216,17 @@ def points_of_columns(
     that is asked for may list its two or three columns: ``c2,c3``.
     """
     rows = max((values.size for values in columns.values()), default=0) if time_s is None else time_s.size
+    numeric = {name for name, values in columns.items() if values.size == rows and values.dtype.kind in "fiu"}
     found: dict[str, dict[str, str]] = {}
     said: dict[str, str] = {}
-    for column, values in columns.items():
+    for column in columns:
         match = AXIS.match(column)
-        if match and match["name"] and values.size == rows and values.dtype.kind in "fiu":
+        if match and match["name"] and column in numeric:
             found.setdefault(match["name"], {})[match["axis"].lower()] = column
             said[column] = match["unit"] or units.get(column, "")
     for name in asked:
         listed_columns = [column.strip() for column in name.split(",")]
-        if len(listed_columns) in (2, 3) and all(_number_column(columns, column, rows) for column in listed_columns):
+        if len(listed_columns) in (2, 3) and numeric.issuperset(listed_columns):
             found[name] = dict(zip("xyz", listed_columns, strict=False))
             said |= {column: units.get(column, "") for column in listed_columns}
     wanted = {name: item for name, item in found.items() if name in asked} or found
@@ -237,10 +238,6 @@ def points_of_columns(
     values = [np.stack([columns[item[axis]].astype(float) for axis in axes], axis=1) for item in whole.values()]
     unit = kinds.pop() if len(kinds) == 1 else ""
     return Points(source, tuple(whole), np.stack(values, axis=1), unit, time_s, y_down=unit == "px")
-
-
-def _number_column(columns: Mapping[str, np.ndarray], name: str, rows: int) -> bool:
-    return name in columns and columns[name].size == rows and columns[name].dtype.kind in "fiu"
 
 
 def unseen(positions: FloatArray, confidence: FloatArray | None, least: float) -> FloatArray:

@@ -59,7 +59,9 @@ def _part(path: Path, header: list[str], body: list[str], separator: str, about_
     """
     about, point = _keys(header, separator), about_file.get("Decimal_Separator", ["."])[0]
     x_columns = about_file.get("X_Columns", ["One"])[0]
-    rows = [[cell.strip().replace(point, ".") for cell in line.split(separator)] for line in _until_empty(body)]
+    # below the rows stands an empty line, and perhaps the header of the next table
+    filled = takewhile(str.strip, dropwhile(lambda line: not line.strip(), body))
+    rows = [[cell.strip().replace(point, ".") for cell in line.split(separator)] for line in filled]
     if len(rows) < 2:
         raise InputError(f"{path}: a header without values stands in it; export it again")
     columns, times, units = {}, {}, {}
@@ -78,11 +80,6 @@ def _part(path: Path, header: list[str], body: list[str], separator: str, about_
             times[name] = np.array([float(rows[index][of_times]) for index in full])
         units[name] = "".join(about.get("Y_Unit_Label", [])[channel : channel + 1])
     return Table(str(path), columns, {name: unit for name, unit in units.items() if unit}, times)
-
-
-def _until_empty(lines: list[str]) -> list[str]:
-    """The rows: below them stands an empty line, and perhaps the header of the next table."""
-    return list(takewhile(str.strip, dropwhile(lambda line: not line.strip(), lines)))
 
 
 KINDS = (Kind("LabVIEW measurement file", (".lvm",), read_lvm, begins_with(_MARK, within=len(_MARK) + 3)),)
