@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, NoReturn
 
 from rfea_vision.campaign import Campaign, read_campaign
 from rfea_vision.errors import RfeaError
-from rfea_vision.progress import Progress
 from rfea_vision.stages.recipes import Recipe, run_recipe
 from rfea_vision.stages.runner import Stage
-from rfea_vision.stages.stored import Stored
 from rfea_vision.stages.workspace import Workspace
-
-_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -35,19 +30,8 @@ class _NotYetError(RfeaError):
 class _Looking(Workspace):
     """A campaign that is looked at: a stage that would run stops here."""
 
-    def run(
-        self,
-        stage: Stage,
-        *,
-        make: Callable[[Progress], tuple[_Result, list[Path], str]],
-        load: Callable[[], _Result],
-        facts: Callable[[_Result], Mapping[str, object]] = lambda result: {},
-    ) -> Stored[_Result]:
-        if not self.has(stage.made_by(make)):
-            raise _NotYetError(f"{stage.name} {stage.subject}")
-        said = {"stage": stage.name, "subject": stage.subject, "outcome": "unchanged", "sentence": ""}
-        self.outcomes.append(said)
-        return Stored(load)
+    def _made(self, stage: Stage, *asked: Any) -> NoReturn:
+        raise _NotYetError(f"{stage.name} {stage.subject}")
 
 
 def plan(

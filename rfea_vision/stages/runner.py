@@ -95,30 +95,40 @@ class Runner:
         if stage.key in self._done:
             return self._done[stage.key]
         hashes, digest = self._digest(stage.made_by(make))
-        stored = None
-        if not self._is_fresh(stage, digest):
-            with locked(self.cache.lock, say=self.listener.note):
-                if not self._is_fresh(stage, digest):  # it may have been done while we waited
-                    sweep(self.out)
-                    progress = self.listener.begin(stage.name, stage.subject)
-                    try:
-                        result, outputs, sentence = make(progress)
-                        self._refuse_changed(hashes, stage.inputs)
-                    except BaseException as error:
-                        self.listener.end(stage.name, stage.subject, "failed", str(error))
-                        raise
-                    record = self.cache.finished(
-                        stage.key, digest, outputs, options=stage.options, inputs=hashes, facts=facts(result)
-                    )
-                    stored = Stored.of(result, record.facts)
-                    self.cache.store(record)
-                    self._say(stage, "done", sentence)
+        stored = None if self._is_fresh(stage, digest) else self._made(stage, hashes, digest, make, facts)
         if stored is None:
             record = self.cache.record(stage.key)
             stored = Stored(load, None if record is None else record.facts)
             self._say(stage, "unchanged", "")
         self._done[stage.key] = stored
         return stored
+
+    def _made(
+        self,
+        stage: Stage,
+        hashes: Mapping[str, str],
+        digest: str,
+        make: Callable[[Progress], tuple[_Result, list[Path], str]],
+        facts: Callable[[_Result], Mapping[str, object]],
+    ) -> Stored[_Result] | None:
+        """Do the work of a stage and note it; None if another process has done it in the meantime."""
+        with locked(self.cache.lock, say=self.listener.note):
+            if self._is_fresh(stage, digest):
+                return None
+            sweep(self.out)
+            progress = self.listener.begin(stage.name, stage.subject)
+            try:
+                result, outputs, sentence = make(progress)
+                self._refuse_changed(hashes, stage.inputs)
+            except BaseException as error:
+                self.listener.end(stage.name, stage.subject, "failed", str(error))
+                raise
+            record = self.cache.finished(
+                stage.key, digest, outputs, options=stage.options, inputs=hashes, facts=facts(result)
+            )
+            self.cache.store(record)
+            self._say(stage, "done", sentence)
+            return Stored.of(result, record.facts)
 
     def _is_fresh(self, stage: Stage, digest: str) -> bool:
         return stage.name not in self.force and self.cache.is_fresh(stage.key, digest)
