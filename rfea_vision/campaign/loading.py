@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -277,43 +277,42 @@ def _across(file: Path, experiments: list[ExperimentSpec], *, complete: bool) ->
             place = deeper[0].parent.relative_to(file.parent)
             message = f"no experiment here, and one in {place}: move such folders up beside campaign.yaml"
         return [FileProblem(file, message)]
-    problems = []
-    names = [item.name for item in experiments]
+    problems: list[FileProblem] = []
+
+    def refuse(item: ExperimentSpec, key: str, message: str) -> None:
+        problems.append(FileProblem(item.file, message, key, experiment=item.name))
+
+    def of_all(key: str, message: str, severity: Literal["error", "warning"]) -> None:
+        problems.append(FileProblem(file, message, key, severity=severity))
+
+    names, first = [item.name for item in experiments], experiments[0] if experiments else None
     for item in experiments:
         if names.count(item.name) > 1:
-            message = f"'{item.name}' names {names.count(item.name)} experiments; give each its own"
-            problems.append(FileProblem(item.file, message, "name", experiment=item.name))
+            refuse(item, "name", f"'{item.name}' names {names.count(item.name)} experiments; give each its own")
         if item.repeat_of is not None and complete and (item.repeat_of not in names or item.repeat_of == item.name):
             others = ", ".join(name for name in names if name != item.name)
             is_what = "is this run itself" if item.repeat_of == item.name else "is no experiment"
-            message = f"'{item.repeat_of}' {is_what}; a run repeats another one; there are {others}"
-            problems.append(FileProblem(item.file, message, "repeat_of", experiment=item.name))
-    chambers = {item.name: sorted(part.name for part in item.pressure.chambers) for item in experiments}
-    for item in experiments:
-        if not item.pressure.missing and chambers[item.name] != (first := chambers[experiments[0].name]):
-            own, other = (
-                " and ".join(filter(None, names)) or "without a name" for names in (chambers[item.name], first)
-            )
-            message = (
-                f"has the chambers {own}, '{experiments[0].name}' has {other}; name the same ones in all experiments"
-            )
-            problems.append(FileProblem(item.file, message, "pressure", experiment=item.name))
+            refuse(item, "repeat_of", f"'{item.repeat_of}' {is_what}; a run repeats another one; there are {others}")
+        if first is not None and not item.pressure.missing and (own := _chambers(item)) != (other := _chambers(first)):
+            remedy = "name the same ones in all experiments"
+            refuse(item, "pressure", f"has the chambers {own}, '{first.name}' has {other}; {remedy}")
     both_ways = [item for item in experiments if {part.keys.sign for part in item.pressure.chambers} == {1, -1}]
     if any(item.actuator.kind == "tube" for item in both_ways):
-        message = (
-            "a tube has its inextensible side on one side, and the chambers bend it to both; a section that bends about its "
-            "middle is for example 'section: {kind: rod, chamber_area: 60 mm^2}'"
-        )
-        problems.append(FileProblem(file, message, "actuator.section", severity="warning"))
+        one_side = "a tube has its inextensible side on one side, and the chambers bend it to both"
+        middle = "a section that bends about its middle is for example 'section: {kind: rod, chamber_area: 60 mm^2}'"
+        of_all("actuator.section", f"{one_side}; {middle}", "warning")
     roles = {item.role for item in experiments}
     if complete and "train" not in roles:
-        problems.append(
-            FileProblem(file, "no experiment has 'role: train'; give that role to at least one experiment.yaml", "role")
-        )
-    if "train" in roles and "validate" not in roles and complete:
-        message = "no experiment has 'role: validate', so nothing judges a model on data it has not seen; set one aside"
-        problems.append(FileProblem(file, message, "role", severity="warning"))
+        of_all("role", "no experiment has 'role: train'; give that role to at least one experiment.yaml", "error")
+    if complete and "train" in roles and "validate" not in roles:
+        unseen = "no experiment has 'role: validate', so nothing judges a model on data it has not seen; set one aside"
+        of_all("role", unseen, "warning")
     return problems
+
+
+def _chambers(item: ExperimentSpec) -> str:
+    """Names of the chambers of a run."""
+    return " and ".join(sorted(part.name for part in item.pressure.chambers if part.name)) or "without a name"
 
 
 def _actuator(

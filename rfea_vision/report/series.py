@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
@@ -30,6 +30,7 @@ _NOUNS = {
     "seen": "share of the edges that was seen",
     "blur": "blur of its edges",
 }
+_UNASKED = ("edges", "elongation_sigma", "markers", "markers_sigma", "lamp")  # series of which nobody is told that they are missing
 
 
 def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
@@ -45,27 +46,16 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
     poses = _pose_rows(experiment, data, pack)
     record |= {"span": [float(time[0]), float(time[-1])], "t": pack.add(time[rows]), "tc": pack.add(time[columns])}
     record |= {"tp": pack.add(time[poses]), "gaps": _gaps(data), "repeat_of": data.attrs.get("repeat_of")}
-    wanted: tuple[tuple[str, str, np.ndarray, Sequence[str]], ...] = (
-        ("tip", "tip", rows, ("tip",)),
-        ("tip_sigma", "tip_sigma", rows, ("tip_sigma",)),
-        ("angle", "bend_angle", rows, ("angle",)),
-        ("midline", "midline", poses, ("midline",)),
-        ("edges", "edges", poses, ()),
-        ("elongation", "elongation", columns, ("elongation",)),
-        ("elongation_sigma", "elongation_sigma", columns, ()),
-        ("markers", "marker_elongation", columns, ()),
-        ("markers_sigma", "marker_elongation_sigma", columns, ()),
-        ("lamp", "lamp", rows, ()),
-        ("width", "width", columns, ("width",)),
-        ("hinge", "hinge_length", columns, ("hinge",)),
-        ("seen", "seen", rows, ("seen",)),
-        ("blur", "blur", rows, ("blur",)),
-    )
-    for key, name, chosen, complain in wanted:
+    for key, name, chosen in (
+        ("tip", "tip", rows), ("tip_sigma", "tip_sigma", rows), ("angle", "bend_angle", rows), ("midline", "midline", poses),
+        ("edges", "edges", poses), ("elongation", "elongation", columns), ("elongation_sigma", "elongation_sigma", columns),
+        ("markers", "marker_elongation", columns), ("markers_sigma", "marker_elongation_sigma", columns), ("lamp", "lamp", rows),
+        ("width", "width", columns), ("hinge", "hinge_length", columns), ("seen", "seen", rows), ("blur", "blur", rows),
+    ):  # fmt: skip
         if name in data and np.isfinite(data[name].values).any():
             record[key] = pack.add(data[name].values[chosen])
-        else:
-            record["why"] |= {about: _lacking(experiment.name, name, data) for about in complain}
+        elif key not in _UNASKED:
+            record["why"][key] = _lacking(experiment.name, name, data)
     if "pressure" in data:
         log_time, pressure = data["log_time"].values, data["pressure"].values
         kept = pack.rows(len(log_time), MOST_LOG)
