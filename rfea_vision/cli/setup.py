@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -178,9 +178,8 @@ def board_command(name: str | None, output: Path | None, as_json: bool) -> None:
 
     path = output or Path(f"{name}.pdf")
     board = Board(keys.kind, keys.inner_corners, keys.square, keys.marker, keys.dictionary)
-    page: Any = board_pdf(board, name)
     with whole_file(path) as temporary:
-        temporary.write_bytes(page)
+        temporary.write_bytes(board_pdf(board, name))
     if as_json:
         print_json({"file": str(path)})
     else:

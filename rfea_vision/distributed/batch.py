@@ -37,7 +37,7 @@ class _Campaign:
     folder: Path
     out: Path | None
     runs: tuple[str, ...] = ()
-    waiting: set[Any] = field(default_factory=set)
+    waiting: set[Future] = field(default_factory=set)
     failures: dict[str, str] = field(default_factory=dict)
 
 

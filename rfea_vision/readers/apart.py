@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
@@ -98,7 +98,7 @@ def _text(item: Any) -> Any:
     return item if item is None or isinstance(item, str | int | float | bool) else str(item)
 
 
-def receive(read: Any) -> Any:
+def receive(read: Callable[[int], bytes]) -> Any:
     """Read what `send` wrote; `read` returns exactly so many bytes.
 
     Raises
@@ -112,7 +112,7 @@ def receive(read: Any) -> Any:
     return _built(json.loads(read(length)), read)
 
 
-def _built(value: Any, read: Any) -> Any:
+def _built(value: Any, read: Callable[[int], bytes]) -> Any:
     if not isinstance(value, dict):
         return value
     if "array" in value:
@@ -151,11 +151,12 @@ class _Process:
         late = "on this machine; export a part of it, or, if it is not large, all of it again: it may be damaged"
         with self.lock:
             process = self._running()
-            assert process.stdin is not None and process.stdout is not None
+            questions, answers = process.stdin, process.stdout
+            assert questions is not None and answers is not None
             try:
-                send(process.stdin, {"what": what, "path": str(path), "most_cpu_s": int(MOST_CPU_S + more_s), **given})
+                send(questions, {"what": what, "path": str(path), "most_cpu_s": int(MOST_CPU_S + more_s), **given})
                 ends = time.monotonic() + ANSWER_S + more_s
-                answer = receive(lambda count: self._read(process.stdout, count, ends))
+                answer = receive(lambda count: self._read(answers, count, ends))
             except TimeoutError as error:
                 self._end()
                 raise InputError(f"{path}: cannot be read within {ANSWER_S + more_s:.3g} s {late}") from error
@@ -193,7 +194,7 @@ class _Process:
             self.owner = os.getpid()
         return self.process
 
-    def _read(self, stream: Any, count: int, ends: float) -> bytes:
+    def _read(self, stream: IO[bytes], count: int, ends: float) -> bytes:
         found = bytearray()
         while len(found) < count:
             ready, _, _ = select.select([stream], [], [], max(0.0, ends - time.monotonic()))

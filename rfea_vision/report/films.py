@@ -39,7 +39,7 @@ def fit_films(
     return chosen
 
 
-def _left_out(name: str, info: Mapping[str, Any]) -> str:
+def _left_out(name: str, info: Mapping[str, object]) -> str:
     return (
         f"The film of {name} was left out to keep this page below 10 MB; "
         f"it is in rfea/{name}/{info.get('file', 'clip.mp4')}."

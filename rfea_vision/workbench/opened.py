@@ -6,7 +6,7 @@ import threading
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rfea_vision.artefacts import ModelFit
 from rfea_vision.campaign import Campaign, ExperimentSpec, load_campaign
@@ -27,9 +27,9 @@ class OpenedCampaign:
         self.folder = folder
         self.out = out if out is not None else folder / OUTPUT_FOLDER
         self._lock = threading.Lock()
-        self._read: tuple[Any, Evidence, bytes] | None = None
-        self._campaign: tuple[Any, Campaign] | None = None
-        self._player: tuple[Any, Player] | None = None
+        self._read: tuple[object, Evidence, bytes] | None = None
+        self._campaign: tuple[object, Campaign] | None = None
+        self._player: tuple[object, Player] | None = None
 
     def evidence(self) -> tuple[Evidence, bytes]:
         """The artefacts, and the packet that the page draws."""
@@ -76,10 +76,7 @@ class OpenedCampaign:
         with self._lock:
             age = (sorted(item.name for item in evidence.experiments), stamps(self.out, "*/recording.nc"))
             if self._player is None or self._player[0] != age:
-                self._player = (
-                    age,
-                    loaded("workbench.play").Player({item.name: item for item in evidence.experiments}),
-                )
+                self._player = age, loaded("workbench.play").Player({item.name: item for item in evidence.experiments})
             return self._player[1]
 
     def chosen(self, model: str, effects: tuple[str, ...], files: tuple[Path, ...]) -> Chosen:

@@ -45,7 +45,7 @@ class Chosen:
     files: tuple[Path, ...] = ()
 
     @property
-    def key(self) -> tuple[Any, ...]:
+    def key(self) -> tuple[object, ...]:
         """What the compiled law depends on; of one's own laws the content counts."""
         texts = tuple(file.read_text(encoding="utf-8") for file in self.files)
         return self.fit.segments, self.fit.joints, self.effects, texts, repr(sorted(self.fit.actuator.items()))
@@ -94,7 +94,7 @@ class Player:
                 recording = Recording(experiment.recording)
                 item = observe_recording(recording)
                 self.runs[name] = PlayedRun(item, quickened(item), experiment, recording)
-        self._models: dict[Any, Future[Model]] = {}
+        self._models: dict[tuple[object, ...], Future[Model]] = {}
         self._threads = ThreadPoolExecutor(2)
         self._lock = threading.Lock()
 

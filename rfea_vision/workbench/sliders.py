@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 
-from rfea_vision.artefacts import Actuator, ModelFit
+from rfea_vision.artefacts import Actuator, ModelFit, Parameter
 from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import BASE_UNITS, EffectParameter
 from rfea_vision.fitting.coordinates import sized
@@ -73,7 +72,7 @@ def sliders_of(fit: ModelFit, model: Model, start: np.ndarray) -> list[Slider]:
     return out
 
 
-def _around_fit(name: str, known: Any, effect: str | None, spec: EffectParameter | None) -> Slider:
+def _around_fit(name: str, known: Parameter, effect: str | None, spec: EffectParameter | None) -> Slider:
     low, high = _reach(known.value, known.interval_95)
     lower = known.lower if known.lower is not None else (spec.lower if spec else -math.inf)
     upper = known.upper if known.upper is not None else (spec.upper if spec else math.inf)
@@ -81,12 +80,11 @@ def _around_fit(name: str, known: Any, effect: str | None, spec: EffectParameter
     if spec is not None and spec.absent is not None:  # an amplitude can be taken back to nothing, and doubled
         twice = min(max(2 * known.value - spec.absent, lower), upper)
         low, high = min(low, spec.absent, twice), max(high, spec.absent, twice)
-    interval = None if known.interval_95 is None else (float(known.interval_95[0]), float(known.interval_95[1]))
     text = spec.text if spec else MEANINGS.get(name, "")
-    return Slider(name, known.unit, text, known.value, low, high, "linear", 0.0, effect, interval, True)
+    return Slider(name, known.unit, text, known.value, low, high, "linear", 0.0, effect, known.interval_95, True)
 
 
-def _reach(value: float, interval: Any) -> tuple[float, float]:
+def _reach(value: float, interval: tuple[float, float] | None) -> tuple[float, float]:
     half = TIMES * abs(value) if interval is None else INTERVALS * (interval[1] - interval[0]) / 2
     half = half or 1.0
     return value - half, value + half
