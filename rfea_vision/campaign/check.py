@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rfea_vision.readers.pressure import PressureLog
 
 
+_Value = TypeVar("_Value")
 _UNREADABLE = "{} is not a readable picture; take it out or copy it again"
 
 
@@ -36,31 +37,6 @@ class CheckedCampaign:
     experiments: dict[str, str]
     problems: tuple[FileProblem, ...]
     unpressed: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class _AllRuns:
-    """What is kept of each run, by its name, for the checks that compare runs.
-
-    Attributes
-    ----------
-    highest_kPa : highest pressure
-    responses : how far tube and pressure go
-    moduli : Young's modulus (Pa) of a wall that bends so far; None where it cannot be told
-    angles : motion and log of runs in which only an angle was measured
-    logs, motions : pressure log, and what moves (frames, 2 or 1)
-    lines : number of points and length (mm) of the centre line
-    rests : where the tube is before anything moves, and at which pressure
-    """
-
-    highest_kPa: dict[str, float] = field(default_factory=dict)
-    responses: dict[str, plausibility.Response] = field(default_factory=dict)
-    moduli: dict[str, float | None] = field(default_factory=dict)
-    angles: dict[str, following.Pair] = field(default_factory=dict)
-    logs: dict[str, PressureLog] = field(default_factory=dict)
-    motions: dict[str, FloatArray] = field(default_factory=dict)
-    lines: dict[str, tuple[int, float]] = field(default_factory=dict)
-    rests: dict[str, repeats.Rest] = field(default_factory=dict)
 
 
 def check_campaign(
@@ -86,41 +62,51 @@ def check_campaign(
         problems += _camera_problems(camera, campaign, experiment)
         if progress is not None:
             progress(done + 1, total)
-    runs = _AllRuns()
+    runs = []
     for done, experiment in enumerate(active, start=len(cameras)):
         said = any(
             p.experiment in (None, experiment.name) and (p.key.startswith("pressure") or p.meant == "pressure") for p in problems
         )
-        problems += _experiment_problems(experiment, runs, pressure_said=said)
+        runs.append(_looked_at(experiment, pressure_said=said))
         if progress is not None:
             progress(done + 1, total)
-    for experiment in active:
-        odd = plausibility.beside_others(experiment.name, runs.highest_kPa)
-        if text := odd or plausibility.of_response(experiment.name, runs.responses):
-            problems.append(_warning(experiment, "pressure", text))
-    sized = any(p.key == "pressure" or p.key.startswith("actuator") for p in problems)
-    together = "" if sized else _odd_pressures(active, runs)
-    if text := together or following.together(list(runs.angles.values())):
-        problems.append(FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning"))
-    for experiment in active:
-        problems += [_warning(experiment, key, text) for key, text in _beside_others(experiment, runs)]
-    for experiment, key, text in repeats.alike(active, runs.motions):
-        problems.append(_warning(experiment, key, text))
+    problems += _compared(campaign, runs, problems)
+    problems += [problem for run in runs for problem in run.problems]
     found = sorted((*campaign.experiments, *reading.broken), key=lambda item: item.folder)
     unpressed = tuple(item.name for item in active if item.pressure.missing)
     return CheckedCampaign({item.name: item.role for item in found}, tuple(dict.fromkeys(problems)), unpressed)
 
 
-def _beside_others(experiment: ExperimentSpec, runs: _AllRuns) -> list[tuple[str, str]]:
-    """What a run says of itself that the pressures of others tell: keys and why."""
-    own, first = runs.logs.get(experiment.name), runs.logs.get(str(experiment.repeat_of))
-    found = [("repeat_of", repeats.of_repeat(own, first, str(experiment.repeat_of)))] if own and first else []
-    load_kg, highest_kPa = experiment.rig.conditions.get("payload.m", 0.0), max(runs.highest_kPa.values(), default=0.0)
-    found.append(("conditions.payload", of_load(load_kg, highest_kPa, experiment.actuator, experiment.rig.gravity_deg)))
-    if experiment.name in runs.lines:
-        found.append(("track", repeats.of_line(experiment.name, runs.lines)))
-    found.append(("pressure", repeats.of_rest(experiment.name, runs.rests)))
-    return [(key, text) for key, text in found if text]
+def _compared(campaign: Campaign, runs: list[_Run], problems: list[FileProblem]) -> list[FileProblem]:
+    """Doubt runs by what the others show, each with its own doubts; and all of them together, with those that are returned."""
+    highest_kPa, logs = _of_each(runs, lambda run: run.highest_kPa), _of_each(runs, lambda run: run.log)
+    responses, rests = _of_each(runs, lambda run: run.response), _of_each(runs, lambda run: run.rest)
+    lines, motions = _of_each(runs, lambda run: run.line), _of_each(runs, lambda run: run.motion)
+    for run in runs:
+        name = run.experiment.name
+        odd = plausibility.beside_others(name, highest_kPa)
+        run.doubt("pressure", odd or plausibility.of_response(name, responses))
+    said = [*problems, *(problem for run in runs for problem in run.problems)]
+    sized = any(problem.key == "pressure" or problem.key.startswith("actuator") for problem in said)
+    most_kPa = max(highest_kPa.values(), default=0.0)
+    for run in runs:
+        experiment, name = run.experiment, run.experiment.name
+        own, first = logs.get(name), logs.get(str(experiment.repeat_of))
+        run.doubt("repeat_of", repeats.of_repeat(own, first, str(experiment.repeat_of)) if own and first else "")
+        load_kg = experiment.rig.conditions.get("payload.m", 0.0)
+        run.doubt("conditions.payload", of_load(load_kg, most_kPa, experiment.actuator, experiment.rig.gravity_deg))
+        run.doubt("track", repeats.of_line(name, lines) if name in lines else "")
+        run.doubt("pressure", repeats.of_rest(name, rests))
+    for experiment, key, text in repeats.alike([run.experiment for run in runs], motions):
+        next(run for run in runs if run.experiment is experiment).doubt(key, text)
+    together = "" if sized else _odd_pressures(runs, highest_kPa)
+    text = together or following.together([run.angle for run in runs if run.angle is not None])
+    return [FileProblem(campaign.root / "campaign.yaml", text, "pressure", severity="warning")] if text else []
+
+
+def _of_each(runs: list[_Run], what: Callable[[_Run], _Value | None]) -> dict[str, _Value]:
+    """What is known of runs, by their names."""
+    return {run.experiment.name: value for run in runs if (value := what(run)) is not None}
 
 
 def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FileProblem]:
@@ -130,16 +116,15 @@ def _odd_tubes(campaign: Campaign, active: list[ExperimentSpec]) -> list[FilePro
     return [FileProblem(file, text, f"actuator.{key}", severity="warning") for key, text in doubts]
 
 
-def _odd_pressures(active: list[ExperimentSpec], runs: _AllRuns) -> str:
+def _odd_pressures(runs: list[_Run], highest_kPa: Mapping[str, float]) -> str:
     """Doubt the pressures of all runs of one tube together; empty where there is no doubt."""
-    if len({item.actuator for item in active}) != 1:
+    if len({run.experiment.actuator for run in runs}) != 1:
         return ""
-    gravities = {item.rig.gravity_deg for item in active}
-    highest = max(runs.highest_kPa.values(), default=None)
-    text = of_moduli(runs.moduli.values())
-    if text or highest is None or len(gravities) != 1:
+    gravities = {run.experiment.rig.gravity_deg for run in runs}
+    text = of_moduli(run.modulus for run in runs)
+    if text or not highest_kPa or len(gravities) != 1:
         return text
-    return of_weight(highest, active[0].actuator, gravities.pop())
+    return of_weight(max(highest_kPa.values()), runs[0].experiment.actuator, gravities.pop())
 
 
 def _cameras(campaign: Campaign, active: list[ExperimentSpec]) -> list[tuple[CameraSpec, ExperimentSpec | None]]:
@@ -249,30 +234,53 @@ def _same_picture(photo: Path, others: tuple[Path, ...]) -> str:
     return next((item.name for item in alike if sha256_of(item) == sha256_of(photo)), "")
 
 
-def _experiment_problems(experiment: ExperimentSpec, runs: _AllRuns, *, pressure_said: bool) -> list[FileProblem]:
-    """Read what belongs to a run, and keep of it what is looked at together with the others."""
+def _looked_at(experiment: ExperimentSpec, *, pressure_said: bool) -> _Run:
+    """Read what belongs to a run."""
     run = _Run(experiment.file, experiment.name, experiment)
     try:
         if experiment.video is not None:
             _look_at_film(run, experiment.video)
         elif experiment.track is not None:
-            _look_at_track(run, experiment.track, runs)
+            _look_at_track(run, experiment.track)
     except RfeaError as error:
         run.refuse("track" if experiment.track is not None else "video", str(error))
     if experiment.pressure.missing and not pressure_said:
         run.warn("pressure", "is missing, so nothing can be fitted; of a run at constant pressure write 'pressure: {value: 0 kPa}'")
     elif not experiment.pressure.missing and not experiment.pressure.constant:
-        _look_at_pressure(run, runs)
-    return run.problems
+        _look_at_pressure(run)
+    return run
 
 
 @dataclass
 class _Run(_Look):
-    """A run while it is looked at: its track and the times (s) of its frames, as far as they can be read."""
+    """A run, and what is found of it while it is looked at, as far as it can be read.
+
+    Attributes
+    ----------
+    track, seconds : its track, and the times (s) of its frames
+    motion, line : what moves (frames, 2 or 1); number of points and length (mm) of the centre line
+    log, highest_kPa : its pressure log, and the highest pressure
+    response, modulus : how far tube and pressure go, and Young's modulus (Pa) of a wall that bends so far
+    angle : motion beside log, where only an angle was measured
+    rest : where the tube is before anything moves, and at which pressure
+    """
 
     experiment: ExperimentSpec
     track: Track | None = None
     seconds: FloatArray | None = None
+    motion: FloatArray | None = None
+    line: tuple[int, float] | None = None
+    log: PressureLog | None = None
+    highest_kPa: float | None = None
+    response: plausibility.Response | None = None
+    modulus: float | None = None
+    angle: following.Pair | None = None
+    rest: repeats.Rest | None = None
+
+    def doubt(self, key: str, text: str) -> None:
+        """Note a warning, if there is one."""
+        if text:
+            self.warn(key, text)
 
     @property
     def in_px(self) -> bool:
@@ -300,7 +308,7 @@ def _look_at_film(run: _Run, video: VideoSpec) -> None:
         run.refuse("video", text)
 
 
-def _look_at_track(run: _Run, spec: TrackSpec, runs: _AllRuns) -> None:
+def _look_at_track(run: _Run, spec: TrackSpec) -> None:
     """Times and places of a track that another tool made."""
     from rfea_vision.readers.tracks import read_track
 
@@ -312,45 +320,41 @@ def _look_at_track(run: _Run, spec: TrackSpec, runs: _AllRuns) -> None:
         to_rig_mm=(lambda pixels: pixels) if run.in_px else None,  # lengths are not what is looked at here
     )
     run.track, run.seconds = track, track.time_s
-    runs.motions[experiment.name] = motion_of(track.dataset)[0]
-    runs.lines[experiment.name] = repeats.line_of(track.dataset)
+    run.motion, run.line = motion_of(track.dataset)[0], repeats.line_of(track.dataset)
     run.warn("track", *plausibility.of_gaps(track.time_s))
     if not run.in_px:
         tube = experiment.actuator
         run.warn("track", *(plausibility.of_track(track.dataset, 1e3 * tube.length) or of_stretch(track.dataset, tube)))
 
 
-def _look_at_pressure(run: _Run, runs: _AllRuns) -> None:
+def _look_at_pressure(run: _Run) -> None:
     """The log: by itself, beside the frames, and where the clocks are declared beside the motion."""
     from rfea_vision.readers.pressure import read_pressure
 
-    experiment, track, name = run.experiment, run.track, run.experiment.name
+    experiment, track = run.experiment, run.track
     try:
-        log = read_pressure(experiment.pressure, name)
+        log = read_pressure(experiment.pressure, experiment.name)
     except RfeaError as error:
         run.refuse("pressure", str(error))
         return
     for key, text in _unseen_signals(experiment, log):
         run.refuse(key, text)
-    runs.highest_kPa[name] = float(abs(log.pressure_kPa).max())
-    runs.logs[name] = log
+    run.log, run.highest_kPa = log, float(abs(log.pressure_kPa).max())
     said = plausibility.of_pressure(log)
     if track is not None and not run.in_px and not said:
-        if moved := plausibility.response(track.dataset, log.pressure_kPa):
-            runs.responses[name] = moved
-        gravity_deg = experiment.rig.gravity_deg
-        runs.moduli[name] = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, gravity_deg)
+        run.response = plausibility.response(track.dataset, log.pressure_kPa)
+        run.modulus = modulus_of(track.dataset, log.pressure_kPa, experiment.actuator, experiment.rig.gravity_deg)
     if run.seconds is not None and len(run.seconds):
         filmed = experiment.video is not None and experiment.video.file is not None and experiment.video.rate_Hz is None
         said += plausibility.of_times(log.time_s, run.seconds, filmed=filmed)
     if track is not None and not said and experiment.sync.method in ("common_clock", "offset"):
-        said += _beside_the_motion(run, track, log, runs)
+        said += _beside_the_motion(run, track, log)
     elif track is not None and not said and experiment.sync.method == "motion":
         said += filter(None, [following.of_order(track.dataset, track.time_s, log.time_s, log.pressure_kPa)])
     run.warn("pressure", *said)
 
 
-def _beside_the_motion(run: _Run, track: Track, log: PressureLog, runs: _AllRuns) -> list[str]:
+def _beside_the_motion(run: _Run, track: Track, log: PressureLog) -> list[str]:
     """Why the log may not be that of the track, by the clocks that are declared."""
     sync, zero_s = run.experiment.sync, track.dataset.attrs.get("clock_zero_s")
     if sync.method == "common_clock" and (text := log.zero_doubt(zero_s)):
@@ -358,10 +362,9 @@ def _beside_the_motion(run: _Run, track: Track, log: PressureLog, runs: _AllRuns
     shifted = track.time_s + log.zero_apart_s(zero_s) + (sync.value or 0.0)
     pair = following.pair_of(track.dataset, shifted, log.time_s, log.pressure_kPa)
     if pair is not None and pair.unit == "deg" and len(log.pushes_kPa or ()) < 2:
-        runs.angles[run.experiment.name] = pair
+        run.angle = pair
     held = run.experiment.rig.held
-    if not held and (rest := repeats.rest_of(track.dataset, np.interp(shifted, log.time_s, log.pressure_kPa))):
-        runs.rests[run.experiment.name] = rest
+    run.rest = None if held else repeats.rest_of(track.dataset, np.interp(shifted, log.time_s, log.pressure_kPa))
     return following.of_pair(track.dataset, shifted, log.time_s, log.pressure_kPa, log.pushes_kPa, held=held)
 
 
@@ -390,7 +393,3 @@ def _unlike_photos(camera: CameraSpec | None, film_px: tuple[int, int]) -> str:
         return ""
     height, width = photo.shown().shape
     return unlike_film((width, height), film_px)
-
-
-def _warning(experiment: ExperimentSpec, key: str, text: str) -> FileProblem:
-    return FileProblem(experiment.file, text, key, severity="warning", experiment=experiment.name)
