@@ -16,8 +16,8 @@ from rfea_vision.dynamics.simulation import Model
 from rfea_vision.effects.base import Effect
 from rfea_vision.effects.catalogue import parameters_of
 from rfea_vision.errors import DataError, InputError
-from rfea_vision.fitting.coordinates import base_reference, build
-from rfea_vision.fitting.observed import MM
+from rfea_vision.fitting.coordinates import Coordinates, base_reference, build
+from rfea_vision.fitting.observed import MM, Observed
 from rfea_vision.fitting.problem import Problem, make_model, make_problem, start_vector
 from rfea_vision.fitting.profile import profile
 from rfea_vision.fitting.ratio import lever_free, with_lever_held
@@ -116,18 +116,17 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
     rng = np.random.default_rng(options.seed)
     shapes = [(1.0, 1.0), (0.9, 2.0), (1.2, 0.5)]
     shapes += [(float(rng.uniform(0.85, 1.35)), float(np.exp(rng.uniform(-1.2, 1.2)))) for _ in range(options.starts)]
-    solutions: list[Solution] = []
-    ends: list[Solution] = []
+    ends: list[Solution] = []  # of all starts
+    solutions: list[Solution] = []  # the best of each shape
     record: SteadyState = {}
     waterfall: list[StartRow] = []
     for index, (arm, damping) in enumerate(shapes):
         guess = reference.copy()
-        guess[6] *= arm
         guess[:2] *= arm
         guess[2:6] *= damping
-        for name, value in coarse.fixed.items():
-            if name in model.names:
-                guess[model.names.index(name)] = value
+        guess[6] *= arm
+        for name in coarse.fixed.keys() & set(model.names):
+            guess[model.names.index(name)] = coarse.fixed[name]
         if not plateaus:  # no steady state tells the stiffness: the start that comes nearest at once is taken
             guess = min(
                 _stiffer(guess),
@@ -135,22 +134,13 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
             )
         from_rest, steady = _steady_start(model, problem, coarse, guess, plateaus)
         record = record or steady
-        begun = len(ends)
-        for trial in _different(without_vanishing_ends(coordinates, from_rest), from_rest, *_stiffer(guess)):
-            found = solve(model, thin, coordinates, trial, most_evaluations=40, tolerance=1e-5)
-            if found is None:
-                continue
-            lowest = min((one.cost for one in ends), default=np.inf)
-            ends.append(found)
-            again = abs(found.cost - lowest) < AGREEING * lowest
-            if again or farthest(thin, found, problem.actuator.length) < FAR_OFF:
-                break
-        solution = min(ends[begun:], key=lambda one: one.cost, default=None)
+        starts = _different(without_vanishing_ends(coordinates, from_rest), from_rest, *_stiffer(guess))
+        solution = _best_end(model, thin, coordinates, starts, ends, problem.actuator.length)
         waterfall.append(_attempt(f"r_hyd x {arm:.2f}, damping x {damping:.2f}", solution))
         solutions += [] if solution is None else [solution]
         if progress is not None:
             progress(index + 1, len(shapes) + 2)
-        costs = [row["cost"] for row in waterfall if row["cost"] is not None]
+        costs = [one.cost for one in solutions]
         if index + 1 >= AGREEING_STARTS and len(costs) == index + 1 and max(costs) < (1 + AGREEING) * min(costs):
             break  # starts this different that end in one place leave no doubt about it
     if not solutions:
@@ -164,6 +154,31 @@ def fit_base(problem: Problem, options: FitOptions, progress: Progress | None = 
     if progress is not None:
         progress(len(shapes) + 2, len(shapes) + 2)
     return replace(fitted, steady=record, starts=tuple(waterfall))
+
+
+def _best_end(
+    model: Model,
+    items: Sequence[Observed],
+    coordinates: Coordinates,
+    starts: Iterable[FloatArray],
+    ends: list[Solution],
+    length_m: float,
+) -> Solution | None:
+    """The best end of starts (parameters,) that are tried in turn until one ends where another had, or near to what was measured.
+
+    Every end is added to `ends`, those of other starts.
+    """
+    begun = len(ends)
+    for start in starts:
+        found = solve(model, items, coordinates, start, most_evaluations=40, tolerance=1e-5)
+        if found is None:
+            continue
+        lowest = min((one.cost for one in ends), default=np.inf)
+        ends.append(found)
+        again = abs(found.cost - lowest) < AGREEING * lowest
+        if again or farthest(items, found, length_m) < FAR_OFF:
+            break
+    return min(ends[begun:], key=lambda one: one.cost, default=None)
 
 
 def _different(*starts: FloatArray) -> Iterator[FloatArray]:
