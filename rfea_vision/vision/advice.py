@@ -23,7 +23,8 @@ from rfea_vision.vision.body.model import frame_of
 from rfea_vision.vision.body.rules import LEAST_SLENDER
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.edges.fitted import new_buffers
-from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, begin, line_of
+from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, begin, digits_of, line_of
+from rfea_vision.vision.follow.follower import Follower
 
 TRIED = 60  # frames: two seconds of a phone's film
 # The picture around the clamp, to 3 half widths, is looked for up to 2 half widths aside. In four real films whose base rested it lay
@@ -116,6 +117,18 @@ def film_lacks(source: FrameSource, scene: Scene) -> str:
     return (
         f"{side} it the tube's colour differs from what is beside it by {clear.min():.1f} times their scatter: put something plain of "
         "another colour behind it, or light it from that side"
+    )
+
+
+def end_like_wall(follower: Follower | BodyFollower) -> str:
+    """Say that a body's end cannot be told from what is behind it, and what shows it; empty where it can."""
+    if not isinstance(follower, BodyFollower) or not follower.walls.any():
+        return ""
+    length_mm = follower.scene.length_mm
+    end_mm = f"{float(np.mean(follower.walls)) * length_mm:.{digits_of(length_mm)}f}"
+    return (
+        f"the last {end_mm} mm of the tube look like the wall behind them, and its end is known by so much less: stick something of "
+        "another colour around the end, or hang something plain of another colour behind it"
     )
 
 

@@ -17,7 +17,7 @@ from rfea_vision.calibration.projection import camera_vector, has_plane, unproje
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.advice import next_hint, scale_doubt
+from rfea_vision.vision.advice import end_like_wall, next_hint, scale_doubt
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import FIRST_TRIES, BodyFollower
 from rfea_vision.vision.body.still import StillView
@@ -106,7 +106,9 @@ def track_frames(
     }
     rows.marked = follower.marked and follower.good >= 3
     data = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter)
-    if rows.share < EDGES_ENOUGH:
+    if said := end_like_wall(follower):
+        data.attrs["advice"] = said
+    elif rows.share < EDGES_ENOUGH:
         off = scale_doubt(data.attrs["length_check"])
         data.attrs["advice"] = next_hint(source, scene, rows.reasons, scale_off=off)
     return Track(data)
@@ -155,7 +157,7 @@ def _why_lost(
         if isinstance(follower, Follower):  # edges alone rest on the side
             remedy = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], scene.actuator.bends)
         off = scale_doubt(told.attrs["length_check"])
-    remedy = remedy or next_hint(source, scene, rows.reasons, scale_off=off)
+    remedy = remedy or end_like_wall(follower) or next_hint(source, scene, rows.reasons, scale_off=off)
     return f"{measured} ({rows.commonest_reason}); {remedy}"
 
 
@@ -185,11 +187,23 @@ def wrong_side(bend_deg: FloatArray, bends: str) -> str:
 def follow_body(
     source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress
 ) -> tuple[BodyFollower, Rows]:
-    """Follow the whole body by colour, texture and outline, from what was pointed at."""
-    scale = scale_for(scene, source.size)
-    follower = BodyFollower(scene, scale)
+    """Follow the whole body by colour, texture and outline, from what was pointed at.
+
+    Twice where it has gone and its end stayed behind: what turned out to be wall is none of the body from the first frame on.
+    """
+    follower = BodyFollower(scene, scale_for(scene, source.size))
+    _follow(follower, source, lamp, rows, progress)
+    if not follower.learned:
+        return follower, rows
+    again, rows = BodyFollower(scene, follower.scale, follower.walls), Rows(rows.nodes, rows.segments)
+    _follow(again, source, lamp, rows, progress)
+    return again, rows
+
+
+def _follow(follower: BodyFollower, source: FrameSource, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress) -> None:
+    """Follow the body as far as there is one; a row for every frame."""
+    scale, total = follower.scale, _frame_count(source)
     still = StillView(np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half())
-    total = _frame_count(source)
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     with closing(read_ahead(source.colours(scale), frames_ahead(source.size))) as frames:
         for done, (time_s, picture) in enumerate(frames):
@@ -199,7 +213,6 @@ def follow_body(
             if follower.hopeless() or too_late(done + 1, rows.good, rows.copies, total, lost=follower.missed):
                 break
             _tell(progress, done, total)
-    return follower, rows
 
 
 def too_late(done: int, good: int, copies: int, total: int, *, lost: int) -> bool:

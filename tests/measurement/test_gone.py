@@ -1,17 +1,22 @@
 """Bodies that are elsewhere in the next picture, and short ones that swell beside what holds them."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.readers.video import open_frames
+from rfea_vision.vision.advice import end_like_wall
 from rfea_vision.vision.body.fit import gradual
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES
 from rfea_vision.vision.curve import COEFFICIENTS
+from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.edges.fitted import TIP_VARIANCE
-from rfea_vision.vision.track import make_scene
+from rfea_vision.vision.track import follow_body, make_scene
 
 RUBBER, WALL = (210, 225, 228), (60, 70, 66)
 HALF = 12.0
@@ -126,15 +131,18 @@ def test_a_body_that_is_found_again_shorter_than_it_was_says_how_little_its_end_
 
 @pytest.mark.parametrize(
     ("bend", "length", "tail"),
-    [(0.3, 64.0, 0.4), (0.9, 64.0, 0.4), (0.3, 64.0, 0.3), (0.9, 90.0, 0.3), (0.3, 48.0, 0.2), (0.3, 90.0, 0.2), (0.9, 90.0, 1.0)],
+    [
+        *[(0.3, 64.0, 0.4), (0.9, 64.0, 0.4), (0.3, 64.0, 0.3), (0.9, 90.0, 0.3), (0.3, 48.0, 0.2), (0.3, 90.0, 0.2)],
+        *[(0.9, 90.0, 1.0), (0.3, 120.0, 2.2), (0.6, 110.0, 2.2)],
+    ],
 )
-def test_a_body_is_outlined_to_its_end_where_its_tail_is_far_narrower_than_its_clamp(bend, length, tail):
+def test_a_body_is_outlined_to_its_end_where_that_is_far_narrower_or_wider_than_its_clamp(bend, length, tail):
     """A fish of silicone, held in a hand: the outline stayed as wide as that, ran beside the tail, and was accepted."""
     line, half = middle_of(bend, length), HALF * (1.0 - (1.0 - tail) * np.clip((SHARES - 0.4) / 0.15, 0.0, 1.0))
     follower = follower_of(line)
     wall = [((0, top, 150, top + 9), (150, 165, 170)) for top in range(0, 240, 18)]
     assert follower.next(drawn(line, half, wall), 0.0) == ""
-    assert np.abs(follower.body.half - half).max() < 0.3 * HALF
+    assert np.abs(follower.body.half - half).max() < 0.3 * max(HALF, half.max())
 
 
 @pytest.mark.parametrize(("length", "bend", "cover"), [(64.0, 0.3, 0.0), (90.0, 0.9, 0.0), (90.0, 0.3, 0.12), (110.0, 0.9, 0.12)])
@@ -163,6 +171,21 @@ def test_a_tail_that_cannot_be_told_from_the_wall_is_carried_by_the_rest_and_sai
         known = np.sqrt([follower.work.numbers[TIP_VARIANCE], follower.work.covariance[end, end]]) * follower.px_per_mm
         assert np.all(np.abs([off @ tangent[-1], off @ normal[-1]]) / [np.linalg.norm(tangent[-1]), 1.0] < 3.0 * known + 0.1 * HALF), k
     assert accepted >= 6 and follower.body.untold > 0.1 * length
+
+
+def test_an_end_that_stayed_where_it_was_while_the_body_went_away_is_none_of_it(tmp_path):
+    """The last eighth is a blotchy wall's, as no colour of the first frame tells: the film is followed again without it and says so."""
+    rng, bends = np.random.default_rng(4), 0.3 + 1.0 * np.sin(np.linspace(0.0, np.pi, 14))
+    blots = [((x, y, x + 12, y + 12), tuple(rng.integers(40, 150, 3).tolist())) for x, y in rng.integers(0, 140, (60, 2)).tolist()]
+    lines = [middle_of(bend, 90.0) for bend in bends]
+    for k, line in enumerate(lines):
+        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), drawn(line[:57], np.full(57, HALF), blots))
+    scene = follower_of(lines[0]).scene
+    follower, rows = follow_body(open_frames(tmp_path, None, 20.0), scene, None, Rows(9, 4), None)
+    assert rows.good >= 10 and 0.05 < np.mean(follower.walls) < 0.2 and not follower.learned, "it was known when it began again"
+    assert follower.walls[-4:].all() and not follower.walls[:54].any()
+    assert re.match(r"the last \d+ mm of the tube look like the wall behind them", end_like_wall(follower))
+    assert end_like_wall(follower_of(lines[0])) == ""
 
 
 def test_a_body_about_as_long_as_wide_is_refused_for_that():

@@ -42,10 +42,12 @@ from rfea_vision.vision.body.model import (
     Picture,
     SeenBody,
     Sight,
+    end_of,
     follow_colours,
     frame_of,
     lab_of,
     learn_colours,
+    left_behind,
     middle,
     skin_of,
     told_from_wall,
@@ -59,9 +61,10 @@ from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
-# The outline is sought from ones that narrow, too, to these shares. A narrower one is taken where so much of its edges is seen, and
-# where it leaves at most so much unseen of what the wider one does: in no film of 20 bodies that do not narrow, nor in 12 drawn ones.
-NARROWER, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25), 0.9, 0.5
+# The outline is sought from ones that narrow or widen to these shares, too. Another is taken where so much of its edges is seen, and
+# where it leaves at most so much unseen of what the first does: in no film of 20 bodies that keep their width, nor in 12 drawn ones.
+OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
+AS_POINTED = 0.25  # and where it begins it is as wide as its clamp, within so much: a gap between two bodies may be wider
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
@@ -81,11 +84,14 @@ class BodyFollower:
     ----------
     scene : with clamp and tip pointed at
     scale : of the pictures over those in which the hints were given
+    walls : (STATIONS,) which of its end cannot be told from the wall, as an earlier look at the film has shown
     """
 
-    def __init__(self, scene: Scene, scale: float) -> None:
+    def __init__(self, scene: Scene, scale: float, walls: NDArray[np.bool_] | None = None) -> None:
         assert scene.clamp_px is not None and scene.tip_px is not None
         self.scene, self.scale = scene, scale
+        self.walls = np.zeros(STATIONS, dtype=bool) if walls is None else walls
+        self.learned = False  # more of these than was known in the first frame
         self.px_per_mm = scene.px_per_mm * scale
         self.camera = scene.camera.copy()
         self.camera[1:3] *= scale
@@ -201,9 +207,9 @@ class BodyFollower:
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
         self.body, unseen = self._outline(lab, lines, half, length, 1.0)
-        for end in NARROWER:
+        for end in OTHER_ENDS:
             body, left = self._outline(lab, lines, half, length, end)
-            if left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen):
+            if left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and abs(body.half[0] / half - 1.0) < AS_POINTED:
                 self.body, unseen = body, left
         offsets = self._end_seen(lab, half)
         seen = offsets[np.isfinite(offsets)]
@@ -214,7 +220,8 @@ class BodyFollower:
             learn_colours(lab, self.body)
             offsets = self._end_seen(lab, half)
         believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
-        self.body.told = told_from_wall(self.body)
+        self.walls = self.walls | ~told_from_wall(self.body)
+        self.body.told = ~self.walls
         self.end_offsets = offsets if believed and not self.body.untold else None
         skin = skin_of(lab, self.body)
         # Where the end is seen, it says how far the body reaches: the skin claims too much of that.
@@ -225,7 +232,7 @@ class BodyFollower:
         hinted = self.scene.hints.marks
         self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), max(self.scale, 1.0))
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
-        self.first.leaves = self.foot[1]
+        self.first.leaves, self.first_body, self.stayed = self.foot[1], self.body.copy(), np.zeros(STATIONS, dtype=int)
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
         pointed = End(0.0, POINTED_PX / self.scene.px_per_mm, "hint")
@@ -303,11 +310,13 @@ class BodyFollower:
 
     def _outlined(self, lab: Picture) -> tuple[SeenBody, FloatArray] | None:
         """The body where all is that looks like it and hangs together with it from its clamp on, and what that leaves open."""
-        line = reached(lab, self.wall, self.body, self.foot, self.pointed_half())
+        seen = [reached(shown, self.wall, self.body, self.foot, self.pointed_half()) for shown in (lab, self.last.lab)]
+        line, before = seen
         if line is None or self.body.untold:
             return None
-        if abs(self.body.length / along(line)[-1] - 1.0) < LENGTH_SPREAD:  # its end may be rounded, and rubber keeps its length
-            line = at(np.vstack([line, line[-1] + 8.0 * (line[-1] - line[-2])]), SHARES * self.body.length)
+        if before is not None and abs(beyond := self.body.length / along(before)[-1] - 1.0) < LENGTH_SPREAD:
+            # It goes as far beyond the end, into a round cap, or falls as short of it, as where the body was measured last.
+            line = at(np.vstack([line, line[-1] + 8.0 * (line[-1] - line[-2])]), SHARES * (1.0 + beyond) * along(line)[-1])
         near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
         return near.body, self._spread(LENGTH_SPREAD)
 
@@ -322,6 +331,11 @@ class BodyFollower:
             self.first.beside, self.first.backing = fit.beside > SURELY_BESIDE, float(np.mean(fit.backing))
         self.good, self.missed = self.good + 1, 0
         if self.end_offsets is None:
+            self.stayed += left_behind(lab, self.wall.window, self.first_body, self.skin[0], self.body)
+            stayed = self.stayed > 0
+            self.learned |= bool(np.any((end := stayed & (np.arange(STATIONS) >= STATIONS - end_of(stayed))) & ~self.walls))
+            self.walls = self.walls | end
+            self.body.told = ~self.walls
             self._learn_end(lab)
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)

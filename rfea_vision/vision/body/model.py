@@ -29,6 +29,8 @@ ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is near
 # Standard deviations of the picture, chosen. Of 24 drawn bodies whose last fifth is the wall's or hardly covers it, 9 stations and more
 # are so at the end (of one 3), of 20 other films none but three of clear silicone with a taped end (4, 8, 8) and two real ones (6).
 SAME_COLOUR, ANOTHER_COLOUR = 2.0, 3.0
+LEFT = 9.0  # times less, squared: chosen, a third of what tells the body from what is around it
+INNER = 0.5  # half widths off the line: what lies farther out is read with an edge
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
 
 NEAR = np.clip(np.arange(STATIONS)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1), 0, STATIONS - 1)
@@ -64,7 +66,7 @@ class SeenBody:
     @property
     def untold(self) -> float:
         """Length, px, of an end most of which cannot be told from the wall."""
-        return self.length * _end_of(~self.told) / STATIONS
+        return self.length * end_of(~self.told) / STATIONS
 
     def elsewhere_on(self, places: FloatArray) -> NDArray[np.bool_]:
         """Which places (S, 2) px, one beside each station, lie on another stretch of the body: it rolls up and touches itself."""
@@ -105,11 +107,25 @@ def told_from_wall(body: SeenBody) -> NDArray[np.bool_]:
     own = np.linalg.norm(inside[:, None] - inside, axis=2)
     own[np.abs(np.arange(STATIONS)[:, None] - np.arange(STATIONS)) < STATIONS // 5] = np.inf
     walls = (own.min(axis=1) > ANOTHER_COLOUR) & (np.linalg.norm(inside[:, None] - around, axis=2).min(axis=1) < SAME_COLOUR)
-    count = _end_of(walls)
+    count = end_of(walls)
     return ~walls | (np.arange(STATIONS) < STATIONS - (count if count > STATIONS // 10 else 0))
 
 
-def _end_of(where: NDArray[np.bool_]) -> int:
+def left_behind(picture: Picture, window: tuple[slice, slice], first: SeenBody, skin: FloatArray, body: SeenBody) -> NDArray[np.int64]:
+    """Where (S,) the first frame's skin (S, V, 3) has stayed in the picture while the body went away from there: 1, as walls do.
+
+    -1 where something else is seen there now, and 0 where the body still is, or outside of what is looked at.
+    """
+    gone = np.min(np.linalg.norm(first.points[:, None] - body.points, axis=2) - body.half, axis=1) > INNER * first.half
+    low, high = (np.array([getattr(part, end) for part in window[::-1]]) for end in ("start", "stop"))
+    gone &= np.all((first.points - first.half[:, None] > low) & (first.points + first.half[:, None] < high), axis=1)
+    off = (skin_of(picture, first) - skin)[:, np.abs(ACROSS_TEXTURE) < INNER]
+    clear = np.median(np.sum((first.inside[:, None, 0] - first.outside[:, :, 0]) ** 2 / LEAST_VARIANCE, axis=2))
+    stayed = np.mean(np.sum(off**2 / LEAST_VARIANCE, axis=2), axis=1) < min(ANOTHER_COLOUR**2, clear / LEFT)
+    return np.where(gone, np.where(stayed, 1, -1), 0)
+
+
+def end_of(where: NDArray[np.bool_]) -> int:
     """How many stations the longest end has in most of which something holds."""
     return int(np.max(np.flatnonzero(np.cumsum(where[::-1]) > 0.5 * np.arange(1, STATIONS + 1)), initial=-1)) + 1
 
