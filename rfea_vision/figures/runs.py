@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.figures.plates import Axis, Lines, Map, Plate, Role, Series, lines, thinned
+from rfea_vision.figures.plates import Axis, Map, Plate, Role, Series, lines, thinned
 from rfea_vision.report.collect import Experiment, LadderStep
 
 MOST_ROWS, MOST_COLUMNS = 4000, 600  # more points than a page has dots
@@ -47,64 +47,60 @@ def curve(
     return Series(name, role, data["time"].values[rows], values[rows], None if errors is None else errors[rows])
 
 
+def _timed(run: str, name: str, axis: Axis, *series: Series | None) -> list[Plate]:
+    """A figure over time; none where there is nothing to draw."""
+    return lines(f"{run}-{name}", axis.label.capitalize(), TIME, axis, series, wide=True)
+
+
 def _over_time(run: str, data: xr.Dataset, modelled: xr.Dataset | None) -> list[Plate]:
     found: list[Plate] = []
     if "pressure" in data:
-        rows = thinned(data.sizes["log_time"], MOST_ROWS)
-        log = Series("pressure", "measured", data["log_time"].values[rows], data["pressure"].values[rows])
-        found += lines(f"{run}-pressure", "Pressure", TIME, Axis("pressure", "kPa"), [log], wide=True)
-    for name, key, part, title, unit in (
-        ("tip-x", "tip", 0, "tip x", "mm"), ("tip-y", "tip", 1, "tip y", "mm"), ("angle", "bend_angle", None, "bend angle", "deg"),
+        found += _timed(run, "pressure", Axis("pressure", "kPa"), _logged(data, "measured"))
+    for name, key, part, axis in (
+        ("tip-x", "tip", 0, Axis("tip x", "mm")), ("tip-y", "tip", 1, Axis("tip y", "mm")),
+        ("angle", "bend_angle", None, Axis("bend angle", "deg")),
     ):  # fmt: skip
-        both = [
-            curve(data, key, "measured", "measured", part=part),
-            curve(modelled, key, "modelled", "modelled", part=part, sigma=f"{key}_stderr"),
-        ]
-        if both[0] is not None:
-            found += lines(f"{run}-{name}", title.capitalize(), TIME, Axis(title, unit), both, wide=True)
-    if modelled is not None:
-        found += _error(run, modelled)
-    return found
+        if (measured := curve(data, key, "measured", "measured", part=part)) is not None:
+            model = curve(modelled, key, "modelled", "modelled", part=part, sigma=f"{key}_stderr")
+            found += _timed(run, name, axis, measured, model)
+    return found if modelled is None else found + _error(run, modelled)
+
+
+def _logged(data: xr.Dataset, role: Role) -> Series:
+    """The pressure log, thinned to what a page can show."""
+    rows = thinned(data.sizes["log_time"], MOST_ROWS)
+    return Series("pressure", role, data["log_time"].values[rows], data["pressure"].values[rows])
 
 
 def _error(run: str, modelled: xr.Dataset) -> list[Plate]:
     """The gap that was kept with the prediction; for an inclinometer that in angle."""
-    gap = _valid(modelled, "tip_residual")
-    rows = thinned(modelled.sizes["time"], MOST_ROWS)
-    time = modelled["time"].values[rows]
-    if gap is not None:
-        error, axis = np.hypot(gap[:, 0], gap[:, 1])[rows], Axis("tip error", "mm")
+    if (gap := _valid(modelled, "tip_residual")) is not None:
+        error, axis = np.hypot(gap[:, 0], gap[:, 1]), Axis("tip error", "mm")
     elif "angle_residual" in modelled:
-        error, axis = np.abs(modelled["angle_residual"].values)[rows], Axis("angle error", "deg")
+        error, axis = np.abs(modelled["angle_residual"].values), Axis("angle error", "deg")
     else:
         return []
-    return lines(
-        f"{run}-error", axis.label.capitalize(), TIME, axis, [Series("error", "modelled", time, error)], wide=True
-    )
+    rows = thinned(len(error), MOST_ROWS)
+    return _timed(run, "error", axis, Series("error", "modelled", modelled["time"].values[rows], error[rows]))
 
 
 def _loops(run: str, data: xr.Dataset, modelled: xr.Dataset | None) -> list[Plate]:
     """What moves against what drives it, and where the tip has been."""
+
+    def against(made: Series | None) -> Series | None:
+        if made is None:
+            return None
+        return replace(made, x=np.interp(made.x, data["log_time"].values, data["pressure"].values))
+
     found: list[Plate] = []
-    if "pressure" in data:
-        pressure = Axis("pressure", "kPa")
-
-        def against(source: xr.Dataset | None, key: str, name: str, role: Role, part: int | None) -> Series | None:
-            made = curve(source, key, name, role, part=part)
-            if made is None:
-                return None
-            at = np.interp(made.x, data["log_time"].values, data["pressure"].values)
-            return Series(name, role, at, made.y)
-
-        for name, key, part, axis in (
-            ("loop-angle", "bend_angle", None, Axis("bend angle", "deg")), ("loop-tip", "tip", 1, Axis("tip y", "mm")),
-        ):  # fmt: skip
-            both = [
-                against(data, key, "measured", "measured", part),
-                against(modelled, key, "modelled", "modelled", part),
-            ]
+    for name, key, part, axis in (
+        ("loop-angle", "bend_angle", None, Axis("bend angle", "deg")), ("loop-tip", "tip", 1, Axis("tip y", "mm")),
+    ):  # fmt: skip
+        measured = curve(data, key, "measured", "measured", part=part) if "pressure" in data else None
+        if measured is not None:
+            both = [against(measured), against(curve(modelled, key, "modelled", "modelled", part=part))]
             title = f"{axis.label.capitalize()} against pressure"
-            found += lines(f"{run}-{name}", title, pressure, axis, both) if both[0] is not None else []
+            found += lines(f"{run}-{name}", title, Axis("pressure", "kPa"), axis, both)
     path = [tip_path(data, "measured", "measured"), tip_path(modelled, "modelled", "modelled")]
     return found + lines(f"{run}-path", "Path of the tip", Axis("x", "mm"), Axis("y", "mm"), path, equal=True)
 
@@ -128,10 +124,8 @@ def _maps(run: str, data: xr.Dataset, modelled: xr.Dataset) -> list[Plate]:
         values = _valid(source, key)
         if values is None or len(values) != modelled.sizes["time"]:
             return []
-        count = values.shape[1]
-        place = (
-            np.linspace(0.0, 1.0, count) if key in ("normal_residual", "width") else (np.arange(count) + 0.5) / count
-        )
+        count, at_nodes = values.shape[1], key in ("normal_residual", "width")
+        place = np.linspace(0.0, 1.0, count) if at_nodes else (np.arange(count) + 0.5) / count
         axis = Axis(title.lower(), unit)
         shown = scale * values[columns].T
         return [Map(f"{run}-{name}", title, TIME, ALONG, axis, time, place, shown, signed, y_down=True, wide=True)]
@@ -153,24 +147,19 @@ def _trust(run: str, data: xr.Dataset) -> list[Plate]:
         ("tracking", "tip_sigma", Axis("standard error of the tip", "mm")), ("seen", "seen", Axis("share of the edges seen")),
         ("blur", "blur", Axis("blur of the edges", "px")),
     ):  # fmt: skip
-        found += lines(
-            f"{run}-{name}", axis.label.capitalize(), TIME, axis, [curve(data, key, name, "measured")], wide=True
-        )
+        found += _timed(run, name, axis, curve(data, key, name, "measured"))
     hinge, angle = _valid(data, "hinge_length"), _valid(data, "bend_angle")
     if hinge is not None and angle is not None:
         rows = thinned(len(hinge), 1500)
         dots = [Series("inner side", "dots", angle[rows], hinge[rows])]
-        found += lines(
-            f"{run}-hinge", "Length of the inner side", Axis("bend angle", "deg"), Axis("length", "mm"), dots
-        )
+        found += lines(f"{run}-hinge", "Length of the inner side", Axis("bend angle", "deg"), Axis("length", "mm"), dots)
     if "sync_explained" in data.variables and "sync_offset" in data.variables:
         explained = np.asarray(data["sync_explained"].values, dtype=float)
         tried = explained != 0  # far from the answer only every fifth offset was tried
         offset_ms = 1000.0 * np.asarray(data["sync_offset"].values, dtype=float)[tried]
-        share = [Series("share of the motion explained", "measured", offset_ms, explained[tried])]
-        found += lines(
-            f"{run}-offsets", "Offsets tried", Axis("offset", "ms"), Axis("share of the motion explained"), share
-        )
+        share = Axis("share of the motion explained")
+        tried_at = [Series(share.label, "measured", offset_ms, explained[tried])]
+        found += lines(f"{run}-offsets", "Offsets tried", Axis("offset", "ms"), share, tried_at)
     return found + _clocks(run, data)
 
 
@@ -179,10 +168,8 @@ def _clocks(run: str, data: xr.Dataset) -> list[Plate]:
     motion = curve(data, "bend_angle", "bend angle", "measured") or curve(data, "tip", "tip y", "measured", part=1)
     if motion is None or "pressure" not in data:
         return []
-    rows = thinned(data.sizes["log_time"], MOST_ROWS)
-    stretch: Callable[[FloatArray], FloatArray] = lambda v: (v - np.nanmin(v)) / (np.nanmax(v) - np.nanmin(v) or 1.0)  # noqa: E731
-    pressure = Series("pressure", "modelled", data["log_time"].values[rows], stretch(data["pressure"].values[rows]))
-    both = (pressure, Series(motion.name, "measured", motion.x, stretch(motion.y)))
-    return [
-        Lines(f"{run}-sync", "Pressure and motion on one clock", TIME, Axis("share of the full range"), both, wide=True)
+    both = [
+        replace(item, y=(item.y - np.nanmin(item.y)) / (np.nanmax(item.y) - np.nanmin(item.y) or 1.0))
+        for item in (_logged(data, "modelled"), motion)
     ]
+    return lines(f"{run}-sync", "Pressure and motion on one clock", TIME, Axis("share of the full range"), both, wide=True)
