@@ -10,13 +10,11 @@ import pandas as pd
 
 from rfea_vision.artefacts.rows import CalibrationQuality, ElongationProfile, StudyRow
 from rfea_vision.figures.plates import Axis, Bars, Map, Plate, Role, Series, lines
-from rfea_vision.figures.runs import run_plates, tip_path
+from rfea_vision.figures.runs import ALONG, run_plates, tip_path
 from rfea_vision.report.collect import Evidence, LadderStep
 from rfea_vision.report.prose import effect_titles
 from rfea_vision.report.series import rung_name
 from rfea_vision.report.shown import errors_of
-
-ALONG = Axis("place along the tube, clamp 0, tip 1")
 
 
 def plates(evidence: Evidence, model: str | None = None) -> list[Plate]:

@@ -10,6 +10,7 @@ import xarray as xr
 from rfea_vision.arrays import FloatArray
 from rfea_vision.figures.plates import Axis, Map, Plate, Role, Series, lines, thinned
 from rfea_vision.report.collect import Experiment, LadderStep
+from rfea_vision.report.shown import error_over_time, offsets_tried
 
 MOST_ROWS, MOST_COLUMNS = 4000, 600  # more points than a page has dots
 TIME, ALONG = Axis("time", "s"), Axis("place along the tube, clamp 0, tip 1")
@@ -74,13 +75,10 @@ def _logged(data: xr.Dataset, role: Role) -> Series:
 
 def _error(run: str, modelled: xr.Dataset) -> list[Plate]:
     """The gap that was kept with the prediction; for an inclinometer that in angle."""
-    if (gap := _valid(modelled, "tip_residual")) is not None:
-        error, axis = np.hypot(gap[:, 0], gap[:, 1]), Axis("tip error", "mm")
-    elif "angle_residual" in modelled:
-        error, axis = np.abs(modelled["angle_residual"].values), Axis("angle error", "deg")
-    else:
+    if (found := error_over_time(modelled)) is None:
         return []
-    rows = thinned(len(error), MOST_ROWS)
+    error, unit = found
+    axis, rows = Axis("tip error" if unit == "mm" else "angle error", unit), thinned(len(error), MOST_ROWS)
     return _timed(run, "error", axis, Series("error", "modelled", modelled["time"].values[rows], error[rows]))
 
 
@@ -153,12 +151,9 @@ def _trust(run: str, data: xr.Dataset) -> list[Plate]:
         rows = thinned(len(hinge), 1500)
         dots = [Series("inner side", "dots", angle[rows], hinge[rows])]
         found += lines(f"{run}-hinge", "Length of the inner side", Axis("bend angle", "deg"), Axis("length", "mm"), dots)
-    if "sync_explained" in data.variables and "sync_offset" in data.variables:
-        explained = np.asarray(data["sync_explained"].values, dtype=float)
-        tried = explained != 0  # far from the answer only every fifth offset was tried
-        offset_ms = 1000.0 * np.asarray(data["sync_offset"].values, dtype=float)[tried]
+    if (offsets := offsets_tried(data)) is not None:
         share = Axis("share of the motion explained")
-        tried_at = [Series(share.label, "measured", offset_ms, explained[tried])]
+        tried_at = [Series(share.label, "measured", *offsets)]
         found += lines(f"{run}-offsets", "Offsets tried", Axis("offset", "ms"), share, tried_at)
     return found + _clocks(run, data)
 

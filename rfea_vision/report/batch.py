@@ -184,7 +184,7 @@ def _side(evidence: Evidence, pack: Pack) -> dict[str, Any]:
             "angle": pack.add(np.asarray(data["bend_angle"].values)[rows]),
         })  # fmt: skip
     steady = last.fit.steady_state if last else {}
-    profiles = (last.comparison.elongation.get("profiles") or []) if last and last.comparison else []
+    profiles = last.comparison.elongation.get("profiles", []) if last and last.comparison else []
     absent = {
         "intervals": "" if last else "no model has been fitted, so it has no parameters.",
         "loops": "" if loops else "no run has bend angle and pressure on one clock: run `rfea sync`.",

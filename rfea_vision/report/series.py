@@ -10,11 +10,12 @@ import numpy as np
 import xarray as xr
 
 from rfea_vision.arrays import stretches
+from rfea_vision.artefacts import Comparison
 from rfea_vision.artefacts.reasons import reason_of
 from rfea_vision.report.collect import Evidence, Experiment, LadderStep
 from rfea_vision.report.formatting import inner_title, listing
 from rfea_vision.report.pack import Pack, nearest
-from rfea_vision.report.shown import errors_of
+from rfea_vision.report.shown import error_over_time, errors_of, offsets_tried
 
 MOST_SAMPLES = 2400  # rows of a time series
 MOST_COLUMNS = 600  # time steps of a carpet
@@ -63,13 +64,9 @@ def pack_experiment(experiment: Experiment, pack: Pack) -> dict[str, Any]:
         record["p"] = pack.add(pressure[nearest(log_time, time[rows])])
     else:
         record["why"]["pressure"] = f"{experiment.name} has no pressure on its clock yet: run `rfea sync`."
-    if "sync_explained" in data.variables and "sync_offset" in data.variables:
-        explained = data["sync_explained"].values
-        tried = explained != 0  # far from the answer only every fifth offset was tried
-        record["offsets"] = {
-            "ms": pack.add(1000 * data["sync_offset"].values[tried]), "explained": pack.add(explained[tried]),
-            "chosen": 1000 * float(data.attrs.get("offset_s", 0.0)),
-        }  # fmt: skip
+    if (offsets := offsets_tried(data)) is not None:
+        chosen_ms = 1000 * float(data.attrs.get("offset_s", 0.0))
+        record["offsets"] = {"ms": pack.add(offsets[0]), "explained": pack.add(offsets[1]), "chosen": chosen_ms}
     else:
         method = str(data.attrs.get("sync_method", "")).replace("_", " ")
         record["why"]["offsets"] = (
@@ -166,22 +163,13 @@ def pack_modelled(
         if name in modelled:  # a result of an earlier version has none
             half = modelled[name].values * modelled[name].attrs["quantile_95"]
             record[key] = pack.add(half[where["series"]])
-    record |= _error(modelled, where["series"], pack)
-    if "error" not in record:
+    if (error := error_over_time(modelled)) is not None:
+        record |= {"error": pack.add(error[0][where["series"]]), "unit": error[1]}
+    else:
         why["error"] = f"{experiment.name} has neither tip nor bend angle in prediction.nc of {model}."
     if "phase" in modelled:
         record["phase"] = _stretches(modelled["phase"].values.astype(str), modelled["time"].values)
     return record
-
-
-def _error(modelled: xr.Dataset, rows: np.ndarray, pack: Pack) -> dict[str, object]:
-    """Length of the stored gap at the tip; for an inclinometer, the gap in angle."""
-    if "tip_residual" in modelled:
-        gap = modelled["tip_residual"].values[rows].astype(float)
-        return {"error": pack.add(np.hypot(gap[:, 0], gap[:, 1])), "unit": "mm"}
-    if "angle_residual" in modelled:
-        return {"error": pack.add(np.abs(modelled["angle_residual"].values[rows].astype(float))), "unit": "deg"}
-    return {}
 
 
 def _stretches(labels: np.ndarray, time: np.ndarray) -> list[list[object]]:
@@ -193,7 +181,8 @@ def _stretches(labels: np.ndarray, time: np.ndarray) -> list[list[object]]:
 
 def pack_step(step: LadderStep, evidence: Evidence, pack: Pack, titles: Mapping[str, str]) -> dict[str, Any]:
     """One rung: what it is called, how well it does, its tables for the bar charts, and its series."""
-    fit, comparison, shown = step.fit, step.comparison, errors_of(step, evidence)
+    fit, shown = step.fit, errors_of(step, evidence)
+    comparison = step.comparison or Comparison(model=step.rung.model)
     return {
         "model": step.rung.model,
         "name": rung_name(step, titles),
@@ -204,12 +193,12 @@ def pack_step(step: LadderStep, evidence: Evidence, pack: Pack, titles: Mapping[
         "validate": shown.validate,
         "floor": shown.floor,
         "tested": list((evidence.ladder.test or {}).get("experiments") or {}) if evidence.ladder else [],
-        "phases": comparison.by_phase if comparison else [],
-        "pressures": comparison.by_pressure if comparison else [],
-        "segments": comparison.by_segment if comparison else [],
-        "worst": [place.model_dump(mode="json") for place in comparison.where] if comparison else [],
-        "torque": comparison.residual_torque if comparison else {},
-        "profiles": (comparison.elongation.get("profiles") or []) if comparison else [],
+        "phases": comparison.by_phase,
+        "pressures": comparison.by_pressure,
+        "segments": comparison.by_segment,
+        "worst": [place.model_dump(mode="json") for place in comparison.where],
+        "torque": comparison.residual_torque,
+        "profiles": comparison.elongation.get("profiles", []),
         "correlation": fit.correlation,
         "steady": fit.steady_state,
         "starts": fit.starts,

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+import xarray as xr
+
+from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import ModelFit, Parameter
 from rfea_vision.report.collect import Evidence, LadderStep
 
@@ -31,6 +35,24 @@ def errors_of(step: LadderStep, evidence: Evidence) -> Shown:
     rung, unit = step.rung, step.rung.unit
     what, floor = "Tip error" if unit == "mm" else "Angle error", _floor(step, evidence, f"noise_floor_{unit}")
     return Shown(unit, what, rung.error("train"), rung.error("validate"), floor)
+
+
+def error_over_time(modelled: xr.Dataset) -> tuple[FloatArray, str] | None:
+    """Length of the gap at the tip that a prediction keeps, or of an inclinometer's the gap in angle; and its unit."""
+    if "tip_residual" in modelled:
+        return np.hypot(*modelled["tip_residual"].values.astype(float).T), "mm"
+    if "angle_residual" in modelled:
+        return np.abs(modelled["angle_residual"].values.astype(float)), "deg"
+    return None
+
+
+def offsets_tried(data: xr.Dataset) -> tuple[FloatArray, FloatArray] | None:
+    """Offsets of the clock (ms) that an alignment by motion tried, and the share of the motion explained at each."""
+    if "sync_explained" not in data.variables or "sync_offset" not in data.variables:
+        return None
+    explained = data["sync_explained"].values.astype(float)
+    tried = explained != 0  # far from the answer only every fifth offset was tried
+    return 1000.0 * data["sync_offset"].values.astype(float)[tried], explained[tried]
 
 
 def _floor(step: LadderStep, evidence: Evidence, key: str) -> float | None:
