@@ -1,4 +1,4 @@
-"""Lines of points: how far each point lies along them, and what lies at a given distance."""
+"""Lines of points: how far each point lies along them, what lies at a given distance, and where they point."""
 
 from __future__ import annotations
 
@@ -23,3 +23,8 @@ def at(points: FloatArray, lengths: FloatArray) -> FloatArray:
 def evenly(points: FloatArray, count: int) -> FloatArray:
     """`count` places (count, d) on a line of points (n, d), at even distances from its first point to its last."""
     return at(points, np.linspace(0.0, 1.0, count) * along(points)[-1])
+
+
+def from_down(vectors: FloatArray, sign: float) -> FloatArray:
+    """Angles (...) in rad of vectors (..., 2), y up: 0 straight down, positive towards the bend; `sign` is that of `bend_sign`."""
+    return np.arctan2(-sign * vectors[..., 0], -vectors[..., 1])

@@ -12,6 +12,7 @@ from scipy import constants
 from rfea_vision.artefacts import Actuator
 from rfea_vision.artefacts.measurement import ELASTOMER_MODULUS, bend_sign
 from rfea_vision.campaign.tracked import lengths, valid_rows
+from rfea_vision.lines import from_down
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -158,8 +159,7 @@ def modulus_of(track: xr.Dataset, pressure_kPa: FloatArray, tube: Actuator, grav
     if "bend_angle" in track:
         bend = np.radians(track["bend_angle"].values)
     else:  # an arc's chord has half of its bend
-        across, down = -bend_sign(tube.bends) * track["tip"].values[:, 0], -track["tip"].values[:, 1]
-        bend = 2 * np.arctan2(across, down)
+        bend = 2 * from_down(track["tip"].values, bend_sign(tube.bends))
     low, high = np.percentile(bend[np.isfinite(bend)], (1, 99)) if np.isfinite(bend).sum() >= 20 else (0.0, 0.0)
     pushed = _pressure_moment(tube, float(np.ptp(np.percentile(pressure_kPa, (1, 99)))))
     if high - low < _LEAST_SWING or pushed <= 0:

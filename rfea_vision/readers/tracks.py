@@ -15,6 +15,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
 from rfea_vision.artefacts.measurement import ESTIMATED_ERRORS
 from rfea_vision.errors import InputError
+from rfea_vision.lines import from_down
 from rfea_vision.readers.columns import clock_zero_s, in_unit, refuse_rows
 from rfea_vision.readers.kinds.base import Points, Table
 from rfea_vision.readers.poses import Lengths, nodes_of_points, points_in
@@ -260,8 +261,7 @@ def _tip_angle(nodes: FloatArray, sigma: FloatArray, bends: str) -> tuple[FloatA
     """Return the tangent's angle at the tip and its standard error, deg, by a straight line through the last chords."""
     chords = np.diff(nodes, axis=1)
     lengths = np.linalg.norm(chords, axis=2)
-    sign = bend_sign(bends)
-    phi = np.unwrap(np.arctan2(-sign * chords[..., 0], -chords[..., 1]), axis=1)  # 0 hanging straight down
+    phi = np.unwrap(from_down(chords, bend_sign(bends)), axis=1)
     count = min(_LAST_CHORDS, phi.shape[1])
     place = np.arange(count) + 0.5  # middles of the chords, in chords
     design = np.stack([np.ones(count), place - count], axis=1)

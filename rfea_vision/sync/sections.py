@@ -30,6 +30,7 @@ from scipy.signal import lfilter
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Track, bend_sign
+from rfea_vision.lines import from_down
 
 MODES = 3  # Legendre modes of the tangent angle beside its mean: more carry little but noise
 SECTIONS = 4  # cross-sections at which the balance is written, one more than MODES
@@ -95,9 +96,7 @@ def motion_of(track: Track, bends: str, gravity_deg: float | None = 0.0) -> Obse
     elif "bend_angle" in dataset:
         found = np.radians(dataset["bend_angle"].values[valid])[:, None]
     else:
-        tip = dataset["tip"].values[valid]
-        # A chord's direction is half of the bend.
-        found = 2 * np.arctan2(-sign * tip[:, 0], -tip[:, 1])[:, None]
+        found = 2 * from_down(dataset["tip"].values[valid], sign)[:, None]  # a chord's direction is half of the bend
     good = np.all(np.isfinite(found), axis=1)
     time, found = time[good], found[good]
     first = np.concatenate([[True], np.diff(time) > 1e-9])
@@ -143,7 +142,7 @@ def noise_covariance(amplitudes: FloatArray) -> FloatArray:
 def _modes(midline_m: FloatArray, sign: float) -> tuple[FloatArray, float]:
     """Amplitudes (n, m) of the tangent's angle along the line that keeps its length, and its length."""
     step = np.diff(midline_m, axis=1)
-    angle = np.unwrap(np.arctan2(-sign * step[..., 0], -step[..., 1]), axis=1)
+    angle = np.unwrap(from_down(step, sign), axis=1)
     places = (np.arange(angle.shape[1]) + 0.5) / angle.shape[1]
     bend = angle @ np.linalg.pinv(_legendre(places)).sum(axis=0)  # at the tip, where every mode is 1
     length = np.linalg.norm(step, axis=-1).sum(axis=1)
