@@ -1,6 +1,7 @@
 """Bodies that are elsewhere in the next picture, and short ones that swell beside what holds them."""
 
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -186,6 +187,20 @@ def test_an_end_that_stayed_where_it_was_while_the_body_went_away_is_none_of_it(
     assert follower.walls[-4:].all() and not follower.walls[:54].any()
     assert re.match(r"the last \d+ mm of the tube look like the wall behind them", end_like_wall(follower))
     assert end_like_wall(follower_of(lines[0])) == ""
+
+
+@pytest.mark.parametrize(("aside", "least", "most"), [(0.0, 1.0, 1.0), (5.0, 2.5, 5.0)])
+def test_how_well_a_person_points_is_told_by_what_the_clicks_miss(aside, least, most):
+    """Of a clamp, a tip and two points of the line the first frame shows where they should be: the clamp is known no better."""
+    line = middle_of(0.5, 110.0)
+    careful = follower_of(line).scene
+    points = tuple((x, y + sign * aside) for (x, y), sign in zip(careful.hints.centre_line, (1.0, -1.0), strict=True))
+    tip = careful.tip_px + np.array([0.0, aside])
+    scene = replace(careful, tip_px=tip, hints=replace(careful.hints, centre_line=points, tip=tuple(tip.tolist())))
+    follower = BodyFollower(scene, 1.0)
+    assert follower.next(drawn(line, np.full(65, HALF)), 0.0) == ""
+    assert least <= follower.pointed_px <= most
+    assert follower.clamp_stderr_mm()[0] == pytest.approx(follower.pointed_px / scene.px_per_mm)
 
 
 def test_a_body_about_as_long_as_wide_is_refused_for_that():

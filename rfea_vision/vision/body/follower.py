@@ -56,7 +56,7 @@ from rfea_vision.vision.body.rules import LENGTHS, SURELY_BESIDE, First, elsewhe
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
-from rfea_vision.vision.find.begin import Initialisation, Scene, allowed_pixels, off_hints
+from rfea_vision.vision.find.begin import Initialisation, Scene, allowed_pixels, beside, off_hints
 from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
@@ -64,7 +64,7 @@ SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the
 # The outline is sought from ones that narrow or widen to these shares, too. Another is taken where so much of its edges is seen, and
 # where it leaves at most so much unseen of what the first does: in no film of 20 bodies that keep their width, nor in 12 drawn ones.
 OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
-AS_POINTED = 0.25  # and where it begins it is as wide as its clamp, within so much: a gap between two bodies may be wider
+AS_POINTED = 0.25  # and at its clamp it is as wide as that, within so much: a gap between two bodies may be wider, a rim narrower
 FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
@@ -186,7 +186,7 @@ class BodyFollower:
 
     def clamp_stderr_mm(self) -> tuple[float, float | None]:
         """Standard error of the origin along the tube: it is where it was pointed at."""
-        return POINTED_PX / self.scene.px_per_mm, None
+        return self.pointed_px / self.scene.px_per_mm, None
 
     def _guided(self) -> FloatArray | None:
         """Stations where another program saw the body in this frame, from the clamp on."""
@@ -209,7 +209,8 @@ class BodyFollower:
         self.body, unseen = self._outline(lab, lines, half, length, 1.0)
         for end in OTHER_ENDS:
             body, left = self._outline(lab, lines, half, length, end)
-            if left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and abs(body.half[0] / half - 1.0) < AS_POINTED:
+            held = abs(float(middle(body.half[: SQUARE + 1])) / half - 1.0)
+            if left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and held < AS_POINTED:
                 self.body, unseen = body, left
         offsets = self._end_seen(lab, half)
         seen = offsets[np.isfinite(offsets)]
@@ -235,8 +236,21 @@ class BodyFollower:
         self.first.leaves, self.first_body, self.stayed = self.foot[1], self.body.copy(), np.zeros(STATIONS, dtype=int)
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
-        pointed = End(0.0, POINTED_PX / self.scene.px_per_mm, "hint")
+        self.pointed_px = self._pointed_px(believed=bool(believed))
+        pointed = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
         self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, End(0.0, 0.0, "hint"), 0, 1.0)
+
+    def _pointed_px(self, *, believed: bool) -> float:
+        """How well, px of the film, this person points: what the clicks miss that the first frame shows, and `POINTED_PX` as one more.
+
+        The clamp's width, the points of the line, and the tip: across the body, and along it where its end is `believed`.
+        """
+        tangents, normals = frame_of(self.body.points)
+        tip = self.line[-1] - self.body.points[-1]
+        missed = [2.0**0.5 * (float(middle(self.body.half[: SQUARE + 1])) - self.pointed_half()), tip @ normals[-1]]
+        missed += [beside(self.body.points, point) for point in self.line[1:-1]] + [tip @ tangents[-1]] * believed
+        squares = np.square(np.array(missed) / self.scale).sum()
+        return max(POINTED_PX, float(np.sqrt((squares + POINTED_PX**2) / (len(missed) + 1))))
 
     def _outline(self, lab: Picture, lines: list[FloatArray], half: float, length: float, end: float) -> tuple[SeenBody, float]:
         """The body along the line that is seen best, sought from one that narrows to a share `end`; how much of its edges is not."""
@@ -347,6 +361,8 @@ class BodyFollower:
         self.wall.learn(lab, self.body)
         self.state = as_state(self.camera, self.body, self.work)
         mistaken, ranged = float(middle(self.first.half)) - self.pointed_half(), self.lengths[1] - self.lengths[0]
-        fill_numbers(self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held)
+        fill_numbers(
+            self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held, pointed=self.pointed_px
+        )  # fmt: skip
         self.work.numbers[fitted.WIDTH] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)

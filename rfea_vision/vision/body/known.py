@@ -15,7 +15,7 @@ from rfea_vision.vision.derive.picture_errors import PROFILE_SHARE
 from rfea_vision.vision.edges import fitted
 
 LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
-POINTED_PX = 1.0  # how well a person points, in px of the film
+POINTED_PX = 1.0  # how well a person points at best, in px of the film
 # Of the half width: rims, glare and shadows move an edge alike in many frames. Over eleven clear scenes of testing/phone.py the
 # line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
 SYSTEMATIC = 0.1
@@ -50,6 +50,7 @@ def fill_numbers(
     mistaken: float,
     ranged: float,
     held: float,
+    pointed: float,
 ) -> None:
     """Fill `work` with what the track is derived from, and its covariance in mm^2.
 
@@ -59,6 +60,7 @@ def fill_numbers(
     mistaken : px by which the first frame's half width differs from the one that was pointed at
     ranged : px between the shortest and the longest that the body was
     held : px^2, variance of the length that was carried into the frame
+    pointed : px of the film, how well the clamp and the tip were pointed at
     """
     numbers = work.numbers
     numbers[:] = 0.0
@@ -69,7 +71,8 @@ def fill_numbers(
     floor = (FLOOR * (half := float(middle(fit.body.half)))) ** 2 * mm2
     # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to
     # noise the curves would be smoothed, and the clamp's place with them.
-    numbers[fitted.PROFILE] = float(np.hypot(SYSTEMATIC * half, mistaken)) / scale / PROFILE_SHARE
+    aside = 0.5 * scale**2 * (pointed**2 - POINTED_PX**2)  # px^2, of the middle of two clicks
+    numbers[fitted.PROFILE] = float(np.sqrt((SYSTEMATIC * half) ** 2 + mistaken**2 + aside)) / scale / PROFILE_SHARE
     k = COEFFICIENTS
     work.covariance[:] = 0.0
     seen = mm2 * max(scale, 1.0) ** 2  # a picture that was enlarged tells no more of an edge than the film's own pixels
@@ -84,4 +87,4 @@ def fill_numbers(
     along = max(float(ALONG_BASIS[-1] @ covariance @ ALONG_BASIS[-1]) for covariance in known)
     # Where the length that was carried and the frame disagree by more than both allow, one of them is wrong: Birge's ratio.
     along *= max(1.0, fit.stretched**2 / (along + held))
-    numbers[fitted.TIP_VARIANCE] = (along + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (POINTED_PX * scale) ** 2 * mm2
+    numbers[fitted.TIP_VARIANCE] = (along + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (pointed * scale) ** 2 * mm2
