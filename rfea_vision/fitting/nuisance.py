@@ -90,7 +90,7 @@ def eliminate(count: int, look: Callable[[FloatArray], tuple[FloatArray, FloatAr
         for share in (1.0, 0.3, 0.1, 0.03):
             wanted: FloatArray = np.clip(amplitude + share * step, -LARGEST, LARGEST)
             ahead = look(wanted)
-            if ahead is not None and ahead[0] @ ahead[0] + wanted @ wanted < before * (1 + SAME):
+            if ahead is not None and float(ahead[0] @ ahead[0] + wanted @ wanted) < before * (1 + SAME):
                 break
         else:
             break  # nothing lower this way: the best there is
@@ -101,9 +101,17 @@ def eliminate(count: int, look: Callable[[FloatArray], tuple[FloatArray, FloatAr
     return amplitude
 
 
+def answer(columns: FloatArray, residuals: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """Change of the amplitudes (k, ...) that leaves least of the residuals (rows, ...), whose derivatives are `columns` (rows, k).
+
+    By orthogonal factors: squares of the derivatives of a motion that runs away would leave no digit of the a priori knowledge.
+    """
+    known = np.concatenate([columns, np.eye(columns.shape[1])])
+    return -np.linalg.lstsq(known, np.concatenate([residuals, amplitude]), rcond=None)[0]
+
+
 def _bounded_step(columns: FloatArray, residual: FloatArray, amplitude: FloatArray) -> FloatArray:
     """Gauss-Newton's step of the amplitudes, none longer than `LARGEST_STEP`."""
-    normal = columns.T @ columns + np.eye(amplitude.size)
-    step = np.asarray(-np.linalg.solve(normal, columns.T @ residual + amplitude), dtype=float)
+    step = answer(columns, residual, amplitude)
     step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-12))
     return step

@@ -16,7 +16,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.dynamics.simulation import Model, Motion
 from rfea_vision.effects.catalogue import parameters_of
 from rfea_vision.fitting.camera_view import angle_zero, origin_shift, seen_by_camera, stretching
-from rfea_vision.fitting.nuisance import eliminate
+from rfea_vision.fitting.nuisance import answer, eliminate
 from rfea_vision.fitting.observed import MM, Observed
 
 THREADS = min(2, os.cpu_count() or 1)
@@ -75,6 +75,8 @@ def predict_observed(
         if one is None:
             return None
         residual, slopes = rows(opening, one)
+        if not (np.isfinite(slopes).all() and np.isfinite(residual @ residual)):
+            return None  # a motion that runs away
         return residual, slopes[:, : len(waves)]
 
     amplitude = eliminate(len(waves), look)
@@ -85,10 +87,12 @@ def predict_observed(
         return None
     columns = np.arange(len(free), len(free) + len(waves))
     predicted = _without_waves(predicted, columns, item if fractions is None else None)
+    if predicted is None:
+        return None
     return replace(predicted, nuisance=predicted.nuisance | unknowns.values_kPa(amplitude))
 
 
-def _without_waves(predicted: Predicted, waves: NDArray[np.int64], item: Observed | None) -> Predicted:
+def _without_waves(predicted: Predicted, waves: NDArray[np.int64], item: Observed | None) -> Predicted | None:
     """Derivatives without the columns of the waves' amplitudes, which follow the parameters where `item` is what they are fitted to."""
     others = np.delete(np.arange(predicted.dangle.shape[1]), waves)
     follow = np.zeros((waves.size, others.size))
@@ -96,8 +100,9 @@ def _without_waves(predicted: Predicted, waves: NDArray[np.int64], item: Observe
         for slopes in (predicted.dpoints, predicted.dangle):
             slopes[item.informative.time.size :, ..., waves] = 0.0  # later frames have forgotten them
         slopes = rows(item, predicted)[1]
-        own = slopes[:, waves]
-        follow = -np.linalg.solve(own.T @ own + np.eye(waves.size), own.T @ slopes[:, others])
+        if not np.isfinite(slopes).all():
+            return None
+        follow = answer(slopes[:, waves], slopes[:, others], follow)
     dpoints = predicted.dpoints[..., others] + predicted.dpoints[..., waves] @ follow
     dangle = predicted.dangle[..., others] + predicted.dangle[..., waves] @ follow
     return replace(predicted, dpoints=dpoints, dangle=dangle)

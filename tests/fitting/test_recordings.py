@@ -11,6 +11,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.fitting import fit_model, predict
 from rfea_vision.fitting.fit import fit
 from rfea_vision.fitting.noise import noise_floor_mm
+from rfea_vision.fitting.nuisance import eliminate
 from rfea_vision.fitting.observation import _without_jumps, observe_recording
 from rfea_vision.fitting.problem import make_model, make_problem
 from rfea_vision.fitting.refit import refit_from
@@ -242,6 +243,13 @@ def test_jacobian_is_exact_with_nuisances_eliminated(runs, change, zero_sd):
         assert ahead is not None and back is not None
         difference = (ahead.residual - back.residual) / (2e-3 * par[k])
         assert np.linalg.norm(exact.jacobian[:, k] - difference) < 0.03 * np.linalg.norm(difference)
+
+
+def test_derivatives_that_run_away_are_no_fault():
+    for size in (1e90, 1e170):  # their squares leave no digit of a one beside them, or no number
+        columns = np.full((5, 2), size)
+        found = eliminate(2, lambda amplitude, columns=columns: (np.ones(5), columns))
+        assert found is not None and np.allclose(found, 0.0, atol=1e-60)
 
 
 def in_metres(data):
