@@ -34,7 +34,7 @@ def carried_over(
     """
     best, now, lowest, predicted = near, near, np.inf, 0.0
     for _ in range(MOST_STEPS):
-        seen = evaluate(now.model, now.par, items, (), now.solution.clocks)
+        seen = evaluate(now.model, now.par, items, (), now.solution.clocks, now.solution.evaluation)
         prior = now.solution.prior_residual
         if seen is None or (cost := seen.cost + float(prior @ prior)) >= lowest:
             return best, predicted < IDLE and best is not near

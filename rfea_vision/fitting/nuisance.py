@@ -25,9 +25,8 @@ FORGOTTEN_S = 2.5
 UNKNOWN_SHARE = 0.5
 GAUSS_NEWTON_STEPS = 8
 LARGEST_STEP, LARGEST = 0.7, 3.0
-SETTLED = 1e-3
-#: A cost that grows by less is the same: what Newton leaves of it.
-SAME = 1e-6
+#: Amplitudes are found where a step more would win less than this share of the cost: far less than any fit is followed to.
+SAME = 1e-8
 
 
 @dataclass(frozen=True)
@@ -74,30 +73,31 @@ def unknowns_of(excitation: Excitation, pressure_zero_sd: float, unknown_before_
     return Unknowns(tuple(names), np.array(sizes)[:, None] * np.array(waves), np.array(sizes))
 
 
-def eliminate(count: int, look: Callable[[FloatArray], tuple[FloatArray, FloatArray] | None]) -> FloatArray | None:
-    """Amplitudes (count,) that fit a run best; None where it cannot be simulated.
+def eliminate(
+    amplitude: FloatArray, look: Callable[[FloatArray], tuple[FloatArray, FloatArray] | None]
+) -> FloatArray | None:
+    """Amplitudes (k,) that fit a run best, sought from those given; None where it cannot be simulated.
 
-    look : amplitudes to the weighted residual (rows,) and its derivatives (rows, count); None where the simulation fails
+    look : amplitudes to the weighted residual (rows,) and its derivatives (rows, k); None where the simulation fails
     """
-    amplitude: FloatArray = np.zeros(count)
     seen = look(amplitude)
     if seen is None:
         return None
     for _ in range(GAUSS_NEWTON_STEPS):
         residual, columns = seen
-        step = _bounded_step(columns, residual, amplitude)
         before = float(residual @ residual + amplitude @ amplitude)
+        step = _bounded_step(columns, residual, amplitude)
+        left, then = residual + columns @ step, amplitude + step
+        if left @ left + then @ then > before * (1 - SAME):
+            break
         for share in (1.0, 0.3, 0.1, 0.03):
-            wanted: FloatArray = np.clip(amplitude + share * step, -LARGEST, LARGEST)
+            wanted = amplitude + share * step
             ahead = look(wanted)
-            if ahead is not None and float(ahead[0] @ ahead[0] + wanted @ wanted) < before * (1 + SAME):
+            if ahead is not None and float(ahead[0] @ ahead[0] + wanted @ wanted) < before:
                 break
         else:
             break  # nothing lower this way: the best there is
-        change = float(np.max(np.abs(wanted - amplitude)))
         amplitude, seen = wanted, ahead
-        if change < SETTLED:
-            break
     return amplitude
 
 
@@ -107,11 +107,11 @@ def answer(columns: FloatArray, residuals: FloatArray, amplitude: FloatArray) ->
     By orthogonal factors: squares of the derivatives of a motion that runs away would leave no digit of the a priori knowledge.
     """
     known = np.concatenate([columns, np.eye(columns.shape[1])])
-    return -np.linalg.lstsq(known, np.concatenate([residuals, amplitude]), rcond=None)[0]
+    return -np.asarray(np.linalg.lstsq(known, np.concatenate([residuals, amplitude]), rcond=None)[0], dtype=float)
 
 
 def _bounded_step(columns: FloatArray, residual: FloatArray, amplitude: FloatArray) -> FloatArray:
-    """Gauss-Newton's step of the amplitudes, none longer than `LARGEST_STEP`."""
+    """Gauss-Newton's step of the amplitudes, none longer than `LARGEST_STEP` and none beyond `LARGEST`."""
     step = answer(columns, residual, amplitude)
     step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-12))
-    return step
+    return np.clip(amplitude + step, -LARGEST, LARGEST) - amplitude

@@ -37,6 +37,8 @@ class Predicted:
     angle: FloatArray
     dangle: FloatArray
     nuisance: dict[str, float] = field(default_factory=dict)
+    #: Of the waves that were found for it (k,): where to seek them for parameters near to these.
+    amplitude: FloatArray | None = None
 
 
 def left_of(item: Observed, predicted: Predicted) -> FloatArray:
@@ -53,12 +55,14 @@ def predict_observed(
     free: Sequence[int],
     clock_s: float = 0.0,
     fractions: FloatArray | None = None,
+    near: Predicted | None = None,
 ) -> Predicted | None:
     """Simulate one experiment and look at it as the camera did; None if the simulation fails.
 
     par : (parameters,) in SI, in the order of `model.names`; free : places in it to differentiate by
     clock_s : what is added to the times of the frames to have those of the log
     fractions : (k,) places on the centre line, 0 at the clamp; by default those that were observed
+    near : what it was for parameters near to these, from which the search for what a run does not tell begins
 
     What a run does not tell (`nuisance`) is found and eliminated here.
     """
@@ -79,7 +83,8 @@ def predict_observed(
             return None  # a motion that runs away
         return residual, slopes[:, : len(waves)]
 
-    amplitude = eliminate(len(waves), look)
+    begun = None if near is None else near.amplitude
+    amplitude = eliminate(np.zeros(len(waves)) if begun is None else begun, look)
     if amplitude is None:
         return None
     predicted = _predict(model, par, driven(item, amplitude), free, clock_s, fractions, waves)
@@ -89,7 +94,7 @@ def predict_observed(
     predicted = _without_waves(predicted, columns, item if fractions is None else None)
     if predicted is None:
         return None
-    return replace(predicted, nuisance=predicted.nuisance | unknowns.values_kPa(amplitude))
+    return replace(predicted, nuisance=predicted.nuisance | unknowns.values_kPa(amplitude), amplitude=amplitude)
 
 
 def _without_waves(predicted: Predicted, waves: NDArray[np.int64], item: Observed | None) -> Predicted | None:
@@ -286,16 +291,23 @@ def side_by_side(run: Callable[[_Each], _Found], over: Sequence[_Each]) -> list[
 
 
 def evaluate(
-    model: Model, par: FloatArray, items: Sequence[Observed], free: Sequence[int], clocks: FloatArray | None = None
+    model: Model,
+    par: FloatArray,
+    items: Sequence[Observed],
+    free: Sequence[int],
+    clocks: FloatArray | None = None,
+    near: Evaluation | None = None,
 ) -> Evaluation | None:
     """Residual and Jacobian [free parameters, one clock per experiment]; None if any simulation fails.
 
     par : (parameters,) in SI; clocks : (experiments,) offset of each clock in s, 0 by default
+    near : an evaluation of the same experiments for parameters near to these, see `predict_observed`
     """
     offsets = np.zeros(len(items)) if clocks is None else clocks
+    known = [None] * len(items) if near is None else near.predicted
 
     def run(index: int) -> Predicted | None:
-        return predict_observed(model, par, items[index], free, float(offsets[index]))
+        return predict_observed(model, par, items[index], free, float(offsets[index]), near=known[index])
 
     model.law  # noqa: B018 - compiled once, before the threads
     predicted = side_by_side(run, range(len(items)))

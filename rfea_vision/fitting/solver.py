@@ -117,7 +117,8 @@ class _Target:
         if self.last is None or self.last[0] != key:
             self.count += 1
             par, values = self.unpack(x)
-            result = evaluate(self.model, par, self.items, self.coordinates.free, values)
+            near = None if self.last is None or self.last[1] is None else self.last[1].evaluation
+            result = evaluate(self.model, par, self.items, self.coordinates.free, values, near)
             self.last = (key, None if result is None else self._point(x, result))
         return self.last[1]
 

@@ -243,12 +243,15 @@ def test_jacobian_is_exact_with_nuisances_eliminated(runs, change, zero_sd):
         assert ahead is not None and back is not None
         difference = (ahead.residual - back.residual) / (2e-3 * par[k])
         assert np.linalg.norm(exact.jacobian[:, k] - difference) < 0.03 * np.linalg.norm(difference)
+    beside, sought_from_there = (evaluate(model, 1.01 * par, [item], (), near=near) for near in (None, exact))
+    assert beside is not None and sought_from_there is not None
+    assert np.abs(beside.residual - sought_from_there.residual).max() < 1e-3  # standard errors
 
 
 def test_derivatives_that_run_away_are_no_fault():
     for size in (1e90, 1e170):  # their squares leave no digit of a one beside them, or no number
         columns = np.full((5, 2), size)
-        found = eliminate(2, lambda amplitude, columns=columns: (np.ones(5), columns))
+        found = eliminate(np.zeros(2), lambda amplitude, columns=columns: (np.ones(5), columns))
         assert found is not None and np.allclose(found, 0.0, atol=1e-60)
 
 
