@@ -88,14 +88,7 @@ def track_frames(
     scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg)
     lamp = lamp_window(lamp_box, source.size)
     shutter = shutter_of(source, line_delay_s, lamp)
-    follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
-    if _is_pointed_at(scene) and rows.share < EDGES_ENOUGH:
-        body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
-        # Where the body reads nothing, nothing is where it was pointed at.
-        if seen.good == 0 or rows.share < max(EDGES_ALONE, seen.share):
-            follower, rows = body, seen
-    if len(rows) == 0:
-        raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
+    follower, rows = _followed(source, scene, lamp, nodes, segments, progress)
     if follower.start is None or rows.share < LEAST_SHARE:
         raise DataError(f"{source.path}: {_why_lost(source, calibration, scene, vertical, follower, rows)}")
     attributes = {
@@ -112,6 +105,21 @@ def track_frames(
         off = scale_doubt(data.attrs["length_check"])
         data.attrs["advice"] = next_hint(source, scene, rows.reasons, scale_off=off)
     return Track(data)
+
+
+def _followed(
+    source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, nodes: int, segments: int, progress: Progress
+) -> tuple[Follower | BodyFollower, Rows]:
+    """Follow the edges, and the whole body, too, where these read too little: that of the two which is to be kept."""
+    follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
+    if _is_pointed_at(scene) and rows.share < EDGES_ENOUGH:
+        body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
+        # Where the body reads nothing, nothing is where it was pointed at.
+        if seen.good == 0 or rows.share < max(EDGES_ALONE, seen.share):
+            follower, rows = body, seen
+    if len(rows) == 0:
+        raise DataError(f"{source.path}: video.file holds no frame that can be read; record it again")
+    return follower, rows
 
 
 def _is_pointed_at(scene: Scene) -> bool:

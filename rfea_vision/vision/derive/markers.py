@@ -96,58 +96,18 @@ def register(reference, seen, knots, moved, prior, floor):
     `knots` and `moved` (m,) run from 0 to n; the first and last stay. `floor` is added to the standard error of every
     knot. Returns the covariance of the knots (m, m), and the correlation of the profiles.
     """
-    n, m = reference.shape[0], knots.shape[0]
+    m = knots.shape[0]
     size = m - 2
     matrix, right = np.zeros((size, size)), np.zeros(size)
     covariance = np.zeros((m, m))
     agreement = 0.0
     for _ in range(12):
         matrix[:], right[:] = 0.0, 0.0
-        squares = product = own = other = lagged = last = 0.0
-        number, k = 0, 0
-        for i in range(n):
-            at = i + 0.5
-            while k < m - 2 and knots[k + 1] < at:
-                k += 1
-            f = (at - knots[k]) / (knots[k + 1] - knots[k])
-            place = moved[k] + f * (moved[k + 1] - moved[k]) - 0.5
-            j = int(np.floor(place))
-            if j < 0 or j >= n - 1:
-                continue
-            g = place - j
-            value = seen[j] + g * (seen[j + 1] - seen[j])
-            slope = seen[j + 1] - seen[j]
-            residual = reference[i] - value
-            squares += residual * residual
-            lagged += residual * last
-            last = residual
-            product += reference[i] * value
-            own += reference[i] * reference[i]
-            other += value * value
-            number += 1
-            for a, wa in ((k - 1, 1.0 - f), (k, f)):
-                if 0 <= a < size:
-                    right[a] += wa * slope * residual
-                    for b, wb in ((k - 1, 1.0 - f), (k, f)):
-                        if 0 <= b < size:
-                            matrix[a, b] += wa * wb * slope * slope
+        squares, lagged, agreement, number = _add_samples(reference, seen, knots, moved, matrix, right)
         variance = squares / max(number - size, 1)
         chance = min(max(lagged / max(squares, 1e-12), 0.0), 0.95)
         variance *= (1.0 + chance) / (1.0 - chance)
-        agreement = product / max(np.sqrt(own * other), 1e-12)
-        for c in range(1, m - 1):  # neighbouring segments are drawn out alike, loosely
-            left, span = knots[c] - knots[c - 1], knots[c + 1] - knots[c]
-            weight = variance / (prior * prior)
-            row = (1.0 / left, -1.0 / left - 1.0 / span, 1.0 / span)
-            value = moved[c - 1] * row[0] + moved[c] * row[1] + moved[c + 1] * row[2]
-            for a in range(3):
-                p = c - 2 + a
-                if 0 <= p < size:
-                    right[p] -= weight * row[a] * value
-                    for b in range(3):
-                        q = c - 2 + b
-                        if 0 <= q < size:
-                            matrix[p, q] += weight * row[a] * row[b]
+        _add_likeness(knots, moved, variance / (prior * prior), matrix, right)
         inverse = np.linalg.inv(matrix + 1e-9 * np.eye(size))
         step = inverse @ right
         largest = np.max(np.abs(step))
@@ -157,6 +117,62 @@ def register(reference, seen, knots, moved, prior, floor):
         if largest < 1e-3:
             break
     return covariance, agreement
+
+
+@njit(cache=True, nogil=True)
+def _add_samples(reference, seen, knots, moved, matrix, right):
+    """Add what every sample of the profiles says of the knots that it lies between.
+
+    Returns the sum of squared residuals and of their products with the one before, the correlation, and how many there are.
+    """
+    n, size = reference.shape[0], right.shape[0]
+    squares = product = own = other = lagged = last = 0.0
+    number, k = 0, 0
+    for i in range(n):
+        at = i + 0.5
+        while k < size and knots[k + 1] < at:
+            k += 1
+        f = (at - knots[k]) / (knots[k + 1] - knots[k])
+        place = moved[k] + f * (moved[k + 1] - moved[k]) - 0.5
+        j = int(np.floor(place))
+        if j < 0 or j >= n - 1:
+            continue
+        g = place - j
+        value = seen[j] + g * (seen[j + 1] - seen[j])
+        slope = seen[j + 1] - seen[j]
+        residual = reference[i] - value
+        squares += residual * residual
+        lagged += residual * last
+        last = residual
+        product += reference[i] * value
+        own += reference[i] * reference[i]
+        other += value * value
+        number += 1
+        for a, wa in ((k - 1, 1.0 - f), (k, f)):
+            if 0 <= a < size:
+                right[a] += wa * slope * residual
+                for b, wb in ((k - 1, 1.0 - f), (k, f)):
+                    if 0 <= b < size:
+                        matrix[a, b] += wa * wb * slope * slope
+    return squares, lagged, product / max(np.sqrt(own * other), 1e-12), number
+
+
+@njit(cache=True, nogil=True)
+def _add_likeness(knots, moved, weight, matrix, right):
+    """Add that neighbouring segments are drawn out alike, loosely."""
+    size = right.shape[0]
+    for c in range(1, size + 1):
+        left, span = knots[c] - knots[c - 1], knots[c + 1] - knots[c]
+        row = (1.0 / left, -1.0 / left - 1.0 / span, 1.0 / span)
+        value = moved[c - 1] * row[0] + moved[c] * row[1] + moved[c + 1] * row[2]
+        for a in range(3):
+            p = c - 2 + a
+            if 0 <= p < size:
+                right[p] -= weight * row[a] * value
+                for b in range(3):
+                    q = c - 2 + b
+                    if 0 <= q < size:
+                        matrix[p, q] += weight * row[a] * row[b]
 
 
 @dataclass(frozen=True)

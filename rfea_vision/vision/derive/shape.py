@@ -62,16 +62,26 @@ def build_dataset(
             "time": ("time", time, {"units": "s", "long_name": "time on the camera's clock"}),
             "xy": ["x", "y"],
             "side": ["inner", "outer"],
-            "node": (
-                "node",
-                np.linspace(0, 1, rows.nodes),
-                {"long_name": "share of the centre line, clamp to tip", "units": "1"},
-            ),
+            "node": ("node", np.linspace(0, 1, rows.nodes), {"long_name": "share of the centre line, clamp to tip", "units": "1"}),
             "segment": ("segment", (np.arange(rows.segments) + 0.5) / rows.segments, {"units": "1"}),
         },
     )
-    clamp_px = project(scene.camera, view.origin)
     dataset.attrs |= {
+        **_said(scene, view, vertical),
+        "edge_correlation_inflation": inflation,
+        "length_scatter_over_noise": beyond,
+        "smoothing_tau_mm": smoothed.tau_mm,
+        **length_check,
+        **marks,
+        **attributes,
+    }
+    return dataset
+
+
+def _said(scene: Scene, view: View, vertical: Vertical) -> dict[str, Any]:
+    """What a track says of its frame, of what it assumes, and of what its errors hold."""
+    clamp_px = project(scene.camera, view.origin)
+    return {
         "Conventions": "CF-1.10",
         "frame": "rig: origin at the middle of the first visible cross-section, x to the camera's right, y up",
         "bends": scene.actuator.bends,
@@ -88,18 +98,11 @@ def build_dataset(
         "down_plane_x": float(view.down[0]),
         "down_plane_y": float(view.down[1]),
         "vertical": str(vertical),
-        "edge_correlation_inflation": inflation,
-        "length_scatter_over_noise": beyond,
-        "smoothing_tau_mm": smoothed.tau_mm,
         "px_per_mm": scene.px_per_mm,
         "origin_sigma_along_mm": view.origin_sigma,
         "origin_sigma_across_mm": view.lateral_sigma,
         "origin_sigma_note": "shared by all frames and part of tip_sigma and midline_sigma: along and across the tube at its clamp",
-        **length_check,
-        **marks,
-        **attributes,
     }
-    return dataset
 
 
 def _smoothed(
