@@ -37,7 +37,7 @@ def rebent_film(
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=Fraction(30))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.options = {"crf": "28", "preset": "fast"}
+        stream.options = {"crf": "28", "preset": "fast", "threads": "1"}
         for number, share in enumerate(shares):
             bent = heading[0] + share * (heading - heading[0])
             steps = step * np.column_stack([np.cos(bent), np.sin(bent)])

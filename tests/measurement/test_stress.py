@@ -87,7 +87,8 @@ def test_intervals_widen_for_a_strongly_compressed_video(small_lens, tmp_path):
     pictures, _, shapes = film(small_lens, Look(noise=2), bending(times), rate_Hz=120)
     with av.open(str(tmp_path / "v.mp4"), "w") as container:
         stream = container.add_stream("libx264", rate=120)
-        stream.width, stream.height, stream.pix_fmt, stream.options = *small_lens.size, "yuv420p", {"crf": "26"}  # pyright: ignore[reportAttributeAccessIssue]
+        stream.width, stream.height, stream.pix_fmt = *small_lens.size, "yuv420p"  # pyright: ignore[reportAttributeAccessIssue]
+        stream.options = {"crf": "26", "threads": "1"}  # by default as many as cores: another film on each machine
         for number, image in enumerate(pictures):
             frame = av.VideoFrame.from_ndarray(image, format="gray").reformat(format="yuv420p")
             frame.pts, frame.time_base = number, Fraction(1, 120)

@@ -25,7 +25,7 @@ def write(path, pictures, stamps_ms, rate=1000):
         stream.pix_fmt = "yuv420p"
         stream.time_base = Fraction(1, 1000)
         stream.codec_context.time_base = Fraction(1, 1000)
-        stream.options = {"crf": "18", "preset": "veryfast"}
+        stream.options = {"crf": "18", "preset": "veryfast", "threads": "1"}
         for picture, stamp in zip(pictures, stamps_ms, strict=True):
             frame = av.VideoFrame.from_ndarray(picture, format="gray").reformat(format="yuv420p")
             frame.pts, frame.time_base = int(stamp), Fraction(1, 1000)
