@@ -13,28 +13,32 @@ import numpy as np
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import evenly
-from rfea_vision.vision.compiled import compiled, lean
+from rfea_vision.vision.compiled import compiled, inlined, lean
 
 COEFFICIENTS = 18
 WIDTH_COEFFICIENTS = 8
 VERTICES = 257
 
 
+@inlined
+def cubic(u, count):
+    """Which of `count` coefficients is the first of four that tell a spline's value at `u`, and the weights of these four."""
+    x = u * (count - 3)
+    i = min(max(int(np.floor(x)), 0), count - 4)
+    t = x - i
+    r = 1.0 - t
+    return i, r * r * r / 6.0, (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0, (3.0 * r * r * r - 6.0 * r * r + 4.0) / 6.0, t * t * t / 6.0
+
+
 @lean
 def point_and_tangent(coefficients, u):
     """Point and unit tangent at `u`: x, y, tangent x, tangent y, speed."""
-    spans = coefficients.shape[0] - 3
-    x = u * spans
-    i = min(max(int(np.floor(x)), 0), spans - 1)
-    t = x - i
-    r = 1.0 - t
-    a = r * r * r / 6.0
-    b = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
-    c = (3.0 * r * r * r - 6.0 * r * r + 4.0) / 6.0
-    d = t * t * t / 6.0
-    p, q = coefficients, spans
+    p, q = coefficients, coefficients.shape[0] - 3
+    i, a, b, c, d = cubic(u, coefficients.shape[0])
     x = a * p[i, 0] + b * p[i + 1, 0] + c * p[i + 2, 0] + d * p[i + 3, 0]
     y = a * p[i, 1] + b * p[i + 1, 1] + c * p[i + 2, 1] + d * p[i + 3, 1]
+    t = u * q - i
+    r = 1.0 - t
     a, b, c, d = -0.5 * r * r * q, (1.5 * t * t - 2.0 * t) * q, (2.0 * r - 1.5 * r * r) * q, 0.5 * t * t * q
     dx = a * p[i, 0] + b * p[i + 1, 0] + c * p[i + 2, 0] + d * p[i + 3, 0]
     dy = a * p[i, 1] + b * p[i + 1, 1] + c * p[i + 2, 1] + d * p[i + 3, 1]
@@ -45,15 +49,7 @@ def point_and_tangent(coefficients, u):
 @lean
 def value_at(coefficients, u):
     """A scalar spline at `u`."""
-    spans = coefficients.shape[0] - 3
-    x = u * spans
-    i = min(max(int(np.floor(x)), 0), spans - 1)
-    t = x - i
-    r = 1.0 - t
-    a = r * r * r / 6.0
-    b = (3.0 * t * t * t - 6.0 * t * t + 4.0) / 6.0
-    c = (3.0 * r * r * r - 6.0 * r * r + 4.0) / 6.0
-    d = t * t * t / 6.0
+    i, a, b, c, d = cubic(u, coefficients.shape[0])
     return a * coefficients[i] + b * coefficients[i + 1] + c * coefficients[i + 2] + d * coefficients[i + 3]
 
 

@@ -11,15 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.calibration.projection import project_point
-from rfea_vision.vision.curve import point_and_tangent, value_at
+from rfea_vision.vision.curve import basis_matrix
+from rfea_vision.vision.find.ends import light_between
 
 SAMPLES = 512
-ACROSS = (-0.5, -0.25, 0.0, 0.25, 0.5)  # half widths at which the light is read
+ACROSS = (-0.5, 0.5)  # half widths between which the light is read
 WINDOW_SHARE = 0.15  # of the length: slower changes of the light are shading, not marks
 LEAST_TO_NOISE = 4.0  # texture over noise
 LEAST_TO_CONTRAST = 0.02  # texture over the light step at the tube's edge
@@ -38,141 +39,70 @@ ASSUMPTION = (
 )
 
 
-@njit(cache=True, nogil=True)
-def light_along(picture, camera, coefficients, width, out):
-    """Mean light over the middle half of the tube at even steps of the centre line, into `out` (n,)."""
-    height, length = picture.shape
-    count = out.shape[0]
-    for k in range(count):
-        u = (k + 0.5) / count
-        x, y, tx, ty, _ = point_and_tangent(coefficients, u)
-        half = value_at(width, u)
-        cx, cy = project_point(camera, x, y)
-        ex, ey = project_point(camera, x - half * ty, y + half * tx)
-        total, number = 0.0, 0
-        for q in ACROSS:
-            px, py = cx + q * (ex - cx), cy + q * (ey - cy)
-            i, j = int(np.floor(py)), int(np.floor(px))
-            if i < 0 or j < 0 or i >= height - 1 or j >= length - 1:
-                continue
-            a, b = py - i, px - j
-            top = (1.0 - b) * picture[i, j] + b * picture[i, j + 1]
-            low = (1.0 - b) * picture[i + 1, j] + b * picture[i + 1, j + 1]
-            total += (1.0 - a) * top + a * low
-            number += 1
-        out[k] = total / number if number > 0 else 0.0
+def light_along(picture: NDArray[np.uint8], camera: FloatArray, coefficients: FloatArray, half_mm: float) -> FloatArray:
+    """Mean light (SAMPLES,) over the middle half of the tube at even steps of the centre line."""
+    u, count = (np.arange(SAMPLES) + 0.5) / SAMPLES, len(coefficients)
+    slope = basis_matrix(u, count, 1) @ coefficients
+    normals = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.linalg.norm(slope, axis=1, keepdims=True)
+    return light_between(picture, camera, basis_matrix(u, count) @ coefficients, normals * half_mm, ACROSS)
 
 
 def texture_of(profiles: FloatArray) -> FloatArray:
     """What of the profiles (t, n) is texture: without slow shading, in units of its own strength there."""
-    width = max(round(WINDOW_SHARE * profiles.shape[1]) // 2, 4)
-    padded = np.pad(profiles, ((0, 0), (width, width)), mode="edge")
-    quick = profiles - _running_mean(padded, width)
-    strength = np.sqrt(_running_mean(np.pad(quick**2, ((0, 0), (width, width)), mode="reflect"), width))
+    quick = _quick(profiles)
+    strength = np.sqrt(_running_mean(quick**2, "mirror"))
     floor = 0.3 * np.sqrt(np.mean(quick**2, axis=1, keepdims=True)) + 1e-9
     return quick / np.maximum(strength, floor)
 
 
-def _running_mean(padded: FloatArray, half: int) -> FloatArray:
-    total = np.cumsum(np.pad(padded, ((0, 0), (1, 0))), axis=1)
-    window = 2 * half + 1
-    return (total[:, window:] - total[:, :-window]) / window
+def _running_mean(values: FloatArray, mode: str) -> FloatArray:
+    return uniform_filter1d(values, 2 * max(round(WINDOW_SHARE * values.shape[1]) // 2, 4) + 1, axis=1, mode=mode)
+
+
+def _quick(profiles: FloatArray) -> FloatArray:
+    """Profiles (t, n) without slow shading."""
+    return profiles - _running_mean(profiles, "nearest")
 
 
 def has_texture(profiles: FloatArray, contrast: float) -> bool:
     """Whether a few successive profiles (t, n) show the same marks, well beyond noise."""
-    inner = slice(round(0.05 * profiles.shape[1]), round(0.95 * profiles.shape[1]))
-    width = max(round(WINDOW_SHARE * profiles.shape[1]) // 2, 4)
-    quick = (profiles - _running_mean(np.pad(profiles, ((0, 0), (width, width)), mode="edge"), width))[:, inner]
+    quick = _quick(profiles)[:, round(0.05 * profiles.shape[1]) : round(0.95 * profiles.shape[1])]
     noise = float(np.std(np.diff(quick, axis=0))) / np.sqrt(2 * (1 - 1 / len(profiles)))
     signal = float(np.std(quick.mean(axis=0)))
     return bool(signal > LEAST_TO_NOISE * noise / np.sqrt(len(profiles)) and signal > LEAST_TO_CONTRAST * abs(contrast))
 
 
-@njit(cache=True, nogil=True)
-def register(reference, seen, knots, moved, prior, floor):
+def register(reference: FloatArray, seen: FloatArray, knots: FloatArray, moved: FloatArray) -> tuple[FloatArray, float]:
     """Where the knots of `reference` (n,) lie in `seen` (n,), by Gauss-Newton from `moved`, which is changed.
 
-    `knots` and `moved` (m,) run from 0 to n; the first and last stay. `floor` is added to the standard error of every
-    knot. Returns the covariance of the knots (m, m), and the correlation of the profiles.
+    `knots` and `moved` (m,) run from 0 to n; the first and last stay. Neighbouring segments are drawn out alike, loosely.
+    Returns the covariance of the knots (m, m), and the correlation of the profiles.
     """
-    m = knots.shape[0]
-    size = m - 2
-    matrix, right = np.zeros((size, size)), np.zeros(size)
-    covariance = np.zeros((m, m))
-    agreement = 0.0
+    n, m = len(reference), len(knots)
+    hats = np.array([np.interp(np.arange(n) + 0.5, knots, knot) for knot in np.eye(m)]).T  # share of each knot in a sample's place
+    unlike = np.diff(np.diff(np.eye(m), axis=0) / np.diff(knots)[:, None], axis=0) / PRIOR_STRAIN  # of neighbours' stretches
+    covariance, agreement = np.zeros((m, m)), 0.0
     for _ in range(12):
-        matrix[:], right[:] = 0.0, 0.0
-        squares, lagged, agreement, number = _add_samples(reference, seen, knots, moved, matrix, right)
-        variance = squares / max(number - size, 1)
-        chance = min(max(lagged / max(squares, 1e-12), 0.0), 0.95)
-        variance *= (1.0 + chance) / (1.0 - chance)
-        _add_likeness(knots, moved, variance / (prior * prior), matrix, right)
-        inverse = np.linalg.inv(matrix + 1e-9 * np.eye(size))
-        step = inverse @ right
-        largest = np.max(np.abs(step))
-        step *= min(1.0, 4.0 / max(largest, 1e-12))
-        moved[1:-1] += step
-        covariance[1:-1, 1:-1] = inverse * variance + floor * floor * np.eye(size)
+        place = hats @ moved - 0.5
+        low = np.floor(place).astype(int)
+        there = (low >= 0) & (low < n - 1)
+        low = low[there]
+        slope = seen[low + 1] - seen[low]
+        value = seen[low] + (place[there] - low) * slope
+        residual, rows = reference[there] - value, slope[:, None] * hats[there]
+        squares = float(residual @ residual)
+        chance = min(max(float(residual[1:] @ residual[:-1]) / max(squares, 1e-12), 0.0), 0.95)
+        variance = squares / max(len(residual) - m + 2, 1) * (1.0 + chance) / (1.0 - chance)
+        agreement = float(np.corrcoef(reference[there], value)[0, 1])
+        matrix = rows.T @ rows + variance * unlike.T @ unlike
+        inverse = np.linalg.inv(matrix[1:-1, 1:-1] + 1e-9 * np.eye(m - 2))
+        step = inverse @ (rows.T @ residual - variance * unlike.T @ (unlike @ moved))[1:-1]
+        largest = float(np.max(np.abs(step)))
+        moved[1:-1] += step * min(1.0, 4.0 / max(largest, 1e-12))
+        covariance[1:-1, 1:-1] = inverse * variance + PLACE_FLOOR**2 * np.eye(m - 2)
         if largest < 1e-3:
             break
     return covariance, agreement
-
-
-@njit(cache=True, nogil=True)
-def _add_samples(reference, seen, knots, moved, matrix, right):
-    """Add what every sample of the profiles says of the knots that it lies between.
-
-    Returns the sum of squared residuals and of their products with the one before, the correlation, and how many there are.
-    """
-    n, size = reference.shape[0], right.shape[0]
-    squares = product = own = other = lagged = last = 0.0
-    number, k = 0, 0
-    for i in range(n):
-        at = i + 0.5
-        while k < size and knots[k + 1] < at:
-            k += 1
-        f = (at - knots[k]) / (knots[k + 1] - knots[k])
-        place = moved[k] + f * (moved[k + 1] - moved[k]) - 0.5
-        j = int(np.floor(place))
-        if j < 0 or j >= n - 1:
-            continue
-        g = place - j
-        value = seen[j] + g * (seen[j + 1] - seen[j])
-        slope = seen[j + 1] - seen[j]
-        residual = reference[i] - value
-        squares += residual * residual
-        lagged += residual * last
-        last = residual
-        product += reference[i] * value
-        own += reference[i] * reference[i]
-        other += value * value
-        number += 1
-        for a, wa in ((k - 1, 1.0 - f), (k, f)):
-            if 0 <= a < size:
-                right[a] += wa * slope * residual
-                for b, wb in ((k - 1, 1.0 - f), (k, f)):
-                    if 0 <= b < size:
-                        matrix[a, b] += wa * wb * slope * slope
-    return squares, lagged, product / max(np.sqrt(own * other), 1e-12), number
-
-
-@njit(cache=True, nogil=True)
-def _add_likeness(knots, moved, weight, matrix, right):
-    """Add that neighbouring segments are drawn out alike, loosely."""
-    size = right.shape[0]
-    for c in range(1, size + 1):
-        left, span = knots[c] - knots[c - 1], knots[c + 1] - knots[c]
-        row = (1.0 / left, -1.0 / left - 1.0 / span, 1.0 / span)
-        value = moved[c - 1] * row[0] + moved[c] * row[1] + moved[c + 1] * row[2]
-        for a in range(3):
-            p = c - 2 + a
-            if 0 <= p < size:
-                right[p] -= weight * row[a] * value
-                for b in range(3):
-                    q = c - 2 + b
-                    if 0 <= q < size:
-                        matrix[p, q] += weight * row[a] * row[b]
 
 
 @dataclass(frozen=True)
@@ -208,7 +138,7 @@ def marker_elongation(profiles: FloatArray, length_mm: FloatArray, bend_rad: Flo
         moved = knots.copy()
         for t in order:
             start = moved.copy()
-            covariance, agreement = register(reference, texture[t], knots, moved, PRIOR_STRAIN, PLACE_FLOOR)
+            covariance, agreement = register(reference, texture[t], knots, moved)
             if agreement < FIT_LEAST or np.any(np.diff(moved) <= 0):
                 moved = start
                 continue

@@ -25,9 +25,6 @@ from rfea_vision.vision.edges.fitted import END_GAP, END_LONE, END_ODD, LONGEST_
 from rfea_vision.vision.edges.solve import (
     PRIOR_BEND_MM,
     PRIOR_WIDTH_MM,
-    cholesky,
-    cholesky_inverse,
-    cholesky_solve,
     normal_equations,
     residuals_of,
 )
@@ -166,10 +163,10 @@ def robust_scale(work, filled):
 
 
 @compiled
-def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covariance):
+def fit_sides(state, work, filled, wide_mm, least_contrast, assumed):
     """Robust fit of shift and widening: all, then without outliers. Returns solution, noise, kept.
 
-    The covariance lands in `work.covariance`, where it is asked for.
+    The covariance lands in `work.covariance`.
     """
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
     for n in range(filled):
@@ -185,8 +182,8 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
         matrix, right = normal_equations(
             work.stations, filled, work.keep, variance, state.width, count, PRIOR_BEND_MM, PRIOR_WIDTH_MM
         )
-        low = cholesky(matrix)
-        solution = cholesky_solve(low, right)
+        covariance = np.linalg.inv(matrix)
+        solution = covariance @ right
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         noise = max(robust_scale(work, filled), 0.3)
         before = kept
@@ -199,11 +196,8 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed, with_covari
                     work.odd[n] = work.odd[n] or (not work.keep[n] and off > ODD_SHARE * wide_mm)
             kept = drop_odd_sections(work, filled)
         if repeat == 1 or kept == before:
-            if with_covariance:
-                inverse, scale = cholesky_inverse(low), noise * noise / variance if repeat == 0 else 1.0
-                for i in range(inverse.shape[0]):
-                    for j in range(inverse.shape[1]):
-                        work.covariance[i, j] = inverse[i, j] * scale
+            scale = noise * noise / variance if repeat == 0 else 1.0
+            put_rows(work.covariance, scale * covariance)
             break
     return solution, noise, kept
 

@@ -13,63 +13,6 @@ PRIOR_BEND_MM = 0.4  # how much a second difference of the shift may be, a prior
 PRIOR_WIDTH_MM = 0.02  # the same for the half width, which hardly changes from frame to frame
 
 
-@compiled
-def cholesky(matrix):
-    """Lower factor of a symmetric positive definite matrix; a pivot that vanishes is treated as infinite."""
-    n = matrix.shape[0]
-    low = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= low[i, k] * low[j, k]
-            if i == j:
-                low[i, i] = np.sqrt(total) if total > 1e-12 else 1e6
-            else:
-                low[i, j] = total / low[j, j]
-    return low
-
-
-@compiled
-def cholesky_inverse(low):
-    """Inverse of the matrix whose lower factor is `low`."""
-    n = low.shape[0]
-    columns = np.zeros((n, n))  # of the inverse of `low`, each in a row, so that what is multiplied lies side by side
-    for i in range(n):
-        columns[i, i] = 1.0 / low[i, i]
-        for j in range(i):
-            total = 0.0
-            for k in range(j, i):
-                total -= low[i, k] * columns[j, k]
-            columns[j, i] = total / low[i, i]
-    out = np.empty((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(i, n):
-                total += columns[i, k] * columns[j, k]
-            out[i, j] = total
-            out[j, i] = total
-    return out
-
-
-@compiled
-def cholesky_solve(low, right):
-    """Solution of the system whose matrix has the lower factor `low`."""
-    n = low.shape[0]
-    out = np.empty(n)
-    for i in range(n):
-        value = right[i]
-        for j in range(i):
-            value -= low[i, j] * out[j]
-        out[i] = value / low[i, i]
-    for i in range(n - 1, -1, -1):
-        out[i] /= low[i, i]
-        for j in range(i):
-            out[j] -= low[i, j] * out[i]
-    return out
-
-
 # The four pieces of the basis as polynomials in the place t within a span: B_k(t) = sum over p of BASIS[k, p] t^p.
 BASIS = np.array([[1.0, -3.0, 3.0, -1.0], [4.0, 0.0, -6.0, 3.0], [1.0, 3.0, 3.0, -3.0], [0.0, 0.0, 0.0, 1.0]]) / 6.0
 

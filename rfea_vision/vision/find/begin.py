@@ -321,7 +321,7 @@ def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers
         update_levels(state, work, 1.0, blur_limit, px_per_vertex)
         filled, length = measure_sides(picture, scene.camera, state, work, 1, 0.03, 0.97, scene.px_per_mm)
         wide = (8.0 if turn < 2 else 3.0) / scene.px_per_mm
-        solution, _, number = fit_sides(state, work, filled, wide, 0.3, 3.0, False)
+        solution, _, number = fit_sides(state, work, filled, wide, 0.3, 3.0)
         kept = number / max(2.0 * length * scene.px_per_mm * 0.94 * 0.85, 1.0)
         if number < 20:
             return 0.0

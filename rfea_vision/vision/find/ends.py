@@ -20,6 +20,8 @@ LEAST_TIP_STEP = 0.2  # the same where a tube of its own light may end in a ferr
 CLAMP_NEAR_MM = 4.0, 5.0  # so far beyond the clamp and within the tube it is looked for again,
 STRONG_STEP = 0.4  # where less of the strongest step is no step
 END_STRIP_MM = (0.6, 2.0)  # so far from the tip its light is read, to either side
+BANDS = (-0.6, 0.6), (1.18, 1.75), (-1.75, -1.18)  # half widths off the line: in the tube, and beside it,
+BAND_PLACES = 9  # at so many places of which the light is read
 APART_MM = 0.5  # at this distance pixels have different noise
 LEAST_STDERR_MM = 0.002
 LENGTH_TOLERANCE = 0.03  # standard error of the length that was given, as a share
@@ -68,20 +70,24 @@ def strips(
     picture: NDArray[np.uint8], camera: FloatArray, points: FloatArray, tangents: FloatArray, half_mm: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Mean light (n, 3) in the tube, beside its left and its right edge, along the axis; and which rows are in the picture."""
-    normal = np.column_stack([-tangents[:, 1], tangents[:, 0]])
-    bands = ((-0.6, 0.6), (1.18, 1.75), (-1.75, -1.18))
-    means = np.empty((len(points), 3))
+    across = half_mm * np.column_stack([-tangents[:, 1], tangents[:, 0]])
+    means = np.column_stack([light_between(picture, camera, points, across, band) for band in BANDS])
     seen = np.ones(len(points), dtype=bool)
     height, width = picture.shape
-    for k, (low, high) in enumerate(bands):
-        q = np.linspace(low, high, 9) * half_mm
-        places = project(camera, points[:, None, :] + q[None, :, None] * normal[:, None, :])
-        values = cv2.remap(picture, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # pyright: ignore[reportCallIssue, reportArgumentType]
-        means[:, k] = np.asarray(values, dtype=float).mean(axis=1)
     for side in (-1.1, 1.1):
-        px = project(camera, points + side * half_mm * normal)
+        px = project(camera, points + side * across)
         seen &= (px[:, 0] > 1) & (px[:, 1] > 1) & (px[:, 0] < width - 2) & (px[:, 1] < height - 2)
     return means, seen
+
+
+def light_between(
+    picture: NDArray[np.uint8], camera: FloatArray, points: FloatArray, across: FloatArray, band: tuple[float, float]
+) -> FloatArray:
+    """Mean light (n,) at `points` (n, 2) mm, over places between the two shares in `band` of `across` (n, 2) mm beside them."""
+    shares = np.linspace(*band, BAND_PLACES)
+    places = project(camera, points[:, None] + shares[:, None] * across[:, None])
+    values = cv2.remap(picture, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # pyright: ignore[reportCallIssue, reportArgumentType]
+    return np.asarray(values, dtype=float).mean(axis=1)
 
 
 def clamp_step(

@@ -11,7 +11,7 @@ from rfea_vision.vision.compiled import compiled, lean, put_rows
 from rfea_vision.vision.curve import REFIT, VERTICES, point_and_tangent, value_at, vertices_of
 from rfea_vision.vision.edges.edgels import INFO, SHIFT, SIDE, U
 from rfea_vision.vision.edges.sides import move_state
-from rfea_vision.vision.edges.solve import cholesky, cholesky_solve, normal_equations, residuals_of
+from rfea_vision.vision.edges.solve import normal_equations, residuals_of
 
 LONGEST_ARM = 1024  # px to either side of the centre line
 
@@ -79,7 +79,7 @@ def apply_coarse(state, work, filled, px_per_mm):
     solution = np.zeros(count + width_count)
     for repeat in range(4):
         matrix, right = normal_equations(work.stations, filled, work.keep, 1.0, np.zeros(width_count), count, 0.5, 1e-4)
-        solution = cholesky_solve(cholesky(matrix), right)
+        solution = np.linalg.solve(matrix, right)
         residuals_of(work.stations, filled, solution, count, width_count, work.residual)
         limit = max(6.0 / px_per_mm / (repeat + 1), 2.0 / px_per_mm)
         for n in range(filled):

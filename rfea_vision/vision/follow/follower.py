@@ -127,9 +127,7 @@ class Follower:
     def _covered(self, luma: NDArray[np.uint8], ends: FloatArray) -> bool:
         """Whether the light on the tube between two places `ends` (shares of its length) is not what it was."""
         assert self.state is not None and self._seen is not None
-        now, before = np.empty(SAMPLES), np.empty(SAMPLES)
-        light_along(luma, self.scene.camera, self.motion.last, self.state.width, now)
-        light_along(self._seen, self.scene.camera, self.motion.last, self.state.width, before)
+        now, before = (self._light_along(picture, self.motion.last) for picture in (luma, self._seen))
         part = slice(int(ends[0] * SAMPLES), max(int(ends[1] * SAMPLES), int(ends[0] * SAMPLES) + 4))
         step = abs(float(np.median(self.state.reference[:2])))
         unlike = np.abs(now - before)[part] > max(COVERED_STEP * step, 6.0 * self.noise)
@@ -159,13 +157,15 @@ class Follower:
         if not self.marked:
             return
         assert self.state is not None
-        profile = np.empty(SAMPLES)
-        light_along(luma, self.scene.camera, self.state.coefficients, self.state.width, profile)
-        self.profile = profile
+        self.profile = self._light_along(luma, self.state.coefficients)
         if self.good <= 3:
-            self.first_profiles.append(profile)
+            self.first_profiles.append(self.profile)
         if self.good == 3:
             self.marked = has_texture(np.array(self.first_profiles), float(np.median(self.state.reference[:2])))
+
+    def _light_along(self, luma: NDArray[np.uint8], coefficients: FloatArray) -> FloatArray:
+        assert self.state is not None
+        return light_along(luma, self.scene.camera, coefficients, float(np.mean(self.state.width)))
 
     def _clamp_in(self, luma: NDArray[np.uint8]) -> tuple[FloatArray, float] | None:
         """Where the tube begins in this frame, and its standard error along the tube; None where it is not seen."""

@@ -93,7 +93,7 @@ def fit_frame(
         stride = 1 if whole else sparse
         filled, length = measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
         wide = (2.5 if whole else 6.0) / px_per_mm
-        solution, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise, whole)
+        solution, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise)
         numbers[USED] = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
         if kept < 20 or not _plausible(work.half_width) or not _finite(solution):
             numbers[LENGTH] = 0.0
