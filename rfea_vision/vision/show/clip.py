@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import av
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration, Track
@@ -82,31 +83,36 @@ def make_clip(
     times = track.time_s
     step = clip_step(times)
     shown: list[float] = []
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:
+        for number, (time, luma) in enumerate(source):
+            if number % step == 0:
+                seen = in_frame(track, maps, min(number, len(times) - 1)).astype(np.float32)
+                yield np.asarray(cv2.remap(luma, seen, None, cv2.INTER_LINEAR, borderValue=0), dtype=np.uint8)  # pyright: ignore[reportCallIssue, reportArgumentType]
+                shown.append(float(time))
+            if progress is not None and number % 16 == 0:
+                progress(number + 1, max(len(times), number + 1))
+
+    write_film(out_mp4, pictures(), (box["width"], box["height"]), crf=crf)
+    return {"file": out_mp4.name, "times_s": shown, **box}
+
+
+def write_film(out_mp4: Path, pictures: Iterable[NDArray[np.uint8]], size: tuple[int, int], *, crf: int) -> None:
+    """Encode pictures, grey (h, w) or RGB (h, w, 3), as H.264 of a width and height, even both; the same bytes on every machine."""
+    options = {"crf": str(crf), "preset": "fast", "bf": "0", "threads": "1", "g": str(KEY_FRAME_EVERY)}
     with (
         whole_file(out_mp4) as temporary,
         av.open(str(temporary), "w", format="mp4", options={"movflags": "faststart"}) as container,
     ):
-        stream = container.add_stream("libx264", rate=PLAYBACK_HZ)
-        stream.width, stream.height, stream.pix_fmt = box["width"], box["height"], "yuv420p"
-        stream.gop_size = KEY_FRAME_EVERY
+        stream = container.add_stream("libx264", rate=PLAYBACK_HZ, options=options)
+        stream.width, stream.height, stream.pix_fmt = *size, "yuv420p"
         stream.time_base = Fraction(1, PLAYBACK_HZ)
-        stream.options = {"crf": str(crf), "preset": "fast", "bf": "0", "threads": "1"}  # by default as many as cores
-        for number, (time, luma) in enumerate(source):
-            if number % step == 0:
-                seen = in_frame(track, maps, min(number, len(times) - 1)).astype(np.float32)
-                picture = cv2.remap(luma, seen, None, cv2.INTER_LINEAR, borderValue=0)  # pyright: ignore[reportCallIssue, reportArgumentType]
-                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="gray").reformat(
-                    format="yuv420p"
-                )
-                frame.pts, frame.time_base = len(shown), Fraction(1, PLAYBACK_HZ)
-                for packet in stream.encode(frame):
-                    container.mux(packet)
-                shown.append(float(time))
-            if progress is not None and number % 16 == 0:
-                progress(number + 1, max(len(times), number + 1))
-        for packet in stream.encode():
-            container.mux(packet)
-    return {"file": out_mp4.name, "times_s": shown, **box}
+        for number, picture in enumerate(pictures):
+            kind = "gray" if picture.ndim == 2 else "rgb24"
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format=kind).reformat(format="yuv420p")
+            frame.pts, frame.time_base = number, Fraction(1, PLAYBACK_HZ)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
 
 
 def clip_step(times: FloatArray) -> int:

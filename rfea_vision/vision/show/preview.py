@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from fractions import Fraction
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import av
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.artefacts import Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, project
-from rfea_vision.files import whole_file
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.show.clip import clip_step, in_frame, rig_to_plane
+from rfea_vision.vision.show.clip import clip_step, in_frame, rig_to_plane, write_film
 from rfea_vision.vision.track import matched_to
 
-RED, GREY = (220, 0, 60), (150, 150, 150)
+RED, GREY, INNER, OUTER = (220, 0, 60), (150, 150, 150), (255, 176, 0), (0, 176, 255)
 
 
 def preview_video(
@@ -40,39 +38,25 @@ def preview_video(
     details = data["reason_detail"].values if "reason_detail" in data else np.full(len(reasons), "")
     step = every or clip_step(track.time_s)
     width, height = (2 * (side // 2) for side in source.size)
-    with whole_file(out_mp4) as temporary, av.open(str(temporary), "w", format="mp4") as container:
-        stream = container.add_stream("libx264", rate=30)
-        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.options = {"crf": "24", "preset": "fast", "threads": "1"}  # by default as many as cores: other bytes
-        shown = 0
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:
         for number, (_, luma) in enumerate(source):
             if number % step or number >= len(valid):
                 continue
             canvas = np.asarray(cv2.cvtColor(np.ascontiguousarray(luma), cv2.COLOR_GRAY2RGB), dtype=np.uint8)
+            before = np.flatnonzero(valid[: number + 1])
+            lines = [(midline[before[-1]], GREY)] if before.size else []  # where it was last
             if valid[number]:
-                for line, colour in (
-                    (edges[number, 0], (255, 176, 0)),
-                    (edges[number, 1], (0, 176, 255)),
-                    (midline[number], (220, 0, 60)),
-                ):
-                    pixels = in_frame(track, project(camera, rig_to_plane(track, line)), number)
-                    cv2.polylines(canvas, [np.round(pixels * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4)
-                cv2.circle(canvas, (round(pixels[-1, 0]), round(pixels[-1, 1])), 6, (220, 0, 60), 1, cv2.LINE_AA)
-            else:
-                before = np.flatnonzero(valid[:number])
-                if before.size:  # where it was last
-                    pixels = in_frame(track, project(camera, rig_to_plane(track, midline[before[-1]])), number)
-                    cv2.polylines(canvas, [np.round(pixels * 16).astype(np.int32)], False, GREY, 1, cv2.LINE_AA, 4)
-                for k, text in enumerate((str(reasons[number]), str(details[number]))):
-                    cv2.putText(canvas, text, (20, 40 + 30 * k), cv2.FONT_HERSHEY_SIMPLEX, 1.0 - 0.4 * k, RED, 2)
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(canvas[:height, :width]), format="rgb24").reformat(
-                format="yuv420p"
-            )
-            frame.pts, frame.time_base = shown, Fraction(1, 30)
-            shown += 1
-            for packet in stream.encode(frame):
-                container.mux(packet)
+                lines = [(edges[number, 0], INNER), (edges[number, 1], OUTER), (midline[number], RED)]
+            for line, colour in lines:
+                pixels = in_frame(track, project(camera, rig_to_plane(track, line)), number)
+                cv2.polylines(canvas, [np.round(pixels * 16).astype(np.int32)], False, colour, 1, cv2.LINE_AA, 4)
+                if colour == RED:
+                    cv2.circle(canvas, (round(pixels[-1, 0]), round(pixels[-1, 1])), 6, RED, 1, cv2.LINE_AA)
+            for k, text in enumerate((str(reasons[number]), str(details[number]))):
+                cv2.putText(canvas, text, (20, 40 + 30 * k), cv2.FONT_HERSHEY_SIMPLEX, 1.0 - 0.4 * k, RED, 2)
+            yield canvas[:height, :width]
             if progress is not None:
                 progress(number + 1, len(valid))
-        for packet in stream.encode():
-            container.mux(packet)
+
+    write_film(out_mp4, pictures(), (width, height), crf=24)
