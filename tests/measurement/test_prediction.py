@@ -5,7 +5,7 @@ import pytest
 from scipy.special import ndtr
 
 from rfea_vision.vision.curve import COEFFICIENTS, fit_curve
-from rfea_vision.vision.edges.edgels import _blur_row, cross_edge
+from rfea_vision.vision.edges.edgels import Expected, _blur_row, cross_edge
 from rfea_vision.vision.edges.fitted import LONGEST_ROW
 from rfea_vision.vision.edges.step import BLUR_PX, MOST_BLUR_PX, pixels_across, steps
 from rfea_vision.vision.follow.motion import CurvePredictor
@@ -29,9 +29,8 @@ def test_an_edge_off_its_expected_place_is_put_right_in_one_step(blur, outward, 
         line = 60.0 + 120.0 * seen(outward * (np.arange(60.0) - place), blur)
         picture = np.tile(line, (3, 1)) if along_row else np.tile(line, (3, 1)).T
         sums, pixels = np.zeros((1, 6)), np.empty(LONGEST_ROW)
-        shift, info, misfit, lighter = cross_edge(
-            picture, along_row, 1, place - off * outward, outward, table, row, blur, 180.0, 60.0, 50.0, sums, 0, pixels,
-        )  # fmt: skip
+        edge = Expected(place - off * outward, outward, blur, row, 180.0, 60.0, 50.0)
+        shift, info, misfit, lighter = cross_edge(picture, along_row, 1, edge, table, pixels, sums, 0)
         assert abs(shift - off) < (0.02 if blur < 0.5 else 0.004)
         slope = 120.0 * np.diff(ndtr((np.arange(61.0) - 0.5 - place + off * outward) / blur))
         assert abs(info / np.sum(slope**2) - 1) < 0.1  # to the nearest tabulated place and blur
@@ -43,9 +42,8 @@ def test_pixels_that_are_not_there_are_not_read():
     table, picture = steps(), np.full((4, 20), 90, np.uint8)
     row = _blur_row(table.blurs, 0.8, 0)
     for place in (3.0, 17.0):
-        answer = cross_edge(
-            picture, True, 1, place, 1, table, row, 0.8, 180.0, 60.0, 50.0, np.zeros((1, 6)), 0, np.empty(LONGEST_ROW),
-        )  # fmt: skip
+        edge = Expected(place, 1, 0.8, row, 180.0, 60.0, 50.0)
+        answer = cross_edge(picture, True, 1, edge, table, np.empty(LONGEST_ROW), np.zeros((1, 6)), 0)
         assert answer[1] < 0
     assert pixels_across(MOST_BLUR_PX * 1.03) + 10 < LONGEST_ROW
 

@@ -46,7 +46,7 @@ def test_pictures_whose_rows_lie_apart_are_read_by_the_same_loops(filmed, small_
         for either in (pictures, padded)
     ]
     np.testing.assert_array_equal(*(track.dataset["midline"].values for track in tracks))
-    assert {signature[0].layout for signature in fit_frame.signatures} == {"C"}
+    assert {signature[0].types[0].layout for signature in fit_frame.signatures} == {"C"}
 
 
 def test_everything_else_follows_the_truth(filmed):

@@ -9,7 +9,7 @@ import numpy as np
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import point_and_tangent, value_at
-from rfea_vision.vision.edges.edgels import INFO, MISFIT, SHIFT, U, measure_polyline, smooth_levels
+from rfea_vision.vision.edges.edgels import CAP, INFO, MISFIT, SHIFT, U, measure_polyline, smooth_levels
 
 CAP_VERTICES = 33
 MOST_CAP_STEP = 2.4  # an end whose step is that much larger than before, and one that has none, are as unlikely
@@ -26,13 +26,13 @@ LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 @lean
 def cap_contrast(state):
     """Step in the light at the end, as a share of the one at the edges: 1 where the tube really ends here."""
-    levels = state.levels[2, :CAP_VERTICES]
+    levels = state.levels[CAP, :CAP_VERTICES]
     contrast = np.mean(levels[:, 0]) - np.mean(levels[:, 1])
-    return contrast / state.reference[2, 0] if state.reference[2, 0] != 0.0 else 0.0
+    return contrast / state.reference[CAP, 0] if state.reference[CAP, 0] != 0.0 else 0.0
 
 
 @compiled
-def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
+def measure_cap(shot, state, work, noise, shape_gain):
     """Shift of the tube's end along its axis; None of it is applied here.
 
     Returns the shift in mm, its variance, and the share of the cap that could be used. `shape_gain` is how fast the
@@ -40,22 +40,19 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
     """
     x, y, tx, ty, _ = point_and_tangent(state.coefficients, 1.0)
     half = value_at(state.width, 1.0)
-    points = np.empty((CAP_VERTICES, 2))
-    outward = np.empty((CAP_VERTICES, 2))
-    across = np.empty(CAP_VERTICES)
+    px_per_mm, across = shot.px_per_mm, np.empty(CAP_VERTICES)
     for k in range(CAP_VERTICES):
         q = CAP_REACH * half * (2.0 * k / (CAP_VERTICES - 1) - 1.0)
         along = state.cap[0] * q + state.cap[1] * q * q
-        points[k, 0], points[k, 1] = x - q * ty + along * tx, y + q * tx + along * ty
-        outward[k, 0], outward[k, 1] = tx, ty
+        work.edge[k, 0], work.edge[k, 1] = x - q * ty + along * tx, y + q * tx + along * ty
+        work.outward[k, 0], work.outward[k, 1] = tx, ty
         across[k] = q
-    sums = work.sums[2, :CAP_VERTICES]
-    sums[:] = 0.0
-    levels, blurs = state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
+    work.sums[CAP] = 0.0
+    levels, blurs = state.levels[CAP, :CAP_VERTICES], state.blurs[CAP, :CAP_VERTICES]
+    nothing = np.int64(0)
     filled = measure_polyline(
-        picture, camera, work, points, outward, 0.0, across, levels, blurs, sums, np.int64(1), np.int64(1),
-        3.0 * px_per_mm * half, np.int64(0),
-    )  # fmt: skip
+        shot, state, work, np.int64(CAP), nothing, np.int64(CAP_VERTICES), across, 3.0 * px_per_mm * half, np.int64(1), nothing
+    )
     expected = 2.0 * CAP_REACH * half * px_per_mm * max(abs(tx), abs(ty))
     if filled < 4:
         return 0.0, 1.0, 0.0
@@ -74,7 +71,7 @@ def measure_cap(picture, camera, state, work, px_per_mm, noise, shape_gain):
 
 @lean
 def _cap_mean(work, filled, state, half):
-    levels = state.levels[2, :CAP_VERTICES]
+    levels = state.levels[CAP, :CAP_VERTICES]
     contrast = abs(np.mean(levels[:, 0]) - np.mean(levels[:, 1]))
     limit = 1e9
     shift = weight = spread = 0.0
@@ -140,8 +137,9 @@ def _follow_cap_shape(work, filled, state, half, gain):
 
 
 @compiled
-def coarse_cap(picture, camera, state, reach_px, px_per_mm):
+def coarse_cap(shot, state, reach_px):
     """Where along the axis, within `reach_px`, does the tube end? Shift in mm, 0 if nowhere."""
+    picture, camera, px_per_mm = shot
     height, width = picture.shape
     x, y, tx, ty, _ = point_and_tangent(state.coefficients, 1.0)
     half = value_at(state.width, 1.0)
@@ -162,7 +160,7 @@ def coarse_cap(picture, camera, state, reach_px, px_per_mm):
         if number == 0:
             return 0.0
         strip[k + arm] = total / number
-    contrast = state.reference[2, 0]  # not this frame's levels: where the end was missed they are nothing's
+    contrast = state.reference[CAP, 0]  # not this frame's levels: where the end was missed they are nothing's
     best, place = 0.5, 0
     for d in range(-reach, reach + 1):
         a = arm + d
@@ -177,5 +175,5 @@ def coarse_cap(picture, camera, state, reach_px, px_per_mm):
 @compiled
 def cap_levels(state, work, blur_limit):
     """Levels that follow the light across the cap (a tube is shaded), and one blur for the whole of it."""
-    sums, levels, blurs = work.sums[2, :CAP_VERTICES], state.levels[2, :CAP_VERTICES], state.blurs[2, :CAP_VERTICES]
+    sums, levels, blurs = work.sums[CAP, :CAP_VERTICES], state.levels[CAP, :CAP_VERTICES], state.blurs[CAP, :CAP_VERTICES]
     smooth_levels(sums, levels, blurs, np.int64(LEVEL_WINDOW), np.int64(CAP_VERTICES), blur_limit, 1.0)

@@ -11,6 +11,7 @@ The edge model: level `inside` on the tube, `outside` beyond it, a Gaussian blur
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,8 @@ STATION_COLUMNS = 7
 SUM_IN, COUNT_IN, SUM_OUT, COUNT_OUT, BLUR_UP, BLUR_DOWN = 0, 1, 2, 3, 4, 5
 LEVEL_COLUMNS = 6
 
+LEFT, RIGHT, CAP = 0, 1, 2  # rows of a state's levels and blurs, and of their sums
+HOP = 4  # points from one piece of an edge to the next, where not every row is used
 PLATEAU_PX = 3.2  # of the level light to either side that is read with an edge
 
 
@@ -72,15 +75,30 @@ def _add_levels(values, begin, end, pixels, outward, sums, vertex):
     return below, count_below
 
 
-@inlined
-def cross_edge(picture, along_row, line, place, outward, steps, row, blur, inside, outside, inner, sums, vertex, values):
-    """Compare one row (or column) with the edge model.
+class Expected(NamedTuple):
+    """An edge on a row (or column): its place, +1 or -1 for outward, its blur and the row of the tabulated ones that is nearest.
 
-    `place` is where the edge is expected on row (column) `line`; `outward` is +1 or -1; `row` of the blurs in `steps` is the one
-    nearest to its blur; of the tube, `inner` px may be used. Adds level and blur statistics to row `vertex` of `sums`.
+    And the light on the tube and beyond it, and how many px of the tube may be used.
+    """
+
+    place: float
+    outward: int
+    blur: float
+    row: int
+    inside: float
+    outside: float
+    inner: float
+
+
+@inlined
+def cross_edge(picture, along_row, line, edge, steps, values, sums, vertex):
+    """Compare row (or column) `line` with the edge that is `Expected` there.
+
+    `steps` is the tabulated edge, `values` room for a row. Adds level and blur statistics to row `vertex` of `sums`.
     Returns the Newton step in px along the line (positive outward), its information per unit noise variance (negative
     where pixels are missing), the misfit, and how much lighter than `inside` the tube is here.
     """
+    place, outward, blur, row, inside, outside, inner = edge
     half, blur_off = steps.blurs[row, HALF_REACH], blur - steps.blurs[row, BLUR_PX]
     beyond = half + PLATEAU_PX
     inward = min(beyond, inner)
@@ -137,32 +155,32 @@ def _lines_between(a, b, limit, stride):
 
 
 @lean
-def measure_polyline(
-    picture, camera, work, points, outward, side, u, levels, blurs, sums, stride, hop, reach_limit, filled
-):  # fmt: skip
-    """Measure along one edge.
+def measure_polyline(shot, state, work, which, low, high, u, inner_px, stride, filled):
+    """Measure along one edge, whose points and outward directions are in `work`.
 
     Parameters
     ----------
-    work : `rfea_vision.vision.edges.fitted.Buffers`, of which the edge model, the table of stations and the room for a row are used
-    points, outward : (V, 2) mm, expected edge and the direction (unit) in which its shift is counted
+    which : `LEFT`, `RIGHT` or `CAP`; the sums of light and blur in `work` are added to
+    low, high : the points that are used
     u : (V,) parameter written to the stations
-    levels : (V, 2) inside and outside grey level; blurs : (V,) px
-    sums : (V, 6) level and blur statistics, added to
-    stride : use every so many rows; hop : and every so many points
-    reach_limit : px on the inner side that still belong to the tube
+    inner_px : on the inner side that still belong to the tube
+    stride : use every so many rows
     filled : row of the table from which on stations are appended; returns the new count
     """
-    count, stations = points.shape[0], work.stations
-    px0, py0 = project_point(camera, points[0, 0], points[0, 1])
-    ox0, oy0 = _px_per_mm(camera, points[0], px0, py0, outward[0])
-    following, row = 0, np.int64(0)
-    while following < count - 1:
+    picture, camera, _ = shot
+    stations, points, outward, sums = work.stations, work.edge, work.outward, work.sums[which]
+    levels, blurs = state.levels[which], state.blurs[which]
+    side = 0.0 if which == CAP else 1.0 - 2.0 * which
+    hop = HOP if stride > 1 else 1
+    px0, py0 = project_point(camera, points[low, 0], points[low, 1])
+    ox0, oy0 = _px_per_mm(camera, points[low], px0, py0, outward[low])
+    following, row = low, np.int64(0)
+    while following < high - 1:
         v = following
-        following = min(v + hop, count - 1)
+        following = min(v + hop, high - 1)
         px1, py1 = project_point(camera, points[following, 0], points[following, 1])
         ox1, oy1 = ox0, oy0
-        if following % 4 == 0 or following == count - 1:  # how far a mm reaches changes slowly
+        if (following - low) % HOP == 0 or following == high - 1:  # how far a mm reaches changes slowly
             ox1, oy1 = _px_per_mm(camera, points[following], px1, py1, outward[following])
         dx, dy = px1 - px0, py1 - py0
         along_row = abs(dy) >= abs(dx)
@@ -183,10 +201,8 @@ def measure_polyline(
                 f = (line - a) / span
                 vertex = v if f < 0.5 else following
                 place = px0 + f * dx if along_row else py0 + f * dy
-                shift, info, misfit, lighter = cross_edge(
-                    picture, along_row, line, place, direction, work.steps, row, seen, levels[vertex, 0], levels[vertex, 1],
-                    reach_limit / cosine, sums, vertex, work.pixels,
-                )  # fmt: skip
+                edge = Expected(place, direction, seen, row, levels[vertex, 0], levels[vertex, 1], inner_px / cosine)
+                shift, info, misfit, lighter = cross_edge(picture, along_row, line, edge, work.steps, work.pixels, sums, vertex)
                 if info < 0.0:
                     continue
                 if filled >= stations.shape[0]:

@@ -54,6 +54,14 @@ SECTIONS = 64  # along the tube, in which stations are counted
 LONGEST_ROW = 512  # px across an edge
 
 
+class Shot(NamedTuple):
+    """A picture (h, w), the camera that took it, and its scale in px per mm."""
+
+    picture: NDArray[np.uint8]
+    camera: FloatArray
+    px_per_mm: float
+
+
 class State(NamedTuple):
     """What is known of the tube, updated in place frame by frame.
 

@@ -30,6 +30,7 @@ from rfea_vision.vision.edges.solve import (
 )
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
+LEAST_CONTRAST = 0.35  # of the light step at the edges, in the first frame
 UNEVEN_LIGHT = 0.1  # of the light step at the edge: how much a place on the tube may differ from its surroundings
 UNSEEN_SECTIONS = 3  # where more than so many running are not seen at all,
 LONE_SECTIONS = 4  # more lone edges than that beside them do not count
@@ -38,25 +39,21 @@ MARKED_SHARE = 0.3  # of the stations: where so many differ, the tube is painted
 
 
 @lean
-def measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm):
-    """Stations of both edges at the present curve; returns their number."""
+def measure_sides(shot, state, work, stride, from_u, to_u):
+    """Stations of both edges at the present curve; returns their number, and the length of the curve."""
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     work.sums[:] = 0.0
     filled = np.int64(0)
     count = work.centre.shape[0]
     low, high = math.ceil(from_u * (count - 1)), math.floor(to_u * (count - 1)) + 1
-    for s in range(2):
-        side = 1.0 if s == 0 else -1.0
+    inner_px = 0.9 * shot.px_per_mm * work.half_width[count // 2]
+    for which in range(2):
+        side = 1.0 - 2.0 * which
         for v in range(count):
             for k in range(2):
                 work.outward[v, k] = side * work.normal[v, k]
                 work.edge[v, k] = work.centre[v, k] + work.half_width[v] * work.outward[v, k]
-        reach = 0.9 * px_per_mm * work.half_width[count // 2]
-        part = slice(low, high)
-        filled = measure_polyline(
-            picture, camera, work, work.edge[part], work.outward[part], side, work.u[part], state.levels[s, part],
-            state.blurs[s, part], work.sums[s, part], stride, 4 if stride > 1 else 1, reach, filled,
-        )  # fmt: skip
+        filled = measure_polyline(shot, state, work, which, low, high, work.u, inner_px, stride, filled)
     return filled, length
 
 
@@ -76,21 +73,21 @@ def update_levels(state, work, fresh, blur_limit, px_per_vertex):
 
 
 @lean
-def select(state, work, filled, limit_mm, least_contrast, noise):
+def select(state, work, filled, limit_mm, noise):
     """Mark the stations that agree with the reference contrast and lie within `limit_mm` of their fit.
 
     Where the tube is lighter or darker than around (a shadow's rim, a band, something in front), the levels of the
     edge model belong to neither, and the edge would be read beside its place. A tube with bands all along it is like
     that everywhere: there it is the mean that counts, for both edges alike.
     """
-    kept, uneven = _select(state, work, filled, limit_mm, least_contrast, noise, UNEVEN_LIGHT)
+    kept, uneven = _select(state, work, filled, limit_mm, noise, UNEVEN_LIGHT)
     if uneven > MARKED_SHARE * filled:
-        kept, _ = _select(state, work, filled, limit_mm, least_contrast, noise, 1e9)
+        kept, _ = _select(state, work, filled, limit_mm, noise, 1e9)
     return kept
 
 
 @lean
-def _select(state, work, filled, limit_mm, least_contrast, noise, uneven_light):
+def _select(state, work, filled, limit_mm, noise, uneven_light):
     """Mark the stations, given how uneven the light may be; how many are kept, and how many only the light rules out."""
     stations, residual, keep, odd = work.stations, work.residual, work.keep, work.odd
     levels, reference = state.levels, state.reference
@@ -110,7 +107,7 @@ def _select(state, work, filled, limit_mm, least_contrast, noise, uneven_light):
         step = contrast if reference[side, v] > 0 else -contrast
         uneven = abs(stations[n, LIGHT] - (left_lighter if side == 0 else right_lighter))
         sound = (
-            (step > least_contrast * abs(reference[side, v]))
+            (step > LEAST_CONTRAST * abs(reference[side, v]))
             & (step > 0.0)
             & (stations[n, MISFIT] < 0.09 * contrast * contrast + 400.0)
         )
@@ -163,7 +160,7 @@ def robust_scale(work, filled):
 
 
 @compiled
-def fit_sides(state, work, filled, wide_mm, least_contrast, assumed):
+def fit_sides(state, work, filled, wide_mm, assumed):
     """Robust fit of shift and widening: all, then without outliers. Returns solution, noise, kept.
 
     The covariance lands in `work.covariance`.
@@ -171,7 +168,7 @@ def fit_sides(state, work, filled, wide_mm, least_contrast, assumed):
     count, width_count = state.coefficients.shape[0], state.width.shape[0]
     for n in range(filled):
         work.residual[n] = work.stations[n, SHIFT]
-    select(state, work, filled, wide_mm, least_contrast, assumed)
+    select(state, work, filled, wide_mm, assumed)
     kept = drop_odd_sections(work, filled)
     solution = np.zeros(count + width_count)
     noise = assumed

@@ -21,7 +21,7 @@ from rfea_vision.vision.curve import (
     vertices_of,
 )
 from rfea_vision.vision.edges.cap import cap_levels, measure_cap
-from rfea_vision.vision.edges.fitted import Buffers, State
+from rfea_vision.vision.edges.fitted import Buffers, Shot, State
 from rfea_vision.vision.edges.sides import fit_sides, measure_sides, move_state, update_levels
 from rfea_vision.vision.find.ends import LEAST_TIP_STEP, End, choose_ends, end_candidates, light_at_end
 from rfea_vision.vision.find.locate import Path, cut_at, find_paths, hinted_paths
@@ -57,6 +57,10 @@ class Scene:
         first = [] if self.clamp_px is None else [self.clamp_px.mean(axis=0)]
         last = [] if self.tip_px is None else [self.tip_px]
         return np.vstack([*first, *points, *last]) if len(points) or first or last else np.empty((0, 2))
+
+    def shot(self, picture: NDArray[np.uint8]) -> Shot:
+        """A picture with what the compiled functions know of its camera."""
+        return Shot(picture, self.camera, self.px_per_mm)
 
     @property
     def half_mm(self) -> float:
@@ -242,7 +246,7 @@ def _learn_cap(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buf
     limit = 4.0 / scene.px_per_mm
     for look in range(CAP_LOOKS):
         gain = CAP_GAIN if look else 0.0  # the first look reads the light
-        shift, _, used = measure_cap(picture, scene.camera, state, work, scene.px_per_mm, 3.0, gain)
+        shift, _, used = measure_cap(scene.shot(picture), state, work, 3.0, gain)
         cap_levels(state, work, 0.3 * scene.half_mm * scene.px_per_mm)
         if used > 0.3:
             move_state(state, nothing, float(np.clip(shift, -limit, limit)))
@@ -312,16 +316,16 @@ def move_ends(state: State, before_mm: float, beyond_mm: float) -> None:
 
 def refine(picture: NDArray[np.uint8], scene: Scene, state: State, work: Buffers, turns: int) -> float:
     """Fit the edges away from the ends a few times; the share of stations that agree."""
-    kept = 0.0
+    kept, shot = 0.0, scene.shot(picture)
     px_per_vertex = max(length_of(state) * scene.px_per_mm / (VERTICES - 1), 0.2)
     blur_limit = 0.3 * scene.half_mm * scene.px_per_mm
     for turn in range(turns):
         fix_clamp(state)
-        measure_sides(picture, scene.camera, state, work, 2, 0.03, 0.97, scene.px_per_mm)
+        measure_sides(shot, state, work, 2, 0.03, 0.97)
         update_levels(state, work, 1.0, blur_limit, px_per_vertex)
-        filled, length = measure_sides(picture, scene.camera, state, work, 1, 0.03, 0.97, scene.px_per_mm)
+        filled, length = measure_sides(shot, state, work, 1, 0.03, 0.97)
         wide = (8.0 if turn < 2 else 3.0) / scene.px_per_mm
-        solution, _, number = fit_sides(state, work, filled, wide, 0.3, 3.0)
+        solution, _, number = fit_sides(state, work, filled, wide, 3.0)
         kept = number / max(2.0 * length * scene.px_per_mm * 0.94 * 0.85, 1.0)
         if number < 20:
             return 0.0

@@ -17,16 +17,17 @@ LONGEST_ARM = 1024  # px to either side of the centre line
 
 
 @compiled
-def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
+def coarse_search(shot, state, work, reach_px):
     """Find large shifts: where along each normal do both edges together fit best? Writes pseudo-stations.
 
-    `work` holds the vertices of the curve. Returns the number of stations and the share that found the tube.
+    `work` holds the vertices of the curve. Returns the number of stations.
     """
+    picture, camera, _ = shot
     height, width = picture.shape
     count = work.centre.shape[0]
     reach = int(reach_px)
     profile, means = np.empty(2 * LONGEST_ARM + 1), np.empty(2 * LONGEST_ARM + 1)
-    filled = found = asked = 0
+    filled = 0
     for v in range(4, count, 8):
         cx, cy = project_point(camera, work.centre[v, 0], work.centre[v, 1])
         ex, ey = project_point(camera, work.centre[v, 0] + work.normal[v, 0], work.centre[v, 1] + work.normal[v, 1])
@@ -34,7 +35,6 @@ def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
         dx, dy = (ex - cx) / per_mm, (ey - cy) / per_mm
         half = round(work.half_width[v] * per_mm)
         arm = half + reach + 4
-        asked += 1
         if half < 1 or arm > LONGEST_ARM:
             continue
         x, y = cx - arm * dx, cy - arm * dy
@@ -63,8 +63,7 @@ def coarse_search(picture, camera, state, work, reach_px, px_per_mm):
             work.stations[filled, INFO] = (2.0 * per_mm) ** 2
             work.keep[filled] = True
             filled += 1
-            found += 1
-    return filled, found / max(asked, 1)
+    return filled
 
 
 @compiled
@@ -93,7 +92,7 @@ def apply_coarse(state, work, filled, px_per_mm):
 
 
 @compiled
-def bend_search(picture, camera, state, work, widest_rad, step_rad):
+def bend_search(shot, state, work, widest_rad, step_rad):
     """Find a tube that has swung far: the last curve, bent further evenly and towards its ends, where it fits best.
 
     Every candidate is judged by the light just inside and just outside both edges, against the light step of the
@@ -130,7 +129,7 @@ def bend_search(picture, camera, state, work, widest_rad, step_rad):
                     points[(k + 1) // 4, 0], points[(k + 1) // 4, 1] = x, y
                 if k % 12 == 6:
                     v = int(u * (VERTICES - 1))
-                    score += _sides_agree(picture, camera, state, x, y, tx, ty, work.half_width[v], v)
+                    score += _sides_agree(shot, state, x, y, tx, ty, work.half_width[v], v)
                     number += 1
             score = score / number - 0.02 * abs(evenly) - 0.01 * abs(uneven)
             if score > best:
@@ -141,8 +140,9 @@ def bend_search(picture, camera, state, work, widest_rad, step_rad):
 
 
 @lean
-def _sides_agree(picture, camera, state, x, y, tx, ty, half, v):
+def _sides_agree(shot, state, x, y, tx, ty, half, v):
     """Light step across both edges at one cross-section, in units of the reference, each at most 1."""
+    picture, camera, _ = shot
     height, width = picture.shape
     score = 0.0
     for s in range(2):

@@ -239,21 +239,9 @@ class Follower:
 
     def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:
         assert self.state is not None
-        gain = 0.3 if self.good < FIRST_FRAMES else 0.02
+        gain, shot = (0.3 if self.good < FIRST_FRAMES else 0.02), self.scene.shot(luma)
         for _ in range(TRIES):
-            fit_frame(
-                luma,
-                self.scene.camera,
-                self.state,
-                self.work,
-                self.scene.px_per_mm,
-                reach,
-                gain,
-                0.35,
-                self.judge.hinge_mm,
-                self.scene.turn_sign,
-                self.noise,
-            )
+            fit_frame(shot, self.state, self.work, reach, gain, self.judge.hinge_mm, self.scene.turn_sign, self.noise)
             on_its_way = self.work.numbers[fitted.LAST_STEP] > SETTLED_PX
             if not on_its_way or self.work.numbers[fitted.USED] < WHOLE:
                 break
@@ -269,7 +257,7 @@ class Follower:
         saved = [array.copy() for array in self.state]
         self.state.coefficients[:] = self.motion.last
         step = 0.5 * self.scene.half_mm / self.scene.length_mm
-        score = bend_search(luma, self.scene.camera, self.state, self.work, WIDEST_SWING_RAD, step)
+        score = bend_search(self.scene.shot(luma), self.state, self.work, WIDEST_SWING_RAD, step)
         if score < 0.8:
             self.state.coefficients[:] = saved[0]
             return "no_tube"

@@ -46,8 +46,9 @@ LEAST_CAP_CONTRAST = 0.45  # of the light step at the edges
 
 
 @lean
-def _margin_px(camera, state, u, px_per_mm):
+def _margin_px(shot, state, u):
     """How near to an end the edges can be used: blur of the end, and its corner where rows cross the edge at a slant."""
+    _, camera, px_per_mm = shot
     x, y, tx, ty, _ = point_and_tangent(state.coefficients, u)
     ax, ay = project_point(camera, x, y)
     bx, by = project_point(camera, x + tx, y + ty)
@@ -62,25 +63,23 @@ def _margin_px(camera, state, u, px_per_mm):
 
 
 @compiled
-def fit_frame(
-    picture, camera, state, work, px_per_mm, reach_px, shape_gain, least_contrast, hinge_mm, turn_sign, noise
-):
+def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, noise):
     """Fit one frame; `state` holds the prediction and becomes the result. Numbers land in `work.numbers`.
 
     `hinge_mm` is the length of the inextensible side so far (0 where it is not known yet): the search for the end
     starts where it puts the end. `turn_sign` is that of a bend towards the actuator's side. `noise` is that of the last
     frame, in grey levels.
     """
-    numbers = work.numbers
+    numbers, px_per_mm = work.numbers, shot.px_per_mm
     numbers[:] = 0.0
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     px_per_vertex = max(length * px_per_mm / (VERTICES - 1), 0.2)
     blur_limit = MOST_BLUR * px_per_mm * work.half_width[VERTICES // 2]
-    filled, _ = coarse_search(picture, camera, state, work, reach_px, px_per_mm)
+    filled = coarse_search(shot, state, work, reach_px)
     if filled >= 6:
         numbers[INNOVATION] = apply_coarse(state, work, filled, px_per_mm)
-    from_u = _margin_px(camera, state, 0.0, px_per_mm) / px_per_mm / max(length, 1.0)
-    to_u = 1.0 - _margin_px(camera, state, 1.0, px_per_mm) / px_per_mm / max(length, 1.0)
+    from_u = _margin_px(shot, state, 0.0) / px_per_mm / max(length, 1.0)
+    to_u = 1.0 - _margin_px(shot, state, 1.0) / px_per_mm / max(length, 1.0)
     sparse = max(1, min(SPARSE, int(length * px_per_mm / 100.0)))
     # Where the prediction is near, every row is taken at once: most frames need no more.
     whole = filled >= 6 and numbers[INNOVATION] < NEAR_PX
@@ -91,9 +90,9 @@ def fit_frame(
         state.blurs[2] = np.median(state.blurs[0])
     for turn in range(TURNS):
         stride = 1 if whole else sparse
-        filled, length = measure_sides(picture, camera, state, work, stride, from_u, to_u, px_per_mm)
+        filled, length = measure_sides(shot, state, work, stride, from_u, to_u)
         wide = (2.5 if whole else 6.0) / px_per_mm
-        solution, noise, kept = fit_sides(state, work, filled, wide, least_contrast, noise)
+        solution, noise, kept = fit_sides(state, work, filled, wide, noise)
         numbers[USED] = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
         if kept < 20 or not _plausible(work.half_width) or not _finite(solution):
             numbers[LENGTH] = 0.0
@@ -108,17 +107,15 @@ def fit_frame(
             largest = max(largest, abs(value_at(solution[: state.coefficients.shape[0]], k / 32.0)))
         move_state(state, solution, 0.0)
         if turn == 0 or cap_used <= 0.3 or cap_contrast(state) < LEAST_CAP_CONTRAST:
-            _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, turn_sign)
+            _look_for_end(shot, state, work, reach_px, hinge_mm, turn_sign)
         looks = 2 if turn == 0 else 1  # the first look reads the light of this frame, the second the place
-        moved, cap_used = _fit_end(
-            picture, camera, state, work, px_per_mm, noise, shape_gain * whole, blur_limit, looks
-        )
+        moved, cap_used = _fit_end(shot, state, work, noise, shape_gain * whole, blur_limit, looks)
         largest = max(largest, moved) * px_per_mm
         numbers[LAST_STEP] = largest
         if whole and largest < (AT_ONCE_PX if turn == 0 else enough):
             break
         whole = whole or largest < 0.8 or turn >= 4
-    _describe(camera, state, work, noise, cap_used)
+    _describe(shot.camera, state, work, noise, cap_used)
 
 
 @compiled
@@ -143,27 +140,27 @@ def _describe(camera, state, work, noise, cap_used):
 
 
 @compiled
-def _look_for_end(picture, camera, state, work, reach_px, px_per_mm, hinge_mm, turn_sign):
+def _look_for_end(shot, state, work, reach_px, hinge_mm, turn_sign):
     """Bring the end of the curve near the end of the tube: by the length it should have, then by the light."""
-    nothing = np.zeros(state.coefficients.shape[0] + state.width.shape[0])
+    nothing, px_per_mm = np.zeros(state.coefficients.shape[0] + state.width.shape[0]), shot.px_per_mm
     if hinge_mm > 0.0:
         length, turned = length_and_turning(state.coefficients)
         missing = hinge_mm + value_at(state.width, 1.0) * turn_sign * turned - length
         if abs(missing) > max(0.02 * hinge_mm, 1.5 / px_per_mm):
             move_state(state, nothing, missing)
-    beyond = coarse_cap(picture, camera, state, reach_px, px_per_mm)
+    beyond = coarse_cap(shot, state, reach_px)
     if abs(beyond) * px_per_mm > 1.5:
         move_state(state, nothing, beyond)
 
 
 @compiled
-def _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain, blur_limit, looks):
+def _fit_end(shot, state, work, noise, shape_gain, blur_limit, looks):
     """Put the end of the curve on the end of the tube; returns how far it went in mm, and the share of the cap seen."""
     shift = variance = used = 0.0
-    limit = 4.0 / px_per_mm
+    limit = 4.0 / shot.px_per_mm
     for look in range(looks + 1):
         gain = shape_gain if look == looks - 1 else 0.0
-        shift, variance, used = measure_cap(picture, camera, state, work, px_per_mm, noise, gain)
+        shift, variance, used = measure_cap(shot, state, work, noise, gain)
         cap_levels(state, work, blur_limit)
         work.numbers[TIP_VARIANCE] = variance
         if look < looks - 1:
@@ -172,7 +169,7 @@ def _fit_end(picture, camera, state, work, px_per_mm, noise, shape_gain, blur_li
             return 0.0, used
         shift = min(max(shift, -limit), limit)
         move_state(state, np.zeros(state.coefficients.shape[0] + state.width.shape[0]), shift)
-        if abs(shift) * px_per_mm < END_AT_ONCE_PX:
+        if abs(shift) * shot.px_per_mm < END_AT_ONCE_PX:
             break
     return abs(shift), used
 
