@@ -16,7 +16,6 @@ from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES
 from rfea_vision.vision.curve import COEFFICIENTS
 from rfea_vision.vision.derive.rows import Rows
-from rfea_vision.vision.edges.fitted import TIP_VARIANCE
 from rfea_vision.vision.track import follow_body, make_scene
 
 RUBBER, WALL = (210, 225, 228), (60, 70, 66)
@@ -119,7 +118,7 @@ def test_a_body_that_is_found_again_shorter_than_it_was_says_how_little_its_end_
     follower = follower_of(middle_of(0.0, 110.0))
     for k in range(4):
         assert follower.next(drawn(middle_of(0.05 * k, 110.0), np.full(65, HALF)), 0.1 * k) == ""
-    known = follower.work.numbers[TIP_VARIANCE] ** 0.5
+    known = follower.work.numbers["tip_variance"][0] ** 0.5
     for k in range(4, 8):
         assert follower.next(np.full((240, 240, 3), 30, np.uint8), 0.1 * k)
     line = middle_of(1.3, 110.0)
@@ -127,7 +126,7 @@ def test_a_body_that_is_found_again_shorter_than_it_was_says_how_little_its_end_
     cv2.polylines(picture, [np.round(line[57:]).astype(np.int32)], False, WALL, 28)
     refusal, off = follower.next(picture, 0.8), float(np.linalg.norm(follower.body.points[-1] - line[-1]))
     assert refusal == "" and off > 20.0
-    assert follower.work.numbers[TIP_VARIANCE] ** 0.5 * follower.px_per_mm > max(0.3 * off, 5 * known)
+    assert follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm > max(0.3 * off, 5 * known)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +168,7 @@ def test_a_tail_that_cannot_be_told_from_the_wall_is_carried_by_the_rest_and_sai
             continue
         accepted += 1
         off, end = follower.body.points[-1] - line[-1], COEFFICIENTS - 1
-        known = np.sqrt([follower.work.numbers[TIP_VARIANCE], follower.work.covariance[end, end]]) * follower.px_per_mm
+        known = np.sqrt([follower.work.numbers["tip_variance"][0], follower.work.covariance[end, end]]) * follower.px_per_mm
         assert np.all(np.abs([off @ tangent[-1], off @ normal[-1]]) / [np.linalg.norm(tangent[-1]), 1.0] < 3.0 * known + 0.1 * HALF), k
     assert accepted >= 6 and follower.body.untold > 0.1 * length
 

@@ -120,12 +120,12 @@ def test_a_round_end_is_no_sleeve(scale):
 @pytest.mark.parametrize(("right_from", "refused"), [(0.72, True), (0.83, False), (2.0, False)])
 def test_one_edge_beside_what_hides_the_tube_does_not_count(right_from, refused):
     """The left edge is not seen from 0.55 to 0.86 of the length, the right one from `right_from` on."""
-    work, numbers = fitted.new_buffers(), np.zeros(fitted.NUMBERS)
+    work, numbers = fitted.new_buffers(), np.zeros(1, dtype=fitted.FRAME)
     u = np.tile((np.arange(640) + 0.5) / 640, 2)
     side = np.repeat([1.0, -1.0], 640)
     work.stations[:1280, U], work.stations[:1280, SIDE] = u, side
     work.keep[:1280] = (u < np.where(side > 0, 0.55, right_from)) | (u > 0.86)
-    gaps(work, 1280, numbers, 1.0)
+    gaps(work, 1280, numbers[0], 1.0)
     (unseen,) = (rule for rule in RULES if "unseen on both sides" in rule.limit)
     tube = Tube(half_px=10.0, half_mm=4.0, picture_px=(720, 1280), well_seen=True)
-    assert unseen.broken(fitted.FrameFit._make(numbers.tolist()), tube) == refused
+    assert unseen.broken(fitted.FrameFit(*numbers[0]), tube) == refused

@@ -364,5 +364,5 @@ class BodyFollower:
         fill_numbers(
             self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held, pointed=self.pointed_px
         )  # fmt: skip
-        self.work.numbers[fitted.WIDTH] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
+        self.work.numbers["width"][0] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)

@@ -64,15 +64,15 @@ def fill_numbers(
     """
     numbers = work.numbers
     numbers[:] = 0.0
-    numbers[fitted.LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
-    numbers[fitted.BEND] = turning(work.normal)
-    numbers[fitted.NOISE] = numbers[fitted.INFLATION] = numbers[fitted.USED] = 1.0
+    numbers["length"] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
+    numbers["bend"] = turning(work.normal)
+    numbers["noise"] = numbers["inflation"] = numbers["used"] = 1.0
     mm2 = px_per_mm**-2
     floor = (FLOOR * (half := float(middle(fit.body.half)))) ** 2 * mm2
     # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to
     # noise the curves would be smoothed, and the clamp's place with them.
     aside = 0.5 * scale**2 * (pointed**2 - POINTED_PX**2)  # px^2, of the middle of two clicks
-    numbers[fitted.PROFILE] = float(np.sqrt((SYSTEMATIC * half) ** 2 + mistaken**2 + aside)) / scale / PROFILE_SHARE
+    numbers["profile"] = float(np.sqrt((SYSTEMATIC * half) ** 2 + mistaken**2 + aside)) / scale / PROFILE_SHARE
     k = COEFFICIENTS
     work.covariance[:] = 0.0
     seen = mm2 * max(scale, 1.0) ** 2  # a picture that was enlarged tells no more of an edge than the film's own pixels
@@ -87,4 +87,4 @@ def fill_numbers(
     along = max(float(ALONG_BASIS[-1] @ covariance @ ALONG_BASIS[-1]) for covariance in known)
     # Where the length that was carried and the frame disagree by more than both allow, one of them is wrong: Birge's ratio.
     along *= max(1.0, fit.stretched**2 / (along + held))
-    numbers[fitted.TIP_VARIANCE] = (along + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (pointed * scale) ** 2 * mm2
+    numbers["tip_variance"] = (along + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (pointed * scale) ** 2 * mm2

@@ -7,11 +7,12 @@ a shutter that is open while the tube moves, light beyond what the camera can te
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.edges import fitted
 
 ORIGIN_PX = 0.01  # what is left of the origin's error in any film: the same in all frames
 PROFILE_SHARE = 1.5  # of the width of an edge, for each share of its light step that is not a blurred step
@@ -51,21 +52,21 @@ class PictureErrors:
         return float(np.median(self.across))
 
 
-def picture_errors(numbers: FloatArray, half_mm: float, px_per_mm: float) -> PictureErrors:
+def picture_errors(numbers: NDArray[Any], half_mm: float, px_per_mm: float) -> PictureErrors:
     """Read them from the numbers of the fits (t, NUMBERS); `half_mm` is what the tube's half width should be."""
-    too_wide = np.abs(numbers[:, fitted.WIDTH] / 2 - half_mm)
+    too_wide = np.abs(numbers["width"] / 2 - half_mm)
     # A highlight as light as the wall, or a shadow as dark: one edge is elsewhere, and the middle by half as much.
     one_edge = np.sqrt(np.maximum(too_wide**2 - (WIDTH_SHARE * half_mm) ** 2, 0.0))
-    cut_off = numbers[:, fitted.SATURATED] * (too_wide + SATURATED_BLURS * numbers[:, fitted.BLUR] / px_per_mm)
+    cut_off = numbers["saturated"] * (too_wide + SATURATED_BLURS * numbers["blur"] / px_per_mm)
     # The wider the blur, the less of the light to either side is level, and the less like a step an edge is.
-    wide_blur = numbers[:, fitted.END_BLUR] / (NARROW_BLUR * half_mm * px_per_mm)
+    wide_blur = numbers["end_blur"] / (NARROW_BLUR * half_mm * px_per_mm)
     # A round end darkens towards its rim as the sides do, and seems to lie as far inwards as they do.
-    rounded = np.clip(numbers[:, fitted.CAP_ROUND] / HALF_CIRCLE, 0.0, 1.0)
+    rounded = np.clip(numbers["cap_round"] / HALF_CIRCLE, 0.0, 1.0)
     rim = rounded * (too_wide + NOT_A_PARABOLA * half_mm)
-    smear = SMEAR_SHARE * numbers[:, fitted.SMEAR] / px_per_mm * np.maximum(wide_blur, 1.0) ** 2
-    continued = np.maximum(numbers[:, fitted.END_GAP] - CONTINUED_FREELY, 0.0) * numbers[:, fitted.LENGTH]
+    smear = SMEAR_SHARE * numbers["smear"] / px_per_mm * np.maximum(wide_blur, 1.0) ** 2
+    continued = np.maximum(numbers["end_gap"] - CONTINUED_FREELY, 0.0) * numbers["length"]
     return PictureErrors(
-        np.hypot(PROFILE_SHARE * numbers[:, fitted.PROFILE] / px_per_mm, one_edge),
+        np.hypot(PROFILE_SHARE * numbers["profile"] / px_per_mm, one_edge),
         np.hypot(smear, CONTINUED_SHARE * continued),
         np.hypot(cut_off, rim),
     )

@@ -79,15 +79,13 @@ class Rows:
             "width": (WIDTH_COEFFICIENTS,),
             "shift_variance": (len(self.shift_rows),),
             "width_variance": (len(self._width_rows),),
-            "numbers": (fitted.NUMBERS,),
+            "numbers": (),
             "lamp": (),
             "view": (2, 3),
             "profile": (SAMPLES,),  # 256 steps to a grey level; pages that are never written need no memory
         }
-        dtypes = {
-            name: np.dtype(np.float32 if "variance" in name else np.uint16 if name == "profile" else np.float64)
-            for name in kinds
-        }
+        others = {"shift_variance": np.float32, "width_variance": np.float32, "numbers": fitted.FRAME, "profile": np.uint16}
+        dtypes = {name: np.dtype(others.get(name, np.float64)) for name in kinds}
         sizes = {name: BLOCK * int(np.prod(shape)) for name, shape in kinds.items()}
         # Memory of its own, that goes back to the system when the block is dropped.
         memory = mmap(-1, sum(sizes[name] * dtypes[name].itemsize for name in kinds))
@@ -179,9 +177,9 @@ class Rows:
         block["width"][n] = follower.state.width
         if follower.marked and follower.profile is not None:
             block["profile"][n] = np.round(256.0 * follower.profile)
-        block["numbers"][n] = follower.work.numbers
+        block["numbers"][n] = follower.work.numbers[0]
         self.material.append(follower.material)
         self.good += 1
-        _add_covariance(follower.work.covariance, follower.work.numbers[fitted.NOISE], self.covariance_sum)
+        _add_covariance(follower.work.covariance, follower.work.numbers["noise"][0], self.covariance_sum)
         _quadratic_forms(self.shift_rows, follower.work.covariance, 0, block["shift_variance"][n])
         _quadratic_forms(self._width_rows, follower.work.covariance, COEFFICIENTS, block["width_variance"][n])

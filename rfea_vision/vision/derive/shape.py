@@ -22,7 +22,6 @@ from rfea_vision.vision.derive.rows import Block, Rows
 from rfea_vision.vision.derive.shutter import Shutter, at_one_instant
 from rfea_vision.vision.derive.smooth import Smoothed, smooth
 from rfea_vision.vision.derive.view import View, view_of
-from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Scene
 
 WITH_BEND = 2.0  # variance that is not noise, over what of it the length shows: not what changes slowly with the bend
@@ -106,10 +105,10 @@ def _said(scene: Scene, view: View, vertical: Vertical) -> dict[str, Any]:
 
 
 def _smoothed(
-    rows: Rows, numbers: FloatArray, scene: Scene, shutter: Shutter | None
+    rows: Rows, numbers: NDArray[Any], scene: Scene, shutter: Shutter | None
 ) -> tuple[Smoothed, float, float]:
     """The curves of all measured frames, the variance of an edge over its noise, and by how much the length scatters beyond it."""
-    inflation = float(np.clip(np.nanmedian(numbers[:, fitted.INFLATION]), 1.0, 50.0))
+    inflation = float(np.clip(np.nanmedian(numbers["inflation"]), 1.0, 50.0))
     turning = rows.good_ones("shift_variance", rows.part("tip_slope").start)
     beyond = _beyond_noise(numbers, turning, inflation, -scene.actuator.mirror * scene.half_mm)
     smoothed = smooth(rows, inflation)
@@ -122,14 +121,14 @@ def _smoothed(
 
 
 def _add_marker_elongation(
-    data: Derived, rows: Rows, numbers: FloatArray, profile: NDArray[Any] | None, smoothed: Smoothed, view: View
+    data: Derived, rows: Rows, numbers: NDArray[Any], profile: NDArray[Any] | None, smoothed: Smoothed, view: View
 ) -> dict[str, Any]:
     """Add what marks on the tube tell of its elongation, where there are any; what the track says of them."""
     length = data["length"][1]
     if profile is not None:
-        marked = marker_elongation(profile / 256.0, length, numbers[:, fitted.BEND], rows.segments)
+        marked = marker_elongation(profile / 256.0, length, numbers["bend"], rows.segments)
     elif any(rows.material):
-        errors = np.sqrt(numbers[:, fitted.TIP_VARIANCE])
+        errors = np.sqrt(numbers["tip_variance"])
         headings = angles(smoothed.coefficients, view.sign, np.linspace(0, 1, HEADINGS))
         across = view.from_picture.across
         marked = elongation_between(rows.material, length, errors, headings, across, rows.segments)
@@ -158,7 +157,7 @@ def _of_all_frames(data: Derived, rows: Rows) -> Derived:
     return variables
 
 
-def _beyond_noise(numbers: FloatArray, turning: FloatArray, inflation: float, signed_half_mm: float) -> float:
+def _beyond_noise(numbers: NDArray[Any], turning: FloatArray, inflation: float, signed_half_mm: float) -> float:
     """By how much the length of the inextensible side scatters beyond the noise of the tube's end; at least 1.
 
     The side keeps its length, so that what its length does is error: that of a compressed picture, of a background
@@ -167,12 +166,12 @@ def _beyond_noise(numbers: FloatArray, turning: FloatArray, inflation: float, si
     """
     if len(numbers) < 12:
         return 1.0
-    bend = numbers[:, fitted.BEND]
-    hinge = numbers[:, fitted.LENGTH] - signed_half_mm * bend
+    bend = numbers["bend"]
+    hinge = numbers["length"] - signed_half_mm * bend
     smooth_part = np.polyval(np.polyfit(bend, hinge, 2 if np.ptp(bend) > 0.05 else 0), bend)
     seen = float(scatter(hinge - smooth_part))
-    by_bend = signed_half_mm**2 * turning / numbers[:, fitted.LENGTH] ** 2
-    noise = float(np.sqrt(inflation * np.median(numbers[:, fitted.TIP_VARIANCE] + by_bend)))
+    by_bend = signed_half_mm**2 * turning / numbers["length"] ** 2
+    noise = float(np.sqrt(inflation * np.median(numbers["tip_variance"] + by_bend)))
     return float(np.clip(seen / noise, 1.0, 10.0))
 
 
@@ -228,7 +227,7 @@ def _derive(rows: Rows, block: Block, smoothed: Smoothed, part: slice, view: Vie
     node_noise = np.sqrt(variance["node"])
     node_sigma = _node_sigma(line, nodes, node_noise, from_picture, view)
     half = block["width"] @ basis_matrix(nodes, WIDTH_COEFFICIENTS).T
-    length = numbers[:, fitted.LENGTH]
+    length = numbers["length"]
     curvature_sigma = np.sqrt(variance["bend2"]) / length[:, None] ** 2
     width_noise = np.sqrt(view.inflation * block["width_variance"].astype(float))
     bend, bend_noise, bend_sigma = _bend(coefficients, variance["tip_slope"], length, view)
@@ -259,9 +258,9 @@ def _derive(rows: Rows, block: Block, smoothed: Smoothed, part: slice, view: Vie
         "elongation_noise_sigma": (("time", "segment"), elongation_noise),
         "length": (series, length),
         "hinge_length": (series, hinge),
-        "edge_noise": (series, numbers[:, fitted.NOISE]),
-        "blur": (series, numbers[:, fitted.BLUR]),
-        "seen": (series, np.minimum(numbers[:, fitted.USED], 1.0)),
+        "edge_noise": (series, numbers["noise"]),
+        "blur": (series, numbers["blur"]),
+        "seen": (series, np.minimum(numbers["used"], 1.0)),
     }
 
 
@@ -296,11 +295,11 @@ def _bend(
 
 
 def _tip(
-    line: _Line, numbers: FloatArray, normal_noise: FloatArray, from_picture: PictureErrors, view: View
+    line: _Line, numbers: NDArray[Any], normal_noise: FloatArray, from_picture: PictureErrors, view: View
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Place of the tip in the rig frame, its noise and its standard errors: (t, 2) mm each."""
     tip_plane, tangent = line.points[:, -1], line.tangent[:, -1]
-    axial = np.sqrt(view.inflation * numbers[:, fitted.TIP_VARIANCE])
+    axial = np.sqrt(view.inflation * numbers["tip_variance"])
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
 
     def seen_in_rig(along: FloatArray, across: FloatArray) -> FloatArray:

@@ -20,7 +20,6 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.vision.curve import basis_matrix
 from rfea_vision.vision.derive.rows import Rows
-from rfea_vision.vision.edges import fitted
 
 TAUS_MM = np.geomspace(3e-3, 10.0, 36)
 SAMPLE = 400
@@ -39,7 +38,7 @@ class Smoothed:
 def smooth(rows: Rows, inflation: float) -> Smoothed:
     """Smooth all good frames; `inflation` is how much neighbouring edge stations agree beyond chance."""
     coefficients = rows.good_ones("coefficients")
-    noise = np.maximum(rows.good_ones("numbers", fitted.NOISE), 1e-3)
+    noise = np.maximum(rows.good_ones("numbers")["noise"], 1e-3)
     covariance = float(np.median(noise)) ** 2 * inflation * rows.covariance_sum / max(rows.good, 1)
     count = covariance.shape[0]
     third = np.diff(np.eye(count), n=3, axis=0)

@@ -16,7 +16,6 @@ from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, p
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.smooth import Smoothed
 from rfea_vision.vision.derive.systematic import CalibrationError
-from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import Scene
 
 STRAIGHTEST_SHARE = 0.1
@@ -84,7 +83,7 @@ def view_of(
         inflation=inflation,
         half_mm=float(np.median(rows.good_ones("width")[:, 1:-1])),
         calibrated=CalibrationError(calibration, scene.camera, coefficients, origin),
-        origin_sigma=_clamp_stderr(*clamp_stderr_mm, inflation * np.median(numbers[:, fitted.TIP_VARIANCE])),
+        origin_sigma=_clamp_stderr(*clamp_stderr_mm, inflation * np.median(numbers["tip_variance"])),
         lateral_sigma=float(np.hypot(from_picture.shared_across, started)),
         from_picture=from_picture,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,7 @@ from rfea_vision.vision.edges.step import Steps, steps
 
 
 class FrameFit(NamedTuple):
-    """What comes out of a frame, field by field what `Buffers.numbers` holds: lengths in mm, blurs in px, the rest shares.
-
-    Compiled code writes the numbers by the constants below; everything else reads them by these names.
-    """
+    """What comes out of a frame: lengths in mm, blurs in px, the rest shares."""
 
     length: float
     width: float
@@ -44,11 +41,8 @@ class FrameFit(NamedTuple):
     cap_round: float
 
 
-NUMBERS = len(FrameFit._fields)
-(
-    LENGTH, WIDTH, TIP_VARIANCE, NOISE, INFLATION, USED, INNOVATION, PROFILE, BLUR, CAP_USED, LONGEST_GAP, LAST_STEP, BEND,
-    TIP_X, TIP_Y, CAP_CONTRAST, END_GAP, END_BLUR, SMEAR, SATURATED, END_LONE, END_ODD, CAP_ROUND,
-) = range(NUMBERS)  # fmt: skip
+#: The same for compiled code, which fills one record frame by frame; of many frames each field is a series.
+FRAME = np.dtype([(name, np.float64) for name in FrameFit._fields])
 
 SECTIONS = 64  # along the tube, in which stations are counted
 LONGEST_ROW = 512  # px across an edge
@@ -93,7 +87,7 @@ class Buffers(NamedTuple):
     keep: NDArray[np.bool_]
     odd: NDArray[np.bool_]
     sums: FloatArray
-    numbers: FloatArray
+    numbers: NDArray[Any]  # (1,) of `FRAME`
     covariance: FloatArray
     sections: FloatArray
     pixels: FloatArray
@@ -115,7 +109,7 @@ def new_buffers() -> Buffers:
         np.zeros(MAX_STATIONS, dtype=np.bool_),
         np.zeros(MAX_STATIONS, dtype=np.bool_),
         np.zeros((3, VERTICES, LEVEL_COLUMNS)),
-        np.zeros(NUMBERS),
+        np.zeros(1, dtype=FRAME),
         np.zeros((size, size)),
         np.zeros((4, SECTIONS)),
         np.empty(LONGEST_ROW),

@@ -21,7 +21,7 @@ from rfea_vision.vision.edges.edgels import (
     measure_polyline,
     smooth_levels,
 )
-from rfea_vision.vision.edges.fitted import END_GAP, END_LONE, END_ODD, LONGEST_GAP, SECTIONS
+from rfea_vision.vision.edges.fitted import SECTIONS
 from rfea_vision.vision.edges.solve import (
     PRIOR_BEND_MM,
     PRIOR_WIDTH_MM,
@@ -270,7 +270,7 @@ def gaps(work, filled, numbers, to_u):
         lone = 0 if left and right else lone + (left != right or seen[2, k] > 2)
         strange = 0 if left and right else strange + (seen[2, k] > 2)
     hidden = 1.0 - to_u
-    numbers[LONGEST_GAP] = longest / bins
-    numbers[END_GAP] = max(run / bins - hidden, 0.0)
-    numbers[END_LONE] = lone / bins
-    numbers[END_ODD] = strange / bins
+    numbers.longest_gap = longest / bins
+    numbers.end_gap = max(run / bins - hidden, 0.0)
+    numbers.end_lone = lone / bins
+    numbers.end_odd = strange / bins

@@ -170,7 +170,7 @@ class Follower:
     def _clamp_in(self, luma: NDArray[np.uint8]) -> tuple[FloatArray, float] | None:
         """Where the tube begins in this frame, and its standard error along the tube; None where it is not seen."""
         assert self.state is not None and self.start is not None
-        half = float(self.work.numbers[fitted.WIDTH]) / 2
+        half = float(self.work.numbers["width"][0]) / 2
         contrast = float(np.median(self.state.reference[:2]))
         end = clamp_step(luma, self.scene.camera, self.state.coefficients, half, contrast)
         if end is None:
@@ -241,11 +241,12 @@ class Follower:
         assert self.state is not None
         gain, shot = (0.3 if self.good < FIRST_FRAMES else 0.02), self.scene.shot(luma)
         for _ in range(TRIES):
+            self.work.numbers[:] = 0.0
             fit_frame(shot, self.state, self.work, reach, gain, self.judge.hinge_mm, self.scene.turn_sign, self.noise)
-            on_its_way = self.work.numbers[fitted.LAST_STEP] > SETTLED_PX
-            if not on_its_way or self.work.numbers[fitted.USED] < WHOLE:
+            on_its_way = self.work.numbers["last_step"][0] > SETTLED_PX
+            if not on_its_way or self.work.numbers["used"][0] < WHOLE:
                 break
-        reason = self.judge(luma, self.work.numbers)
+        reason = self.judge(luma, self.work.numbers[0])
         if reason:
             for array, old in zip(self.state, saved, strict=True):
                 array[:] = old
@@ -286,7 +287,7 @@ class Follower:
         if self.missed:
             self.motion.forget()
         self.motion.follow(self.state.coefficients, time_s)
-        self.noise = float(self.work.numbers[fitted.NOISE])
+        self.noise = float(self.work.numbers["noise"][0])
         self.missed = 0
         self.good += 1
         if self.good == 3:

@@ -10,27 +10,6 @@ from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import VERTICES, point_and_tangent, turning, value_at, vertices_of
 from rfea_vision.vision.edges.cap import cap_contrast, cap_levels, coarse_cap, measure_cap
-from rfea_vision.vision.edges.fitted import (
-    BEND,
-    BLUR,
-    CAP_CONTRAST,
-    CAP_ROUND,
-    CAP_USED,
-    END_BLUR,
-    INFLATION,
-    INNOVATION,
-    LAST_STEP,
-    LENGTH,
-    NOISE,
-    PROFILE,
-    SATURATED,
-    SMEAR,
-    TIP_VARIANCE,
-    TIP_X,
-    TIP_Y,
-    USED,
-    WIDTH,
-)
 from rfea_vision.vision.edges.sides import fit_sides, gaps, measure_sides, move_state, profile_error, update_levels
 from rfea_vision.vision.edges.solve import correlation_length
 from rfea_vision.vision.follow.coarse import apply_coarse, coarse_search
@@ -64,28 +43,27 @@ def _margin_px(shot, state, u):
 
 @compiled
 def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, noise):
-    """Fit one frame; `state` holds the prediction and becomes the result. Numbers land in `work.numbers`.
+    """Fit one frame; `state` holds the prediction and becomes the result. Numbers land in `work.numbers`, which are nought before.
 
     `hinge_mm` is the length of the inextensible side so far (0 where it is not known yet): the search for the end
     starts where it puts the end. `turn_sign` is that of a bend towards the actuator's side. `noise` is that of the last
     frame, in grey levels.
     """
-    numbers, px_per_mm = work.numbers, shot.px_per_mm
-    numbers[:] = 0.0
+    numbers, px_per_mm = work.numbers[0], shot.px_per_mm
     length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     px_per_vertex = max(length * px_per_mm / (VERTICES - 1), 0.2)
     blur_limit = MOST_BLUR * px_per_mm * work.half_width[VERTICES // 2]
     filled = coarse_search(shot, state, work, reach_px)
     if filled >= 6:
-        numbers[INNOVATION] = apply_coarse(state, work, filled, px_per_mm)
+        numbers.innovation = apply_coarse(state, work, filled, px_per_mm)
     from_u = _margin_px(shot, state, 0.0) / px_per_mm / max(length, 1.0)
     to_u = 1.0 - _margin_px(shot, state, 1.0) / px_per_mm / max(length, 1.0)
     sparse = max(1, min(SPARSE, int(length * px_per_mm / 100.0)))
     # Where the prediction is near, every row is taken at once: most frames need no more.
-    whole = filled >= 6 and numbers[INNOVATION] < NEAR_PX
+    whole = filled >= 6 and numbers.innovation < NEAR_PX
     cap_used = 0.0
     enough = 0.2
-    if numbers[INNOVATION] > 3.0:  # on the way here the end's blur was read from anything but the end
+    if numbers.innovation > 3.0:  # on the way here the end's blur was read from anything but the end
         enough = 0.06
         state.blurs[2] = np.median(state.blurs[0])
     for turn in range(TURNS):
@@ -93,13 +71,13 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
         filled, length = measure_sides(shot, state, work, stride, from_u, to_u)
         wide = (2.5 if whole else 6.0) / px_per_mm
         solution, noise, kept = fit_sides(state, work, filled, wide, noise)
-        numbers[USED] = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
+        numbers.used = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
         if kept < 20 or not _plausible(work.half_width) or not _finite(solution):
-            numbers[LENGTH] = 0.0
+            numbers.length = 0.0
             return
         if whole:
-            numbers[INFLATION] = correlation_length(work.stations, filled, work.keep, work.residual)
-            numbers[PROFILE] = profile_error(state, work, filled, noise)
+            numbers.inflation = correlation_length(work.stations, filled, work.keep, work.residual)
+            numbers.profile = profile_error(state, work, filled, noise)
             gaps(work, filled, numbers, to_u)
         update_levels(state, work, 1.0 if turn == 0 else 0.5, blur_limit, px_per_vertex)
         largest = 0.0
@@ -111,7 +89,7 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
         looks = 2 if turn == 0 else 1  # the first look reads the light of this frame, the second the place
         moved, cap_used = _fit_end(shot, state, work, noise, shape_gain * whole, blur_limit, looks)
         largest = max(largest, moved) * px_per_mm
-        numbers[LAST_STEP] = largest
+        numbers.last_step = largest
         if whole and largest < (AT_ONCE_PX if turn == 0 else enough):
             break
         whole = whole or largest < 0.8 or turn >= 4
@@ -121,22 +99,22 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
 @compiled
 def _describe(camera, state, work, noise, cap_used):
     """Numbers of the fitted frame: length, bend, tip, width, noise, light steps and blurs."""
-    numbers = work.numbers
-    numbers[LENGTH] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
-    numbers[BEND] = turning(work.normal)
-    numbers[TIP_X], numbers[TIP_Y] = project_point(camera, work.centre[VERTICES - 1, 0], work.centre[VERTICES - 1, 1])
-    numbers[WIDTH] = 2.0 * np.mean(work.half_width)
-    numbers[NOISE] = noise
-    numbers[CAP_USED] = cap_used
-    numbers[CAP_CONTRAST] = cap_contrast(state)
-    numbers[CAP_ROUND] = -state.cap[1] * work.half_width[VERTICES - 1]
-    numbers[BLUR] = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
-    numbers[END_BLUR] = np.mean(state.blurs[0, 7 * VERTICES // 8 :])
+    numbers = work.numbers[0]
+    numbers.length = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
+    numbers.bend = turning(work.normal)
+    numbers.tip_x, numbers.tip_y = project_point(camera, work.centre[VERTICES - 1, 0], work.centre[VERTICES - 1, 1])
+    numbers.width = 2.0 * np.mean(work.half_width)
+    numbers.noise = noise
+    numbers.cap_used = cap_used
+    numbers.cap_contrast = cap_contrast(state)
+    numbers.cap_round = -state.cap[1] * work.half_width[VERTICES - 1]
+    numbers.blur = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
+    numbers.end_blur = np.mean(state.blurs[0, 7 * VERTICES // 8 :])
     # A picture taken while the tube moves by s has the blur of a box of that width on top of the lens's own.
-    numbers[SMEAR] = math.sqrt(
-        12.0 * max(numbers[END_BLUR] ** 2 - (1.1 * np.mean(state.blurs[0, : VERTICES // 8])) ** 2, 0.0)
+    numbers.smear = math.sqrt(
+        12.0 * max(numbers.end_blur ** 2 - (1.1 * np.mean(state.blurs[0, : VERTICES // 8])) ** 2, 0.0)
     )
-    numbers[SATURATED] = _saturated(state)
+    numbers.saturated = _saturated(state)
 
 
 @compiled
@@ -162,7 +140,7 @@ def _fit_end(shot, state, work, noise, shape_gain, blur_limit, looks):
         gain = shape_gain if look == looks - 1 else 0.0
         shift, variance, used = measure_cap(shot, state, work, noise, gain)
         cap_levels(state, work, blur_limit)
-        work.numbers[TIP_VARIANCE] = variance
+        work.numbers[0].tip_variance = variance
         if look < looks - 1:
             continue
         if used <= 0.3:

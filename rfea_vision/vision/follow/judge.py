@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.arrays import FloatArray
 from rfea_vision.scatter import NORMAL
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.edges.fitted import FrameFit
@@ -133,9 +132,9 @@ class Judge:
         self._first: NDArray[np.float64] | None = None
         self._gain = 1.0
 
-    def __call__(self, luma: NDArray[np.uint8], measured: FloatArray) -> str:
+    def __call__(self, luma: NDArray[np.uint8], measured: np.void) -> str:
         """Empty if good, else the reason of the first rule that is broken, or length_off."""
-        fit = FrameFit._make(measured.tolist())
+        fit = FrameFit(*measured.tolist())
         half_px = self.scene.half_mm * self.scene.px_per_mm
         tube = Tube(half_px, self.scene.half_mm, (luma.shape[1], luma.shape[0]), len(self.recent) >= RECENT)
         reason = next((rule.reason for rule in RULES if rule.broken(fit, tube)), "")
