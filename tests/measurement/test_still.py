@@ -51,6 +51,25 @@ def test_the_view_is_that_of_the_wall_and_not_of_what_moves_before_it():
     np.testing.assert_allclose(told, true * 2.0 + 0.5, atol=0.3)
 
 
+def test_an_arm_with_most_of_the_corners_is_no_wall():
+    """A second arm, before paper with a dot in each corner and little else, swings: the camera stays."""
+    rng = np.random.default_rng(4)
+    skin = rng.integers(60, 200, (12, 4, 3)).repeat(6, axis=0).repeat(6, axis=1).astype(np.uint8)  # of checks, 72 px long
+    paper = np.full((240, 320, 3), 215, dtype=np.uint8)
+    for x, y in rng.uniform([8, 8], [312, 232], (26, 2)):
+        if not 90 < x < 300:
+            cv2.circle(paper, (int(x), int(y)), 3, (70, 70, 70), -1)
+    still = StillView(np.array([[70.0, 120.0], [70.0, 200.0]]), 6.0)
+    for frame in range(30):
+        turn, (x, y) = np.deg2rad(2.0 * frame), (150.0, 160.0)
+        place = np.array([[np.cos(turn), -np.sin(turn), x], [np.sin(turn), np.cos(turn), y]]) @ np.array(
+            [[1, 0, -12], [0, 1, -72], [0, 0, 1.0]]
+        )
+        seen = cv2.warpAffine(skin, place, (320, 240), paper.copy(), borderMode=cv2.BORDER_TRANSPARENT)
+        seen = np.clip(cv2.GaussianBlur(seen, (0, 0), 0.8) + rng.normal(0, 2, seen.shape), 0, 255).astype(np.uint8)
+        assert still(seen) is seen, f"frame {frame} is turned back"
+
+
 def test_light_that_changes_does_not_move_a_ruled_wall():
     ruled = np.full((240, 320), 185.0)
     ruled[::12] -= 14.0
