@@ -19,12 +19,12 @@ from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import end_like_wall, next_hint, scale_doubt
 from rfea_vision.vision.body.begin import scale_for
-from rfea_vision.vision.body.follower import FIRST_TRIES, BodyFollower
+from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
 from rfea_vision.vision.derive.shutter import Shutter
-from rfea_vision.vision.find.begin import Scene, scale_at
+from rfea_vision.vision.find.begin import FIRST_TRIES, Scene, scale_at
 from rfea_vision.vision.follow.follower import Follower
 
 Progress = Callable[[int, int], None] | None
@@ -197,19 +197,19 @@ def follow_body(
 ) -> tuple[BodyFollower, Rows]:
     """Follow the whole body by colour, texture and outline, from what was pointed at.
 
-    Twice where it has gone and its end stayed behind: what turned out to be wall is none of the body from the first frame on.
+    Where it has gone and its end stayed behind, that is wall, and none of the body from the first frame on: it is followed anew.
     """
-    follower = BodyFollower(scene, scale_for(scene, source.size))
-    _follow(follower, source, lamp, rows, progress)
-    if not follower.learned:
-        return follower, rows
-    again, rows = BodyFollower(scene, follower.scale, follower.walls), Rows(rows.nodes, rows.segments)
-    _follow(again, source, lamp, rows, progress)
-    return again, rows
+    scale, walls = scale_for(scene, source.size), None
+    while True:
+        follower, seen = BodyFollower(scene, scale, walls), Rows(rows.nodes, rows.segments)
+        _follow(follower, source, lamp, seen, progress)
+        if not follower.learned:
+            return follower, seen
+        walls = follower.walls
 
 
 def _follow(follower: BodyFollower, source: FrameSource, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress) -> None:
-    """Follow the body as far as there is one; a row for every frame."""
+    """Follow the body as far as there is one, or until more of it turns out to be wall; a row for every frame."""
     scale, total = follower.scale, _frame_count(source)
     still = StillView(np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half())
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
@@ -218,7 +218,7 @@ def _follow(follower: BodyFollower, source: FrameSource, lamp: tuple[slice, slic
             reason = follower.next(still(picture, *follower.looked_at()), time_s)
             light = np.nan if small is None else float(picture[small].mean())
             rows.append(time_s, reason, follower, light, still.view(scale))
-            if follower.hopeless() or too_late(done + 1, rows.good, rows.copies, total, lost=follower.missed):
+            if follower.learned or follower.hopeless() or too_late(done + 1, rows.good, rows.copies, total, lost=follower.missed):
                 break
             _tell(progress, done, total)
 

@@ -13,8 +13,9 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.errors import DataError
 from rfea_vision.readers.video import FolderSource, open_video
 from rfea_vision.vision import track_frames
-from rfea_vision.vision.body.follower import FIRST_TRIES, BodyFollower
+from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.derive.rows import Rows
+from rfea_vision.vision.find.begin import FIRST_TRIES
 from rfea_vision.vision.follow.follower import Follower
 from rfea_vision.vision.track import follow_body, make_scene, too_few, too_late
 from testing.phone import Arm, Room, clear_scene, film, scene

@@ -10,6 +10,7 @@ import pytest
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.readers.video import open_frames
+from rfea_vision.vision import track_frames
 from rfea_vision.vision.advice import end_like_wall
 from rfea_vision.vision.body.fit import gradual
 from rfea_vision.vision.body.follower import BodyFollower
@@ -42,6 +43,23 @@ def drawn(line: np.ndarray, half: np.ndarray, things=()) -> np.ndarray:
     cv2.fillPoly(picture, [np.round(16 * outline).astype(np.int32)], RUBBER, cv2.LINE_AA, 4)
     noise = np.random.default_rng(0).normal(0, 2, picture.shape)
     return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
+
+
+def with_tail(line: np.ndarray, first: int, cover: float, seed: int, things=()) -> np.ndarray:
+    """The same body; from station `first` on it covers a share of what is behind it, or, for 0, has the plain wall's colour."""
+    plain = np.full((240, 240, 3), WALL, dtype=float)
+    tangent = np.gradient(line, axis=0)
+    normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1, keepdims=True)
+    wall, tail = plain.copy(), np.zeros((240, 240, 1))
+    for (left, top, right, bottom), colour in things:
+        cv2.rectangle(wall, (left, top), (right, bottom), colour, -1)
+    outline = np.vstack([(line + HALF * normal)[first:], (line - HALF * normal)[first:][::-1]])
+    cv2.fillPoly(tail, [np.round(16 * outline).astype(np.int32)], 1.0, cv2.LINE_AA, 4)
+    picture = drawn(line[: first + 1], np.full(first + 1, HALF), things).astype(float)
+    behind = wall if cover else plain
+    picture += tail * (behind + cover * (np.array(RUBBER) - behind) - picture)
+    picture += np.random.default_rng(seed).normal(0, 2, picture.shape) * tail
+    return np.clip(picture, 0, 255).astype(np.uint8)
 
 
 def follower_of(line: np.ndarray) -> BodyFollower:
@@ -149,32 +167,36 @@ def test_a_body_is_outlined_to_its_end_where_that_is_far_narrower_or_wider_than_
 def test_a_tail_that_cannot_be_told_from_the_wall_is_carried_by_the_rest_and_said_to_be_known_so_well(length, bend, cover):
     """Its edges and its skin were those of the wall, which held it where it was: the end was off by 15 to 30 px, ten of its errors."""
     follower = follower_of(middle_of(bend, length))
-    stripes, wall = [((0, top, 150, top + 9), (150, 165, 170)) for top in range(0, 240, 18)], np.full((240, 240, 3), WALL, np.uint8)
-    for (left, top, right, bottom), colour in stripes:
-        cv2.rectangle(wall, (left, top), (right, bottom), colour, -1)
-    accepted = 0
+    stripes, accepted = [((0, top, 150, top + 9), (150, 165, 170)) for top in range(0, 240, 18)], 0
     for k in range(12):
         line = middle_of(bend + 0.8 * np.sin(np.pi * k / 12), length)
-        tangent = np.gradient(line, axis=0)
-        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]]) / np.linalg.norm(tangent, axis=1, keepdims=True)
-        tail = np.zeros((240, 240, 1))
-        outline = np.vstack([(line + HALF * normal)[53:], (line - HALF * normal)[53:][::-1]])
-        cv2.fillPoly(tail, [np.round(16 * outline).astype(np.int32)], 1.0, cv2.LINE_AA, 4)
-        picture = drawn(line[:54], np.full(54, HALF), stripes).astype(float)
-        behind = wall if cover else np.broadcast_to(np.array(WALL, dtype=np.uint8), wall.shape)
-        picture += tail * (behind + cover * (np.array(RUBBER) - behind.astype(float)) - picture)
-        picture += np.random.default_rng(k).normal(0, 2, picture.shape) * tail
-        if follower.next(np.clip(picture, 0, 255).astype(np.uint8), 0.1 * k):
+        if follower.next(with_tail(line, 53, cover, k, stripes), 0.1 * k):
             continue
         accepted += 1
-        off, end = follower.body.points[-1] - line[-1], COEFFICIENTS - 1
+        off, end, tangent = follower.body.points[-1] - line[-1], COEFFICIENTS - 1, np.gradient(line, axis=0)[-1]
+        normal = np.array([-tangent[1], tangent[0]])
         known = np.sqrt([follower.work.numbers["tip_variance"][0], follower.work.covariance[end, end]]) * follower.px_per_mm
-        assert np.all(np.abs([off @ tangent[-1], off @ normal[-1]]) / [np.linalg.norm(tangent[-1]), 1.0] < 3.0 * known + 0.1 * HALF), k
+        assert np.all(np.abs([off @ tangent, off @ normal]) / np.linalg.norm(tangent) < 3.0 * known + 0.1 * HALF), k
     assert accepted >= 6 and follower.body.untold > 0.1 * length
 
 
-def test_an_end_that_stayed_where_it_was_while_the_body_went_away_is_none_of_it(tmp_path):
-    """The last eighth is a blotchy wall's, as no colour of the first frame tells: the film is followed again without it and says so."""
+def test_an_end_that_only_the_click_shows_is_known_no_better_than_edges_and_click_agree(tmp_path):
+    """The last tenth has the plain wall's colour: to its edges the tube ends before it, by 12 px, as clearly as any."""
+    lines = [middle_of(0.5 + 0.6 * np.sin(np.pi * k / 14), 120.0) for k in range(14)]
+    for k, line in enumerate(lines):
+        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), with_tail(line, 58, 0.0, k))
+    careful, source = follower_of(lines[0]).scene, open_frames(tmp_path, None, 20.0)
+    calibration = scaled_by_distance((240, 240), [[10, 10], [110, 10]], 100.0)
+    track = track_frames(source, calibration, careful.actuator, hints=careful.hints, vertical="image")
+    off = track.dataset["tip"].values - np.array([(line[-1] - FOOT) * [1, -1] for line in lines])
+    assert track.dataset.attrs["followed_by"] == "edges" and track.valid.all() and np.linalg.norm(off, axis=1).min() > 8.0
+    assert np.all(np.abs(off) < 3.0 * track.dataset["tip_sigma"].values)
+
+
+def test_an_end_that_stayed_where_it_was_while_the_body_went_away_is_none_of_it(tmp_path, monkeypatch):
+    """The last eighth is a blotchy wall's, as no colour of the first frame tells: the film is followed anew without it and says so."""
+    looked, whole = [], BodyFollower.next
+    monkeypatch.setattr(BodyFollower, "next", lambda *seen: looked.append(1) or whole(*seen))
     rng, bends = np.random.default_rng(4), 0.3 + 1.0 * np.sin(np.linspace(0.0, np.pi, 14))
     blots = [((x, y, x + 12, y + 12), tuple(rng.integers(40, 150, 3).tolist())) for x, y in rng.integers(0, 140, (60, 2)).tolist()]
     lines = [middle_of(bend, 90.0) for bend in bends]
@@ -182,6 +204,7 @@ def test_an_end_that_stayed_where_it_was_while_the_body_went_away_is_none_of_it(
         cv2.imwrite(str(tmp_path / f"{k:02d}.png"), drawn(line[:57], np.full(57, HALF), blots))
     scene = follower_of(lines[0]).scene
     follower, rows = follow_body(open_frames(tmp_path, None, 20.0), scene, None, Rows(9, 4), None)
+    assert len(rows) == len(lines) and len(looked) < 1.7 * len(lines), "what was followed before is not followed to its end"
     assert rows.good >= 10 and 0.05 < np.mean(follower.walls) < 0.2 and not follower.learned, "it was known when it began again"
     assert follower.walls[-4:].all() and not follower.walls[:54].any()
     assert re.match(r"the last \d+ mm of the tube look like the wall behind them", end_like_wall(follower))

@@ -56,7 +56,7 @@ from rfea_vision.vision.body.rules import LENGTHS, SURELY_BESIDE, First, elsewhe
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
-from rfea_vision.vision.find.begin import Initialisation, Scene, allowed_pixels, beside, off_hints
+from rfea_vision.vision.find.begin import FIRST_TRIES, Initialisation, Scene, allowed_pixels, beside, off_hints
 from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
@@ -65,7 +65,6 @@ SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the
 # where it leaves at most so much unseen of what the first does: in no film of 20 bodies that keep their width, nor in 12 drawn ones.
 OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
 AS_POINTED = 0.25  # and at its clamp it is as wide as that, within so much: a gap between two bodies may be wider, a rim narrower
-FIRST_TRIES = 3  # frames in which the body is looked for where it was pointed at in the first one
 NORMAL_SPREAD, SLIP_PX, GAIN_SHARE = 3.0, 0.1, 0.02  # what one frame adds: px across and along, share of the half width
 SKIN_SCATTER = 5.0  # grey levels: how skin differs from the first frame's
 SKIN_GAIN = 0.05  # of the skin's variance, from frame to frame

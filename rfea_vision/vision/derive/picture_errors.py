@@ -46,6 +46,10 @@ class PictureErrors:
         moved = np.where(off > UNLIKELY_MOVE * np.maximum(stderr_mm, ORIGIN_MOVE_MM), off, 0.0)
         return PictureErrors(np.hypot(self.across, moved), self.smear, np.hypot(self.beyond, moved))
 
+    def with_end_missed(self, missed_mm: float) -> PictureErrors:
+        """With what the place at which a person sees the end tells of it: it is known no better than the two agree."""
+        return PictureErrors(self.across, self.smear, np.hypot(self.beyond, missed_mm))
+
     @property
     def shared_across(self) -> float:
         """What all frames have in common: it moves the origin as well."""

@@ -9,16 +9,18 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.measurement import Vertical
+from rfea_vision.calibration.projection import unproject
 from rfea_vision.lines import along
 from rfea_vision.scatter import scatter
-from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
+from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix, point_and_tangent
 from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, picture_errors
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.smooth import Smoothed
 from rfea_vision.vision.derive.systematic import CalibrationError
-from rfea_vision.vision.find.begin import Scene
+from rfea_vision.vision.find.begin import FIRST_TRIES, POINTING_PX, Scene
 
 STRAIGHTEST_SHARE = 0.1
+POINTING_SHARE = 0.2  # of the half width: so far beside an end a hurried hand points, where that is more than `POINTING_PX`
 STILL = 1.5  # variance of the start across the tube, over what its scatter misses
 CLAMP_SHARE = 0.7  # the clamp is read on the tube and on both sides of it, the end by its own light only
 
@@ -76,6 +78,8 @@ def view_of(
     started = _start_stderr(coefficients, start_variance, scene.px_per_mm)
     from_picture = picture_errors(numbers, scene.half_mm, scene.px_per_mm)
     from_picture = from_picture.with_camera_moved(_start_across(coefficients), np.sqrt(start_variance))
+    if rows.valid[:FIRST_TRIES].any():
+        from_picture = from_picture.with_end_missed(_end_missed(coefficients[0], scene))
     return View(
         origin=origin,
         to_rig=np.array([[-down[1], down[0]], [-down[0], -down[1]]]),  # rows: camera-right, up
@@ -94,6 +98,19 @@ def _origin(coefficients: FloatArray) -> FloatArray:
     first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
     starts = np.einsum("k,tkc->tc", first, coefficients)
     return np.median(starts[min(len(starts) // 2, 30) :], axis=0)
+
+
+def _end_missed(coefficients: FloatArray, scene: Scene) -> float:
+    """By how much (mm along itself) a first frame's line ends elsewhere than where its tip was pointed at, beyond what a person misses.
+
+    An end of nearly the wall's colour ends, to its edges, where its colour does, and that as clearly as any.
+    """
+    if scene.tip_px is None:
+        return 0.0
+    x, y, tx, ty, _ = point_and_tangent(coefficients, 1.0)
+    off = float((unproject(scene.camera, scene.tip_px) - np.array([x, y])) @ np.array([tx, ty]))
+    pointing = max(POINTING_PX / scene.px_per_mm, POINTING_SHARE * scene.half_mm)
+    return max(off**2 - pointing**2, 0.0) ** 0.5
 
 
 def _rest_direction(coefficients: FloatArray) -> FloatArray:

@@ -31,6 +31,7 @@ LEAST_SCORE = 0.02  # of something of unknown place: below it lies all that is a
 # be ragged, and a point of the centre line is one of the tube. Never less than people miss a pixel by. Set on films with
 # hints beside the arm (tests/measurement/test_body.py).
 HINT_CLAMP, HINT_ELSEWHERE, POINTING_PX = 0.6, 1.0, 3.0
+FIRST_TRIES = 3  # frames in which a tube is looked for where it was pointed at in the first one
 # rad: what holds a body holds it squarely. In the first frames of 77 films of testing/phone.py the line left within 0.12 of that,
 # and in real ones, held by tape, within 0.3; a line that takes the clamp's middle on its way elsewhere was 0.55 off.
 HINT_LEAVES, CLAMP_POINTED_PX = 0.45, 2.0
