@@ -10,35 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision.compiled import lean
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.derive.markers import SAMPLES
 from rfea_vision.vision.edges import fitted
-
-
-@lean
-def _quadratic_forms(rows, covariance, first, out):
-    """Diagonal of rows @ covariance[first:, first:] @ rows.T."""
-    size = rows.shape[1]
-    for n in range(rows.shape[0]):
-        total = 0.0
-        for i in range(size):
-            if rows[n, i] != 0.0:
-                inner = 0.0
-                for j in range(size):
-                    inner += covariance[first + i, first + j] * rows[n, j]
-                total += rows[n, i] * inner
-        out[n] = total
-
-
-@lean
-def _add_covariance(covariance, noise, total):
-    """Add the covariance of the centre line, at unit pixel noise."""
-    weight = 1.0 / max(noise, 1e-3) ** 2
-    for i in range(total.shape[0]):
-        for j in range(total.shape[1]):
-            total[i, j] += weight * covariance[i, j]
-
 
 Block = dict[str, NDArray[Any]]
 
@@ -180,6 +154,7 @@ class Rows:
         block["numbers"][n] = follower.work.numbers[0]
         self.material.append(follower.material)
         self.good += 1
-        _add_covariance(follower.work.covariance, follower.work.numbers["noise"][0], self.covariance_sum)
-        _quadratic_forms(self.shift_rows, follower.work.covariance, 0, block["shift_variance"][n])
-        _quadratic_forms(self._width_rows, follower.work.covariance, COEFFICIENTS, block["width_variance"][n])
+        covariance, k = follower.work.covariance, COEFFICIENTS
+        self.covariance_sum += covariance[:k, :k] / max(follower.work.numbers["noise"][0], 1e-3) ** 2
+        block["shift_variance"][n] = np.sum(self.shift_rows @ covariance[:k, :k] * self.shift_rows, axis=1)
+        block["width_variance"][n] = np.sum(self._width_rows @ covariance[k:, k:] * self._width_rows, axis=1)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from rfea_vision.calibration.projection import project_point
-from rfea_vision.vision.compiled import compiled, lean, put_rows
-from rfea_vision.vision.curve import REFIT, VERTICES, point_and_tangent, value_at, vertices_of
+from rfea_vision.vision.compiled import compiled
+from rfea_vision.vision.curve import value_at
 from rfea_vision.vision.edges.edgels import INFO, SHIFT, SIDE, U
 from rfea_vision.vision.edges.sides import move_state
 from rfea_vision.vision.edges.solve import normal_equations, residuals_of
@@ -89,75 +89,3 @@ def apply_coarse(state, work, filled, px_per_mm):
     if largest > 1.0:
         move_state(state, solution, 0.0)
     return largest
-
-
-@compiled
-def bend_search(shot, state, work, widest_rad, step_rad):
-    """Find a tube that has swung far: the last curve, bent further evenly and towards its ends, where it fits best.
-
-    Every candidate is judged by the light just inside and just outside both edges, against the light step of the
-    first frames. The best one is written to `state`; returns its score, 2 where both edges are right everywhere.
-    """
-    vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
-    count = REFIT.shape[1]
-    fine = (count - 1) * 4
-    heading = np.empty(fine)
-    speed = 0.0
-    for k in range(fine):
-        _, _, tx, ty, pace = point_and_tangent(state.coefficients, (k + 0.5) / fine)
-        angle = math.atan2(ty, tx)
-        if k > 0:
-            angle += 2.0 * math.pi * round((heading[k - 1] - angle) / (2.0 * math.pi))
-        heading[k] = angle
-        speed += pace / fine
-    x0, y0, _, _, _ = point_and_tangent(state.coefficients, 0.0)
-    points, best_points = np.empty((count, 2)), np.empty((count, 2))
-    best = -1e9
-    turns = int(widest_rad / step_rad)
-    for uneven in range(-2, 3):
-        for turn in range(-turns, turns + 1):
-            evenly, towards = turn * step_rad, 0.25 * uneven
-            x, y, score, number = x0, y0, 0.0, 0
-            points[0, 0], points[0, 1] = x, y
-            for k in range(fine):
-                u = (k + 0.5) / fine
-                angle = heading[k] + evenly * (u + towards * u * (1.0 - u) * 2.0)
-                tx, ty = math.cos(angle), math.sin(angle)
-                x += tx * speed / fine
-                y += ty * speed / fine
-                if (k + 1) % 4 == 0:
-                    points[(k + 1) // 4, 0], points[(k + 1) // 4, 1] = x, y
-                if k % 12 == 6:
-                    v = int(u * (VERTICES - 1))
-                    score += _sides_agree(shot, state, x, y, tx, ty, work.half_width[v], v)
-                    number += 1
-            score = score / number - 0.02 * abs(evenly) - 0.01 * abs(uneven)
-            if score > best:
-                best = score
-                put_rows(best_points, points)
-    put_rows(state.coefficients, REFIT @ best_points)
-    return best
-
-
-@lean
-def _sides_agree(shot, state, x, y, tx, ty, half, v):
-    """Light step across both edges at one cross-section, in units of the reference, each at most 1."""
-    picture, camera, _ = shot
-    height, width = picture.shape
-    score = 0.0
-    for s in range(2):
-        side = 1.0 if s == 0 else -1.0
-        inside = outside = 0.0
-        for m in range(3):
-            for beyond in range(2):
-                q = side * half * ((1.1 + 0.25 * m) if beyond else (0.4 + 0.25 * m))
-                px, py = project_point(camera, x - q * ty, y + q * tx)
-                i, j = round(py), round(px)
-                if i < 0 or j < 0 or i >= height or j >= width:
-                    return -0.5
-                if beyond:
-                    outside += picture[i, j]
-                else:
-                    inside += picture[i, j]
-        score += min(max((inside - outside) / (3.0 * state.reference[s, v]), -1.0), 1.0)
-    return score

@@ -16,13 +16,11 @@ from rfea_vision.vision.edges.cap import CAP_VERTICES
 from rfea_vision.vision.find.begin import Initialisation, Scene, begin, off_hints
 from rfea_vision.vision.find.ends import clamp_step
 from rfea_vision.vision.follow.bump import CameraWatch
-from rfea_vision.vision.follow.coarse import bend_search
 from rfea_vision.vision.follow.frame import fit_frame
 from rfea_vision.vision.follow.judge import SETTLED_PX, Judge
 from rfea_vision.vision.follow.motion import CurvePredictor
 
 SEARCH_PX = 12.0
-WIDEST_SWING_RAD = 1.2  # more bend or less than in the last frame seen
 CLAMP_NEAR_MM = 1.0  # how far from the first one the clamp is believed in later frames
 TRIES = 3  # at a tube that was far from where it was predicted,
 WHOLE = 0.85  # of whose edges so much is seen
@@ -79,9 +77,9 @@ class Follower:
         assert self.state is not None
         start = np.array([point_and_tangent(self.state.coefficients, 0.0)[:2]])
         reason = reason or off_hints(start, self.scene)
-        elsewhere = reason not in ("", "width_off")  # a tube that is found, but has the wrong width, is not looked for
-        if elsewhere and self.good:
-            reason = self._look_elsewhere(luma, reason)
+        if self.good and reason not in ("", "width_off"):  # a tube that is found, but has the wrong width, is not looked for
+            again = self._find_again(luma)
+            reason = again if again in ("", "blurred") else reason
         if reason:
             self.missed += 1
             assert self.state is not None
@@ -228,15 +226,6 @@ class Follower:
             self.motion.predict(time_s, self.state.coefficients)
         return self._fit(luma, saved, SEARCH_PX * min(1 + self.missed, 3))
 
-    def _look_elsewhere(self, luma: NDArray[np.uint8], reason: str) -> str:
-        """Look for a tube that is not where it was predicted; the reason for which it was not found there, or nothing."""
-        reasons = [reason]
-        for look in (self._swing_and_fit, self._find_again):
-            reasons.append(look(luma))
-            if not reasons[-1]:
-                return ""
-        return "blurred" if "blurred" in reasons else reason
-
     def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:
         assert self.state is not None
         gain, shot = (0.3 if self.good < FIRST_FRAMES else 0.02), self.scene.shot(luma)
@@ -251,18 +240,6 @@ class Follower:
             for array, old in zip(self.state, saved, strict=True):
                 array[:] = old
         return reason
-
-    def _swing_and_fit(self, luma: NDArray[np.uint8]) -> str:
-        """Look for the last shape bent further, as far as a tube may swing between two frames."""
-        assert self.state is not None
-        saved = [array.copy() for array in self.state]
-        self.state.coefficients[:] = self.motion.last
-        step = 0.5 * self.scene.half_mm / self.scene.length_mm
-        score = bend_search(self.scene.shot(luma), self.state, self.work, WIDEST_SWING_RAD, step)
-        if score < 0.8:
-            self.state.coefficients[:] = saved[0]
-            return "no_tube"
-        return self._fit(luma, saved, SEARCH_PX)
 
     def _find_again(self, luma: NDArray[np.uint8]) -> str:
         """Search the whole picture; the clamp must be where it was."""
