@@ -239,4 +239,6 @@ def test_what_covers_the_arm_is_called_so(tmp_path):
     track = tracked(tmp_path / "film.mp4", truth)
     assert not track.valid[14:17].any()
     assert track.valid[19:].all()
-    assert set(track.dataset["reason"].values[14:17]) <= {"occluded", "no_tube", "edge_lost"}
+    assert set(track.dataset["reason"].values[14:17]) == {"occluded"}
+    for said in track.dataset["reason_detail"].values[14:17]:
+        assert re.match(r"something of another colour is in front of it, \d+ to \d+ mm", said)

@@ -117,6 +117,20 @@ def test_ribbed_rubber_that_stretches_at_once_is_followed_to_an_end_that_is_not_
     assert follower.end_offsets is None
 
 
+def test_that_rubber_stretches_is_no_noise_of_its_length(tmp_path):
+    """Bellows that grow by 40 % and back: what their length did had been taken for the noise of an inextensible side."""
+    lines = [middle_of(0.1 + 0.3 * grown, 90.0 * (1.0 + grown)) for grown in 0.4 * np.sin(np.linspace(0.0, np.pi, 24))]
+    for k, line in enumerate(lines):
+        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), ribbed(line))
+    scene, source = follower_of(lines[0]).scene, open_frames(tmp_path, None, 20.0)
+    calibration = scaled_by_distance((240, 240), [[10, 10], [110, 10]], 100.0)
+    track = track_frames(source, calibration, scene.actuator, hints=scene.hints, vertical="image")
+    assert track.dataset.attrs["followed_by"] == "body" and track.valid.mean() > 0.9
+    assert track.dataset.attrs["length_scatter_over_noise"] == 1.0
+    off = track.dataset["tip"].values - np.array([(line[-1] - FOOT) * [1, -1] for line in lines])
+    assert np.nanmax(np.abs(off) / track.dataset["tip_sigma"].values) < 3.0
+
+
 def test_ribbed_rubber_is_as_long_as_its_first_skin_says_where_flow_has_lost_it():
     """Something tips before bellows while they shorten; when it is gone they are half as long again, and flow has not seen how."""
     follower = follower_of(middle_of(0.0, 110.0))
@@ -138,7 +152,8 @@ def test_a_body_that_is_found_again_shorter_than_it_was_says_how_little_its_end_
         assert follower.next(drawn(middle_of(0.05 * k, 110.0), np.full(65, HALF)), 0.1 * k) == ""
     known = follower.work.numbers["tip_variance"][0] ** 0.5
     for k in range(4, 8):
-        assert follower.next(np.full((240, 240, 3), 30, np.uint8), 0.1 * k)
+        refusal = follower.next(np.full((240, 240, 3), 30, np.uint8), 0.1 * k)
+        assert refusal and not refusal.startswith("occluded"), "it is dark"
     line = middle_of(1.3, 110.0)
     picture = drawn(line, np.full(65, HALF))
     cv2.polylines(picture, [np.round(line[57:]).astype(np.int32)], False, WALL, 28)
@@ -177,12 +192,24 @@ def test_a_tail_that_cannot_be_told_from_the_wall_is_carried_by_the_rest_and_sai
         normal = np.array([-tangent[1], tangent[0]])
         known = np.sqrt([follower.work.numbers["tip_variance"][0], follower.work.covariance[end, end]]) * follower.px_per_mm
         assert np.all(np.abs([off @ tangent, off @ normal]) / np.linalg.norm(tangent) < 3.0 * known + 0.1 * HALF), k
+        assert cover or abs(off @ tangent) / np.linalg.norm(tangent) < 0.25 * HALF, "rays see where the rest ends"
     assert accepted >= 6 and follower.body.untold > 0.1 * length
+
+
+@pytest.mark.parametrize("gone", [2.2, 40.0])
+def test_nothing_is_in_front_of_a_body_that_has_gone_away(gone):
+    """To where it is not found, or out of the picture: the wall that it leaves, with lines that nobody had seen, covers nothing."""
+    follower, stripes = follower_of(middle_of(0.0, 110.0)), [((0, top, 150, top + 9), (150, 165, 170)) for top in range(0, 240, 18)]
+    for k in range(3):
+        assert follower.next(drawn(middle_of(0.0, 110.0), np.full(65, HALF), stripes), 0.1 * k) == ""
+    line = middle_of(0.0, 110.0)[:8] if gone > 3.0 else middle_of(gone, 60.0)
+    refusal = follower.next(drawn(line, np.full(len(line), HALF), stripes), 0.3)
+    assert refusal and not refusal.startswith("occluded")
 
 
 def test_an_end_that_only_the_click_shows_is_known_no_better_than_edges_and_click_agree(tmp_path):
     """The last tenth has the plain wall's colour: to its edges the tube ends before it, by 12 px, as clearly as any."""
-    lines = [middle_of(0.5 + 0.6 * np.sin(np.pi * k / 14), 120.0) for k in range(14)]
+    lines = [middle_of(0.5 + 0.3 * np.sin(np.pi * k / 14), 120.0) for k in range(14)]
     for k, line in enumerate(lines):
         cv2.imwrite(str(tmp_path / f"{k:02d}.png"), with_tail(line, 58, 0.0, k))
     careful, source = follower_of(lines[0]).scene, open_frames(tmp_path, None, 20.0)
@@ -205,7 +232,7 @@ def test_an_end_that_stayed_where_it_was_while_the_body_went_away_is_none_of_it(
     scene = follower_of(lines[0]).scene
     follower, rows = follow_body(open_frames(tmp_path, None, 20.0), scene, None, Rows(9, 4), None)
     assert len(rows) == len(lines) and len(looked) < 1.7 * len(lines), "what was followed before is not followed to its end"
-    assert rows.good >= 10 and 0.05 < np.mean(follower.walls) < 0.2 and not follower.learned, "it was known when it began again"
+    assert rows.good >= 9 and 0.05 < np.mean(follower.walls) < 0.2 and not follower.learned, "it was known when it began again"
     assert follower.walls[-4:].all() and not follower.walls[:54].any()
     assert re.match(r"the last \d+ mm of the tube look like the wall behind them", end_like_wall(follower))
     assert end_like_wall(follower_of(lines[0])) == ""

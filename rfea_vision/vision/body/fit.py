@@ -172,7 +172,7 @@ class Evidence:
         if self.end_offsets is None:
             return np.full(RAYS, np.nan)
         end = end_rays(self.picture, self.wall, body, 2.0 * span) - self.end_offsets
-        _add_end(matrix, vector, end)
+        _add_end(matrix, vector, end, body.last)
         return end
 
 
@@ -244,11 +244,12 @@ def _onto_spline(count: int) -> FloatArray:
 
 
 def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> FloatArray:
-    """How far (RAYS,) px beyond the last station the body ends, along rays through its end; NaN where that is not seen."""
-    last, rays = slice(STATIONS - 3, STATIONS), np.empty((RAYS, 2))
+    """How far (RAYS,) px beyond the last station that is told from the wall the body ends, along rays through it; NaN: not seen."""
+    end, rays = body.last + 1, np.empty((RAYS, 2))
+    near = slice(end - 3, end)
     measure_end(
-        picture, wall.colour, wall.times, wall.relief, body.points[-1], frame_of(body.points)[0][-1], body.half[-4:].mean(),
-        body.inside[last].mean(axis=0), body.outside[last].mean(axis=(0, 1)), reach, rays,
+        picture, wall.colour, wall.times, wall.relief, body.points[end - 1], frame_of(body.points)[0][end - 1],
+        body.half[end - 4 : end].mean(), body.inside[near].mean(axis=0), body.outside[near].mean(axis=(0, 1)), reach, rays,
     )  # fmt: skip
     return np.where(np.isfinite(rays[:, 1]), rays[:, 0], np.nan)
 
@@ -267,7 +268,8 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
         outside = np.repeat(body.outside[:, side : side + 1], 2, axis=1)
         support(picture, *around, points, normals, (BESIDE - 1) * body.half, body.inside, outside, SURELY, beside[side])
         beside[side, body.elsewhere_on(points)] = np.nan
-    last, half = np.full(len(BEYOND), -1), np.full(len(BEYOND), body.half[-4:].mean())
+    last = np.full(len(BEYOND), body.last)
+    half = np.full(len(BEYOND), body.half[body.last - 3 : body.last + 1].mean())
     points = body.points[last] + (BEYOND * half)[:, None] * tangents[last]
     support(picture, *around, points, normals[last], half, body.inside[last], body.outside[last], SURELY, beyond)
     return beside.T, beyond
@@ -338,12 +340,12 @@ def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_
     vector += pull[:UNKNOWNS] - carried @ pull[UNKNOWNS:]
 
 
-def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray) -> None:
-    """The end of the body moves with the last station."""
+def _add_end(matrix: FloatArray, vector: FloatArray, end: FloatArray, last: int) -> None:
+    """The end of the body moves with the station at which it is."""
     found = end[np.isfinite(end)].tolist()
     if len(found) < RAYS // 2:
         return
     place = median(found)
     spread = median(abs(ray - place) for ray in found) / QUARTILE + END_PX
     sigma = 1.25 * spread * (2.0 / len(found)) ** 0.5  # of the median; two rays next to each other see the same
-    add_row(matrix, vector, ALONG.start, ALONG_BASIS[-1], place, sigma)
+    add_row(matrix, vector, ALONG.start, ALONG_BASIS[last], place, sigma)

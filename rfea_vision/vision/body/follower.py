@@ -52,7 +52,7 @@ from rfea_vision.vision.body.model import (
     skin_of,
     told_from_wall,
 )
-from rfea_vision.vision.body.rules import LENGTHS, SURELY_BESIDE, First, elsewhere, refused
+from rfea_vision.vision.body.rules import LENGTHS, SURELY_BESIDE, First, elsewhere, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
@@ -143,6 +143,9 @@ class BodyFollower:
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
+        if reason and self.good and not reason.startswith("touches_border"):
+            seen = [in_front(self.first, lab, self.wall, body) for body in (self.body, fit.body)]
+            reason = seen[1] if all(seen) else reason  # where it was, and where it is found: it may have gone away
         self.refusal = reason
         self.missed += bool(reason)
         if not reason:
@@ -219,10 +222,13 @@ class BodyFollower:
             self.body.points = even(self.body.points)
             learn_colours(lab, self.body)
             offsets = self._end_seen(lab, half)
-        believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
         self.walls = self.walls | ~told_from_wall(self.body)
         self.body.told = ~self.walls
-        self.end_offsets = offsets if believed and not self.body.untold else None
+        if self.body.untold:  # then the end that is seen is that of the rest, if all rays see one
+            offsets = self._end_seen(lab, half)
+            offsets = np.where(np.ptp(offsets) < END_LEVEL * half, offsets, np.nan)
+        believed = np.isfinite(offsets).sum() > RAYS // 2 and abs(np.nanmedian(offsets)) < END_NEAR * half
+        self.end_offsets = offsets if believed else None
         skin = skin_of(lab, self.body)
         # Where the end is seen, it says how far the body reaches: the skin claims too much of that.
         self.skin = skin, np.full_like(skin, SKIN_SCATTER**2), TRUSTED if believed else 1.0

@@ -64,9 +64,14 @@ class SeenBody:
         return float(arc_length(self.points, np.empty(len(self.points))))
 
     @property
+    def last(self) -> int:
+        """Station at which it ends as far as it can be told from the wall: up to it most are, and from there on most are not."""
+        return max(int(np.argmax(np.cumsum(np.where(self.told, 1, -1)))), NEIGHBOURS)
+
+    @property
     def untold(self) -> float:
         """Length, px, of an end most of which cannot be told from the wall."""
-        return self.length * end_of(~self.told) / STATIONS
+        return self.length * (STATIONS - 1 - self.last) / STATIONS
 
     def elsewhere_on(self, places: FloatArray) -> NDArray[np.bool_]:
         """Which places (S, 2) px, one beside each station, lie on another stretch of the body: it rolls up and touches itself."""

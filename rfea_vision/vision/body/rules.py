@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.vision.body.begin import PIECES
 from rfea_vision.vision.body.fit import Fit
-from rfea_vision.vision.body.model import SHARES, STATIONS, middle
+from rfea_vision.vision.body.model import ACROSS_TEXTURE, SHARES, STATIONS, Picture, SeenBody, frame_of, middle, skin_of
+from rfea_vision.vision.body.sampling import SEEN
+from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.find.begin import digits_of
 
+MIDDLES = slice(STATIONS // PIECES // 2, None, STATIONS // PIECES)  # of five pieces along the body
+INNER = np.abs(ACROSS_TEXTURE) < 0.7  # half widths: what lies farther out is read with an edge
 # Limits of the table at the end, set on the even scenes of testing/phone.py,
 # that of the last body width on scene 7.
 # Most of the inside looks like the body in the first frame (chosen: between an arm's discs wall was seen in a third of it),
@@ -49,6 +54,9 @@ END_OUT = 0.2
 # well: rays find a ruled line, and lines look like rubber; both together were not. Where rays find no end, so much of all up to one and
 # a half half widths beyond it: so in 9 of 15 wrong frames of two films, in none of 1700 of 18 films that were followed well.
 END_OFF, GOES_ON = 0.3, 0.5
+# Of neither colour, in variances of the body's over three channels: where evidence has stopped to count it (7 standard deviations).
+# Of all of a body, chosen: a hand leaves more.
+STRANGE, MOST_HIDDEN = 50.0, 0.95
 ELSEWHERE = 0.1  # of the line may lie where region and exclude say that the body never is
 
 
@@ -95,7 +103,7 @@ def _elsewhere(first: First, fit: Fit) -> str:
 def _beyond(first: First, fit: Fit) -> str:
     """The end is measured only where the body reaches to it."""
     count = max(round(2.0 * float(middle(fit.body.half)) / fit.body.length * STATIONS), 3)
-    share = float(np.mean(fit.backing[-count:]))
+    share = float(np.mean(fit.backing[: fit.body.last + 1][-count:]))
     if share < END_UNLIKE:
         return f"{100 * share:.0f} % of the last body width looks like the tube"
     if np.any(np.isnan(fit.beside[-(STATIONS // len(first.standing_out)) :])):
@@ -223,6 +231,29 @@ RULES: tuple[tuple[str, Callable[[First, Fit], str]], ...] = (
     ("off_hints", _elsewhere),
     ("tip_hidden", _beyond),
 )
+
+
+def in_front(first: First, picture: Picture, wall: Wall, body: SeenBody) -> str:
+    """Where something stands in front of a body in a picture; empty where nothing does.
+
+    Most of a tenth of its length and more has neither a colour of the body, nor the wall's there, nor a mixture of it with that of the
+    body's place; where all of it is so, it is the light that has changed.
+    """
+    strip = skin_of(picture, body)[:, INNER]
+    places = body.points[:, None] + (ACROSS_TEXTURE[INNER] * body.half[:, None])[..., None] * frame_of(body.points)[1][:, None]
+    columns, rows = np.clip(np.round(places), 0, np.array(picture.shape[1::-1]) - 1).astype(int).transpose(2, 0, 1)
+    beside = body.outside[:, (ACROSS_TEXTURE[INNER] < 0.0).astype(int), 0]
+    behind = np.where((wall.times[rows, columns] >= SEEN)[..., None], wall.colour[rows, columns], beside)
+    own, variance = body.inside.transpose(1, 0, 2)[:, :, None]
+    way, off = own - behind, strip - behind
+    share = np.clip(np.sum(off * way, axis=2) / np.maximum(np.sum(way**2, axis=2), 1e-9), 0.0, 1.0)
+    apart = [np.sum((off - share[..., None] * way) ** 2 / variance, axis=2)]
+    apart += [np.sum((strip - mean) ** 2 / spread, axis=2) for mean, spread in body.inside[MIDDLES]]  # it may have slipped
+    strange = np.mean(np.min(apart, axis=0) > STRANGE, axis=1) > 0.5
+    run = _longest(strange)
+    if len(run) <= LONGEST_BESIDE * STATIONS or np.mean(strange) > MOST_HIDDEN:
+        return ""
+    return f"occluded: something of another colour is in front of it, {_stretch(first, run)}"
 
 
 def refused(first: First, fit: Fit, *, lost: bool = False) -> str:

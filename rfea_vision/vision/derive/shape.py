@@ -43,7 +43,7 @@ def build_dataset(
 ) -> xr.Dataset:
     """Assemble the track's dataset; what a rolling shutter read early or late is moved to the frame's time."""
     numbers = rows.good_ones("numbers")
-    smoothed, inflation, beyond = _smoothed(rows, numbers, scene, shutter)
+    smoothed, inflation, beyond = _smoothed(rows, numbers, scene, shutter, stretches=attributes.get("followed_by") == "body")
     view = view_of(rows, smoothed, inflation, calibration, scene, clamp_stderr_mm, vertical)
     time, lamp, seen_from = (rows.of_all(name) for name in ("time", "lamp", "view"))
     profile = rows.good_ones("profile") if rows.marked else None
@@ -105,12 +105,15 @@ def _said(scene: Scene, view: View, vertical: Vertical) -> dict[str, Any]:
 
 
 def _smoothed(
-    rows: Rows, numbers: NDArray[Any], scene: Scene, shutter: Shutter | None
+    rows: Rows, numbers: NDArray[Any], scene: Scene, shutter: Shutter | None, *, stretches: bool
 ) -> tuple[Smoothed, float, float]:
-    """The curves of all measured frames, the variance of an edge over its noise, and by how much the length scatters beyond it."""
+    """The curves of all measured frames, the variance of an edge over its noise, and by how much the length scatters beyond it.
+
+    That of a body that was followed as one that `stretches` is its own, and no error.
+    """
     inflation = float(np.clip(np.nanmedian(numbers["inflation"]), 1.0, 50.0))
     turning = rows.good_ones("shift_variance", rows.part("tip_slope").start)
-    beyond = _beyond_noise(numbers, turning, inflation, -scene.actuator.mirror * scene.half_mm)
+    beyond = 1.0 if stretches else _beyond_noise(numbers, turning, inflation, -scene.actuator.mirror * scene.half_mm)
     smoothed = smooth(rows, inflation)
     unlike_noise = 1.0 + WITH_BEND * (beyond**2 - 1.0)
     smoothed = replace(smoothed, variance_factor=smoothed.variance_factor * unlike_noise)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.curve import point_and_tangent
+from rfea_vision.vision.curve import VERTICES, point_and_tangent
 from rfea_vision.vision.derive.markers import SAMPLES, has_texture, light_along
 from rfea_vision.vision.derive.picture_errors import ORIGIN_PX
 from rfea_vision.vision.edges import fitted
@@ -115,21 +115,25 @@ class Follower:
         ends = np.array([run[0], run[-1] + 1]) / len(left)
         sides = ("left", not left[run].any()), ("right", not right[run].any())
         side = " and ".join(name for name, gone in sides if gone) or "one"
-        covered = self._covered(luma, ends)
+        looks = self._looks(luma, ends)
         where = "{:.0f} to {:.0f} mm from the clamp".format(*(ends * self.scene.length_mm))
-        if covered and reason == "edge_lost":
-            return f"occluded: the tube looks unlike before, {where}"
-        light = "the tube itself looks as before" if not covered else "its light has changed"
-        return f"{reason}: no edge on the {side} side, {where}; {light}"
+        if not looks and reason == "edge_lost":
+            return f"occluded: neither the tube nor what is beside it is seen, {where}"
+        looks = looks or "neither the tube nor what is beside it is seen there"
+        return f"{reason}: no edge on the {side} side, {where}; {looks}"
 
-    def _covered(self, luma: NDArray[np.uint8], ends: FloatArray) -> bool:
-        """Whether the light on the tube between two places `ends` (shares of its length) is not what it was."""
+    def _looks(self, luma: NDArray[np.uint8], ends: FloatArray) -> str:
+        """What the light between two places `ends` (shares of the length) is: the tube's, or of what is beside it; else empty."""
         assert self.state is not None and self._seen is not None
         now, before = (self._light_along(picture, self.motion.last) for picture in (luma, self._seen))
         part = slice(int(ends[0] * SAMPLES), max(int(ends[1] * SAMPLES), int(ends[0] * SAMPLES) + 4))
-        step = abs(float(np.median(self.state.reference[:2])))
-        unlike = np.abs(now - before)[part] > max(COVERED_STEP * step, 6.0 * self.noise)
-        return bool(unlike.mean() > 0.5)
+        limit = max(COVERED_STEP * abs(float(np.median(self.state.reference[:2]))), 6.0 * self.noise)
+        at, vertices = np.linspace(0.0, 1.0, SAMPLES), np.linspace(0.0, 1.0, VERTICES)
+        left, right = (np.interp(at, vertices, side[:, 1]) for side in self.state.levels[:2])
+        alike = np.abs(now - [before, left, right])[:, part] <= limit
+        if alike[0].mean() >= 0.5:
+            return "the tube itself looks as before"
+        return "what is beside the tube is seen in its place" if alike.any(axis=0).mean() >= 0.5 else ""
 
     def _find(self, luma: NDArray[np.uint8]) -> str:
         """Search the whole picture for a tube to begin with; the reason where there is none."""
