@@ -92,9 +92,8 @@ def on_ridge(picture: Picture, line: FloatArray, half_px: float) -> FloatArray:
     """
     steps = np.arange(-HALF_PX, HALF_PX + 0.5)  # off the line,
     section = np.arange(-HALF_PX - 2.2 * half_px, HALF_PX + 2.2 * half_px + 0.5, 0.5)  # and of what is read around it
-    strip = np.empty((STATIONS, len(section), 3))
     normals = frame_of(line)[1]
-    read_strip(picture, line, normals, np.ones(STATIONS), section, strip)
+    strip = read_strip(picture, line, normals, np.ones(STATIONS), section)
     strip = np.asarray(cv2.blur(strip, (1, ALONG_IT), borderType=cv2.BORDER_REPLICATE), dtype=float)
     clear = np.zeros((STATIONS, len(steps)))
     for k, step in enumerate(steps):
@@ -199,8 +198,7 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> FloatArray
     Its cross-section is read in pieces of the length, each by the median along it, so that weak contrast counts and lines
     that cross it do not. What is measured against is the scatter around the body.
     """
-    strip = np.empty((STATIONS, len(SECTION), 3))
-    read_strip(picture, body.points, frame_of(body.points)[1], np.full(STATIONS, half_px), SECTION, strip)
+    strip = read_strip(picture, body.points, frame_of(body.points)[1], np.full(STATIONS, half_px), SECTION)
     profile = middle(strip.reshape(PIECES, -1, *strip.shape[1:]).transpose(0, 2, 3, 1))
     around = profile[:, np.abs(SECTION) > BESIDE]
     own = np.median(around, axis=1, keepdims=True)

@@ -27,32 +27,6 @@ def at_stations(shares: FloatArray, parts: tuple[tuple[int, int], ...]) -> tuple
 
 
 @lean
-def directions(points, tangents, normals):
-    """Unit tangents and normals (S, 2) of a line of points, smoothed over its neighbours."""
-    last = points.shape[0] - 1
-    for s in range(last + 1):
-        low, high = s - 2, s + 2
-        if s < 2:
-            low, high = 0, 2
-        elif s > last - 2:
-            low, high = last - 2, last
-        x, y = points[high, 0] - points[low, 0], points[high, 1] - points[low, 1]
-        size = max(math.sqrt(x * x + y * y), 1e-9)
-        tangents[s, 0], tangents[s, 1] = x / size, y / size
-        normals[s, 0], normals[s, 1] = -y / size, x / size
-
-
-@lean
-def arc_length(points, along):
-    """Fill `along` (S,) with the length of a line of points up to each of them; returns all of it."""
-    along[0] = 0.0
-    for s in range(1, points.shape[0]):
-        x, y = points[s, 0] - points[s - 1, 0], points[s, 1] - points[s - 1, 1]
-        along[s] = along[s - 1] + math.sqrt(x * x + y * y)
-    return along[points.shape[0] - 1]
-
-
-@lean
 def add_row(matrix, vector, first, row, value, stderr):
     """Add one equation: the unknowns from `first` on, weighted by `row`, come to `value`, which is known to `stderr`."""
     weight = 1.0 / (stderr * stderr)

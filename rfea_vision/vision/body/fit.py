@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along
 from rfea_vision.scatter import NORMAL as QUARTILE
-from rfea_vision.vision.body.equations import add_edges, add_row, add_skin, arc_length, at_stations
+from rfea_vision.vision.body.equations import add_edges, add_row, add_skin, at_stations
 from rfea_vision.vision.body.marks import SeenMark, place_of
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
@@ -147,10 +148,8 @@ class Evidence:
         """Both edges, looked for within `span` px; which (S, 2) were seen, and how much (S,) of the inside looks like the body."""
         edges, backing = np.full((STATIONS, 2, 2), np.inf), np.ones(STATIONS)
         if self.outline:
-            wall, normals = self.wall, frame_of(body.points)[1]
-            around = wall.colour, wall.times, wall.relief, body.points, normals, body.half, body.inside, body.outside
-            support(self.picture, *around, 0.0, backing)
-            measure_edges(self.picture, *around, span, edges)
+            seen = self.wall.behind(self.picture), body.points, frame_of(body.points)[1], body.half, body.inside, body.outside
+            backing, edges = support(*seen, 0.0), measure_edges(*seen, span)
             held = held_by_clamp(body, float(middle(self.rest_half))) if self.skin is not None else 1.0
             leans = LEANS * float(middle(body.half)) if self.marks else 0.0
             _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
@@ -160,9 +159,8 @@ class Evidence:
         """The skin of an earlier frame, which counts where enough of it is recognised, `slips` (S,) px along the body at most."""
         if self.skin is None:
             return
-        information, pull, alike = np.empty((STATIONS, 6)), np.empty((STATIONS, 3)), np.empty(STATIONS)
         strip = self.wall.cleared(self.picture), body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE, *self.skin[:2]
-        match_skin(*strip, slips, information, pull, alike)
+        information, pull, alike = match_skin(*strip, slips)
         information[:, [1, 2, 4]] *= self.skin[2]
         pull[:, 1] *= self.skin[2]
         add_skin(matrix, vector, information, pull, body.told * np.clip((alike - 0.4) / 0.4, 0.0, 1.0), SKIN_FIRST, SKIN_VALUE)
@@ -220,9 +218,7 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
 
 def held_by_clamp(body: SeenBody, rest: float) -> FloatArray:
     """How much (S,) edges count after the first frame: within a half width `rest` of its clamp rubber swells beside what holds it."""
-    along = np.empty(STATIONS)
-    arc_length(body.points, along)
-    return np.clip(along / rest, LEAST_HELD, 1.0)
+    return np.clip(along(body.points) / rest, LEAST_HELD, 1.0)
 
 
 def gradual(points: FloatArray, rest: float) -> FloatArray:
@@ -230,7 +226,7 @@ def gradual(points: FloatArray, rest: float) -> FloatArray:
 
     Those of a slender body are left as they are.
     """
-    spans = int(arc_length(points, np.empty(STATIONS)) / rest)
+    spans = int(along(points)[-1] / rest)
     if spans >= NORMAL_BASIS.shape[1]:
         return points
     return _onto_spline(3 + max(spans, 1)) @ points
@@ -245,13 +241,10 @@ def _onto_spline(count: int) -> FloatArray:
 
 def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> FloatArray:
     """How far (RAYS,) px beyond the last station that is told from the wall the body ends, along rays through it; NaN: not seen."""
-    end, rays = body.last + 1, np.empty((RAYS, 2))
-    near = slice(end - 3, end)
-    measure_end(
-        picture, wall.colour, wall.times, wall.relief, body.points[end - 1], frame_of(body.points)[0][end - 1],
-        body.half[end - 4 : end].mean(), body.inside[near].mean(axis=0), body.outside[near].mean(axis=(0, 1)), reach, rays,
-    )  # fmt: skip
-    return np.where(np.isfinite(rays[:, 1]), rays[:, 0], np.nan)
+    last, near = body.last, slice(body.last - 2, body.last + 1)
+    inside, outside = body.inside[near].mean(axis=0), body.outside[near].mean(axis=(0, 1))
+    half, tangent = body.half[last - 3 : last + 1].mean(), frame_of(body.points)[0][last]
+    return measure_end(wall.behind(picture), body.points[last], tangent, half, inside, outside, reach)
 
 
 def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, FloatArray]:
@@ -261,17 +254,16 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
     rolled up and lies beside itself.
     """
     tangents, normals = frame_of(body.points)
-    around = wall.colour, wall.times, wall.relief
-    beside, beyond = np.empty((2, STATIONS)), np.empty(len(BEYOND))
+    behind, beside = wall.behind(picture), np.empty((2, STATIONS))
     for side, sign in enumerate((1.0, -1.0)):
         points = body.points + (sign * BESIDE * body.half)[:, None] * normals
         outside = np.repeat(body.outside[:, side : side + 1], 2, axis=1)
-        support(picture, *around, points, normals, (BESIDE - 1) * body.half, body.inside, outside, SURELY, beside[side])
+        beside[side] = support(behind, points, normals, (BESIDE - 1) * body.half, body.inside, outside, SURELY)
         beside[side, body.elsewhere_on(points)] = np.nan
     last = np.full(len(BEYOND), body.last)
     half = np.full(len(BEYOND), body.half[body.last - 3 : body.last + 1].mean())
     points = body.points[last] + (BEYOND * half)[:, None] * tangents[last]
-    support(picture, *around, points, normals[last], half, body.inside[last], body.outside[last], SURELY, beyond)
+    beyond = support(behind, points, normals[last], half, body.inside[last], body.outside[last], SURELY)
     return beside.T, beyond
 
 
@@ -285,8 +277,8 @@ def _add_shape(
     swells = SWELLS * rest
     matrix[WIDTH, WIDTH] += np.eye(8) / swells**2
     vector[WIDTH] -= TO_WIDTH @ (body.half - rest_half) / swells**2
-    steps = np.empty(STATIONS)
-    length = arc_length(body.points, steps)
+    steps = along(body.points)
+    length = steps[-1]
     spacing = length / (NORMAL_BASIS.shape[1] - 3)
     # No body bends anew within its own half width: in a short one the splines lie closer than that.
     sigma = BENDS_GRADUALLY * spacing * min(1.0, spacing / rest) ** 3

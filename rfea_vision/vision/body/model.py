@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import along
 from rfea_vision.scatter import NORMAL
-from rfea_vision.vision.body.equations import arc_length, directions
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.curve import basis_matrix
 
@@ -34,6 +34,9 @@ INNER = 0.5  # half widths off the line: what lies farther out is read with an e
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
 
 NEAR = np.clip(np.arange(STATIONS)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1), 0, STATIONS - 1)
+# Stations between which the direction at each is taken: two to either side, at the ends the last three.
+BEFORE = np.r_[0, 0, np.arange(STATIONS - 4), STATIONS - 3, STATIONS - 3]
+AHEAD = np.r_[2, 2, np.arange(4, STATIONS), STATIONS - 1, STATIONS - 1]
 SHARES = np.linspace(0.0, 1.0, STATIONS)
 NORMAL_BASIS = basis_matrix(SHARES, 11)  # displacements across the body,
 ALONG_BASIS = basis_matrix(SHARES, 6)  # along it,
@@ -61,7 +64,7 @@ class SeenBody:
     @property
     def length(self) -> float:
         """Of the centre line in px."""
-        return float(arc_length(self.points, np.empty(len(self.points))))
+        return float(along(self.points)[-1])
 
     @property
     def last(self) -> int:
@@ -75,10 +78,9 @@ class SeenBody:
 
     def elsewhere_on(self, places: FloatArray) -> NDArray[np.bool_]:
         """Which places (S, 2) px, one beside each station, lie on another stretch of the body: it rolls up and touches itself."""
-        along = np.empty(len(self.points))
-        arc_length(self.points, along)
+        lengths = along(self.points)
         off = np.linalg.norm(places[:, None] - self.points, axis=2)
-        return np.any((off < self.half) & (np.abs(along[:, None] - along) > ANOTHER_STRETCH * self.half), axis=1)
+        return np.any((off < self.half) & (np.abs(lengths[:, None] - lengths) > ANOTHER_STRETCH * self.half), axis=1)
 
 
 @dataclass
@@ -93,9 +95,9 @@ class Sight:
 
 def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit tangents and normals (S, 2) of a line of points, smoothed over its neighbours."""
-    tangents, normals = np.empty((len(points), 2)), np.empty((len(points), 2))
-    directions(points, tangents, normals)
-    return tangents, normals
+    chords = points[AHEAD] - points[BEFORE]
+    tangents = chords / np.maximum(np.linalg.norm(chords, axis=1, keepdims=True), 1e-9)
+    return tangents, np.column_stack([-tangents[:, 1], tangents[:, 0]])
 
 
 def learn_colours(picture: Picture, body: SeenBody) -> None:
@@ -154,9 +156,7 @@ def follow_colours(cleared: Picture, picture: Picture, body: SeenBody, backing: 
 
 def skin_of(picture: Picture, body: SeenBody) -> FloatArray:
     """The skin (S, V, 3) of a body."""
-    strip = np.empty((STATIONS, len(ACROSS_TEXTURE), 3))
-    read_strip(picture, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE, strip)
-    return strip
+    return read_strip(picture, body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE)
 
 
 def _colours(picture: Picture, body: SeenBody, across: FloatArray, least: FloatArray) -> FloatArray:
@@ -169,8 +169,7 @@ def _colours(picture: Picture, body: SeenBody, across: FloatArray, least: FloatA
 
 def _near(picture: Picture, body: SeenBody, across: FloatArray) -> FloatArray:
     """Colours (S, 3, V) at `across` half widths of every station and its neighbours."""
-    strip = np.empty((STATIONS, len(across), 3))
-    read_strip(picture, body.points, frame_of(body.points)[1], body.half, across, strip)
+    strip = read_strip(picture, body.points, frame_of(body.points)[1], body.half, across)
     return strip[NEAR].transpose(0, 3, 1, 2).reshape(STATIONS, 3, -1)
 
 

@@ -8,8 +8,10 @@ very pixel has been seen, it is the wall's own colour that counts.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.vision.compiled import compiled, lean
 
@@ -29,6 +31,15 @@ NOISE_SLOPE = 1.5  # grey levels per pixel
 IN_LIGHT, IN_SHADOW = 1.0 / WALL_SCATTER**2, 1.0 / SHADOW**2
 LOG_IN_LIGHT, LOG_IN_SHADOW = 3.0 * math.log(WALL_SCATTER), 2.0 * math.log(WALL_SCATTER) + math.log(SHADOW)
 INDEPENDENT = 0.2  # share of the skin's pixels that are independent in a compressed picture
+
+
+class Behind(NamedTuple):
+    """A picture (h, w, 3), the colour of the wall behind the body, how often that was seen (h, w), and how much of it shows through."""
+
+    picture: NDArray[np.uint8]
+    colour: NDArray[np.float32]
+    times: NDArray[np.int32]
+    relief: NDArray[np.float32]
 
 
 @lean
@@ -52,11 +63,12 @@ def _spread_of(colours):
 
 
 @lean
-def _evidence(picture, wall, times, relief, x, y, inside, outside, body, behind, colour):
+def _evidence(seen, x, y, inside, outside, body, behind, colour):
     """Evidence at a place that it is the body; `inside` and `outside` are means and variances (2, 3).
 
-    `body` and `behind` are what their variances add; `relief` is how much of the wall's lines shows through the body.
+    `body` and `behind` are what their variances add.
     """
+    picture, wall, times, relief = seen
     if not _read(picture, x, y, colour):
         return -CLIP
     i, j = int(y + 0.5), int(x + 0.5)
@@ -108,9 +120,9 @@ def _best_step(evidence, count, expected, spread):
 
 
 @compiled
-def measure_edges(picture, wall, times, relief, points, normals, half, inside, outside, reach, out):
-    """Edges to both sides of every station: `out` (S, 2, 2) how far beyond `half`, and its variance (infinite: none)."""
-    colour, evidence = np.empty(3), np.empty(256)
+def measure_edges(seen, points, normals, half, inside, outside, reach):
+    """Edges to both sides of every station: (S, 2, 2) how far beyond `half`, and its variance (infinite: none)."""
+    colour, evidence, out = np.empty(3), np.empty(256), np.empty((points.shape[0], 2, 2))
     for s in range(points.shape[0]):
         body = _spread_of(inside[s])
         for side in range(2):
@@ -120,20 +132,19 @@ def measure_edges(picture, wall, times, relief, points, normals, half, inside, o
             for k in range(count):
                 d = sign * (first + k)
                 x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
-                evidence[k] = _evidence(
-                    picture, wall, times, relief, x, y, inside[s], outside[s, side], body, behind, colour
-                )
+                evidence[k] = _evidence(seen, x, y, inside[s], outside[s, side], body, behind, colour)
             at, quality = _best_step(evidence, count, half[s] - first, 0.5 * reach)
             out[s, side, 0] = first + at - half[s]
             out[s, side, 1] = np.inf
             if quality > LEAST_EVIDENCE:
                 out[s, side, 1] = (EDGE_PX * (1.0 + 2.0 * math.exp(-quality))) ** 2
+    return out
 
 
 @compiled
-def measure_end(picture, wall, times, relief, tip, tangent, half, inside, outside, reach, out):
-    """Along rays through the end: `out` (RAYS, 2) how far beyond `tip` the body ends, and the variance (infinite: none)."""
-    colour, evidence = np.empty(3), np.empty(256)
+def measure_end(seen, tip, tangent, half, inside, outside, reach):
+    """Along rays through the end: (RAYS,) how far beyond `tip` the body ends, NaN where that is not seen."""
+    colour, evidence, out = np.empty(3), np.empty(256), np.empty(RAYS)
     first = -min(reach, 3.0 * half) - half
     count = min(int(2.0 * min(reach, 3.0 * half) + half) + 1, 256)
     body, behind = _spread_of(inside), _spread_of(outside)
@@ -143,16 +154,16 @@ def measure_end(picture, wall, times, relief, tip, tangent, half, inside, outsid
             d = first + k
             x = tip[0] + d * tangent[0] - v * tangent[1]
             y = tip[1] + d * tangent[1] + v * tangent[0]
-            evidence[k] = _evidence(picture, wall, times, relief, x, y, inside, outside, body, behind, colour)
+            evidence[k] = _evidence(seen, x, y, inside, outside, body, behind, colour)
         at, quality = _best_step(evidence, count, -first, 0.5 * min(reach, 3.0 * half))
-        out[r, 0] = first + at
-        out[r, 1] = (EDGE_PX * (1.0 + 2.0 * math.exp(-quality))) ** 2 if quality > LEAST_EVIDENCE else np.inf
+        out[r] = first + at if quality > LEAST_EVIDENCE else np.nan
+    return out
 
 
 @compiled
-def support(picture, wall, times, relief, points, normals, half, inside, outside, least, out):
+def support(seen, points, normals, half, inside, outside, least):
     """Share (S,) of the body's inside that looks like it rather than like the wall: by `least` of evidence."""
-    colour = np.empty(3)
+    colour, out = np.empty(3), np.empty(points.shape[0])
     for s in range(points.shape[0]):
         good, body = 0.0, _spread_of(inside[s])
         behind = _spread_of(outside[s, 0]), _spread_of(outside[s, 1])
@@ -160,42 +171,38 @@ def support(picture, wall, times, relief, points, normals, half, inside, outside
             d = half[s] * (k - 3) * 0.22
             x, y = points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1]
             side = 0 if k >= 3 else 1
-            seen = _evidence(
-                picture, wall, times, relief, x, y, inside[s], outside[s, side], body, behind[side], colour
-            )
-            good += seen > least
+            good += _evidence(seen, x, y, inside[s], outside[s, side], body, behind[side], colour) > least
         out[s] = good / 7.0
+    return out
 
 
 @compiled
-def read_strip(picture, points, normals, half, across, out):
-    """Colours `out` (S, V, 3) at `across` (V,) half widths; False where some lie outside of the picture."""
-    colour = np.zeros(3)
-    whole = True
+def read_strip(picture, points, normals, half, across):
+    """Colours (S, V, 3) at `across` (V,) half widths."""
+    colour, out = np.zeros(3), np.empty((points.shape[0], across.shape[0], 3))
     for s in range(points.shape[0]):
         for v in range(across.shape[0]):
             d = across[v] * half[s]
-            there = _read(picture, points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1], colour)
-            whole = whole and there
+            _read(picture, points[s, 0] + d * normals[s, 0], points[s, 1] + d * normals[s, 1], colour)
             for c in range(3):
                 out[s, v, c] = colour[c]
-    return whole
+    return out
 
 
 @compiled
-def match_skin(picture, points, normals, half, across, skin, variance, slips, information, pull, alike):
-    """How the skin lies beside its place: `information` (S, 6) nn, nt, tt, nw, tw, ww and `pull` (S, 3), per station.
+def match_skin(picture, points, normals, half, across, skin, variance, slips):
+    """How the skin lies beside its place: information (S, 6) nn, nt, tt, nw, tw, ww and pull (S, 3), per station.
 
     One Gauss-Newton step on the robust difference between picture and `skin` (S, V, 3) of known `variance`, without what
     a change of the light does to all of a station: across (n) and along (t) the body, and in its half width (w).
-    What differs by more than noise and a slip of `slips` (S,) px along the body can make is another skin. `alike` (S,) is the
-    share of pixels that agree.
+    What differs by more than noise and a slip of `slips` (S,) px along the body can make is another skin. The third
+    that is returned, (S,), is the share of pixels that agree.
     """
     count, width = skin.shape[:2]
+    information, pull, alike = np.zeros((count, 6)), np.zeros((count, 3)), np.zeros(count)
     here, ahead, behind = np.empty((width, 3)), np.empty(3), np.empty(3)
     slope = np.empty((width, 3, 2))
     for s in range(count):
-        information[s, :], pull[s, :], alike[s] = 0.0, 0.0, 0.0
         nx, ny = normals[s, 0], normals[s, 1]
         whole = True
         for v in range(width):
@@ -232,6 +239,7 @@ def match_skin(picture, points, normals, half, across, skin, variance, slips, in
                 pull[s, 0] -= weight * gn * off
                 pull[s, 1] -= weight * gt * off
                 pull[s, 2] -= weight * gw * off
+    return information, pull, alike
 
 
 @compiled

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.body.model import ACROSS_INSIDE, STATIONS, Picture, SeenBody, frame_of, middle
-from rfea_vision.vision.body.sampling import SEEN, learn_wall, read_strip
+from rfea_vision.vision.body.model import ACROSS_INSIDE, Picture, SeenBody, frame_of, middle
+from rfea_vision.vision.body.sampling import SEEN, Behind, learn_wall, read_strip
 
 AROUND = 1.15, 2.5  # half widths, and px beyond: what may still be the body
 RENEWED = 4  # frames after which what shows through is worked out anew
@@ -33,6 +33,10 @@ class Wall:
         self._seen: Picture | None = None  # the picture that was cleared last, and what it is then
         self._clear: Picture = np.empty((0, 0, 3), dtype=np.uint8)
 
+    def behind(self, picture: Picture) -> Behind:
+        """A picture and what is known of the wall in it."""
+        return Behind(picture, self.colour, self.times, self.relief)
+
     def look(self, picture: Picture, places: FloatArray, reach: float) -> Picture:
         """CIELAB of a picture in BGR, in a window that holds all within `reach` px of `places` (n, 2); nothing elsewhere."""
         self.window = window_around(picture.shape, places, reach)
@@ -51,9 +55,7 @@ class Wall:
     def learn(self, picture: Picture, body: SeenBody) -> None:
         """Take from a picture what is beside the body, and what shows through it."""
         tangents, normals = frame_of(body.points)
-        lines, seen = (np.empty((STATIONS, len(ACROSS_INSIDE), 3)) for _ in range(2))
-        read_strip(self._lines, body.points, normals, body.half, ACROSS_INSIDE, lines)
-        read_strip(picture, body.points, normals, body.half, ACROSS_INSIDE, seen)
+        lines, seen = (read_strip(shown, body.points, normals, body.half, ACROSS_INSIDE) for shown in (self._lines, picture))
         lines -= lines.mean(axis=1, keepdims=True)
         self._together = max(self._together + float(np.sum(lines * (seen - seen.mean(axis=1, keepdims=True)))), 0.0)
         self._alone += float(np.sum(lines**2))
