@@ -66,12 +66,12 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
         return scale_off
     count = min(TRIED, len(reasons))
     before = sum(not reason for reason in reasons[:count])
-    tried = [(_read(source, _with(scene, hints), count), words) for hints, words in _candidates(source, scene)]
+    tried = [(_read(source, replace(scene, hints=hints), count), words) for hints, words in _candidates(source, scene)]
     best, words = max(tried, key=lambda pair: pair[0], default=(0, ""))
     if best >= before + GAIN * count:
         brings = f"tried, it reads {best} of the first {count} frames, and {before} were read without it"
         return f"{_scale_first(reasons)}check this against the picture and give it: {words} ({brings})"
-    if scene.clamp_px is not None and scene.tip_px is not None and (told := _read_until(reasons) or film_lacks(source, scene)):
+    if scene.is_pointed_at and (told := _read_until(reasons) or film_lacks(source, scene)):
         return told  # no scale that is off loses a tube that it has let be read
     if scale_off:
         return scale_off
@@ -189,8 +189,8 @@ def scale_doubt(length_check: str) -> str:
 
 def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]]:
     """Hints that the first frame itself suggests, and their words."""
-    if scene.clamp_px is None or scene.tip_px is None:
-        unhinted = replace(scene, hints=replace(scene.hints, clamp=None, tip=None, centre_line=()), clamp_px=None, tip_px=None)
+    if not scene.is_pointed_at:
+        unhinted = replace(scene, hints=replace(scene.hints, clamp=None, tip=None, centre_line=()))
         ways = [(scene, ""), (replace(unhinted, down=-scene.down), _UPSIDE_DOWN)]
         if len(scene.line_px):  # pointed at in the wrong place, as by rows and columns
             ways.insert(1, (unhinted, ""))
@@ -222,10 +222,6 @@ def _read(source: FrameSource, scene: Scene, count: int) -> int:
         return sum(not follower.next(picture, time_s) for time_s, picture in islice(pictures, count))
 
 
-def _with(scene: Scene, hints: Hints) -> Scene:
-    return replace(scene, hints=hints, clamp_px=np.array(hints.clamp), tip_px=np.array(hints.tip))
-
-
 def _scale_first(reasons: list[str]) -> str:
     """What a hint may make up for in part and does not mend: a tube of another size than was predicted. Empty where it is none."""
     if OTHER_LENGTH not in [reason for reason, _ in Counter(filter(None, reasons)).most_common(1)]:
@@ -238,7 +234,7 @@ def _scale_first(reasons: list[str]) -> str:
 
 def _untried(scene: Scene, reasons: list[str]) -> str:
     """The hint that has not been given."""
-    if scene.clamp_px is None or scene.tip_px is None:
+    if not scene.is_pointed_at:
         lacking = [name for name in ("clamp", "tip") if getattr(scene.hints, name) is None]
         hints = f"give {' and '.join(f'camera.{name}' for name in lacking)}, in pixels of the first frame"
         return _scale_first(reasons) + hints

@@ -112,7 +112,7 @@ def _followed(
 ) -> tuple[Follower | BodyFollower, Rows]:
     """Follow the edges, and the whole body, too, where these read too little: that of the two which is to be kept."""
     follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
-    if _is_pointed_at(scene) and rows.share < EDGES_ENOUGH:
+    if scene.is_pointed_at and rows.share < EDGES_ENOUGH:
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
         # Where the body reads nothing, nothing is where it was pointed at.
         if seen.good == 0 or rows.share < max(EDGES_ALONE, seen.share):
@@ -122,16 +122,11 @@ def _followed(
     return follower, rows
 
 
-def _is_pointed_at(scene: Scene) -> bool:
-    """Whether a person has said where the tube is in the first frame."""
-    return scene.clamp_px is not None and scene.tip_px is not None
-
-
 def follow_edges(
     source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress
 ) -> tuple[Follower | BodyFollower, Rows]:
     """Follow the edges, as far as there is a tube to follow; if a tube was pointed at, as far as edges alone will do."""
-    follower, pointed, total = Follower(scene), _is_pointed_at(scene), _frame_count(source)
+    follower, pointed, total = Follower(scene), scene.is_pointed_at, _frame_count(source)
     with closing(read_ahead(source.frames(0), frames_ahead(source.size))) as frames:
         for done, (time_s, luma) in enumerate(frames):
             reason = follower.next(luma, time_s)
@@ -318,18 +313,16 @@ def make_scene(
 ) -> Scene:
     """Gather what is known before the first frame."""
     camera = camera_vector(calibration)
-    clamp = None if hints.clamp is None else np.asarray(hints.clamp, dtype=float).reshape(-1, 2)
-    tip = None if hints.tip is None else np.asarray(hints.tip, dtype=float).ravel()
-    line = np.asarray(hints.centre_line, dtype=float).reshape(-1, 2)
-    for name, hint in (("clamp", clamp), ("tip", None if tip is None else tip[None]), ("centre_line", line)):
-        if hint is not None and (np.any(hint < 0) or np.any(hint > np.array(size))):
+    for name in ("clamp", "tip", "centre_line"):
+        hint = np.asarray(() if (given := getattr(hints, name)) is None else given, dtype=float).reshape(-1, 2)
+        if np.any(hint < 0) or np.any(hint > np.array(size)):
             raise InputError(f"camera.{name}: {hint.tolist()} lies outside the picture of {size[0]} x {size[1]} px")
     middle = np.array([size[0] / 2, size[1] / 2])
     px_per_mm = scale_at(camera, middle)
     if not np.isfinite(px_per_mm):
         raise InputError("camera.plane: the plane of motion is not in front of the camera; take the plane photo again")
     down = turned(down_direction(camera, vertical, middle), gravity_deg, actuator.bends)
-    return Scene(camera, actuator, down, px_per_mm, clamp, tip, hints)
+    return Scene(camera, actuator, down, px_per_mm, hints)
 
 
 def down_direction(camera: FloatArray, vertical: Vertical, middle_px: FloatArray) -> FloatArray:

@@ -245,7 +245,7 @@ def test_how_well_a_person_points_is_told_by_what_the_clicks_miss(aside, least, 
     careful = follower_of(line).scene
     points = tuple((x, y + sign * aside) for (x, y), sign in zip(careful.hints.centre_line, (1.0, -1.0), strict=True))
     tip = careful.tip_px + np.array([0.0, aside])
-    scene = replace(careful, tip_px=tip, hints=replace(careful.hints, centre_line=points, tip=tuple(tip.tolist())))
+    scene = replace(careful, hints=replace(careful.hints, centre_line=points, tip=tuple(tip.tolist())))
     follower = BodyFollower(scene, 1.0)
     assert follower.next(drawn(line, np.full(65, HALF)), 0.0) == ""
     assert least <= follower.pointed_px <= most

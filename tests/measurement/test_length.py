@@ -1,6 +1,7 @@
 """The length check: what the photos of the board cannot show, the tube's own length does."""
 
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +19,7 @@ from rfea_vision.vision.track import make_scene
 from testing.scenes import Look, bending, film
 from testing.sources import memory_source
 
+UNHINTED = Scene(np.zeros(0), Actuator(), np.array([0.0, -1.0]), 1.0)
 
 @pytest.fixture(scope="module")
 def checked(calibrated, small_lens):
@@ -66,17 +68,15 @@ SAID = "the inextensible side keeps its length within 0.1 % over all postures; i
 def test_a_scale_that_is_far_off_is_advised_on_before_a_hint(reasons, length_check, says, monkeypatch):
     """Clamp and tip had been asked for, which cannot mend a board's square."""
     monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter(()))
-    scene = SimpleNamespace(clamp_px=None, tip_px=None, hints=Hints())
-    said = advice.next_hint(None, scene, reasons, scale_off=advice.scale_doubt(length_check))
+    said = advice.next_hint(None, UNHINTED, reasons, scale_off=advice.scale_doubt(length_check))
     assert said.startswith(says)
 
 
 def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch):
     """Clamp and tip, found in the picture, read half of the frames of a film whose board is of another size."""
     monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter([(Hints(), "camera.tip: [3, 4]")]))
-    monkeypatch.setattr(advice, "_with", lambda scene, hints: scene)
     monkeypatch.setattr(advice, "_read", lambda source, scene, count: 2)
-    said = advice.next_hint(None, SimpleNamespace(clamp_px=None, tip_px=None, hints=Hints()), ["no_tube", *[OTHER_LENGTH] * 4])
+    said = advice.next_hint(None, UNHINTED, ["no_tube", *[OTHER_LENGTH] * 4])
     assert said.startswith("check the board's square (or camera.scale)") and "give it: camera.tip: [3, 4] (tried, it reads 2" in said
 
 
@@ -91,8 +91,7 @@ def test_hints_are_tried_the_other_way_up_and_where_nothing_was_pointed_at(clamp
     monkeypatch.setattr(advice, "begin", begin)
     monkeypatch.setattr(advice, "line_of", lambda state: np.array([[50.0, 10.0], [50.0, 20.0], [60.0, 90.0]]))
     monkeypatch.setattr(advice, "project", lambda camera, points: points)
-    clamp = None if clamp_px is None else np.array(clamp_px, dtype=float)
-    scene = Scene(np.zeros(0), Actuator(), np.array([0.0, -1.0]), 1.0, clamp)
+    scene = replace(UNHINTED, hints=Hints(clamp=clamp_px))
     ((hints, words),) = advice._candidates(SimpleNamespace(frame=lambda number: None), scene)
     assert hints.tip == (60.0, 90.0) and sorted(hints.clamp) == [(46.0, 10.0), (54.0, 10.0)]
     assert says in words and ("upside" in words) == bool(says)
@@ -103,8 +102,8 @@ def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(m
     monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter(()))
     monkeypatch.setattr(advice, "base_moved", lambda source, scene, count: "")
     monkeypatch.setattr(advice, "film_lacks", lambda source, scene: "")
-    given = SimpleNamespace(centre_line=((1.0, 2.0), (3.0, 4.0)))
-    scene = SimpleNamespace(clamp_px=np.zeros((2, 2)), tip_px=np.zeros(2), hints=given)
+    given = Hints(clamp=((0.0, 0.0), (0.0, 0.0)), tip=(0.0, 0.0), centre_line=((1.0, 2.0), (3.0, 4.0)))
+    scene = replace(UNHINTED, hints=given)
     lost = ["no_fit: folded"] * 20
     said = advice.next_hint(None, scene, [""] * 18 + ["edge_lost"] + [""] * 2 + lost)
     assert said.startswith("the hints fit the first 21 frames, of which 20 were read: cut the film to these")

@@ -47,9 +47,22 @@ class Scene:
     actuator: Actuator
     down: FloatArray
     px_per_mm: float
-    clamp_px: FloatArray | None = None
-    tip_px: FloatArray | None = None
     hints: Hints = field(default_factory=Hints)
+
+    @property
+    def clamp_px(self) -> FloatArray | None:
+        """The clamp's two edges (2, 2), where they were pointed at."""
+        return None if self.hints.clamp is None else np.asarray(self.hints.clamp, dtype=float).reshape(-1, 2)
+
+    @property
+    def tip_px(self) -> FloatArray | None:
+        """The tip (2,), where it was pointed at."""
+        return None if self.hints.tip is None else np.asarray(self.hints.tip, dtype=float).ravel()
+
+    @property
+    def is_pointed_at(self) -> bool:
+        """Whether a person has said where the tube is in the first frame."""
+        return self.hints.clamp is not None and self.hints.tip is not None
 
     @property
     def line_px(self) -> FloatArray:
@@ -100,7 +113,7 @@ def begin(picture: NDArray[np.uint8], scene: Scene, work: Buffers) -> Initialisa
     length_px = scene.length_mm * scene.px_per_mm
     allowed = allowed_pixels(picture.shape, scene.hints)
     paths = find_paths(picture, 2 * scene.half_mm * scene.px_per_mm, length_px, near_px=near, allowed=allowed)
-    if scene.clamp_px is not None and scene.tip_px is not None:
+    if scene.is_pointed_at:
         ends = scene.line_px[[0, -1]]
         paths = [cut_at(path, ends, length_px) for path in paths] + hinted_paths(scene.line_px)
     best: Initialisation | None = None

@@ -26,16 +26,14 @@ SEEDS = 40
 
 @dataclass(frozen=True)
 class Path:
-    """A candidate: ordered points (n, 2) px, `polarity` +1 where the tube is lighter, mean response and score.
+    """A candidate: ordered points (n, 2) px, `polarity` +1 where the tube is lighter, and score.
 
     `strength` is the response over the picture's usual contrast, as it counts in the score.
     """
 
     points: FloatArray
     polarity: int
-    response: float
     score: float
-    length_px: float
     strength: float = 1.0
 
 
@@ -150,13 +148,12 @@ def cut_at(path: Path, ends_px: FloatArray, length_px: float) -> Path:
     points = np.vstack([ends_px[0], middle, ends_px[1]])
     length = float(along(points)[-1])
     score = path.score if len(middle) == 0 else _length_score(length / length_px) * path.strength
-    return Path(points, path.polarity, path.response, score, length, path.strength)
+    return Path(points, path.polarity, score, path.strength)
 
 
 def hinted_paths(line_px: FloatArray) -> list[Path]:
     """The line through the hints (n, 2) itself, as a lighter and as a darker tube."""
-    points, length = evenly(line_px, 40), float(along(line_px)[-1])
-    return [Path(points, polarity, 0.0, 1.0, length) for polarity in (1, -1)]
+    return [Path(evenly(line_px, 40), polarity, 1.0) for polarity in (1, -1)]
 
 
 def _length_score(ratio: float) -> float:
@@ -171,10 +168,9 @@ def _passes(path: Path, near_px: FloatArray, reach: float) -> bool:
 
 
 def _scored(points: FloatArray, polarity: int, response: float, contrast: float, length_px: float) -> Path:
-    length = float(along(points)[-1])
-    ratio = length / length_px
+    ratio = float(along(points)[-1]) / length_px
     strength = float(np.sqrt(min(response / contrast, 3.0)))
-    return Path(points, polarity, response, _length_score(ratio) * strength + 0.02 * min(ratio, 1.0), length, strength)
+    return Path(points, polarity, _length_score(ratio) * strength + 0.02 * min(ratio, 1.0), strength)
 
 
 def _seeds(best: NDArray[np.float32], spacing: int) -> list[tuple[int, int]]:

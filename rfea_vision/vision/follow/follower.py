@@ -252,9 +252,7 @@ class Follower:
             return "no_tube"
         clamp = self.state.clamp.copy()
         place = np.array([clamp[:2]])
-        found = begin(
-            luma, replace(self.scene, tip_px=None, hints=replace(self.scene.hints, tip=None, centre_line=())), self.work
-        )
+        found = begin(luma, replace(self.scene, hints=replace(self.scene.hints, tip=None, centre_line=())), self.work)
         if isinstance(found, str):
             return found
         if np.linalg.norm(found.state.clamp[:2] - place[0]) > 4.0:
