@@ -63,7 +63,7 @@ def fill_numbers(
     pointed : px of the film, how well the clamp and the tip were pointed at
     """
     numbers = work.numbers
-    numbers[:] = 0.0
+    numbers[:] = fitted.NOTHING
     numbers["length"] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     numbers["bend"] = turning(work.normal)
     numbers["noise"] = numbers["inflation"] = numbers["used"] = 1.0

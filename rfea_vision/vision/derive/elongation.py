@@ -21,9 +21,12 @@ def elongation_of(segments, coefficients, sign, variance, length, radius, calibr
     """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
     fine = np.linspace(0, 1, FINE)
     slope = np.matmul(basis_matrix(fine, COEFFICIENTS, 1), coefficients)
-    centre = cumulative_trapezoid(np.linalg.norm(slope, axis=-1), fine, axis=1, initial=0.0)
-    turned = angles(coefficients, sign, fine)
-    beside = centre - radius * (turned - turned[:, :1])
+    x, y = slope[..., 0], slope[..., 1]
+    speed = np.hypot(x, y)
+    centre = cumulative_trapezoid(speed, fine, axis=1, initial=0.0)
+    turns = (x[:, :-1] * y[:, 1:] - y[:, :-1] * x[:, 1:]) / (speed[:, :-1] * speed[:, 1:])
+    beside = centre.copy()
+    beside[:, 1:] += sign * radius * np.cumsum(np.arcsin(np.clip(turns, -1.0, 1.0)), axis=1)
     hinge = beside[:, -1]
     step = hinge[:, None] / segments
     rising = np.maximum.accumulate(beside, axis=1)

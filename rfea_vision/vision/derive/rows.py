@@ -10,9 +10,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rfea_vision.vision.compiled import lean
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.derive.markers import SAMPLES
 from rfea_vision.vision.edges import fitted
+
+
+@lean
+def _quadratic_forms(rows, covariance, first, out):
+    """Diagonal of rows @ covariance[first:, first:] @ rows.T."""
+    size = rows.shape[1]
+    for n in range(rows.shape[0]):
+        total = 0.0
+        for i in range(size):
+            if rows[n, i] != 0.0:
+                inner = 0.0
+                for j in range(size):
+                    inner += covariance[first + i, first + j] * rows[n, j]
+                total += rows[n, i] * inner
+        out[n] = total
+
 
 Block = dict[str, NDArray[Any]]
 
@@ -156,5 +173,5 @@ class Rows:
         self.good += 1
         covariance, k = follower.work.covariance, COEFFICIENTS
         self.covariance_sum += covariance[:k, :k] / max(follower.work.numbers["noise"][0], 1e-3) ** 2
-        block["shift_variance"][n] = np.sum(self.shift_rows @ covariance[:k, :k] * self.shift_rows, axis=1)
-        block["width_variance"][n] = np.sum(self._width_rows @ covariance[k:, k:] * self._width_rows, axis=1)
+        _quadratic_forms(self.shift_rows, covariance, 0, block["shift_variance"][n])
+        _quadratic_forms(self._width_rows, covariance, k, block["width_variance"][n])

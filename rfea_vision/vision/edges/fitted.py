@@ -43,6 +43,7 @@ class FrameFit(NamedTuple):
 
 #: The same for compiled code, which fills one record frame by frame; of many frames each field is a series.
 FRAME = np.dtype([(name, np.float64) for name in FrameFit._fields])
+NOTHING = np.zeros(1, dtype=FRAME)  # of this
 
 SECTIONS = 64  # along the tube, in which stations are counted
 LONGEST_ROW = 512  # px across an edge

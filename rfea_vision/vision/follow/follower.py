@@ -225,16 +225,20 @@ class Follower:
 
     def _fit_predicted(self, luma: NDArray[np.uint8], time_s: float) -> str:
         assert self.state is not None
-        saved = [array.copy() for array in self.state]
-        if self.missed == 0 and self.good:
-            self.motion.predict(time_s, self.state.coefficients)
-        return self._fit(luma, saved, SEARCH_PX * min(1 + self.missed, 3))
+        saved, reach = [array.copy() for array in self.state], SEARCH_PX * min(1 + self.missed, 3)
+        if self.missed or not self.good:
+            return self._fit(luma, saved, reach)
+        self.motion.predict(time_s, self.state.coefficients)
+        reason = self._fit(luma, saved, reach)
+        if reason and not self._fit(luma, saved, reach):  # from where it was last: a prediction may lead astray
+            return ""
+        return reason
 
     def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:
         assert self.state is not None
         gain, shot = (0.3 if self.good < FIRST_FRAMES else 0.02), self.scene.shot(luma)
         for _ in range(TRIES):
-            self.work.numbers[:] = 0.0
+            self.work.numbers[:] = fitted.NOTHING
             fit_frame(shot, self.state, self.work, reach, gain, self.judge.hinge_mm, self.scene.turn_sign, self.noise)
             on_its_way = self.work.numbers["last_step"][0] > SETTLED_PX
             if not on_its_way or self.work.numbers["used"][0] < WHOLE:

@@ -20,6 +20,7 @@ SPARSE = 3  # rows from one station to the next while the curve is still on its 
 NEAR_PX = 1.5
 AT_ONCE_PX = 0.4  # a first step that is no longer ends on its place within the noise: edges know their own curve
 END_AT_ONCE_PX = 0.1  # farther, and the end is looked at once more
+LOOKED_ALONG = 65  # places along the curve, from which its length and its turning are told before its end is looked for
 ROUNDED = 1.5  # length of a rounded end over the sagitta that is fitted to its middle: of a half circle, a bit less
 LEAST_CAP_CONTRAST = 0.45  # of the light step at the edges
 
@@ -72,7 +73,7 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
         wide = (2.5 if whole else 6.0) / px_per_mm
         solution, noise, kept = fit_sides(state, work, filled, wide, noise)
         numbers.used = kept / max(2.0 * length * px_per_mm * (to_u - from_u) / stride * 0.85, 1.0)
-        if kept < 20 or not _plausible(work.half_width) or not _finite(solution):
+        if kept < 20 or not _plausible(work.half_width) or not np.isfinite(solution).all():
             numbers.length = 0.0
             return
         if whole:
@@ -122,8 +123,9 @@ def _look_for_end(shot, state, work, reach_px, hinge_mm, turn_sign):
     """Bring the end of the curve near the end of the tube: by the length it should have, then by the light."""
     nothing, px_per_mm = np.zeros(state.coefficients.shape[0] + state.width.shape[0]), shot.px_per_mm
     if hinge_mm > 0.0:
-        length, turned = length_and_turning(state.coefficients)
-        missing = hinge_mm + value_at(state.width, 1.0) * turn_sign * turned - length
+        normal = work.normal[:LOOKED_ALONG]
+        length = vertices_of(state.coefficients, state.width, work.centre[:LOOKED_ALONG], normal, work.half_width[:LOOKED_ALONG])
+        missing = hinge_mm + value_at(state.width, 1.0) * turn_sign * turning(normal) - length
         if abs(missing) > max(0.02 * hinge_mm, 1.5 / px_per_mm):
             move_state(state, nothing, missing)
     beyond = coarse_cap(shot, state, reach_px)
@@ -164,31 +166,8 @@ def _saturated(state):
 
 
 @compiled
-def _finite(values):
-    """Whether none of the numbers is infinite or none at all."""
-    finite = True
-    for value in values:
-        finite = finite and math.isfinite(value)
-    return finite
-
-
-@compiled
 def _plausible(half_width):
     """A width that has run away (to nothing, or beyond all measure) cannot be fitted any further."""
     middle = half_width[VERTICES // 2]
     low, high = half_width.min(), half_width.max()
     return low > 0.3 * middle and high < 3.0 * middle and middle > 0.0
-
-
-@lean
-def length_and_turning(coefficients):
-    """Length of the curve in mm, and its total turning in rad, counter-clockwise positive."""
-    count = 65
-    _, _, tx, ty, speed = point_and_tangent(coefficients, 0.0)
-    length, total = 0.5 * speed, 0.0
-    for v in range(1, count):
-        _, _, x, y, speed = point_and_tangent(coefficients, v / (count - 1))
-        length += speed * (0.5 if v == count - 1 else 1.0)
-        total += math.asin(min(max(tx * y - ty * x, -1.0), 1.0))
-        tx, ty = x, y
-    return length / (count - 1), total
