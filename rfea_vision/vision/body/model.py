@@ -108,14 +108,21 @@ def learn_colours(picture: Picture, body: SeenBody) -> None:
 
 
 def told_from_wall(body: SeenBody) -> NDArray[np.bool_]:
-    """All stations (S,) but those of an end, of a tenth and more, that have a colour of the wall and of no other fifth of the body."""
+    """All stations (S,) but those of an end, of a tenth and more, that have a colour of the wall and of no other fifth of the body.
+
+    Where these are a fifth, what is before and of one colour with them, too: a longer end looks like itself.
+    """
     scatter = np.sqrt(LEAST_VARIANCE)
     inside, around = body.inside[:, 0] / scatter, body.outside[:, :, 0].reshape(-1, 3) / scatter
     own = np.linalg.norm(inside[:, None] - inside, axis=2)
     own[np.abs(np.arange(STATIONS)[:, None] - np.arange(STATIONS)) < STATIONS // 5] = np.inf
     walls = (own.min(axis=1) > ANOTHER_COLOUR) & (np.linalg.norm(inside[:, None] - around, axis=2).min(axis=1) < SAME_COLOUR)
-    count = end_of(walls)
-    return ~walls | (np.arange(STATIONS) < STATIONS - (count if count > STATIONS // 10 else 0))
+    if (count := end_of(walls)) <= STATIONS // 10:
+        return np.ones(STATIONS, dtype=bool)
+    walls &= np.arange(STATIONS) >= STATIONS - count
+    if walls[: STATIONS - STATIONS // 5 + 1].any():
+        walls = np.linalg.norm(inside[:, None] - inside[walls], axis=2).min(axis=1) < SAME_COLOUR
+    return ~walls | (np.arange(STATIONS) < STATIONS - end_of(walls))
 
 
 def left_behind(picture: Picture, window: tuple[slice, slice], first: SeenBody, skin: FloatArray, body: SeenBody) -> NDArray[np.int64]:
