@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from rfea_vision.vision.compiled import lean
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
-from rfea_vision.vision.derive.markers import SAMPLES
 from rfea_vision.vision.edges import fitted
 
 
@@ -30,8 +29,6 @@ def _quadratic_forms(rows, covariance, first, out):
                 total += rows[n, i] * inner
         out[n] = total
 
-
-Block = dict[str, NDArray[Any]]
 
 BLOCK = 1024  # frames
 STILL = np.eye(2, 3)  # the view of a camera that stays
@@ -56,36 +53,31 @@ class Rows:
             )
         )
         self._width_rows = np.ascontiguousarray(basis_matrix(at_nodes, WIDTH_COEFFICIENTS))
-        self._blocks: list[Block] = []
+        self._row = np.dtype(
+            [
+                ("time", np.float64),
+                ("coefficients", np.float64, (COEFFICIENTS, 2)),
+                ("width", np.float64, (WIDTH_COEFFICIENTS,)),
+                ("numbers", fitted.FRAME),
+                ("lamp", np.float64),
+                ("view", np.float64, (2, 3)),
+                ("shift_variance", np.float32, (len(self.shift_rows),)),
+                ("width_variance", np.float32, (len(self._width_rows),)),
+            ],
+            align=True,
+        )
+        self._blocks: list[NDArray[Any]] = []
+        self.profiles: list[NDArray[np.uint16]] = []  # of every good frame of a marked tube, 256 steps to a grey level
         self.covariance_sum = np.zeros((COEFFICIENTS, COEFFICIENTS))  # at unit pixel noise, to be averaged
         self.good, self.copies = 0, 0  # frames measured, and frames that repeat the one before
         self.marked = False  # whether the profiles are worth reading
         self.reasons: list[str] = []
         self.material: list[dict[float, tuple[float, float]]] = []  # of every good frame: marks by their share
 
-    def _new_block(self) -> Block:
-        kinds: dict[str, tuple[int, ...]] = {
-            "time": (),
-            "coefficients": (COEFFICIENTS, 2),
-            "width": (WIDTH_COEFFICIENTS,),
-            "shift_variance": (len(self.shift_rows),),
-            "width_variance": (len(self._width_rows),),
-            "numbers": (),
-            "lamp": (),
-            "view": (2, 3),
-            "profile": (SAMPLES,),  # 256 steps to a grey level; pages that are never written need no memory
-        }
-        others = {"shift_variance": np.float32, "width_variance": np.float32, "numbers": fitted.FRAME, "profile": np.uint16}
-        dtypes = {name: np.dtype(others.get(name, np.float64)) for name in kinds}
-        sizes = {name: BLOCK * int(np.prod(shape)) for name, shape in kinds.items()}
+    def _new_block(self) -> NDArray[Any]:
         # Memory of its own, that goes back to the system when the block is dropped.
-        memory = mmap(-1, sum(sizes[name] * dtypes[name].itemsize for name in kinds))
-        block, offset = {}, 0
-        for name, shape in kinds.items():
-            block[name] = np.frombuffer(memory, dtypes[name], sizes[name], offset).reshape(BLOCK, *shape)
-            offset += sizes[name] * dtypes[name].itemsize
-            if name != "profile":
-                block[name][:] = np.nan
+        block = np.frombuffer(mmap(-1, BLOCK * self._row.itemsize), self._row)
+        block[:] = np.full(1, np.nan, dtype=self._row)
         return block
 
     def __len__(self) -> int:
@@ -106,13 +98,13 @@ class Rows:
             parts.append(block[name][chosen] if column is None else block[name][chosen, column])
         return np.concatenate(parts)
 
-    def given_back(self) -> Iterator[Block]:
+    def given_back(self) -> Iterator[NDArray[Any]]:
         """Every block's good frames in their order; what has been given is no longer kept here."""
         valid, start = self.valid, 0
         while self._blocks:
             block = self._blocks.pop(0)
             good = np.flatnonzero(valid[start : start + BLOCK])
-            yield {name: values[good] for name, values in block.items() if name != "profile"}
+            yield block[good]
             start += BLOCK
 
     @property
@@ -151,6 +143,7 @@ class Rows:
         self.reasons = [reason or "no_tube" for reason in self.reasons]
         self.good, self.covariance_sum[:] = 0, 0.0
         self.material.clear()
+        self.profiles.clear()
 
     def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan, view: NDArray[Any] = STILL) -> None:
         """Add a frame; `view` (2, 3) is from places in the first picture to those in it."""
@@ -167,7 +160,7 @@ class Rows:
         block["coefficients"][n] = follower.state.coefficients - follower.moved_mm
         block["width"][n] = follower.state.width
         if follower.marked and follower.profile is not None:
-            block["profile"][n] = np.round(256.0 * follower.profile)
+            self.profiles.append(np.round(256.0 * follower.profile).astype(np.uint16))
         block["numbers"][n] = follower.work.numbers[0]
         self.material.append(follower.material)
         self.good += 1

@@ -18,7 +18,7 @@ from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_mat
 from rfea_vision.vision.derive.elongation import angles, elongation_of
 from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
 from rfea_vision.vision.derive.picture_errors import PictureErrors
-from rfea_vision.vision.derive.rows import Block, Rows
+from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shutter import Shutter, at_one_instant
 from rfea_vision.vision.derive.smooth import Smoothed, smooth
 from rfea_vision.vision.derive.view import View, view_of
@@ -46,7 +46,7 @@ def build_dataset(
     smoothed, inflation, beyond = _smoothed(rows, numbers, scene, shutter, stretches=attributes.get("followed_by") == "body")
     view = view_of(rows, smoothed, inflation, calibration, scene, clamp_stderr_mm, vertical)
     time, lamp, seen_from = (rows.of_all(name) for name in ("time", "lamp", "view"))
-    profile = rows.good_ones("profile") if rows.marked else None
+    profile = np.array(rows.profiles) if rows.marked else None
     data = _in_parts(rows, smoothed, view)
     marks = _add_marker_elongation(data, rows, numbers, profile, smoothed, view)
     length_check = _length_check(data, scene)
@@ -218,7 +218,7 @@ def _line_of(coefficients: FloatArray, nodes: FloatArray, sign: float) -> _Line:
     return _Line(points, tangent, left, curvature)
 
 
-def _derive(rows: Rows, block: Block, smoothed: Smoothed, part: slice, view: View) -> Derived:
+def _derive(rows: Rows, block: NDArray[Any], smoothed: Smoothed, part: slice, view: View) -> Derived:
     """Everything in the rig frame for the frames of `block`, which are `part` of the valid ones."""
     numbers, coefficients = block["numbers"], smoothed.coefficients[part]
     variances = smoothed.variance_factor * block["shift_variance"]

@@ -254,12 +254,10 @@ class Follower:
         assert self.state is not None and self.start is not None
         if self.missed > 4 and self.missed % 10:  # a search of the whole picture takes long
             return "no_tube"
-        clamp = self.state.clamp.copy()
-        place = np.array([clamp[:2]])
         found = begin(luma, replace(self.scene, hints=replace(self.scene.hints, tip=None, centre_line=())), self.work)
         if isinstance(found, str):
             return found
-        if np.linalg.norm(found.state.clamp[:2] - place[0]) > 4.0:
+        if np.linalg.norm(found.state.clamp[:2] - self.state.clamp[:2]) > 4.0:
             return "no_tube: another tube"
         saved = [array.copy() for array in self.state]
         self.state.coefficients[:] = found.state.coefficients
