@@ -8,7 +8,7 @@ import pytest
 
 from rfea_vision.vision.body.begin import first_body
 from rfea_vision.vision.body.fit import UNKNOWNS, Evidence, fit_body
-from rfea_vision.vision.body.marks import find_marks, marks_in, place_of
+from rfea_vision.vision.body.marks import along_line, find_marks, marks_in, place_of
 from rfea_vision.vision.body.model import STATIONS, lab_of
 from rfea_vision.vision.body.wall import Wall
 
@@ -88,3 +88,42 @@ def test_rubber_that_swells_to_one_side_leaves_its_material_where_the_marks_are(
         body = fit_body(evidence, body, covariance, 8.0).body
     assert np.median(body.points[20:60, 0]) - 59.5 == pytest.approx(aside, abs=1.0)
     assert np.median(body.half[20:60]) == pytest.approx(12.0, abs=0.7)
+
+
+@pytest.mark.parametrize(("top", "bottom"), [(60, 138), (30, 140)])
+def test_a_chamber_that_swells_to_one_side_does_not_turn_the_marked_end(top, bottom):
+    """It swells by 6 px between clamp and mark. Leaning that changed slowly along the body turned the end by a pixel the other way."""
+
+    def swollen(px: int) -> np.ndarray:
+        lab = picture()
+        lab[156:182, 45:85] = lab[5, 5]  # the arm ends behind the mark
+        lab[top:bottom, 70 : 70 + px] = lab[30, 60]
+        return lab
+
+    body = first_body(swollen(0), np.column_stack([np.full(STATIONS, 59.5), np.linspace(20.0, 156.0, STATIONS)]), 10.0)
+    wall, covariance = Wall(swollen(0).shape), np.eye(UNKNOWNS)
+    marks = find_marks(swollen(0), body, lab_of(RED))
+    for px in np.minimum(np.arange(1, 17), 6):
+        seen = swollen(int(px))
+        clamp = np.array([[59.5, 20.0], [0.0, 1.0]])
+        evidence = Evidence(seen, wall, clamp, np.full(STATIONS, 10.0), None, marks=marks_in(seen, marks, body, wall))
+        fit = fit_body(evidence, body, covariance, 8.0)
+        body, covariance = fit.body, fit.covariance + 0.05 * np.eye(UNKNOWNS)
+    assert body.points[32, 0] == pytest.approx(62.5, abs=0.5), "the middle of the edges"
+    assert body.points[-1, 0] == pytest.approx(59.5, abs=0.5)
+
+
+def test_a_mark_whose_middle_is_pointed_at_as_the_tip_is_a_mark():
+    """The click is beside that middle, so that the mark may lie beyond the line's end; it holds the end, and tells of no stretch."""
+    for end in (148.0, 151.5):
+        points = np.column_stack([np.full(STATIONS, 59.5), np.linspace(20.0, end, STATIONS)])
+        body, wall = first_body(picture(), points, 10.0), Wall(picture().shape)
+        marks = find_marks(picture(), body, lab_of(RED))
+        assert [mark.share for mark in marks] == [pytest.approx(130 / (end - 20), abs=0.01)]
+        found = marks_in(picture(6.0), marks, body, wall)
+        assert [seen.place[0] for seen in found] == [pytest.approx(69.0, abs=0.3)]
+        lines = along_line(found, body, body.points, 1.0)
+        assert len(lines) == (end > 150.0)
+        clamp = np.array([body.points[0] + np.array([6.0, 0.0]), [0.0, 1.0]])
+        evidence = Evidence(picture(6.0), wall, clamp, body.half, None, marks=found)
+        assert fit_body(evidence, body, np.eye(UNKNOWNS) * 1e2, 8.0).body.points[-1, 0] == pytest.approx(65.5, abs=1.0)

@@ -68,7 +68,7 @@ TRUSTED = 1.0 / 5.4**2
 # Of the half width, 1 s.d.: rubber that swells to one side moves the middle of its edges off its material. As SYSTEMATIC
 # of the follower; in films of silicone with a mark near its end the middle went 0.4 off it.
 LEANS = 0.1
-LEANING = 5  # splines along the body
+LEANING = NORMAL_BASIS.shape[1]  # splines along the body: with fewer, the edges beside a mark held the line off it
 LEANS_AT = np.arange(UNKNOWNS, UNKNOWNS + LEANING)
 SKIN_FIRST, SKIN_VALUE = at_stations(SHARES, ((0, 11), (11, 6), (17, 8)))
 EDGE_FIRST, EDGE_VALUE = at_stations(SHARES, ((0, 11), (17, 8), (UNKNOWNS, LEANING)))
@@ -309,7 +309,7 @@ def _add_marks(
 ) -> None:
     """Marks hold the material where they are seen; along the body they are on the scale of what claims too much there."""
     for seen in marks:
-        near = round(seen.mark.share * (STATIONS - 1))
+        near = min(round(seen.mark.share * (STATIONS - 1)), STATIONS - 1)
         off = seen.place - place_of(seen.mark, body)
         add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[near], off @ normals[near], seen.stderr)
         add_row(matrix, vector, ALONG.start, ALONG_BASIS[near], off @ tangents[near], TRUSTED**0.5 * seen.stderr)

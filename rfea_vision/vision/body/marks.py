@@ -107,7 +107,7 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
         if middle is None or not LEAST_PX * enlarged**2 <= area <= (3.0 * float(body.half.max())) ** 2:
             continue
         share, across = place_on(middle, body)
-        if 0.0 <= share <= 1.0:
+        if 0.0 <= share <= 1.0 + body.half[-1] / body.length:  # people point at the middle of a mark for the tip
             marks.setdefault((share, across), Mark(share, across, colour, own, area))
     return list(marks.values()) if hinted is not None or len(marks) <= MOST else []
 
@@ -131,6 +131,7 @@ def along_line(
     return {
         seen.mark.share: (float(np.interp(place_on(seen.place, body)[0], SHARES, lengths)), seen.stderr / px_per_mm)
         for seen in found
+        if seen.mark.share < 1.0
     }
 
 

@@ -43,9 +43,9 @@ WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone t
 NARROWED, LONGEST_NARROW = 0.6, 0.1
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 SHARPEST = 0.9  # curvature times half width
-# Of the half width, from one station to the next, near the clamp: an arm whose base turns in what holds it leaves along the clamp, and
-# its line, which begins there squarely, ran back by 0.01 to 0.05 in a hundred frames in which it was in the arm otherwise.
-RUNS_BACK = 0.06
+# Of the half width, from one station to the next, near the clamp: as well as an edge is known (SYSTEMATIC in known). An arm whose base
+# turns in what holds it, or that swells to one side there, ran back by 0.01 to 0.07 in 400 frames with its line in it otherwise.
+RUNS_BACK = 0.1
 END_UNLIKE = 0.5  # of the last body width must look like the body: else the line runs on beyond its end
 # Of what stood out of its last fifth so much must: a wire of 2 px that tweezers bent was followed beside its end, where nothing did.
 END_OUT = 0.2
