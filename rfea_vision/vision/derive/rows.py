@@ -30,6 +30,15 @@ def _quadratic_forms(rows, covariance, first, out):
         out[n] = total
 
 
+@lean
+def _add_covariance(covariance, noise, total):
+    """Add the covariance of the centre line, at unit pixel noise."""
+    weight = 1.0 / max(noise, 1e-3) ** 2
+    for i in range(total.shape[0]):
+        for j in range(total.shape[1]):
+            total[i, j] += weight * covariance[i, j]
+
+
 BLOCK = 1024  # frames
 STILL = np.eye(2, 3)  # the view of a camera that stays
 
@@ -165,6 +174,6 @@ class Rows:
         self.material.append(follower.material)
         self.good += 1
         covariance, k = follower.work.covariance, COEFFICIENTS
-        self.covariance_sum += covariance[:k, :k] / max(follower.work.numbers["noise"][0], 1e-3) ** 2
+        _add_covariance(covariance, follower.work.numbers["noise"][0], self.covariance_sum)
         _quadratic_forms(self.shift_rows, covariance, 0, block["shift_variance"][n])
         _quadratic_forms(self._width_rows, covariance, k, block["width_variance"][n])

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.scatter import NORMAL
+from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.edges.fitted import FrameFit
 from rfea_vision.vision.find.begin import Scene
 from rfea_vision.vision.follow.frame import LEAST_CAP_CONTRAST, MOST_BLUR
@@ -20,9 +21,29 @@ LENGTH_JUMP = 0.005  # of the length, against the last frames
 LENGTH_OFF = 0.04
 GIVEN_LENGTH_OFF = 0.35  # the same against the length that was given
 FIRST_LENGTHS_OFF = 0.06  # the same while only a few frames were seen
-ROWS, COLUMNS = 11, 8  # of these, one picture row and column each is compared with those of the frame before,
-FIRST_ROWS = 88  # and first one of these
+ROWS, COLUMNS = 11, 8  # of these, one picture row and column each is compared with those of the frame before
 LIGHT_ROWS, LIGHT_COLUMNS = 44, 16  # the same to tell how bright the light is
+
+
+@lean
+def _same(picture, other):
+    """Whether two pictures are the same wherever they are compared: over all of them first, so that a change is soon met."""
+    for first in range(8):
+        for i in range(first * ROWS, picture.shape[0], 8 * ROWS):
+            for j in range(0, picture.shape[1], COLUMNS):
+                if picture[i, j] != other[i, j]:
+                    return False
+    return True
+
+
+@compiled
+def _gain(picture, first):
+    """Median over some of the picture's pixels of their light over that in `first`."""
+    ratio = np.empty(first.size)
+    for i in range(first.shape[0]):
+        for j in range(first.shape[1]):
+            ratio[i * first.shape[1] + j] = (picture[LIGHT_ROWS * i, LIGHT_COLUMNS * j] + 1.0) / first[i, j]
+    return np.median(ratio)
 
 
 class Tube(NamedTuple):
@@ -153,20 +174,15 @@ class Judge:
         return self.expected_mm if len(self.hinge_lengths) >= 5 else 0.0
 
     def repeated(self, luma: NDArray[np.uint8]) -> bool:
-        """Whether a picture is the one seen last wherever they are compared: few rows first, so that a change is soon met."""
-        if self._last is None:
-            return False
-        parts = (np.s_[first : None : FIRST_ROWS, ::COLUMNS] for first in range(0, FIRST_ROWS, ROWS))
-        return all(np.array_equal(luma[part], self._last[part]) for part in parts)
+        """Whether a picture is identical to the one seen last."""
+        return self._last is not None and bool(_same(luma, self._last))
 
     def brightening(self, luma: NDArray[np.uint8]) -> float:
         """How much brighter a picture is than the one before: lamps flicker, exposure drifts."""
         self._last = luma
-        light = luma[::LIGHT_ROWS, ::LIGHT_COLUMNS].astype(np.float64).ravel() + 1.0
         if self._first is None:
-            self._first = light
+            self._first = luma[::LIGHT_ROWS, ::LIGHT_COLUMNS].astype(np.float64) + 1.0
         # Pixel by pixel, and the middle of all: what moves through the picture is no change of the light.
-        middle = len(light) // 2
-        gain = min(max(float(np.partition(light / self._first, middle)[middle]), 0.05), 20.0)
+        gain = min(max(_gain(luma, self._first), 0.05), 20.0)
         ratio, self._gain = gain / self._gain, gain
         return ratio
