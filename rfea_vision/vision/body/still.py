@@ -20,7 +20,7 @@ RENEWED_SHARE = 0.7  # with fewer new ones are taken: compression wears them
 AGREE_PX = 1.0
 CLEARLY = 2.0  # times as many corners agree on a move as are where they were in the first picture
 # Where the view moved most, in pictures in which the body is 24 px wide. From then on pictures are turned back; earlier it would be
-# noise, which harms. Of 39 films, of 23 scenes, that is so in the three whose camera is in a hand, and in none of the others.
+# noise, which harms. Of 34 films that is so in the two whose camera is in a hand, and in none of the others.
 LEAST_PX = 2.5
 # Light that drifts by a few grey levels pulls corners along faint lines, by a whole ruling at once: what counts is the difference from
 # the mean over so many px, twice the flow's window.
