@@ -127,3 +127,11 @@ def test_a_mark_whose_middle_is_pointed_at_as_the_tip_is_a_mark():
         clamp = np.array([body.points[0] + np.array([6.0, 0.0]), [0.0, 1.0]])
         evidence = Evidence(picture(6.0), wall, clamp, body.half, None, marks=found)
         assert fit_body(evidence, body, np.eye(UNKNOWNS) * 1e2, 8.0).body.points[-1, 0] == pytest.approx(65.5, abs=1.0)
+
+
+def test_what_an_arm_touches_with_its_end_is_no_mark():
+    """A plate before the end of a finger, beside its line, was one, and the finger lagged behind its edges."""
+    lab = picture()
+    lab[150:170, 66:100] = lab[150, 95]  # of the pin's colour; a corner of it lies on the finger's end
+    body = first_body(lab, np.column_stack([np.full(STATIONS, 59.5), np.linspace(20.0, 156.0, STATIONS)]), 13.0)
+    assert [mark.share for mark in find_marks(lab, body, lab_of(RED))] == []

@@ -107,7 +107,8 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
         if middle is None or not LEAST_PX * enlarged**2 <= area <= (3.0 * float(body.half.max())) ** 2:
             continue
         share, across = place_on(middle, body)
-        if 0.0 <= share <= 1.0 + body.half[-1] / body.length:  # people point at the middle of a mark for the tip
+        beyond = (share - 1.0) * body.length / body.half[-1]  # half widths: people point at the middle of a mark for the tip,
+        if share >= 0.0 and (beyond <= 0.0 or max(beyond, abs(across)) < 1.0):  # and what lies beside the end is another thing
             marks.setdefault((share, across), Mark(share, across, colour, own, area))
     return list(marks.values()) if hinted is not None or len(marks) <= MOST else []
 
