@@ -98,7 +98,7 @@ def make_clip(
 
 
 def write_film(out_mp4: Path, pictures: Iterable[NDArray[np.uint8]], size: tuple[int, int], *, crf: int) -> None:
-    """Encode pictures, grey (h, w) or RGB (h, w, 3), as H.264 of a width and height, even both; the same bytes on every machine."""
+    """Encode pictures, grey (h, w) or RGB (h, w, 3), as H.264 of a width and height, even both, by one thread."""
     options = {"crf": str(crf), "preset": "fast", "bf": "0", "threads": "1", "g": str(KEY_FRAME_EVERY)}
     with (
         whole_file(out_mp4) as temporary,
