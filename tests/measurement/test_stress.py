@@ -1,8 +1,5 @@
 """Scenes in which a tracker is tempted to answer wrongly: it is right, or it says why it does not answer."""
 
-from fractions import Fraction
-
-import av
 import cv2
 import numpy as np
 
@@ -10,7 +7,7 @@ from rfea_vision.artefacts import Actuator
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
 from testing.scenes import Look, bending, film, picture, shape
-from testing.sources import memory_source, true_calibration
+from testing.sources import memory_source, true_calibration, write_grey_film
 
 
 def tracked(pictures, times, lens):
@@ -83,22 +80,10 @@ def test_a_tube_that_curls_up_keeps_its_base_and_tip(small_lens):
 
 
 def test_intervals_widen_for_a_strongly_compressed_video(small_lens, tmp_path):
-    """Of one encoding: how far the length scatters says too little in others, of 1.0 to 2.8 at crf 23 to 38 and noise of 2 and 4."""
+    """Of one film; of forty, all of whose frames share an error, `benchmarks/compression.py` counts it."""
     times = np.arange(48) / 120
     pictures, _, shapes = film(small_lens, Look(noise=4), bending(times), rate_Hz=120)
-    with av.open(str(tmp_path / "v.mp4"), "w") as container:
-        stream = container.add_stream("libx264", rate=120)
-        stream.width, stream.height, stream.pix_fmt = *small_lens.size, "yuv420p"  # pyright: ignore[reportAttributeAccessIssue]
-        stream.options = {"crf": "26", "threads": "1"}  # by default as many as cores: another film on each machine
-        for number, image in enumerate(pictures):
-            # A grey picture that is reformatted has no colours of its own, and the encoder's choices hung on what was in memory there.
-            grey = np.full((image.shape[0] // 2, image.shape[1]), 128, dtype=np.uint8)
-            frame = av.VideoFrame.from_ndarray(np.vstack([image, grey]), format="yuv420p")
-            frame.pts, frame.time_base = number, Fraction(1, 120)
-            for packet in stream.encode(frame):
-                container.mux(packet)
-        for packet in stream.encode():
-            container.mux(packet)
+    write_grey_film(tmp_path / "v.mp4", pictures, 120, 26)
     clear = tracked(pictures, times, small_lens).dataset
     coded = track_frames(open_video(tmp_path / "v.mp4"), true_calibration(small_lens), Actuator()).dataset
     tips = np.array([s.tip for s in shapes])
