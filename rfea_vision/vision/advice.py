@@ -59,8 +59,7 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     gone = sum(reason.startswith("touches_border") for reason in reasons)
     if 2 * gone > sum(bool(reason) for reason in reasons):  # no hint shows what is not in the picture
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
-    lost = next((frame for frame, reason in enumerate(reasons) if reason and not reason.startswith("duplicate")), 0)
-    if moved := base_moved(source, scene, min(lost + TRIED, len(reasons))):
+    if moved := base_moved(source, scene, around_loss(reasons)):
         return moved
     if scale_off and Counter(filter(None, reasons)).most_common(1)[0][0].startswith("width_off"):
         return scale_off
@@ -76,6 +75,12 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     if scale_off:
         return scale_off
     return _untried(scene, reasons) + (f" (guesses at it that were tried and brought nothing: {len(tried)})" if tried else "")
+
+
+def around_loss(reasons: list[str]) -> int:
+    """How many frames there are up to `TRIED` after the first that was refused."""
+    lost = next((frame for frame, reason in enumerate(reasons) if reason and not reason.startswith("duplicate")), 0)
+    return min(lost + TRIED, len(reasons))
 
 
 def _read_until(reasons: list[str]) -> str:

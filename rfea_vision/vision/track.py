@@ -17,9 +17,10 @@ from rfea_vision.calibration.projection import camera_vector, has_plane, unproje
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.advice import end_like_wall, next_hint, scale_doubt
+from rfea_vision.vision.advice import around_loss, base_moved, end_like_wall, next_hint, scale_doubt
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
@@ -37,6 +38,10 @@ EDGES_ENOUGH = 0.95  # of the frames read by the edges: below it the body is fol
 EDGES_ALONE = 0.8
 EDGES_TRIED = 31  # frames after which this is first asked, unless so many were missed that the answer is known
 LOST_FOR = 240  # frames, a second of the fastest phone's: what hides a body for longer than it was seen is not waited out
+CARRIED_ABOUT = (
+    "what holds the tube is carried about in the picture and was followed: the line is as it is seen from there, and gravity is taken "
+    "to pull on it as in the first frame"
+)
 GIVE_UP_AFTER = 2400  # frames without any tube before the search is called off
 PIXELS_AHEAD = 16_000_000
 
@@ -99,11 +104,13 @@ def track_frames(
     }
     rows.marked = follower.marked and follower.good >= 3
     data = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter)
-    if said := end_like_wall(follower):
-        data.attrs["advice"] = said
-    elif rows.share < EDGES_ENOUGH:
-        off = scale_doubt(data.attrs["length_check"])
-        data.attrs["advice"] = next_hint(source, scene, rows.reasons, scale_off=off)
+    said = [CARRIED_ABOUT] if isinstance(follower, BodyFollower) and follower.held else []
+    if told := end_like_wall(follower):
+        said.append(told)
+    elif rows.share < EDGES_ENOUGH and not said:
+        said.append(next_hint(source, scene, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
+    if said:
+        data.attrs["advice"] = "; ".join(said)
     return Track(data)
 
 
@@ -114,6 +121,9 @@ def _followed(
     follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
     if scene.is_pointed_at and rows.share < EDGES_ENOUGH:
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
+        if seen.share < EDGES_ENOUGH and base_moved(source, scene, around_loss(seen.reasons)):
+            held = follow_body(source, scene, lamp, Rows(nodes, segments), progress, held=True)
+            body, seen = max((body, seen), held, key=lambda way: way[1].good)
         # Where the body reads nothing, nothing is where it was pointed at.
         if seen.good == 0 or rows.share < max(EDGES_ALONE, seen.share):
             follower, rows = body, seen
@@ -188,15 +198,15 @@ def wrong_side(bend_deg: FloatArray, bends: str) -> str:
 
 
 def follow_body(
-    source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress
+    source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress, *, held: bool = False
 ) -> tuple[BodyFollower, Rows]:
-    """Follow the whole body by colour, texture and outline, from what was pointed at.
+    """Follow the whole body by colour, texture and outline, from what was pointed at; `held` by something that moves, from there.
 
     Where it has gone and its end stayed behind, that is wall, and none of the body from the first frame on: it is followed anew.
     """
     scale, walls = scale_for(scene, source.size), None
     while True:
-        follower, seen = BodyFollower(scene, scale, walls), Rows(rows.nodes, rows.segments)
+        follower, seen = BodyFollower(scene, scale, walls, held=held), Rows(rows.nodes, rows.segments)
         _follow(follower, source, lamp, seen, progress)
         if not follower.learned:
             return follower, seen
@@ -206,11 +216,14 @@ def follow_body(
 def _follow(follower: BodyFollower, source: FrameSource, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress) -> None:
     """Follow the body as far as there is one, or until more of it turns out to be wall; a row for every frame."""
     scale, total = follower.scale, _frame_count(source)
-    still = StillView(np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half())
+    line, half = np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half()
+    still = HeldView(follower.clamp, follower.line, half) if follower.held else StillView(line, half)
     small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     with closing(read_ahead(source.colours(scale), frames_ahead(source.size))) as frames:
         for done, (time_s, picture) in enumerate(frames):
-            reason = follower.next(still(picture, *follower.looked_at()), time_s)
+            turned = still(picture, *follower.looked_at())
+            follower.held_stderr = still.stderr
+            reason = follower.next(turned, time_s) if still.seen else follower.skip("off_hints: what holds the tube is not seen")
             light = np.nan if small is None else float(picture[small].mean())
             rows.append(time_s, reason, follower, light, still.view(scale))
             if follower.learned or follower.hopeless() or too_late(done + 1, rows.good, rows.copies, total, lost=follower.missed):

@@ -84,11 +84,13 @@ class BodyFollower:
     scene : with clamp and tip pointed at
     scale : of the pictures over those in which the hints were given
     walls : (STATIONS,) which of its end cannot be told from the wall, as an earlier look at the film has shown
+    held : by something that moves, so that the wall does in the pictures
     """
 
-    def __init__(self, scene: Scene, scale: float, walls: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, scene: Scene, scale: float, walls: NDArray[np.bool_] | None = None, *, held: bool = False) -> None:
         assert scene.clamp_px is not None and scene.tip_px is not None
-        self.scene, self.scale = scene, scale
+        self.scene, self.scale, self.held = scene, scale, held
+        self.held_stderr = np.zeros(3)  # px, px, rad: how well it is known where what holds it is
         self.walls = np.zeros(STATIONS, dtype=bool) if walls is None else walls
         self.learned = False  # more of these than was known in the first frame
         self.px_per_mm = scene.px_per_mm * scale
@@ -155,10 +157,15 @@ class BodyFollower:
             self.doubted = Sight(fit.body, fit.covariance, lab, skin_of(self.wall.cleared(lab), fit.body))
         return reason
 
+    def skip(self, reason: str) -> str:
+        """Pass over a frame, for a reason that is returned."""
+        self.frame, self.missed, self.refusal = self.frame + 1, self.missed + 1, reason
+        return reason
+
     def _lab(self, picture: NDArray[np.uint8]) -> Picture:
         """CIELAB of a picture in which the body is looked for."""
         if self.good == 0:
-            self.wall = Wall(picture.shape)
+            self.wall = Wall(picture.shape, still=not self.held)
         return self.wall.look(picture, *self.looked_at())
 
     def looked_at(self) -> tuple[FloatArray, float]:
@@ -366,8 +373,10 @@ class BodyFollower:
         self.wall.learn(lab, self.body)
         self.state = as_state(self.camera, self.body, self.work)
         mistaken, ranged = float(middle(self.first.half)) - self.pointed_half(), self.lengths[1] - self.lengths[0]
+        pointed = float(np.hypot(self.pointed_px, np.linalg.norm(self.held_stderr[:2]) / self.scale))
         fill_numbers(
-            self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held, pointed=self.pointed_px
+            self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held, pointed=pointed,
+            turned=float(self.held_stderr[2]),
         )  # fmt: skip
         self.work.numbers["width"][0] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)

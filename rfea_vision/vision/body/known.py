@@ -51,6 +51,7 @@ def fill_numbers(
     ranged: float,
     held: float,
     pointed: float,
+    turned: float = 0.0,
 ) -> None:
     """Fill `work` with what the track is derived from, and its covariance in mm^2.
 
@@ -61,6 +62,7 @@ def fill_numbers(
     ranged : px between the shortest and the longest that the body was
     held : px^2, variance of the length that was carried into the frame
     pointed : px of the film, how well the clamp and the tip were pointed at
+    turned : rad, how well it is known by how much what holds it has turned
     """
     numbers = work.numbers
     numbers[:] = fitted.NOTHING
@@ -80,6 +82,8 @@ def fill_numbers(
     work.covariance[k:, k:] = _TO_WIDTH @ fit.covariance[WIDTH, WIDTH] @ _TO_WIDTH.T * seen
     work.covariance[np.diag_indices(len(work.covariance))] += floor
     aside = _TO_LINE @ (TURNED * np.clip(fit.body.untold - (1.0 - SHARES) * fit.body.length, 0.0, None))
+    work.covariance[:k, :k] += np.outer(aside, aside) * mm2
+    aside = _TO_LINE @ (turned * SHARES * fit.body.length)
     work.covariance[:k, :k] += np.outer(aside, aside) * mm2
     # What the frame itself says along the body counts in full; what was carried into it may lag.
     carried = np.linalg.inv(fit.covariance[ALONG, ALONG] + (LAGS * ranged) ** 2 * UNIFORMLY)

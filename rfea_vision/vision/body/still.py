@@ -42,6 +42,7 @@ class StillView:
         self._there = self._first = np.empty((0, 1, 2), dtype=np.float32)  # where they are in it, and in the first one
         self._drifts = False
         self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one
+        self.seen, self.stderr = True, np.zeros(3)  # a camera whose wall is not seen is taken to stay
 
     def __call__(self, picture: NDArray[np.uint8], places: FloatArray | None = None, reach: float = np.inf) -> NDArray[np.uint8]:
         """The picture (h, w, 3) as it would be, had the camera stayed; nothing of it farther than `reach` px from `places` (n, 2)."""
@@ -57,22 +58,13 @@ class StillView:
         self._drifts |= bool(np.abs(frame @ self.moved[:, :2].T + self.moved[:, 2] - frame).max() > LEAST_PX)
         if not self._drifts:
             return picture
-        window = window_around(picture.shape, np.zeros((1, 2)) if places is None else places, reach)
-        corner = np.array([window[1].start, window[0].start])
-        moved = np.column_stack([self.moved[:, :2], self.moved[:, 2] + self.moved[:, :2] @ corner])
-        turned = np.zeros_like(picture)
-        size = turned[window].shape[1::-1]
-        back = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-        turned[window] = cv2.warpAffine(picture, moved, size, flags=back, borderMode=cv2.BORDER_REPLICATE)
-        return turned
+        return turned_back(picture, self.moved, places, reach)
 
     def view(self, scale: float) -> FloatArray:
         """Similarity (2, 3) from a place in the film's first picture to that in the last one, of pictures seen smaller by `scale`."""
         if not self._drifts:
             return np.eye(2, 3)
-        corner = np.full(2, 0.5 * scale - 0.5)  # places are those of pixel centres
-        turns = self.moved[:, :2]
-        return np.column_stack([turns, (turns @ corner + self.moved[:, 2] - corner) / scale])
+        return at_scale(self.moved, scale)
 
     def _renew(self, grey: NDArray[np.uint8]) -> None:
         """Take new corners from a picture whose view is known."""
@@ -103,3 +95,21 @@ class StillView:
         self.moved = np.asarray(moved, dtype=float) if agree.sum() > CLEARLY * stays.sum() else np.eye(2, 3)
         if agree.sum() < RENEWED_SHARE * len(self._first):
             self._renew(grey)
+
+
+def turned_back(picture: NDArray[np.uint8], moved: FloatArray, places: FloatArray | None, reach: float) -> NDArray[np.uint8]:
+    """A picture (h, w, 3) from which a map (2, 3) of the first one's places to its own is taken back, within `reach` px of `places`."""
+    window = window_around(picture.shape, np.zeros((1, 2)) if places is None else places, reach)
+    corner = np.array([window[1].start, window[0].start])
+    moved = np.column_stack([moved[:, :2], moved[:, 2] + moved[:, :2] @ corner])
+    turned = np.zeros_like(picture)
+    size = turned[window].shape[1::-1]
+    back = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
+    turned[window] = cv2.warpAffine(picture, moved, size, flags=back, borderMode=cv2.BORDER_REPLICATE)
+    return turned
+
+
+def at_scale(moved: FloatArray, scale: float) -> FloatArray:
+    """A map (2, 3) between pictures as one between those of the film, which they show smaller by `scale`; places are pixel centres."""
+    corner = np.full(2, 0.5 * scale - 0.5)
+    return np.column_stack([moved[:, :2], (moved[:, :2] @ corner + moved[:, 2] - corner) / scale])

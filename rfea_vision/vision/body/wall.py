@@ -20,10 +20,12 @@ class Wall:
     """Mean colour (h, w, 3) of the wall, how often each pixel was seen (h, w), and what shows through the body.
 
     `relief` (h, w, 3) is the wall without its slow part, times the share of it that the body lets through: lines, tape
-    and cables behind translucent rubber. The share is learnt from the pixels where the body lies before a known wall.
+    and cables behind translucent rubber. The share is learnt from the pixels where the body lies before a known wall. Of one that
+    is not `still`, nothing is learnt.
     """
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
+    def __init__(self, shape: tuple[int, ...], *, still: bool = True) -> None:
+        self._still = still
         self.window = slice(0, shape[0]), slice(0, shape[1])  # rows and columns of pictures that are looked at
         self.colour = np.zeros(shape, dtype=np.float32)
         self.times = np.zeros(shape[:2], dtype=np.int32)
@@ -54,6 +56,8 @@ class Wall:
 
     def learn(self, picture: Picture, body: SeenBody) -> None:
         """Take from a picture what is beside the body, and what shows through it."""
+        if not self._still:
+            return
         tangents, normals = frame_of(body.points)
         lines, seen = (read_strip(shown, body.points, normals, body.half, ACROSS_INSIDE) for shown in (self._lines, picture))
         lines -= lines.mean(axis=1, keepdims=True)

@@ -1,0 +1,137 @@
+"""What holds the body moves, in a hand or on a robot: pictures are brought back to the first one by what is seen behind the clamp."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rfea_vision.arrays import FloatArray
+from rfea_vision.scatter import scatter
+from rfea_vision.vision.body.begin import leaving
+from rfea_vision.vision.body.still import at_scale, turned_back
+
+AROUND = 3.0  # half widths about the clamp, behind it: what is seen there is taken for what holds the body,
+AXIS = 1.5  # the less the farther it lies beside the body's axis: there may be wall
+BLURS = 0.3, 0.15, 0.1  # half widths, one after the other: what has moved by more than its details is found without them
+STEPS = 6  # of least squares at each
+# What a frame adds, 1 s.d., chosen: half widths that it goes, and radians that it turns. Along a way on which nothing is seen (a
+# bracket without a mark) it is taken to stay, and is known by so much less from frame to frame.
+GOES, TURNS = 0.5, 0.1
+NOISE, SLOPE_NOISE = 2.0, 0.5  # grey levels, and such to a pixel of a blurred picture: slopes that noise makes are no information
+EDGE_PX = 0.15  # by how much a pixel of an edge may be off for how it was resampled and compressed
+ALIKE = 0.7  # correlation with the first picture, below which what holds the body is not seen
+TOGETHER = 3.0  # px over which what a compressed picture gets wrong is alike
+
+
+Level = NDArray[np.float32]  # a picture (h, w) of grey levels, blurred
+
+
+class HeldView:
+    """Sees by how much what holds the body has moved and turned since the first picture, and takes it back; as `StillView`.
+
+    Parameters
+    ----------
+    clamp : (2, 2) px in the pictures, both edges
+    line : (n, 2) px, from the clamp to the tip in the first frame
+    half : px, half the width of the body
+    """
+
+    def __init__(self, clamp: FloatArray, line: FloatArray, half: float) -> None:
+        self._foot, self._half = clamp.mean(axis=0), half
+        reach = np.arange(-round(AROUND * half), round(AROUND * half) + 1.0)
+        places = np.stack(np.meshgrid(reach, reach), axis=2).reshape(-1, 2)
+        inwards = leaving(clamp, line[:2])
+        self._places = places[places @ inwards < 0.0]
+        beside = self._places @ np.array([-inwards[1], inwards[0]])
+        self._weight = np.exp(-0.5 * (beside / (AXIS * half)) ** 2)
+        self._first: list[FloatArray] | None = None  # what is seen there in the first picture, at each blur
+        self._pose, self._step = np.zeros(3), np.zeros(3)  # px and radians about the foot, and by how much they changed last
+        self.moved = np.eye(2, 3)  # from a place in the first picture to that in the last one
+        self.seen = True  # in the last picture
+        self._covariance = np.zeros((3, 3))
+
+    def __call__(self, picture: NDArray[np.uint8], places: FloatArray | None = None, reach: float = np.inf) -> NDArray[np.uint8]:
+        """The picture (h, w, 3) as it would be, had what holds the body stayed; nothing of it farther than `reach` px from `places`."""
+        grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
+        blurred = [np.asarray(cv2.GaussianBlur(grey, (0, 0), blur * self._half), dtype=np.float32) for blur in BLURS]
+        if self._first is None:
+            self._first = [_sampled(level, self._put(np.zeros(3))) for level in blurred]
+            return picture
+        self._covariance += np.diag(np.array([GOES * self._half, GOES * self._half, TURNS]) ** 2)
+        found = [self._aligned(blurred, start) for start in (self._pose + self._step, self._pose)]
+        pose, alike, covariance = max(found, key=lambda way: way[1])
+        self.seen = alike > ALIKE
+        if self.seen:
+            self._step, self._pose, self._covariance = pose - self._pose, pose, covariance
+            turns = _turn(pose[2])
+            self.moved = np.column_stack([turns, self._foot + pose[:2] - turns @ self._foot])
+        return turned_back(picture, self.moved, places, reach)
+
+    @property
+    def stderr(self) -> FloatArray:
+        """Standard errors (3,) of where it is and how it is turned: px, px, rad."""
+        return np.sqrt(np.diag(self._covariance))
+
+    def view(self, scale: float) -> FloatArray:
+        """Map (2, 3) from a place in the film's first picture to that in the last one, of pictures seen smaller by `scale`."""
+        return at_scale(self.moved, scale)
+
+    def _put(self, pose: FloatArray) -> FloatArray:
+        """Where (n, 2) px the places behind the clamp are."""
+        return self._foot + pose[:2] + self._places @ _turn(pose[2]).T
+
+    def _aligned(self, blurred: list[Level], start: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+        """The pose at which a picture is most like the first one, sought from `start`; how much it is (correlation); its covariance."""
+        assert self._first is not None
+        pose, prior = start.copy(), np.linalg.inv(self._covariance)
+        information = prior
+        for level, first in zip(blurred, self._first, strict=True):
+            for _ in range(STEPS):
+                places = self._put(pose)
+                seen = _sampled(level, places)
+                slopes = np.column_stack([0.5 * (_sampled(level, places + way) - _sampled(level, places - way)) for way in np.eye(2)])
+                gain, offset = _line(first, seen, self._weight)
+                off = gain * first + offset - seen
+                variance = max(NOISE, float(scatter(off[:, None])[0])) ** 2 + EDGE_PX**2 * np.sum(slopes**2, axis=1)
+                weight = self._weight / (1.0 + off**2 / (4.0 * variance)) ** 2 / (variance * TOGETHER**2)
+                turned = (self._places @ _turn(pose[2] + 0.5 * np.pi).T * slopes).sum(axis=1)
+                rows = np.column_stack([slopes, turned])
+                less = SLOPE_NOISE * np.sqrt([weight.sum(), weight.sum(), weight @ np.sum(self._places**2, axis=1)])
+                share, ways = np.linalg.eigh((rows * weight[:, None]).T @ rows / np.outer(less, less))
+                true = np.maximum(share - 1.0, 0.0)
+                information = prior + (ways * true) @ ways.T * np.outer(less, less)
+                pull = (ways * true / np.maximum(share, 1e-9)) @ ways.T @ (rows.T @ (weight * off) / less) * less
+                step = np.linalg.solve(information, pull + prior @ (self._pose - pose))
+                pose += step
+                if np.abs(step[:2]).max() + self._half * abs(step[2]) < 0.02:
+                    break
+        seen = _sampled(blurred[-1], self._put(pose))
+        return pose, _alike(self._first[-1], seen, self._weight), np.asarray(np.linalg.inv(information), dtype=float)
+
+
+def _turn(angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _sampled(picture: Level, places: FloatArray) -> FloatArray:
+    """Grey levels (n,) at places (n, 2) px."""
+    x, y = places.T.astype(np.float32)
+    return np.asarray(cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), dtype=float).ravel()
+
+
+def _line(first: FloatArray, seen: FloatArray, weight: FloatArray) -> tuple[float, float]:
+    """Gain and offset of the light that turn `first` into `seen`."""
+    share = weight / weight.sum()
+    means = share @ first, share @ seen
+    apart = first - means[0]
+    gain = float(share @ (apart * (seen - means[1])) / max(float(share @ apart**2), 1e-9))
+    return gain, float(means[1] - gain * means[0])
+
+
+def _alike(first: FloatArray, seen: FloatArray, weight: FloatArray) -> float:
+    """Correlation of two pictures of one place."""
+    share = weight / weight.sum()
+    apart, other = first - share @ first, seen - share @ seen
+    return float(share @ (apart * other) / max(float(np.sqrt((share @ apart**2) * (share @ other**2))), 1e-9))
