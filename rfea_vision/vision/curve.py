@@ -46,6 +46,15 @@ def point_and_tangent(coefficients, u):
     return x, y, dx / speed, dy / speed, speed
 
 
+@compiled
+def points_and_tangents(coefficients, u):
+    """Points (n, 2) and unit tangents (n, 2) at all of `u` (n,)."""
+    points, tangents = np.empty((len(u), 2)), np.empty((len(u), 2))
+    for k in range(len(u)):
+        points[k, 0], points[k, 1], tangents[k, 0], tangents[k, 1], _ = point_and_tangent(coefficients, u[k])
+    return points, tangents
+
+
 @lean
 def value_at(coefficients, u):
     """A scalar spline at `u`."""

@@ -5,9 +5,8 @@ import pytest
 from scipy.special import ndtr
 
 from rfea_vision.vision.curve import COEFFICIENTS, fit_curve
-from rfea_vision.vision.edges.edgels import Expected, _blur_row, cross_edge
-from rfea_vision.vision.edges.fitted import LONGEST_ROW
-from rfea_vision.vision.edges.step import BLUR_PX, MOST_BLUR_PX, pixels_across, steps
+from rfea_vision.vision.edges.edgels import Expected, Line, _blur_row, cross_edge
+from rfea_vision.vision.edges.step import BLUR_PX, steps
 from rfea_vision.vision.follow.motion import CurvePredictor
 
 
@@ -28,9 +27,10 @@ def test_an_edge_off_its_expected_place_is_put_right_in_one_step(blur, outward, 
         place, off = rng.uniform(28, 32), rng.uniform(-0.35, 0.35)
         line = 60.0 + 120.0 * seen(outward * (np.arange(60.0) - place), blur)
         picture = np.tile(line, (3, 1)) if along_row else np.tile(line, (3, 1)).T
-        sums, pixels = np.zeros((1, 6)), np.empty(LONGEST_ROW)
+        sums, pixels = np.zeros((1, 6)), picture.reshape(-1)
         edge = Expected(place - off * outward, outward, blur, row, 180.0, 60.0, 50.0)
-        shift, info, misfit, lighter = cross_edge(picture, along_row, 1, edge, table, pixels, sums, 0)
+        crossed = Line(pixels, 60, 1, 60) if along_row else Line(pixels, 1, 3, 60)
+        shift, info, misfit, lighter = cross_edge(crossed, edge, table, sums, 0)
         assert abs(shift - off) < (0.02 if blur < 0.5 else 0.004)
         slope = 120.0 * np.diff(ndtr((np.arange(61.0) - 0.5 - place + off * outward) / blur))
         assert abs(info / np.sum(slope**2) - 1) < 0.1  # to the nearest tabulated place and blur
@@ -43,9 +43,8 @@ def test_pixels_that_are_not_there_are_not_read():
     row = _blur_row(table.blurs, 0.8, 0)
     for place in (3.0, 17.0):
         edge = Expected(place, 1, 0.8, row, 180.0, 60.0, 50.0)
-        answer = cross_edge(picture, True, 1, edge, table, np.empty(LONGEST_ROW), np.zeros((1, 6)), 0)
+        answer = cross_edge(Line(picture.reshape(-1), 20, 1, 20), edge, table, np.zeros((1, 6)), 0)
         assert answer[1] < 0
-    assert pixels_across(MOST_BLUR_PX * 1.03) + 10 < LONGEST_ROW
 
 
 def swung(angle: float) -> np.ndarray:

@@ -65,7 +65,7 @@ def fill_numbers(
     turned : rad, how well it is known by how much what holds it has turned
     """
     numbers = work.numbers
-    numbers[:] = fitted.NOTHING
+    numbers.view(np.float64).fill(0.0)
     numbers["length"] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     numbers["bend"] = turning(work.normal)
     numbers["noise"] = numbers["inflation"] = numbers["used"] = 1.0

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.curve import basis_matrix
+from rfea_vision.vision.curve import points_and_tangents
 from rfea_vision.vision.find.ends import light_between
 
 SAMPLES = 512
@@ -41,10 +41,8 @@ ASSUMPTION = (
 
 def light_along(picture: NDArray[np.uint8], camera: FloatArray, coefficients: FloatArray, half_mm: float) -> FloatArray:
     """Mean light (SAMPLES,) over the middle half of the tube at even steps of the centre line."""
-    u, count = (np.arange(SAMPLES) + 0.5) / SAMPLES, len(coefficients)
-    slope = basis_matrix(u, count, 1) @ coefficients
-    normals = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.linalg.norm(slope, axis=1, keepdims=True)
-    return light_between(picture, camera, basis_matrix(u, count) @ coefficients, normals * half_mm, ACROSS)
+    points, tangents = points_and_tangents(coefficients, (np.arange(SAMPLES) + 0.5) / SAMPLES)
+    return light_between(picture, camera, points, half_mm * np.column_stack([-tangents[:, 1], tangents[:, 0]]), [ACROSS])[:, 0]
 
 
 def texture_of(profiles: FloatArray) -> FloatArray:

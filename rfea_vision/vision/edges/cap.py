@@ -139,8 +139,8 @@ def _follow_cap_shape(work, filled, state, half, gain):
 @compiled
 def coarse_cap(shot, state, reach_px):
     """Where along the axis, within `reach_px`, does the tube end? Shift in mm, 0 if nowhere."""
-    picture, camera, px_per_mm = shot
-    height, width = picture.shape
+    picture, width, camera, px_per_mm = shot
+    height = picture.shape[0]
     x, y, tx, ty, _ = point_and_tangent(state.coefficients, 1.0)
     half = value_at(state.width, 1.0)
     reach = int(reach_px)

@@ -14,6 +14,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, inlined, lean
@@ -44,35 +45,24 @@ def _blur_row(blurs, blur, near):
     return near
 
 
-@inlined
-def _read_row(picture, along_row, line, first, pixels, values):
-    """Copy `pixels` pixels of a row (or column), from `first` on, into `values`."""
-    # Indices are unsigned, because those that might count from the end could not be loaded side by side.
-    line_, first_ = np.uint64(line), np.uint64(first)
-    if along_row:
-        for k in range(pixels):
-            values[k] = picture[line_, first_ + k]
-    else:
-        for k in range(pixels):
-            values[k] = picture[first_ + k, line_]
+class Line(NamedTuple):
+    """A row (or column): all pixels of the picture, where in these it starts, how far apart its own lie, and how many it has."""
+
+    pixels: NDArray[np.uint8]
+    start: int
+    step: int
+    size: int
 
 
 @inlined
-def _add_levels(values, begin, end, pixels, outward, sums, vertex):
-    """Add what lies before `begin` and from `end` on to the sums of light on the tube and beyond it; the sum and count on the tube."""
-    below = above = 0.0
-    for k in range(np.uint64(begin)):
-        below += values[k]
-    for k in range(np.uint64(end), pixels):
-        above += values[k]
-    count_below, count_above = float(begin), max(float(pixels) - end, 0.0)
-    if outward < 0:
-        below, above, count_below, count_above = above, below, count_above, count_below
-    sums[vertex, SUM_IN] += below
-    sums[vertex, COUNT_IN] += count_below
-    sums[vertex, SUM_OUT] += above
-    sums[vertex, COUNT_OUT] += count_above
-    return below, count_below
+def _sum(line, first, end):
+    """Light of the pixels from `first` to before `end`, and their number."""
+    # Indices are unsigned, because those that might count from the end take longer.
+    at, step, number, total = np.uint64(line.start + first * line.step), np.uint64(line.step), max(end - first, 0), 0.0
+    for _ in range(number):
+        total += line.pixels[at]
+        at += step
+    return total, float(number)
 
 
 class Expected(NamedTuple):
@@ -91,10 +81,10 @@ class Expected(NamedTuple):
 
 
 @inlined
-def cross_edge(picture, along_row, line, edge, steps, values, sums, vertex):
-    """Compare row (or column) `line` with the edge that is `Expected` there.
+def cross_edge(line, edge, steps, sums, vertex):
+    """Compare a `Line` with the edge that is `Expected` there.
 
-    `steps` is the tabulated edge, `values` room for a row. Adds level and blur statistics to row `vertex` of `sums`.
+    `steps` is the tabulated edge. Adds level and blur statistics to row `vertex` of `sums`.
     Returns the Newton step in px along the line (positive outward), its information per unit noise variance (negative
     where pixels are missing), the misfit, and how much lighter than `inside` the tube is here.
     """
@@ -104,11 +94,9 @@ def cross_edge(picture, along_row, line, edge, steps, values, sums, vertex):
     inward = min(beyond, inner)
     first = math.ceil(place - (inward if outward > 0 else beyond))
     last = math.floor(place + (beyond if outward > 0 else inward))
-    if first < 0 or last >= (picture.shape[1] if along_row else picture.shape[0]):
+    if first < 0 or last >= line.size:
         return 0.0, -1.0, 0.0, 0.0
     # From low to high pixels, whichever of them are the tube's: the model turned round is one minus itself.
-    pixels = np.uint64(last + 1 - first)
-    _read_row(picture, along_row, line, first, pixels, values)
     number = int(steps.blurs[row, PIXELS])
     begin = math.ceil(place - half)
     nearest = int((begin - place + half) * PHASES + 0.5)
@@ -118,16 +106,22 @@ def cross_edge(picture, along_row, line, edge, steps, values, sums, vertex):
     gain = info = misfit = up = down = 0.0
     from_k, to_k = max(first - begin, 0), min(last + 1 - begin, number)
     at = np.uint64(int(steps.blurs[row, BEGIN]) + 3 * number * nearest + from_k)
-    at_slope, at_blur, at_value = at + np.uint64(number), at + np.uint64(2 * number), np.uint64(begin - first + from_k)
+    at_slope, at_blur = at + np.uint64(number), at + np.uint64(2 * number)
+    at_pixel, apart = np.uint64(line.start + (begin + from_k) * line.step), np.uint64(line.step)
     for k in range(np.uint64(max(to_k - from_k, 0))):
         slope, by_blur = table[at_slope + k], table[at_blur + k]
-        residual = values[at_value + k] - high - step * (table[at + k] - off * slope + blur_off * by_blur)
+        residual = line.pixels[at_pixel + k * apart] - high - step * (table[at + k] - off * slope + blur_off * by_blur)
         gain += slope * residual
         info += slope * slope
         misfit += residual * residual
         up += by_blur * residual
         down += by_blur * by_blur
-    on_tube, count = _add_levels(values, max(begin - first, 0), max(begin - first + number, 0), pixels, outward, sums, vertex)
+    below, above = _sum(line, first, begin), _sum(line, max(begin + number, first), last + 1)
+    (on_tube, count), (beyond_it, others) = (below, above) if outward > 0 else (above, below)
+    sums[vertex, SUM_IN] += on_tube
+    sums[vertex, COUNT_IN] += count
+    sums[vertex, SUM_OUT] += beyond_it
+    sums[vertex, COUNT_OUT] += others
     sums[vertex, BLUR_UP] += step * up
     sums[vertex, BLUR_DOWN] += step * step * down
     if info * step * step < 1e-9:
@@ -167,7 +161,8 @@ def measure_polyline(shot, state, work, which, low, high, u, inner_px, stride, f
     stride : use every so many rows
     filled : row of the table from which on stations are appended; returns the new count
     """
-    picture, camera, _ = shot
+    picture, width, camera, _ = shot
+    pixels, height, padded = picture.reshape(-1), picture.shape[0], picture.shape[1]
     stations, points, outward, sums = work.stations, work.edge, work.outward, work.sums[which]
     levels, blurs = state.levels[which], state.blurs[which]
     side = 0.0 if which == CAP else 1.0 - 2.0 * which
@@ -197,12 +192,13 @@ def measure_polyline(shot, state, work, which, low, high, u, inner_px, stride, f
             blur = 0.5 * (blurs[v] + blurs[following])
             seen = math.sqrt(blur * blur + (1.0 - cosine * cosine) / 12.0) / cosine
             row = _blur_row(work.steps.blurs, seen, row)
-            for line in _lines_between(a, b, float(picture.shape[0] if along_row else picture.shape[1]), stride):
-                f = (line - a) / span
+            for number in _lines_between(a, b, float(height if along_row else width), stride):
+                f = (number - a) / span
                 vertex = v if f < 0.5 else following
                 place = px0 + f * dx if along_row else py0 + f * dy
                 edge = Expected(place, direction, seen, row, levels[vertex, 0], levels[vertex, 1], inner_px / cosine)
-                shift, info, misfit, lighter = cross_edge(picture, along_row, line, edge, work.steps, work.pixels, sums, vertex)
+                line = Line(pixels, number * padded, 1, width) if along_row else Line(pixels, number, padded, height)
+                shift, info, misfit, lighter = cross_edge(line, edge, work.steps, sums, vertex)
                 if info < 0.0:
                     continue
                 if filled >= stations.shape[0]:

@@ -43,16 +43,18 @@ class FrameFit(NamedTuple):
 
 #: The same for compiled code, which fills one record frame by frame; of many frames each field is a series.
 FRAME = np.dtype([(name, np.float64) for name in FrameFit._fields])
-NOTHING = np.zeros(1, dtype=FRAME)  # of this
 
 SECTIONS = 64  # along the tube, in which stations are counted
-LONGEST_ROW = 512  # px across an edge
 
 
 class Shot(NamedTuple):
-    """A picture (h, w), the camera that took it, and its scale in px per mm."""
+    """A picture as it lies in memory, how many columns (and rows) of it are the picture's, its camera, and its scale in px per mm.
 
-    picture: NDArray[np.uint8]
+    A decoder makes rows longer than they need be.
+    """
+
+    rows: NDArray[np.uint8]
+    width: int
     camera: FloatArray
     px_per_mm: float
 
@@ -91,7 +93,6 @@ class Buffers(NamedTuple):
     numbers: NDArray[Any]  # (1,) of `FRAME`
     covariance: FloatArray
     sections: FloatArray
-    pixels: FloatArray
     steps: Steps
 
 
@@ -113,6 +114,5 @@ def new_buffers() -> Buffers:
         np.zeros(1, dtype=FRAME),
         np.zeros((size, size)),
         np.zeros((4, SECTIONS)),
-        np.empty(LONGEST_ROW),
         steps(),
     )

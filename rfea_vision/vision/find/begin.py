@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
@@ -73,8 +74,12 @@ class Scene:
         return np.vstack([*first, *points, *last]) if len(points) or first or last else np.empty((0, 2))
 
     def shot(self, picture: NDArray[np.uint8]) -> Shot:
-        """A picture with what the compiled functions know of its camera."""
-        return Shot(picture, self.camera, self.px_per_mm)
+        """A picture (h, w) with what the compiled functions know of its camera."""
+        (height, width), (step, _) = picture.shape, picture.strides
+        # All loops would be compiled once more for rows that lie apart, as a decoder pads them: they get whole rows.
+        if not picture.flags.c_contiguous and step >= width and picture.strides[1] == 1:
+            picture = as_strided(picture, (height, step))
+        return Shot(np.ascontiguousarray(picture), width, self.camera, self.px_per_mm)
 
     @property
     def half_mm(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import project
 from rfea_vision.lines import along
-from rfea_vision.vision.curve import basis_matrix
+from rfea_vision.vision.curve import VERTEX_U, points_and_tangents
 
 STEP_MM = 0.05
 HALF_WINDOW_MM = 1.0
@@ -43,25 +44,18 @@ def extended(
 
     Returns s (n,), positive beyond the end, points (n, 2) and outward tangents (n, 2).
     """
-    count = coefficients.shape[0]
-    ends = np.array([0.0, 1.0])
-    slope = basis_matrix(ends, count, 1) @ coefficients
-    length = float(along(basis_matrix(np.linspace(0, 1, 200), count) @ coefficients)[-1])
+    length = float(along(points_and_tangents(coefficients, VERTEX_U)[0])[-1])
     s = np.arange(-within_mm, beyond_mm + STEP_MM / 2, STEP_MM)
     inside = np.minimum(s, 0.0) / length
-    u = 1.0 + inside if at_tip else -inside
-    points = basis_matrix(u, count) @ coefficients
-    tangents = basis_matrix(u, count, 1) @ coefficients * (1 if at_tip else -1)
-    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    end_tangent = slope[1 if at_tip else 0] * (1 if at_tip else -1)
-    end_tangent /= np.linalg.norm(end_tangent)
-    back = tangents[np.argmin(np.abs(s + 0.15 * length))]
+    points, tangents = points_and_tangents(coefficients, 1.0 + inside if at_tip else -inside)
+    if not at_tip:
+        tangents = -tangents
+    end_tangent, back = tangents[-1], tangents[np.argmin(np.abs(s + 0.15 * length))]
     bend = np.arctan2(back[0] * end_tangent[1] - back[1] * end_tangent[0], float(back @ end_tangent))
     curvature = bend / (0.15 * length)
-    out = s > 0
-    angle = np.arctan2(end_tangent[1], end_tangent[0]) + curvature * s[out]
+    out, heading = s > 0, np.arctan2(end_tangent[1], end_tangent[0])
+    angle, middle = heading + curvature * s[out], heading + 0.5 * curvature * s[out]
     tangents[out] = np.column_stack([np.cos(angle), np.sin(angle)])
-    middle = np.arctan2(end_tangent[1], end_tangent[0]) + 0.5 * curvature * s[out]
     points[out] = points[np.argmin(np.abs(s))] + s[out, None] * np.column_stack([np.cos(middle), np.sin(middle)])
     return s, points, tangents
 
@@ -71,7 +65,7 @@ def strips(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Mean light (n, 3) in the tube, beside its left and its right edge, along the axis; and which rows are in the picture."""
     across = half_mm * np.column_stack([-tangents[:, 1], tangents[:, 0]])
-    means = np.column_stack([light_between(picture, camera, points, across, band) for band in BANDS])
+    means = light_between(picture, camera, points, across, BANDS)
     seen = np.ones(len(points), dtype=bool)
     height, width = picture.shape
     for side in (-1.1, 1.1):
@@ -81,13 +75,13 @@ def strips(
 
 
 def light_between(
-    picture: NDArray[np.uint8], camera: FloatArray, points: FloatArray, across: FloatArray, band: tuple[float, float]
+    picture: NDArray[np.uint8], camera: FloatArray, points: FloatArray, across: FloatArray, bands: Sequence[tuple[float, float]]
 ) -> FloatArray:
-    """Mean light (n,) at `points` (n, 2) mm, over places between the two shares in `band` of `across` (n, 2) mm beside them."""
-    shares = np.linspace(*band, BAND_PLACES)
+    """Mean light (n, bands) at `points` (n, 2) mm, over places between each two shares of `across` (n, 2) mm beside them."""
+    shares = np.concatenate([np.linspace(*band, BAND_PLACES) for band in bands])
     places = project(camera, points[:, None] + shares[:, None] * across[:, None])
     values = cv2.remap(picture, places.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # pyright: ignore[reportCallIssue, reportArgumentType]
-    return np.asarray(values, dtype=float).mean(axis=1)
+    return values.reshape(len(points), len(bands), -1).mean(axis=2, dtype=float)
 
 
 def clamp_step(

@@ -14,6 +14,7 @@ from rfea_vision.vision.edges.sides import move_state
 from rfea_vision.vision.edges.solve import normal_equations, residuals_of
 
 LONGEST_ARM = 1024  # px to either side of the centre line
+NEAR_PX = 1.5  # what lies nearer is found by the edges themselves
 
 
 @compiled
@@ -22,8 +23,8 @@ def coarse_search(shot, state, work, reach_px):
 
     `work` holds the vertices of the curve. Returns the number of stations.
     """
-    picture, camera, _ = shot
-    height, width = picture.shape
+    picture, width, camera, _ = shot
+    height = picture.shape[0]
     count = work.centre.shape[0]
     reach = int(reach_px)
     profile, means = np.empty(2 * LONGEST_ARM + 1), np.empty(2 * LONGEST_ARM + 1)
@@ -73,7 +74,7 @@ def apply_coarse(state, work, filled, px_per_mm):
     largest = 0.0
     for n in range(filled):
         largest = max(largest, abs(work.stations[n, SHIFT]) * px_per_mm)
-    if largest <= 1.0:  # a pixel and less is found by the edges themselves
+    if largest < NEAR_PX:
         return largest
     solution = np.zeros(count + width_count)
     for repeat in range(4):

@@ -63,17 +63,15 @@ class Follower:
 
     def next(self, luma: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame; returns an empty string, or the reason why it is rejected."""
-        # Rows may lie apart, as a decoder pads them, or run the other way: all loops would be compiled for such pictures once more.
-        luma = np.ascontiguousarray(luma)
         if self.start is None:
             reason = self._find(luma)
             if reason:
                 return reason
-        moving = self.motion.step_mm(time_s) * self.scene.px_per_mm > 0.5
-        if moving and self.judge.repeated(luma):  # a copy written by the recorder
+        shot, moving = self.scene.shot(luma), self.motion.step_mm(time_s) * self.scene.px_per_mm > 0.5
+        if moving and self.judge.repeated(shot):  # a copy written by the recorder
             return "duplicate"
-        self._brighten(self.judge.brightening(luma))
-        reason = self._fit_predicted(luma, time_s)
+        self._brighten(self.judge.brightening(shot))
+        reason = self._fit_predicted(shot, time_s)
         assert self.state is not None
         start = np.array([point_and_tangent(self.state.coefficients, 0.0)[:2]])
         reason = reason or off_hints(start, self.scene)
@@ -223,27 +221,27 @@ class Follower:
         shared = max(float(np.median(self.clamp_errors)), ORIGIN_PX / self.scene.px_per_mm)
         return float(np.hypot(1.25 * scatter / np.sqrt(len(along)), shared)), scatter
 
-    def _fit_predicted(self, luma: NDArray[np.uint8], time_s: float) -> str:
+    def _fit_predicted(self, shot: fitted.Shot, time_s: float) -> str:
         assert self.state is not None
         saved, reach = [array.copy() for array in self.state], SEARCH_PX * min(1 + self.missed, 3)
         if self.missed or not self.good:
-            return self._fit(luma, saved, reach)
+            return self._fit(shot, saved, reach)
         self.motion.predict(time_s, self.state.coefficients)
-        reason = self._fit(luma, saved, reach)
-        if reason and not self._fit(luma, saved, reach):  # from where it was last: a prediction may lead astray
+        reason = self._fit(shot, saved, reach)
+        if reason and not self._fit(shot, saved, reach):  # from where it was last: a prediction may lead astray
             return ""
         return reason
 
-    def _fit(self, luma: NDArray[np.uint8], saved: list[FloatArray], reach: float) -> str:
+    def _fit(self, shot: fitted.Shot, saved: list[FloatArray], reach: float) -> str:
         assert self.state is not None
-        gain, shot = (0.3 if self.good < FIRST_FRAMES else 0.02), self.scene.shot(luma)
+        gain = 0.3 if self.good < FIRST_FRAMES else 0.02
         for _ in range(TRIES):
-            self.work.numbers[:] = fitted.NOTHING
+            self.work.numbers.view(np.float64).fill(0.0)
             fit_frame(shot, self.state, self.work, reach, gain, self.judge.hinge_mm, self.scene.turn_sign, self.noise)
             on_its_way = self.work.numbers["last_step"][0] > SETTLED_PX
             if not on_its_way or self.work.numbers["used"][0] < WHOLE:
                 break
-        reason = self.judge(luma, self.work.numbers[0])
+        reason = self.judge(shot, self.work.numbers[0])
         if reason:
             for array, old in zip(self.state, saved, strict=True):
                 array[:] = old
@@ -261,7 +259,7 @@ class Follower:
             return "no_tube: another tube"
         saved = [array.copy() for array in self.state]
         self.state.coefficients[:] = found.state.coefficients
-        return self._fit(luma, saved, SEARCH_PX)
+        return self._fit(self.scene.shot(luma), saved, SEARCH_PX)
 
     def _accept(self, time_s: float) -> None:
         assert self.state is not None

@@ -12,12 +12,11 @@ from rfea_vision.vision.curve import VERTICES, point_and_tangent, turning, value
 from rfea_vision.vision.edges.cap import cap_contrast, cap_levels, coarse_cap, measure_cap
 from rfea_vision.vision.edges.sides import fit_sides, gaps, measure_sides, move_state, profile_error, update_levels
 from rfea_vision.vision.edges.solve import correlation_length
-from rfea_vision.vision.follow.coarse import apply_coarse, coarse_search
+from rfea_vision.vision.follow.coarse import NEAR_PX, apply_coarse, coarse_search
 
 TURNS = 8
 MOST_BLUR = 0.55  # of the half width: beyond it the two edges are one
 SPARSE = 3  # rows from one station to the next while the curve is still on its way
-NEAR_PX = 1.5
 AT_ONCE_PX = 0.4  # a first step that is no longer ends on its place within the noise: edges know their own curve
 END_AT_ONCE_PX = 0.1  # farther, and the end is looked at once more
 LOOKED_ALONG = 65  # places along the curve, from which its length and its turning are told before its end is looked for
@@ -28,7 +27,7 @@ LEAST_CAP_CONTRAST = 0.45  # of the light step at the edges
 @lean
 def _margin_px(shot, state, u):
     """How near to an end the edges can be used: blur of the end, and its corner where rows cross the edge at a slant."""
-    _, camera, px_per_mm = shot
+    camera, px_per_mm = shot.camera, shot.px_per_mm
     x, y, tx, ty, _ = point_and_tangent(state.coefficients, u)
     ax, ay = project_point(camera, x, y)
     bx, by = project_point(camera, x + tx, y + ty)
@@ -109,7 +108,7 @@ def _describe(camera, state, work, noise, cap_used):
     numbers.cap_used = cap_used
     numbers.cap_contrast = cap_contrast(state)
     numbers.cap_round = -state.cap[1] * work.half_width[VERTICES - 1]
-    numbers.blur = max(np.median(state.blurs[0]), np.median(state.blurs[1]))
+    numbers.blur = np.median(state.blurs[0])
     numbers.end_blur = np.mean(state.blurs[0, 7 * VERTICES // 8 :])
     # A picture taken while the tube moves by s has the blur of a box of that width on top of the lens's own.
     numbers.smear = math.sqrt(

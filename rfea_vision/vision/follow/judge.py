@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.scatter import NORMAL
 from rfea_vision.vision.compiled import compiled, lean
-from rfea_vision.vision.edges.fitted import FrameFit
+from rfea_vision.vision.edges.fitted import FrameFit, Shot
 from rfea_vision.vision.find.begin import Scene
 from rfea_vision.vision.follow.frame import LEAST_CAP_CONTRAST, MOST_BLUR
 
@@ -22,27 +22,27 @@ LENGTH_OFF = 0.04
 GIVEN_LENGTH_OFF = 0.35  # the same against the length that was given
 FIRST_LENGTHS_OFF = 0.06  # the same while only a few frames were seen
 ROWS, COLUMNS = 11, 8  # of these, one picture row and column each is compared with those of the frame before
-LIGHT_ROWS, LIGHT_COLUMNS = 44, 16  # the same to tell how bright the light is
+LIGHT_PLACES = 20  # rows, and columns, whose pixels tell how bright the light is
 
 
 @lean
-def _same(picture, other):
+def _same(shot, other):
     """Whether two pictures are the same wherever they are compared: over all of them first, so that a change is soon met."""
     for first in range(8):
-        for i in range(first * ROWS, picture.shape[0], 8 * ROWS):
-            for j in range(0, picture.shape[1], COLUMNS):
-                if picture[i, j] != other[i, j]:
+        for i in range(first * ROWS, shot.rows.shape[0], 8 * ROWS):
+            for j in range(0, shot.width, COLUMNS):
+                if shot.rows[i, j] != other.rows[i, j]:
                     return False
     return True
 
 
 @compiled
 def _gain(picture, first):
-    """Median over some of the picture's pixels of their light over that in `first`."""
-    ratio = np.empty(first.size)
+    """Median over pixels of their light over that in `first`."""
+    ratio = np.empty(first.shape)
     for i in range(first.shape[0]):
         for j in range(first.shape[1]):
-            ratio[i * first.shape[1] + j] = (picture[LIGHT_ROWS * i, LIGHT_COLUMNS * j] + 1.0) / first[i, j]
+            ratio[i, j] = (picture[i, j] + 1.0) / first[i, j]
     return np.median(ratio)
 
 
@@ -126,17 +126,17 @@ class Judge:
         self.scene = scene
         self.hinge_lengths: list[float] = []
         self.expected_mm = scene.length_mm
-        self._last: NDArray[np.uint8] | None = None
+        self._last: Shot | None = None
         self.recent: list[float] = []
         self._jumped = 0
         self._first: NDArray[np.float64] | None = None
         self._gain = 1.0
 
-    def __call__(self, luma: NDArray[np.uint8], measured: np.void) -> str:
+    def __call__(self, shot: Shot, measured: np.void) -> str:
         """Empty if good, else the reason of the first rule that is broken, or length_off."""
         fit = FrameFit(*measured.tolist())
         half_px = self.scene.half_mm * self.scene.px_per_mm
-        tube = Tube(half_px, self.scene.half_mm, (luma.shape[1], luma.shape[0]), len(self.recent) >= RECENT)
+        tube = Tube(half_px, self.scene.half_mm, (shot.width, shot.rows.shape[0]), len(self.recent) >= RECENT)
         reason = next((rule.reason for rule in RULES if rule.broken(fit, tube)), "")
         return reason or self._length(fit)
 
@@ -173,16 +173,18 @@ class Judge:
         """Length of the inextensible side as seen so far; 0 before it is known."""
         return self.expected_mm if len(self.hinge_lengths) >= 5 else 0.0
 
-    def repeated(self, luma: NDArray[np.uint8]) -> bool:
+    def repeated(self, shot: Shot) -> bool:
         """Whether a picture is identical to the one seen last."""
-        return self._last is not None and bool(_same(luma, self._last))
+        return self._last is not None and bool(_same(shot, self._last))
 
-    def brightening(self, luma: NDArray[np.uint8]) -> float:
+    def brightening(self, shot: Shot) -> float:
         """How much brighter a picture is than the one before: lamps flicker, exposure drifts."""
-        self._last = luma
+        self._last = shot
+        down, right = max(shot.rows.shape[0] // LIGHT_PLACES, 1), max(shot.width // LIGHT_PLACES, 1)
+        seen = shot.rows[::down, : shot.width : right]
         if self._first is None:
-            self._first = luma[::LIGHT_ROWS, ::LIGHT_COLUMNS].astype(np.float64) + 1.0
+            self._first = seen.astype(np.float64) + 1.0
         # Pixel by pixel, and the middle of all: what moves through the picture is no change of the light.
-        gain = min(max(_gain(luma, self._first), 0.05), 20.0)
+        gain = min(max(_gain(seen, self._first), 0.05), 20.0)
         ratio, self._gain = gain / self._gain, gain
         return ratio
