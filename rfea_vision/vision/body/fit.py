@@ -74,7 +74,7 @@ SKIN_FIRST, SKIN_VALUE = at_stations(SHARES, ((0, 11), (11, 6), (17, 8)))
 EDGE_FIRST, EDGE_VALUE = at_stations(SHARES, ((0, 11), (17, 8), (UNKNOWNS, LEANING)))
 END_PX = 0.3  # scatter of a ray's end at full contrast
 HUBER = 2.0  # standard errors
-BESIDE, BEYOND = 1.6, np.array([0.5, 1.0, 1.5])  # half widths off the line: the middle of what is beside the body; and off its end
+BESIDE, BEYOND = 1.6, np.arange(0.5, 4.1, 0.5)  # half widths off the line: the middle of what is beside the body; and off its end
 SURELY = 2.0  # evidence, odds of 7: what is around a pale body before a pale wall looks like it by a little
 
 
@@ -96,7 +96,7 @@ class Fit:
 
     beside : (S, 2) share of what is beside it, to either side, that surely looks like the body; NaN where it is
         another stretch of it
-    beyond : (3,) share of what is beyond its end that does, ever farther
+    beyond : (8,) share of what is beyond its end that does, ever farther
     standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
     reason : why it is no measurement; empty where it is one
     stretched : px by which it is longer than what was carried into the frame
@@ -250,7 +250,7 @@ def end_rays(picture: Picture, wall: Wall, body: SeenBody, reach: float) -> Floa
 def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArray, FloatArray]:
     """Share of what is around a body that surely looks like it.
 
-    (S, 2) to either side, from 1.2 to 2 half widths off its line; and (3,) up to one and a half beyond its end. NaN where it has
+    (S, 2) to either side, from 1.2 to 2 half widths off its line; and (8,) up to four beyond its end. NaN where it has
     rolled up and lies beside itself.
     """
     tangents, normals = frame_of(body.points)

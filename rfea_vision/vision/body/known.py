@@ -52,6 +52,7 @@ def fill_numbers(
     held: float,
     pointed: float,
     turned: float = 0.0,
+    slipped: float = 0.0,
 ) -> None:
     """Fill `work` with what the track is derived from, and its covariance in mm^2.
 
@@ -63,6 +64,7 @@ def fill_numbers(
     held : px^2, variance of the length that was carried into the frame
     pointed : px of the film, how well the clamp and the tip were pointed at
     turned : rad, how well it is known by how much what holds it has turned
+    slipped : px^2, variance along the body of a skin that repeats itself, and that was lost
     """
     numbers = work.numbers
     numbers.view(np.float64).fill(0.0)
@@ -91,4 +93,4 @@ def fill_numbers(
     along = max(float(ALONG_BASIS[-1] @ covariance @ ALONG_BASIS[-1]) for covariance in known)
     # Where the length that was carried and the frame disagree by more than both allow, one of them is wrong: Birge's ratio.
     along *= max(1.0, fit.stretched**2 / (along + held))
-    numbers["tip_variance"] = (along + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (pointed * scale) ** 2 * mm2
+    numbers["tip_variance"] = (along + slipped + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (pointed * scale) ** 2 * mm2

@@ -1,0 +1,90 @@
+"""Arms of discs on a thin rod: their skin repeats itself, and between discs wall is seen."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.lines import at
+from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.model import SHARES
+from rfea_vision.vision.track import make_scene
+
+FOOT, SIZE, HALF, PITCH = np.array([230.0, 270.0]), (360, 300), 12.0, 9.0
+LENGTH = 207.0  # 23 discs
+
+
+def middle_of(bend: float) -> np.ndarray:
+    """Points (65, 2) px from the clamp on, upwards, to the left by `bend` rad at the end."""
+    heading = -np.pi / 2 - bend * SHARES
+    steps = LENGTH / 64 * np.column_stack([np.cos(heading), np.sin(heading)])
+    return FOOT + np.vstack([[0.0, 0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]), axis=0)])
+
+
+def drawn(line: np.ndarray, *, rod: int = 2, plain: bool = False, hidden: bool = False) -> np.ndarray:
+    picture = np.full((*SIZE[::-1], 3), (150, 165, 160), np.uint8)
+    cv2.rectangle(picture, (200, 270), (260, 300), (35, 30, 30), -1)
+    cv2.polylines(picture, [np.round(16 * line).astype(np.int32)], False, (30, 30, 30), 24 if plain else rod, cv2.LINE_AA, 4)
+    for far in np.arange(PITCH, LENGTH + 0.1, PITCH):
+        place, before = at(line, np.array([far, far - 3.0]))
+        across = (place - before)[::-1] * [-HALF / 3.0, HALF / 3.0]
+        ends = [np.round(16 * (place + side * across)).astype(int).tolist() for side in (-1, 1)]
+        cv2.line(picture, ends[0], ends[1], (30, 30, 30), 3, cv2.LINE_AA, 4)
+    if hidden:
+        cv2.rectangle(picture, (0, 0), (360, 200), (40, 160, 60), -1)
+    noise = np.random.default_rng(0).normal(0, 2, picture.shape)
+    return np.clip(cv2.GaussianBlur(picture, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
+
+
+def begun(picture: np.ndarray, line: np.ndarray) -> BodyFollower:
+    points = tuple((float(x), float(y)) for x, y in line[[20, 44]])
+    clamp = ((FOOT[0] - HALF, FOOT[1]), (FOOT[0] + HALF, FOOT[1]))
+    hints = Hints(clamp=clamp, tip=(float(line[-1, 0]), float(line[-1, 1])), centre_line=points)
+    actuator = Actuator(outer_radius=HALF / 1e3, inner_radius=HALF / 2e3, length=LENGTH / 1e3)
+    scene = make_scene(scaled_by_distance(SIZE, [[10, 10], [110, 10]], 100.0), actuator, "image", hints, SIZE)
+    follower = BodyFollower(scene, 1.0)
+    assert follower.next(picture, 0.0) == ""
+    return follower
+
+
+@pytest.mark.parametrize(("plain", "pitch"), [(False, PITCH), (True, 0.0)])
+def test_the_pitch_of_discs_is_seen_and_plain_rubber_has_none(plain, pitch):
+    picture = drawn(line := middle_of(1.0), plain=plain)
+    follower = begun(picture, line)
+    assert follower.pitch == pytest.approx(pitch, abs=0.5)
+
+
+def test_a_line_that_ends_at_a_disc_before_the_end_is_refused():
+    follower = begun(drawn(line := middle_of(0.2)), line)
+    lab = follower.last.lab
+    for discs, said in ((23, ""), (16, "no_fit: the tube goes on beyond the line's end")):
+        short = replace(follower.body, points=at(line, SHARES * (discs * PITCH + 1.0)))
+        fit = follower._fit(lab, short, 1e-6 * follower.pointed, 0.8)
+        assert np.ptp(fit.body.points[-1] - short.points[-1]) < 3.0
+        assert follower._judged(lab, fit).reason.startswith(said) and bool(fit.reason) == bool(said), fit.reason
+
+
+def test_discs_that_do_not_hang_together_say_nothing_of_how_long_an_arm_is():
+    """The rod is too thin to be seen: what looks like the arm and hangs together with its clamp is its first discs."""
+    follower = begun(drawn(line := middle_of(0.6), rod=1), line)
+    gaps = drawn(line, rod=1)
+    cv2.circle(gaps, np.round(at(line, np.array([120.0]))[0]).astype(int).tolist(), 16, (150, 165, 160), -1)
+    follower.last = replace(follower.last, lab=follower._lab(gaps))
+    assert follower._outlined(follower._lab(gaps)) is None
+
+
+def test_an_arm_that_was_lost_may_lie_a_disc_off_until_its_end_is_seen_again():
+    follower = begun(drawn(line := middle_of(0.6)), line)
+    known = float(follower.work.numbers["tip_variance"][0])
+    for picture in (drawn(line, hidden=True), drawn(middle_of(0.65))):
+        follower.next(picture, 0.0)
+    assert follower.missed == 0 and follower.slipped == 0.0  # its end was seen
+    follower.end_offsets, follower.missed = None, 1  # as where it was not seen in the first frame
+    found = follower.next(drawn(middle_of(0.7)), 0.0)
+    assert found == "" and follower.slipped == pytest.approx(PITCH**2, rel=0.1)
+    assert float(follower.work.numbers["tip_variance"][0]) > known + 0.9 * PITCH**2
+    found = follower.next(drawn(middle_of(0.72)), 0.0)  # its rays agree in the frame before
+    assert found == "" and follower.slipped == 0.0
