@@ -219,8 +219,9 @@ def pitch_of(picture: Picture, body: SeenBody) -> float:
     strip = read_strip(picture, points, normals, np.full(count, half), across)[..., 0].mean(axis=1)
     width = 2 * int(half / step) + 1
     ribs = strip - np.convolve(np.pad(strip, width // 2, mode="edge"), np.full(width, 1.0 / width), "valid")
-    shifts = range(1, min(int(LONGEST_PITCH * half / step), count // 3))
-    alike = np.array([np.corrcoef(ribs[:-shift], ribs[shift:])[0, 1] for shift in shifts])
+    shifts = range(1, max(min(int(LONGEST_PITCH * half / step), count // 3), 3))
+    ribs = ribs - ribs.mean()
+    alike = np.array([ribs[:-shift] @ ribs[shift:] for shift in shifts]) / max(float(ribs @ ribs), 1e-9)
     apart = int(np.argmax(alike < 0.0))  # from there on it is another rib that is like this one: of all that are, the next
     peaks = np.flatnonzero((alike[1:-1] >= alike[:-2]) & (alike[1:-1] > alike[2:]) & (alike[1:-1] > REPEATS)) + 1
     return (peaks[0] + 1) * step if alike[apart] < 0.0 and len(peaks := peaks[peaks > apart]) else 0.0
