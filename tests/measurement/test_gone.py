@@ -126,7 +126,7 @@ def test_that_rubber_stretches_is_no_noise_of_its_length(tmp_path):
     calibration = scaled_by_distance((240, 240), [[10, 10], [110, 10]], 100.0)
     track = track_frames(source, calibration, scene.actuator, hints=scene.hints, vertical="image")
     assert track.dataset.attrs["followed_by"] == "body" and track.valid.mean() > 0.9
-    assert track.dataset.attrs["length_scatter_over_noise"] == 1.0
+    assert track.dataset.attrs["edge_correlation_inflation"] == 1.0
     off = track.dataset["tip"].values - np.array([(line[-1] - FOOT) * [1, -1] for line in lines])
     assert np.nanmax(np.abs(off) / track.dataset["tip_sigma"].values) < 3.0
 

@@ -70,7 +70,7 @@ def fill_numbers(
     numbers.view(np.float64).fill(0.0)
     numbers["length"] = vertices_of(state.coefficients, state.width, work.centre, work.normal, work.half_width)
     numbers["bend"] = turning(work.normal)
-    numbers["noise"] = numbers["inflation"] = numbers["used"] = 1.0
+    numbers["noise"] = numbers["used"] = 1.0
     mm2 = px_per_mm**-2
     floor = (FLOOR * (half := float(middle(fit.body.half)))) ** 2 * mm2
     # One edge elsewhere makes the body wider, or narrower, by as much as it moves the line. As a doubt, not as noise: to

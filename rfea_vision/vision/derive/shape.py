@@ -13,7 +13,6 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import project
-from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.derive.elongation import angles, elongation_of
 from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
@@ -24,7 +23,6 @@ from rfea_vision.vision.derive.smooth import Smoothed, smooth
 from rfea_vision.vision.derive.view import View, view_of
 from rfea_vision.vision.find.begin import Scene
 
-WITH_BEND = 2.0  # variance that is not noise, over what of it the length shows: not what changes slowly with the bend
 HEADINGS = 65  # places along the line at which its direction is read for what lies between marks
 PRECISE = ("midline", "tip", "bend_angle", "elongation", "length", "hinge_length")  # kept in double precision
 
@@ -43,8 +41,8 @@ def build_dataset(
 ) -> xr.Dataset:
     """Assemble the track's dataset; what a rolling shutter read early or late is moved to the frame's time."""
     numbers = rows.good_ones("numbers")
-    smoothed, inflation, beyond = _smoothed(rows, numbers, scene, shutter, stretches=attributes.get("followed_by") == "body")
-    view = view_of(rows, smoothed, inflation, calibration, scene, clamp_stderr_mm, vertical)
+    smoothed = _smoothed(rows, scene, shutter, of_body=attributes.get("followed_by") == "body")
+    view = view_of(rows, smoothed, calibration, scene, clamp_stderr_mm, vertical)
     time, lamp, seen_from = (rows.of_all(name) for name in ("time", "lamp", "view"))
     profile = np.array(rows.profiles) if rows.marked else None
     data = _in_parts(rows, smoothed, view)
@@ -67,8 +65,7 @@ def build_dataset(
     )
     dataset.attrs |= {
         **_said(scene, view, vertical),
-        "edge_correlation_inflation": inflation,
-        "length_scatter_over_noise": beyond,
+        "edge_correlation_inflation": smoothed.inflation,
         "smoothing_tau_mm": smoothed.tau_mm,
         **length_check,
         **marks,
@@ -104,23 +101,13 @@ def _said(scene: Scene, view: View, vertical: Vertical) -> dict[str, Any]:
     }
 
 
-def _smoothed(
-    rows: Rows, numbers: NDArray[Any], scene: Scene, shutter: Shutter | None, *, stretches: bool
-) -> tuple[Smoothed, float, float]:
-    """The curves of all measured frames, the variance of an edge over its noise, and by how much the length scatters beyond it.
-
-    That of a body that was followed as one that `stretches` is its own, and no error.
-    """
-    inflation = float(np.clip(np.nanmedian(numbers["inflation"]), 1.0, 50.0))
-    turning = rows.good_ones("shift_variance", rows.part("tip_slope").start)
-    beyond = 1.0 if stretches else _beyond_noise(numbers, turning, inflation, -scene.actuator.mirror * scene.half_mm)
-    smoothed = smooth(rows, inflation)
-    unlike_noise = 1.0 + WITH_BEND * (beyond**2 - 1.0)
-    smoothed = replace(smoothed, variance_factor=smoothed.variance_factor * unlike_noise)
+def _smoothed(rows: Rows, scene: Scene, shutter: Shutter | None, *, of_body: bool) -> Smoothed:
+    """The curves of all measured frames; that of a body holds what is known of it besides the picture, which no scatter scales."""
+    smoothed = smooth(rows, inflated=not of_body)
     if shutter is not None:
         still = at_one_instant(smoothed.coefficients, rows.good_ones("time"), scene.camera, shutter)
         smoothed = replace(smoothed, coefficients=still)
-    return smoothed, inflation * unlike_noise, beyond
+    return smoothed
 
 
 def _add_marker_elongation(
@@ -158,24 +145,6 @@ def _of_all_frames(data: Derived, rows: Rows) -> Derived:
     ):
         variables[name] = (("time",), np.array(texts, dtype=object).astype(str))
     return variables
-
-
-def _beyond_noise(numbers: NDArray[Any], turning: FloatArray, inflation: float, signed_half_mm: float) -> float:
-    """By how much the length of the inextensible side scatters beyond the noise of the tube's end; at least 1.
-
-    The side keeps its length, so that what its length does is error: that of a compressed picture, of a background
-    that is not even, of a lamp that flickers. Edges suffer from these like the end does. A change with the bend is
-    left out: it belongs to the camera.
-    """
-    if len(numbers) < 12:
-        return 1.0
-    bend = numbers["bend"]
-    hinge = numbers["length"] - signed_half_mm * bend
-    smooth_part = np.polyval(np.polyfit(bend, hinge, 2 if np.ptp(bend) > 0.05 else 0), bend)
-    seen = float(scatter(hinge - smooth_part))
-    by_bend = signed_half_mm**2 * turning / numbers["length"] ** 2
-    noise = float(np.sqrt(inflation * np.median(numbers["tip_variance"] + by_bend)))
-    return float(np.clip(seen / noise, 1.0, 10.0))
 
 
 def _in_parts(rows: Rows, smoothed: Smoothed, view: View) -> Derived:

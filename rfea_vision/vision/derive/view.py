@@ -64,7 +64,6 @@ class View:
 def view_of(
     rows: Rows,
     smoothed: Smoothed,
-    inflation: float,
     calibration: Calibration,
     scene: Scene,
     clamp_stderr_mm: tuple[float, float | None],
@@ -84,10 +83,10 @@ def view_of(
         origin=origin,
         to_rig=np.array([[-down[1], down[0]], [-down[0], -down[1]]]),  # rows: camera-right, up
         sign=scene.actuator.mirror,
-        inflation=inflation,
+        inflation=smoothed.inflation,
         half_mm=float(np.median(rows.good_ones("width")[:, 1:-1])),
         calibrated=CalibrationError(calibration, scene.camera, coefficients, origin),
-        origin_sigma=_clamp_stderr(*clamp_stderr_mm, inflation * np.median(numbers["tip_variance"])),
+        origin_sigma=_clamp_stderr(*clamp_stderr_mm, smoothed.inflation * np.median(numbers["tip_variance"])),
         lateral_sigma=float(np.hypot(from_picture.shared_across, started)),
         from_picture=from_picture,
     )

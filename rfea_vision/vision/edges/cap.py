@@ -13,7 +13,9 @@ from rfea_vision.vision.edges.edgels import CAP, INFO, MISFIT, SHIFT, U, measure
 
 CAP_VERTICES = 33
 MOST_CAP_STEP = 2.4  # an end whose step is that much larger than before, and one that has none, are as unlikely
-CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured
+CAP_REACH = 0.75  # share of the half width on which the end of the tube is measured, at most: its corners are blurred, too,
+FROM_CORNERS = 2.0  # of the blur, and as far again where rows cross it at half a right angle, for they run along it
+LEAST_CAP_REACH = 0.5  # chosen: of an end that is smeared by its motion less is too little
 STEEPEST_TILT = 0.5  # of the end against the cross-section
 ROUNDEST = 1.0  # sagitta of the end over the half width; a half circle fitted on CAP_REACH has 0.6
 CLEAR_CAP = 0.08  # of its light step: by how much even a clear end, with its corners, is not a blurred step
@@ -41,8 +43,11 @@ def measure_cap(shot, state, work, noise, shape_gain):
     x, y, tx, ty, _ = point_and_tangent(state.coefficients, 1.0)
     half = value_at(state.width, 1.0)
     px_per_mm, across = shot.px_per_mm, np.empty(CAP_VERTICES)
+    slant = 1.0 + min(abs(tx), abs(ty)) / max(abs(tx), abs(ty))
+    corners = FROM_CORNERS * slant * np.mean(state.blurs[CAP, :CAP_VERTICES]) / (px_per_mm * half)
+    reach = min(CAP_REACH, max(1.0 - corners, LEAST_CAP_REACH))
     for k in range(CAP_VERTICES):
-        q = CAP_REACH * half * (2.0 * k / (CAP_VERTICES - 1) - 1.0)
+        q = reach * half * (2.0 * k / (CAP_VERTICES - 1) - 1.0)
         along = state.cap[0] * q + state.cap[1] * q * q
         work.edge[k, 0], work.edge[k, 1] = x - q * ty + along * tx, y + q * tx + along * ty
         work.outward[k, 0], work.outward[k, 1] = tx, ty
@@ -53,7 +58,7 @@ def measure_cap(shot, state, work, noise, shape_gain):
     filled = measure_polyline(
         shot, state, work, np.int64(CAP), nothing, np.int64(CAP_VERTICES), across, 3.0 * px_per_mm * half, np.int64(1), nothing
     )
-    expected = 2.0 * CAP_REACH * half * px_per_mm * max(abs(tx), abs(ty))
+    expected = 2.0 * reach * half * px_per_mm * max(abs(tx), abs(ty))
     if filled < 4:
         return 0.0, 1.0, 0.0
     shift, weight, used, spread = _cap_mean(work, filled, state, half)

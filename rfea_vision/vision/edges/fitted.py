@@ -20,7 +20,6 @@ class FrameFit(NamedTuple):
     width: float
     tip_variance: float
     noise: float  # grey levels
-    inflation: float  # of the edges' scatter over their noise
     used: float  # share of the edges
     innovation: float
     profile: float  # of an edge that is not a blurred step

@@ -133,27 +133,3 @@ def residuals_of(stations, filled, solution, count, width_count, out):
         side = 0 if stations[n, SIDE] > 0 else 1
         fit = fits[i, side]
         out[n] = stations[n, SHIFT] - (fit[0] + t * (fit[1] + t * (fit[2] + t * fit[3])))
-
-
-@lean
-def correlation_length(stations, filled, keep, residual):
-    """By how much neighbouring stations of one side agree beyond chance: variance of block sums over its white value."""
-    block = 24
-    inflation_sum = 0.0
-    blocks = 0
-    for side in (-1.0, 1.0):
-        total = square = 0.0
-        number = 0
-        for n in range(filled):
-            if not keep[n] or stations[n, SIDE] != side:
-                continue
-            z = residual[n] * np.sqrt(stations[n, INFO])
-            total += z
-            square += z * z
-            number += 1
-            if number == block:
-                inflation_sum += total * total / max(square, 1e-30)
-                blocks += 1
-                total = square = 0.0
-                number = 0
-    return inflation_sum / blocks if blocks > 8 else 1.0

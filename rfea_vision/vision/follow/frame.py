@@ -11,7 +11,6 @@ from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import VERTICES, point_and_tangent, turning, value_at, vertices_of
 from rfea_vision.vision.edges.cap import cap_contrast, cap_levels, coarse_cap, measure_cap
 from rfea_vision.vision.edges.sides import fit_sides, gaps, measure_sides, move_state, profile_error, update_levels
-from rfea_vision.vision.edges.solve import correlation_length
 from rfea_vision.vision.follow.coarse import NEAR_PX, apply_coarse, coarse_search
 
 TURNS = 8
@@ -76,7 +75,6 @@ def fit_frame(shot, state, work, reach_px, shape_gain, hinge_mm, turn_sign, nois
             numbers.length = 0.0
             return
         if whole:
-            numbers.inflation = correlation_length(work.stations, filled, work.keep, work.residual)
             numbers.profile = profile_error(state, work, filled, noise)
             gaps(work, filled, numbers, to_u)
         update_levels(state, work, 1.0 if turn == 0 else 0.5, blur_limit, px_per_vertex)
