@@ -127,6 +127,8 @@ def test_that_rubber_stretches_is_no_noise_of_its_length(tmp_path):
     track = track_frames(source, calibration, scene.actuator, hints=scene.hints, vertical="image")
     assert track.dataset.attrs["followed_by"] == "body" and track.valid.mean() > 0.9
     assert track.dataset.attrs["edge_correlation_inflation"] == 1.0
+    said = track.dataset.attrs["length_check"]
+    assert "as one that stretches does" in said and "suspect" not in said
     off = track.dataset["tip"].values - np.array([(line[-1] - FOOT) * [1, -1] for line in lines])
     assert np.nanmax(np.abs(off) / track.dataset["tip_sigma"].values) < 3.0
 

@@ -41,13 +41,14 @@ def build_dataset(
 ) -> xr.Dataset:
     """Assemble the track's dataset; what a rolling shutter read early or late is moved to the frame's time."""
     numbers = rows.good_ones("numbers")
-    smoothed = _smoothed(rows, scene, shutter, of_body=attributes.get("followed_by") == "body")
+    of_body = attributes.get("followed_by") == "body"
+    smoothed = _smoothed(rows, scene, shutter, of_body=of_body)
     view = view_of(rows, smoothed, calibration, scene, clamp_stderr_mm, vertical)
     time, lamp, seen_from = (rows.of_all(name) for name in ("time", "lamp", "view"))
     profile = np.array(rows.profiles) if rows.marked else None
     data = _in_parts(rows, smoothed, view)
     marks = _add_marker_elongation(data, rows, numbers, profile, smoothed, view)
-    length_check = _length_check(data, scene)
+    length_check = _length_check(data, scene, of_body=of_body)
     variables = _of_all_frames(data, rows)
     if np.isfinite(lamp).any():
         variables["lamp"] = (("time",), lamp)
@@ -299,8 +300,8 @@ def _spread(values: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
     return out
 
 
-def _length_check(data: Derived, scene: Scene) -> dict[str, Any]:
-    """The inextensible side must keep its length over all postures."""
+def _length_check(data: Derived, scene: Scene, *, of_body: bool) -> dict[str, Any]:
+    """The inextensible side must keep its length over all postures; a body that was followed may have none."""
     hinge, bend = data["hinge_length"][1], data["bend_angle"][1]
     spread = float(np.ptp(np.quantile(hinge, [0.02, 0.98])))
     slope = float(np.polyfit(bend, hinge, 1)[0] * np.ptp(bend)) if len(hinge) > 10 and np.ptp(bend) > 2 else 0.0
@@ -308,7 +309,8 @@ def _length_check(data: Derived, scene: Scene) -> dict[str, Any]:
     off = 100 * (float(np.median(hinge)) / scene.length_mm - 1)
     said = f"the inextensible side keeps its length within {abs(change):.2g} % over all postures"
     if abs(change) > 1.0:
-        said = f"the inextensible side changes by {change:+.1f} % with the bend: suspect plane tilt, lens or scale"
+        said = f"the inextensible side changes by {change:+.1f} % with the bend"
+        said += ", as one that stretches does, or one in a plane that is tilted" if of_body else ": suspect plane tilt, lens or scale"
     if abs(off) > 3.0:
         said += f"; it measures {off:+.1f} % against actuator.length: check the board's square and the length"
     return {
