@@ -144,22 +144,24 @@ class Evidence:
     marks: Sequence[SeenMark] = ()
     outline: bool = True
 
-    def add_outline(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, span: float) -> tuple[NDArray[np.bool_], FloatArray]:
+    def add_outline(
+        self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, span: float
+    ) -> tuple[NDArray[np.bool_], FloatArray]:
         """Both edges, looked for within `span` px; which (S, 2) were seen, and how much (S,) of the inside looks like the body."""
         edges, backing = np.full((STATIONS, 2, 2), np.inf), np.ones(STATIONS)
         if self.outline:
-            seen = self.wall.behind(self.picture), body.points, frame_of(body.points)[1], body.half, body.inside, body.outside
+            seen = self.wall.behind(self.picture), body.points, normals, body.half, body.inside, body.outside
             backing, edges = support(*seen, 0.0), measure_edges(*seen, span)
             held = held_by_clamp(body, float(middle(self.rest_half))) if self.skin is not None else 1.0
             leans = LEANS * float(middle(body.half)) if self.marks else 0.0
             _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
         return np.isfinite(edges[:, :, 1]), backing
 
-    def add_skin(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, slips: FloatArray) -> None:
+    def add_skin(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, slips: FloatArray) -> None:
         """The skin of an earlier frame, which counts where enough of it is recognised, `slips` (S,) px along the body at most."""
         if self.skin is None:
             return
-        strip = self.wall.cleared(self.picture), body.points, frame_of(body.points)[1], body.half, ACROSS_TEXTURE, *self.skin[:2]
+        strip = self.wall.cleared(self.picture), body.points, normals, body.half, ACROSS_TEXTURE, *self.skin[:2]
         information, pull, alike = match_skin(*strip, slips)
         information[:, [1, 2, 4]] *= self.skin[2]
         pull[:, 1] *= self.skin[2]
@@ -196,8 +198,8 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
         matrix[NORMAL, NORMAL] += shape
         vector[NORMAL] -= shape @ total[NORMAL]
         _add_shape(matrix, vector, body, normals, evidence.rest_half, rest)
-        seen, backing = evidence.add_outline(matrix, vector, body, span)
-        evidence.add_skin(matrix, vector, body, slips)
+        seen, backing = evidence.add_outline(matrix, vector, body, normals, span)
+        evidence.add_skin(matrix, vector, body, normals, slips)
         end = evidence.add_end(matrix, vector, body, span)
         _add_clamp(matrix, vector, body, evidence.clamp, tangents[0], evidence.rest_half)
         _add_marks(matrix, vector, body, evidence.marks, tangents, normals)

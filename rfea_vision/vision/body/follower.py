@@ -228,7 +228,7 @@ class BodyFollower:
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
         self.body, unseen = self._outline(lab, lines, half, length, 1.0)
-        for end in OTHER_ENDS:
+        for end in OTHER_ENDS if unseen > 0.0 else ():
             body, left = self._outline(lab, lines, half, length, end)
             held = abs(float(middle(body.half[: SQUARE + 1])) / half - 1.0)
             if left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and held < AS_POINTED:

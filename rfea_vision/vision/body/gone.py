@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
@@ -111,12 +112,12 @@ def _unlike(skin: FloatArray, before: FloatArray) -> float:
 
 def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> FloatArray:
     """What flow knows along the body (S,) 1/px^2 in its windows about `places` (S, 2): by slopes beyond those of noise."""
-    slopes = [cv2.Scharr(seen, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1))]
     columns, rows = np.clip(np.round(places), 0, np.array(seen.shape[::-1]) - 1).astype(int).T
-    along = np.zeros(len(places))
-    for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        together = cv2.boxFilter(slopes[i] * slopes[j], -1, FLOW_WINDOW, normalize=False)
-        along += tangents[:, i] * tangents[:, j] * together[rows, columns]
+    half = FLOW_WINDOW[0] // 2
+    around = cv2.copyMakeBorder(seen, half, half, half, half, cv2.BORDER_REFLECT_101)
+    slopes = [cv2.Scharr(around, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1))]
+    across, down = (sliding_window_view(slope, FLOW_WINDOW)[rows, columns].reshape(len(places), -1) for slope in slopes)
+    along = np.sum((tangents[:, :1] * across + tangents[:, 1:] * down) ** 2, axis=1)
     noise = NOISE_SLOPE**2 * FLOW_WINDOW[0] * FLOW_WINDOW[1]
     return np.maximum(along - noise, 0.0) * INDEPENDENT / FLOW_SCATTER**2
 

@@ -37,6 +37,7 @@ NEAR = np.clip(np.arange(STATIONS)[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS 
 # Stations between which the direction at each is taken: two to either side, at the ends the last three.
 BEFORE = np.r_[0, 0, np.arange(STATIONS - 4), STATIONS - 3, STATIONS - 3]
 AHEAD = np.r_[2, 2, np.arange(4, STATIONS), STATIONS - 1, STATIONS - 1]
+LEFTWARDS = np.array([-1.0, 1.0])  # what turns the coordinates of a tangent, exchanged, into those of its normal
 SHARES = np.linspace(0.0, 1.0, STATIONS)
 NORMAL_BASIS = basis_matrix(SHARES, 11)  # displacements across the body,
 ALONG_BASIS = basis_matrix(SHARES, 6)  # along it,
@@ -96,8 +97,8 @@ class Sight:
 def frame_of(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unit tangents and normals (S, 2) of a line of points, smoothed over its neighbours."""
     chords = points[AHEAD] - points[BEFORE]
-    tangents = chords / np.maximum(np.linalg.norm(chords, axis=1, keepdims=True), 1e-9)
-    return tangents, np.column_stack([-tangents[:, 1], tangents[:, 0]])
+    tangents = chords / np.maximum(np.sqrt(chords[:, :1] ** 2 + chords[:, 1:] ** 2), 1e-9)
+    return tangents, tangents[:, ::-1] * LEFTWARDS
 
 
 def learn_colours(picture: Picture, body: SeenBody) -> None:
