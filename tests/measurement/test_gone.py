@@ -293,3 +293,24 @@ def test_a_shadow_however_deep_is_no_more_of_a_dark_body_that_swells():
     # 0.1 to 1.2 px, and 0.4 to 1.3, over twelve draws of threads and noise
     assert abs(np.median(follower.body.half[16:-8]) - 1.9 * HALF) < 1.5, "the shadow reaches 9 px farther"
     assert abs(np.median(off[16:-16])) < 1.5
+
+
+def test_a_dot_that_is_stuck_on_the_end_is_no_end_of_the_body():
+    """Red on white rubber, as is usual: it looks like nothing of the body, and its last width was taken for none of it."""
+    half, follower, ends = 4.0, None, []
+    for bend in (0.1, 0.2, 0.3, 0.4):
+        line = middle_of(bend, 130.0)
+        heading = np.gradient(line, axis=0)
+        across = half * np.column_stack([-heading[:, 1], heading[:, 0]]) / np.linalg.norm(heading, axis=1, keepdims=True)
+        outline = np.round(16 * np.vstack([line + across, (line - across)[::-1]])).astype(np.int32)
+        picture = np.full((240, 240, 3), 136, np.uint8)
+        cv2.fillPoly(picture, [outline], (250, 250, 250), cv2.LINE_AA, 4)
+        cv2.circle(picture, np.round(16 * line[-3]).astype(int).tolist(), 16 * 3, (20, 10, 225), -1, cv2.LINE_AA, 4)
+        if follower is None:
+            scene = follower_of(line).scene
+            hints = replace(scene.hints, clamp=((FOOT[0], FOOT[1] - half), (FOOT[0], FOOT[1] + half)))
+            follower = BodyFollower(replace(scene, hints=hints), 1.0)
+        reason = follower.next(cv2.GaussianBlur(picture, (0, 0), 0.8), bend)
+        ends.append((reason, float(np.linalg.norm(follower.body.points[-1] - line[-1]))))
+    assert [reason for reason, _ in ends] == [""] * 4
+    assert max(off for _, off in ends) < 0.5 * half

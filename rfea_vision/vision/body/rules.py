@@ -46,7 +46,7 @@ SHARPEST = 0.9  # curvature times half width
 # Of the half width, from one station to the next, near the clamp: as well as an edge is known (SYSTEMATIC in known). An arm whose base
 # turns in what holds it, or that swells to one side there, ran back by 0.01 to 0.07 in 400 frames with its line in it otherwise.
 RUNS_BACK = 0.1
-END_UNLIKE = 0.5  # of the last body width must look like the body: else the line runs on beyond its end
+END_UNLIKE = 0.5  # of the last body width must look like the body, or have its edges: else the line runs on beyond its end
 # Of what stood out of its last fifth so much must: a wire of 2 px that tweezers bent was followed beside its end, where nothing did.
 END_OUT = 0.2
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
@@ -109,9 +109,11 @@ def _elsewhere(first: First, fit: Fit) -> str:
 def _beyond(first: First, fit: Fit) -> str:
     """The end is measured only where the body reaches to it."""
     count = max(round(2.0 * float(middle(fit.body.half)) / fit.body.length * STATIONS), 3)
-    share = float(np.mean(fit.backing[: fit.body.last + 1][-count:]))
+    # A dot that is stuck on the end looks like nothing of the body, but has its edges.
+    there = np.maximum(fit.backing, fit.seen.all(axis=1))
+    share = float(np.mean(there[: fit.body.last + 1][-count:]))
     if share < END_UNLIKE:
-        return f"{100 * share:.0f} % of the last body width looks like the tube"
+        return f"{100 * share:.0f} % of the last body width looks like the tube, or has its edges"
     if np.any(np.isnan(fit.beside[-(STATIONS // len(first.standing_out)) :])):
         return ""  # it lies beside itself, and does not stand out from that
     before, now = first.standing_out[-1], fit.standing_out[-1]
