@@ -43,8 +43,12 @@ class Finder:
             return None
         kind = "folder" if folder else "file"
         if not folder and is_folder(self.folders[0] / name):
+            # Who filmed pictures one by one has no file to name.
+            pictures = f"; where it holds the pictures of a film, write frames: {{folder: {name}, rate: 240 Hz}} in place of video"
             self.complain(
-                key, f"'{name}' in {self.folders[0]} is a folder; name the file, with its folder, as in '{name}/FILE'"
+                key,
+                f"'{name}' in {self.folders[0]} is a folder; name the file, with its folder, as in '{name}/FILE'"
+                + pictures * (key == "video.file"),
             )
             return None
         if is_link(self.folders[0] / name):

@@ -86,6 +86,13 @@ def test_frames_with_a_rate_need_no_table(campaign):
     assert read_campaign(campaign).campaign.experiment("steps").video.times.name == "frames.csv"
 
 
+def test_a_folder_of_pictures_that_is_named_as_a_film_is_told_its_key(campaign):
+    (campaign / "steps" / "shots").mkdir()
+    edit(campaign / "steps" / "experiment.yaml", track=None, video={"file": "shots"})
+    said = "; ".join(problem.message for problem in read_campaign(campaign).problems)
+    assert "write frames: {folder: shots, rate: 240 Hz} in place of video" in said
+
+
 def test_a_file_shared_by_the_campaign_is_found_there(campaign):
     (campaign / "steps" / "pressure.csv").rename(campaign / "all.csv")
     edit(campaign / "steps" / "experiment.yaml", pressure={"file": "all.csv"})
