@@ -53,16 +53,7 @@ from rfea_vision.vision.body.model import (
     skin_of,
     told_from_wall,
 )
-from rfea_vision.vision.body.rules import (
-    LENGTHS,
-    SURELY_BESIDE,
-    First,
-    elsewhere,
-    farther_on,
-    in_front,
-    nearly_on,
-    refused,
-)
+from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
@@ -372,9 +363,7 @@ class BodyFollower:
             self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
         self.body, self.covariance = fit.body, fit.covariance
         if self.good == 0:
-            self.first.seen, self.first.beyond = float(np.max(np.mean(fit.seen, axis=0))), nearly_on(fit)
-            self.first.farther = farther_on(fit)
-            self.first.beside, self.first.backing = fit.beside > SURELY_BESIDE, float(np.mean(fit.backing))
+            self.first.take(fit)
         self.good, self.missed = self.good + 1, 0
         if self.end_offsets is None:
             self.stayed += left_behind(lab, self.wall.window, self.first_body, self.skin[0], self.body)

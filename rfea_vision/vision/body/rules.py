@@ -89,6 +89,11 @@ class First:
     beyond: float = 1.0
     farther: float = 1.0
 
+    def take(self, fit: Fit) -> None:
+        """What was seen where the first frame was accepted."""
+        self.seen, self.backing = float(np.max(np.mean(fit.seen, axis=0))), float(np.mean(fit.backing))
+        self.beside, self.beyond, self.farther = fit.beside > SURELY_BESIDE, nearly_on(fit), farther_on(fit)
+
 
 def elsewhere(first: First, points: FloatArray) -> float:
     """Share of the points (n, 2) that lie where the hints say that the body never is."""
