@@ -40,9 +40,6 @@ DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that wa
 ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
 STEADY = 0.05  # what one px more or less off the line, from station to station, weighs against all of the contrast
 ROUTE_FLOOR = 0.02  # cost of a pixel that is surely the body, over that of one that surely is not
-# A skin repeats itself along the body where the cross-sections of FINER places to a station, so many half widths apart at most, are so
-# much alike (correlation): 0.60 to 0.90 on eight filmed arms of discs, links and bellows, 0.38 at most on 20 other bodies.
-FINER, LONGEST_PITCH, REPEATS = 4, 3.0, 0.5
 ACROSS_SMOOTH = NORMAL_BASIS @ np.linalg.pinv(NORMAL_BASIS)
 
 
@@ -208,23 +205,6 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> FloatArray
     around_it = scatter(np.swapaxes(around, 0, 1))[:, None] + np.array(NOISE)
     clear = np.max(np.abs(profile - own) / around_it, axis=2) > CLEAR
     return np.mean(clear[:, np.abs(SECTION) < 1.0], axis=1)
-
-
-def pitch_of(picture: Picture, body: SeenBody) -> float:
-    """Px from one disc, coil or rib of a body to the next, where its skin repeats itself along it; 0 where it does not."""
-    count, half = FINER * (STATIONS - 1) + 1, float(middle(body.half))
-    points, step = evenly(body.points, count), body.length / (count - 1)
-    ahead = np.gradient(points, step, axis=0)
-    normals, across = np.column_stack([-ahead[:, 1], ahead[:, 0]]), SECTION[np.abs(SECTION) < 0.8]
-    strip = read_strip(picture, points, normals, np.full(count, half), across)[..., 0].mean(axis=1)
-    width = 2 * int(half / step) + 1
-    ribs = strip - np.convolve(np.pad(strip, width // 2, mode="edge"), np.full(width, 1.0 / width), "valid")
-    shifts = range(1, max(min(int(LONGEST_PITCH * half / step), count // 3), 3))
-    ribs = ribs - ribs.mean()
-    alike = np.array([ribs[:-shift] @ ribs[shift:] for shift in shifts]) / max(float(ribs @ ribs), 1e-9)
-    apart = int(np.argmax(alike < 0.0))  # from there on it is another rib that is like this one: of all that are, the next
-    peaks = np.flatnonzero((alike[1:-1] >= alike[:-2]) & (alike[1:-1] > alike[2:]) & (alike[1:-1] > REPEATS)) + 1
-    return (peaks[0] + 1) * step if alike[apart] < 0.0 and len(peaks := peaks[peaks > apart]) else 0.0
 
 
 def first_body(picture: Picture, line: FloatArray, half_px: float) -> SeenBody:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
-from rfea_vision.lines import along, at
 from rfea_vision.vision.body.begin import (
     even,
     first_body,
@@ -17,7 +16,6 @@ from rfea_vision.vision.body.begin import (
     hinted_lines,
     leaving,
     like_colour,
-    pitch_of,
     smooth_line,
     standing_out,
 )
@@ -74,7 +72,6 @@ END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind
 END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
 MOVING_PX = 0.5  # from frame to frame: a body that moves so and then not at all was written twice
-MOST_SLIPPED = 4.0  # pitches squared, chosen: an arm of 30 discs, lost 12 times, was read two discs short
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
 
 
@@ -111,7 +108,7 @@ class BodyFollower:
         self.doubted: Sight | None = None  # the body in the last frame, where that was no measurement
         self.frame = -1
         self.moved_px = 0.0  # by the last frame, where it moved most
-        self.pitch, self.slipped = 0.0, 0.0  # px, of a skin that repeats itself; px^2, by how much it may have slipped along it
+        self.lost, self.known_length = False, 0.0  # since all rays saw its end; and px, how long it was then
         self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.marks: list[Mark] = []
@@ -247,7 +244,6 @@ class BodyFollower:
         self.covariance[WIDTH, WIDTH] = np.eye(8) * (0.05 * half) ** 2
         hinted = self.scene.hints.marks
         self.marks = find_marks(lab, self.body, None if hinted is None else lab_of(hinted), max(self.scale, 1.0))
-        self.pitch = pitch_of(lab, self.body)
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
         self.first.leaves, self.first_body, self.stayed = self.foot[1], self.body.copy(), np.zeros(STATIONS, dtype=int)
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
@@ -339,25 +335,20 @@ class BodyFollower:
         return moved.body, moved.covariance
 
     def _outlined(self, lab: Picture) -> tuple[SeenBody, FloatArray] | None:
-        """The body where all is that looks like it and hangs together with it from its clamp on, and what that leaves open."""
-        seen = [reached(shown, self.wall, self.body, self.foot, self.pointed_half()) for shown in (lab, self.last.lab)]
-        line, before = seen
+        """The body where all is that looks like it, as long as when its end was last seen, and what that leaves open."""
+        line = reached(lab, self.wall, self.last, self.foot, self.pointed_half(), self.known_length)
         if line is None or self.body.untold:
             return None
-        if before is not None:
-            # It goes as far beyond the end, into a round cap, or falls as short of it, as where the body was measured last; where that
-            # was by much, what looks like it does not hang together.
-            if abs(beyond := self.body.length / along(before)[-1] - 1.0) >= LENGTH_SPREAD:
-                return None
-            line = at(np.vstack([line, line[-1] + 8.0 * (line[-1] - line[-2])]), SHARES * (1.0 + beyond) * along(line)[-1])
         near = self._fit(lab, replace(self.body, points=line), 0.0 * self.pointed, 1.2, skin=False, covariance=self.pointed)
-        return near.body, self._spread(LENGTH_SPREAD)
+        return near.body, self._spread(self.body.length / self.known_length - 1.0)
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         held = (1.0 + self.missed) * (STRETCH_SHARE * self.body.length) ** 2  # px^2 of the length that was carried
         level = self.end_offsets is not None and np.ptp(fit.end) < END_LEVEL * self.pointed_half()  # not so where a ray is NaN
-        # Found again, it may lie off by a disc, and the next time by another; where all rays see its end again, it does not.
-        self.slipped = 0.0 if level else min(self.slipped + (self.missed > 0) * self.pitch**2, MOST_SLIPPED * self.pitch**2)
+        # Found again, it may lie off by a disc: until all rays see its end again, it may as well be as long as when they last did.
+        self.lost = (self.lost or self.missed > 0) and not level
+        self.known_length = self.known_length if self.good and not level else fit.body.length
+        slipped = (fit.body.length - self.known_length) ** 2 if self.lost else 0.0
         self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:
             self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
@@ -385,7 +376,7 @@ class BodyFollower:
         pointed = float(np.hypot(self.pointed_px, np.linalg.norm(self.held_stderr[:2]) / self.scale))
         fill_numbers(
             self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held, pointed=pointed,
-            turned=float(self.held_stderr[2]), slipped=self.slipped,
+            turned=float(self.held_stderr[2]), slipped=slipped,
         )  # fmt: skip
         self.work.numbers["width"][0] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)

@@ -28,7 +28,7 @@ from rfea_vision.vision.body.model import (
     skin_of,
 )
 from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, SEEN, WALL_SCATTER
-from rfea_vision.vision.body.wall import Wall
+from rfea_vision.vision.body.wall import Wall, covered
 from rfea_vision.vision.body.ways import Ways
 
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
@@ -47,7 +47,7 @@ WINDOW_SHARED = 8.0  # stations that lie in one window of a body of 65 stations,
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(EVENLY, EVENLY)
 COARSE = 2  # px: every second pixel tells where a body of 24 px has gone
-REACHED = 1.25  # times as long as it was: chosen, between what rubber gains while it is not seen and what another body adds
+REACHED = 1.25  # times as long as it is: chosen, so much of a way is smoothed before it is cut to that
 DEEP = 0.9  # of the half width that the way has in the median: chosen, rounded and blunt ends are shallower
 HELD = 2.0  # half widths around the clamp within which what lies behind it is no more of the body
 
@@ -145,18 +145,21 @@ def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:
     return at(line, wanted - wanted[0])
 
 
-def reached(picture: Picture, wall: Wall, body: SeenBody, foot: FloatArray, half_px: float) -> FloatArray | None:
-    """Stations (S, 2) px on the way through the middle of all that looks like a body, from its clamp to what is farthest from it.
+def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px: float, length: float) -> FloatArray | None:
+    """Stations (S, 2) px of a body of `length` px on the way through the middle of all that looks like it, from its clamp on.
 
-    `foot` (2, 2) is where the body begins, and the direction in which it leaves. A way that is much longer than the body was
-    goes on into something else, and is cut to that length. None where nothing that looks like it hangs together with the clamp.
+    `foot` (2, 2) is where the body begins, and the direction in which it leaves. Beyond the end of the way, which falls short of a
+    round cap, or ends where an arm of discs does not hang together, it goes straight on. None where nothing that looks like it hangs
+    together with the clamp.
     """
-    reach, size = REACHED * body.length, np.array(picture.shape[1::-1])
+    body, reach, size = last.body, REACHED * length, np.array(picture.shape[1::-1])
     (left, top), (right, bottom) = (np.clip(foot[0] + sign * reach, 0, size).astype(int) for sign in (-1, 1))
     window = slice(top, bottom, COARSE), slice(left, right, COARSE)
     off = np.stack(np.meshgrid(np.arange(left, right, COARSE), np.arange(top, bottom, COARSE)), axis=2) - foot[0]
     behind = (off @ foot[1] < 0.0) & (np.linalg.norm(off, axis=2) < HELD * half_px)
-    alike = np.asarray(_look_alike(picture[window], wall, window, body) & ~behind, dtype=np.uint8)
+    # What looked like it in the last picture, where it was not, is another thing: the arm that holds it, of the same discs.
+    another = _look_alike(last.lab[window], wall, window, body) & (covered(picture.shape, body)[window] == 0)
+    alike = np.asarray(_look_alike(picture[window], wall, window, body) & ~behind & ~another, dtype=np.uint8)
     depth = cv2.distanceTransform(cv2.medianBlur(alike, 3), cv2.DIST_L2, 3) * (COARSE / half_px)
     column, row = np.round((foot[0] + 0.5 * half_px * foot[1] - (left, top)) / COARSE).astype(int)
     if not (0 <= row < depth.shape[0] and 0 <= column < depth.shape[1]) or depth[row, column] == 0.0:
@@ -168,13 +171,13 @@ def reached(picture: Picture, wall: Wall, body: SeenBody, foot: FloatArray, half
     # It runs into a corner of the end from half a width before that on, and would go straight.
     found = found[: int(np.flatnonzero(deep >= DEEP * np.median(deep))[-1]) + 1]
     way = np.vstack([foot[:1], COARSE * found[:, ::-1].astype(np.float64) + (left, top)])
-    lengths = along(way)
+    way = way[(lengths := along(way)) < reach]
     if lengths[-1] < half_px:
         return None
-    way = way if lengths[-1] < reach else way[lengths < body.length]
     ahead = way[-1] - way[int(np.searchsorted(lengths, lengths[len(way) - 1] - half_px))]
     end_px = way[-1] + float(np.median(deep)) * half_px * ahead / np.linalg.norm(ahead)
-    return smooth_line(np.vstack([way[:: max(len(way) // 60, 1)], end_px]))
+    line = smooth_line(np.vstack([way[:: max(len(way) // 60, 1)], end_px]))
+    return at(np.vstack([line, line[-1] + length * frame_of(line)[0][-1]]), SHARES * length)
 
 
 def _look_alike(picture: Picture, wall: Wall, window: tuple[slice, slice], body: SeenBody) -> NDArray[np.bool_]:

@@ -58,18 +58,13 @@ class Wall:
         """Take from a picture what is beside the body, and what shows through it."""
         if not self._still:
             return
-        tangents, normals = frame_of(body.points)
+        normals = frame_of(body.points)[1]
         lines, seen = (read_strip(shown, body.points, normals, body.half, ACROSS_INSIDE) for shown in (self._lines, picture))
         lines -= lines.mean(axis=1, keepdims=True)
         self._together = max(self._together + float(np.sum(lines * (seen - seen.mean(axis=1, keepdims=True)))), 0.0)
         self._alone += float(np.sum(lines**2))
-        mask = np.zeros(picture.shape[:2], dtype=np.uint8)
-        reach = (AROUND[0] * body.half + AROUND[1])[:, None]
-        beyond = body.points[-1:] + tangents[-1:] * (body.half[-1] + 3.0)
-        outline = np.vstack([body.points + reach * normals, beyond, (body.points - reach * normals)[::-1]])
-        cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1)
         rows, columns = within = self.window
-        learn_wall(picture, mask, self.colour, self.times, rows.start, rows.stop, columns.start, columns.stop)
+        learn_wall(picture, covered(picture.shape, body), self.colour, self.times, rows.start, rows.stop, columns.start, columns.stop)
         if self._frames % RENEWED == 0:
             known = np.asarray(self.times[within] >= SEEN, dtype=np.uint8)
             slow = slow_part(self.colour[within], known, float(middle(body.half)))
@@ -77,6 +72,16 @@ class Wall:
             self.relief[within] = min(self._together / self._alone, 1.0) * self._lines[within]
             self._seen = None
         self._frames += 1
+
+
+def covered(shape: tuple[int, ...], body: SeenBody) -> NDArray[np.uint8]:
+    """1 where (h, w) of a picture of `shape` a body may be, 0 where it is not."""
+    mask = np.zeros(shape[:2], dtype=np.uint8)
+    tangents, normals = frame_of(body.points)
+    reach = (AROUND[0] * body.half + AROUND[1])[:, None]
+    beyond = body.points[-1:] + tangents[-1:] * (body.half[-1] + 3.0)
+    outline = np.vstack([body.points + reach * normals, beyond, (body.points - reach * normals)[::-1]])
+    return np.asarray(cv2.fillPoly(mask, [np.round(outline).astype(np.int32)], 1), dtype=np.uint8)
 
 
 def window_around(shape: tuple[int, ...], places: FloatArray, reach: float) -> tuple[slice, slice]:
