@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from itertools import islice
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
-from rfea_vision.calibration.projection import project
+from rfea_vision.calibration.projection import project, unproject
 from rfea_vision.lines import along
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.body.begin import hinted_lines, leaving, scale_for
@@ -23,10 +24,17 @@ from rfea_vision.vision.body.model import frame_of
 from rfea_vision.vision.body.rules import LEAST_SLENDER
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.edges.fitted import new_buffers
-from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, begin, digits_of, line_of
+from rfea_vision.vision.find.begin import OTHER_LENGTH, POINTING_PX, Scene, allowed_pixels, begin, digits_of, line_of
+from rfea_vision.vision.find.locate import Path, find_paths
+from rfea_vision.vision.find.moving import Motion, moving_lines
 from rfea_vision.vision.follow.follower import Follower
 
 TRIED = 60  # frames: two seconds of a phone's film
+PHONE_HZ, MOST_LOOKED = 30.0, 240  # hints are tried at this rate, on so many frames: eight seconds, and as many to wait
+MOST_TRIED = 4  # lines, the clearest first: of fifteen films with two arms each the first was on an arm in 13, and the first two in 14
+# Half widths by which the tip of a line sways that is suggested: on seven other films those on the body swayed by 1.5 to 6.4 where they
+# were read, and others by 0.1 to 0.8, but for a second body that moved.
+LEAST_SWAY = 1.0
 # The picture around the clamp, to 3 half widths, is looked for up to 2 half widths aside. In four real films whose base rested it lay
 # within 0.25, or fitted as well in its place (a stem, along itself); in four whose base or view moved it went 1.2 to 2.
 AROUND_CLAMP, ASIDE = 3.0, 2.0
@@ -43,7 +51,7 @@ LEAST_CLEAR = 0.5  # of their scatter, the median along the body: chosen, most o
 GAIN = 0.05  # of these frames: less is no reason to point again
 
 
-def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_off: str = "") -> str:
+def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_off: str = "", side_off: str = "") -> str:
     """Say which hint to give, and what it brought on the first frames where it could be tried.
 
     Where length and width are both off, one scale is the cause of both, and no hint mends it; where only the length is, hints are
@@ -54,7 +62,7 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     source : the film
     scene : with the hints that were given
     reasons : why each frame was refused, empty where it was measured
-    scale_off : what the length of the tube as measured says against the scale, if anything
+    scale_off, side_off : what the tube as measured says against the scale, and against its side, if anything
     """
     gone = sum(reason.startswith("touches_border") for reason in reasons)
     if 2 * gone > sum(bool(reason) for reason in reasons):  # no hint shows what is not in the picture
@@ -63,18 +71,33 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
         return moved
     if scale_off and Counter(filter(None, reasons)).most_common(1)[0][0].startswith("width_off"):
         return scale_off
-    count = min(TRIED, len(reasons))
-    before = sum(not reason for reason in reasons[:count])
-    tried = [(_read(source, replace(scene, hints=hints), count), words) for hints, words in _candidates(source, scene)]
-    best, words = max(tried, key=lambda pair: pair[0], default=(0, ""))
-    if best >= before + GAIN * count:
-        brings = f"tried, it reads {best} of the first {count} frames, and {before} were read without it"
-        return f"{_scale_first(reasons)}check this against the picture and give it: {words} ({brings})"
+    looked = reasons[:: (step := _step(source))][:MOST_LOOKED]
+    before, count = sum(not reason for reason in looked), len(looked)
+    suggested = _candidates(source, scene, len(reasons)) if before < (1.0 - GAIN) * count else ()
+    tried = [(_trial(source, replace(scene, hints=hints), count, step), words) for hints, words in suggested]
+    best, words = max(tried, key=lambda pair: pair[0].worth, default=(Trial(0, 0.0), ""))
+    if best.good >= before + GAIN * count and (scene.is_pointed_at or best.sways >= LEAST_SWAY):
+        said = f"check this against the picture and give it: {words} ({best.words(count, step)}, and {before} were read without it)"
+        return f"{side_off}; {said}" if side_off else _scale_first(reasons) + said
+    if side_off:
+        return side_off
     if scene.is_pointed_at and (told := _read_until(reasons) or film_lacks(source, scene)):
         return told  # no scale that is off loses a tube that it has let be read
     if scale_off:
         return scale_off
     return _untried(scene, reasons) + (f" (guesses at it that were tried and brought nothing: {len(tried)})" if tried else "")
+
+
+def moves_elsewhere(source: FrameSource, scene: Scene, tips_mm: FloatArray, count: int) -> str:
+    """Say that what was followed rests, by its tips (n, 2), where another that may be the tube moves in `count` frames; else empty."""
+    if scene.is_pointed_at or np.ptp(tips_mm, axis=0).max() > LEAST_SWAY * scene.half_mm:
+        return ""
+    count = min(-(-count // (step := _step(source))), MOST_LOOKED)
+    for hints, words in _candidates(source, scene, step * count):
+        trial = _trial(source, replace(scene, hints=hints), count, step)
+        if trial.good >= READ * count and trial.sways >= LEAST_SWAY:
+            return f"what was followed rests, and another tube moves; if that is the one, give it: {words} ({trial.words(count, step)})"
+    return ""
 
 
 def around_loss(reasons: list[str]) -> int:
@@ -192,23 +215,25 @@ def scale_doubt(length_check: str) -> str:
     return length_check.partition("; ")[2]
 
 
-def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]]:
-    """Hints that the first frame itself suggests, and their words."""
+def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple[Hints, str]]:
+    """Hints that the film itself suggests, by its first frame and what moves in the first `count`, and their words; best first."""
     if not scene.is_pointed_at:
         unhinted = replace(scene, hints=replace(scene.hints, clamp=None, tip=None, centre_line=()))
-        ways = [(scene, ""), (replace(unhinted, down=-scene.down), _UPSIDE_DOWN)]
-        if len(scene.line_px):  # pointed at in the wrong place, as by rows and columns
-            ways.insert(1, (unhinted, ""))
-        for way, remark in ways:
-            found = begin(source.frame(0), way, new_buffers())
-            if isinstance(found, str):
-                continue
-            line = line_of(found.state)
-            tangent = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
-            across = found.state.width[0] * np.array([-tangent[1], tangent[0]])
-            left, right, tip = np.round(project(scene.camera, np.array([line[0] + across, line[0] - across, line[-1]])), 1)
-            hints = replace(way.hints, clamp=(_pixel(left), _pixel(right)), tip=_pixel(tip))
-            yield hints, f"camera.clamp: [{_words(left)}, {_words(right)}] and camera.tip: {_words(tip)}{remark}"
+        half_px, picture = scene.half_mm * scene.px_per_mm, source.frame(0)
+        length_px = scene.length_mm * scene.px_per_mm
+        motion = Motion.of(source.frames(0), count, 2 * half_px)
+        paths = find_paths(picture, 2 * half_px, length_px, allowed=allowed_pixels(picture.shape, scene.hints))
+        for way in (unhinted, replace(unhinted, down=-scene.down), *[scene] * bool(len(scene.line_px))):
+            if not isinstance(found := begin(picture, way, new_buffers()), str):
+                paths.append(Path(project(scene.camera, line_of(found.state)), found.polarity, found.score, found.score))
+        for line in moving_lines(paths, motion, length_px)[:MOST_TRIED]:
+            ahead = line[int(np.argmax(along(line) > half_px))] - line[0]
+            across = half_px * np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead)
+            one, other, tip = np.round([line[0] + across, line[0] - across, line[-1]], 1)
+            foot, leads = unproject(scene.camera, np.array([line[0], line[0] + ahead]))
+            remark = _UPSIDE_DOWN if (leads - foot) @ scene.down < 0.0 else ""
+            hints = replace(unhinted.hints, clamp=(_pixel(one), _pixel(other)), tip=_pixel(tip))
+            yield hints, f"camera.clamp: [{_words(one)}, {_words(other)}] and camera.tip: {_words(tip)}{remark}"
     elif len(scene.hints.centre_line) < 2:
         seen = BodyFollower(scene, scale_for(scene, source.size))
         with closing(source.colours(seen.scale)) as pictures:
@@ -220,11 +245,39 @@ def _candidates(source: FrameSource, scene: Scene) -> Iterator[tuple[Hints, str]
             yield hints, f"camera.centre_line: [{', '.join(map(_words, points))}]"
 
 
-def _read(source: FrameSource, scene: Scene, count: int) -> int:
-    """How many of the first frames the body tracker reads."""
-    follower = BodyFollower(scene, scale_for(scene, source.size))
-    with closing(source.colours(scale_for(scene, source.size))) as pictures:
-        return sum(not follower.next(picture, time_s) for time_s, picture in islice(pictures, count))
+class Trial(NamedTuple):
+    """What hints bring: how many frames are read with them, and by how many half widths the tip sways in these."""
+
+    good: int
+    sways: float
+
+    @property
+    def worth(self) -> float:
+        """Of lines that are read as well, the one that sways most is the tube's: edges of what rests are read, too."""
+        return self.good * self.sways
+
+    def words(self, count: int, step: int) -> str:
+        """What it read of so many frames, each of them one in `step`."""
+        return f"tried, it reads {self.good} of the first {count} frames" + (f" that are looked at, one in {step}" if step > 1 else "")
+
+
+def _step(source: FrameSource) -> int:
+    """Every how many frames of a fast camera's film are as many as a phone's."""
+    times = source.times_s()
+    return max(1, round(1.0 / (PHONE_HZ * float(np.median(np.diff(times)))))) if len(times) > 1 else 1
+
+
+def _trial(source: FrameSource, scene: Scene, count: int, step: int) -> Trial:
+    """Follow the body with these hints in `count` frames, each `step`-th."""
+    follower, tips = BodyFollower(scene, scale_for(scene, source.size)), []
+    with closing(source.colours(follower.scale)) as pictures:
+        for time_s, picture in islice(pictures, 0, step * count, step):
+            if not follower.next(picture, time_s):
+                tips.append(follower.body.points[-1].copy())
+            if follower.hopeless():
+                break
+    sways = float(np.ptp(tips, axis=0).max()) / follower.pointed_half() if tips else 0.0
+    return Trial(len(tips), sways)
 
 
 def _scale_first(reasons: list[str]) -> str:

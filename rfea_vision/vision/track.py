@@ -17,7 +17,7 @@ from rfea_vision.calibration.projection import camera_vector, has_plane, unproje
 from rfea_vision.errors import DataError, InputError
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.advice import around_loss, base_moved, end_like_wall, next_hint, scale_doubt
+from rfea_vision.vision.advice import around_loss, base_moved, end_like_wall, moves_elsewhere, next_hint, scale_doubt
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.held import HeldView
@@ -109,6 +109,8 @@ def track_frames(
         said.append(told)
     elif rows.share < EDGES_ENOUGH and not said:
         said.append(next_hint(source, scene, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
+    elif told := moves_elsewhere(source, scene, data["tip"].values[data["valid"].values.astype(bool)], len(rows)):
+        said.append(told)
     if said:
         data.attrs["advice"] = "; ".join(said)
     return Track(data)
@@ -164,13 +166,13 @@ def _why_lost(
     total = _frame_count(source)
     looked = f"the first {len(rows)}" if len(rows) < total else str(len(rows))
     measured = f"{rows.good} of {looked} frames could be measured" if rows.any_valid else "no tube found"
-    remedy, off = "", ""
+    side, off = "", ""
     if follower.start is not None and rows.good >= 3:
         told = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, {})
         if isinstance(follower, Follower):  # edges alone rest on the side
-            remedy = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], scene.actuator.bends)
+            side = wrong_side(told["bend_angle"].values[told["valid"].values.astype(bool)], scene.actuator.bends)
         off = scale_doubt(told.attrs["length_check"])
-    remedy = remedy or end_like_wall(follower) or next_hint(source, scene, rows.reasons, scale_off=off)
+    remedy = end_like_wall(follower) or next_hint(source, scene, rows.reasons, scale_off=off, side_off=side)
     return f"{measured} ({rows.commonest_reason}); {remedy}"
 
 

@@ -20,6 +20,8 @@ from testing.scenes import Look, bending, film
 from testing.sources import memory_source
 
 UNHINTED = Scene(np.zeros(0), Actuator(), np.array([0.0, -1.0]), 1.0)
+NO_FILM: Any = SimpleNamespace(times_s=lambda: np.zeros(0))
+
 
 @pytest.fixture(scope="module")
 def checked(calibrated, small_lens):
@@ -67,52 +69,35 @@ SAID = "the inextensible side keeps its length within 0.1 % over all postures; i
 )
 def test_a_scale_that_is_far_off_is_advised_on_before_a_hint(reasons, length_check, says, monkeypatch):
     """Clamp and tip had been asked for, which cannot mend a board's square."""
-    monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter(()))
-    said = advice.next_hint(None, UNHINTED, reasons, scale_off=advice.scale_doubt(length_check))
+    monkeypatch.setattr(advice, "_candidates", lambda source, scene, count: iter(()))
+    said = advice.next_hint(NO_FILM, UNHINTED, reasons, scale_off=advice.scale_doubt(length_check))
     assert said.startswith(says)
 
 
 def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch):
     """Clamp and tip, found in the picture, read half of the frames of a film whose board is of another size."""
-    monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter([(Hints(), "camera.tip: [3, 4]")]))
-    monkeypatch.setattr(advice, "_read", lambda source, scene, count: 2)
-    said = advice.next_hint(None, UNHINTED, ["no_tube", *[OTHER_LENGTH] * 4])
+    monkeypatch.setattr(advice, "_candidates", lambda source, scene, count: iter([(Hints(), "camera.tip: [3, 4]")]))
+    monkeypatch.setattr(advice, "_trial", lambda source, scene, count, step: advice.Trial(2, 3.0))
+    said = advice.next_hint(NO_FILM, UNHINTED, ["no_tube", *[OTHER_LENGTH] * 4])
     assert said.startswith("check the board's square (or camera.scale)") and "give it: camera.tip: [3, 4] (tried, it reads 2" in said
-
-
-@pytest.mark.parametrize(("clamp_px", "down", "says"), [(None, 1.0, "the film is upside down"), ([[1, 2], [1, 9]], -1.0, "")])
-def test_hints_are_tried_the_other_way_up_and_where_nothing_was_pointed_at(clamp_px, down, says, monkeypatch):
-    """A film upside down had been asked for the clamp, and a clamp given by rows and columns for the tip."""
-
-    def begin(picture, scene, work):
-        seen = scene.clamp_px is None and scene.down[1] == down
-        return SimpleNamespace(state=SimpleNamespace(width=[4.0])) if seen else "no_tube"
-
-    monkeypatch.setattr(advice, "begin", begin)
-    monkeypatch.setattr(advice, "line_of", lambda state: np.array([[50.0, 10.0], [50.0, 20.0], [60.0, 90.0]]))
-    monkeypatch.setattr(advice, "project", lambda camera, points: points)
-    scene = replace(UNHINTED, hints=Hints(clamp=clamp_px))
-    ((hints, words),) = advice._candidates(SimpleNamespace(frame=lambda number: None), scene)
-    assert hints.tip == (60.0, 90.0) and sorted(hints.clamp) == [(46.0, 10.0), (54.0, 10.0)]
-    assert says in words and ("upside" in words) == bool(says)
 
 
 def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(monkeypatch):
     """It says up to where it was read; whether that is so, the frames told."""
-    monkeypatch.setattr(advice, "_candidates", lambda source, scene: iter(()))
+    monkeypatch.setattr(advice, "_candidates", lambda source, scene, count: iter(()))
     monkeypatch.setattr(advice, "base_moved", lambda source, scene, count: "")
     monkeypatch.setattr(advice, "film_lacks", lambda source, scene: "")
     given = Hints(clamp=((0.0, 0.0), (0.0, 0.0)), tip=(0.0, 0.0), centre_line=((1.0, 2.0), (3.0, 4.0)))
     scene = replace(UNHINTED, hints=given)
     lost = ["no_fit: folded"] * 20
-    said = advice.next_hint(None, scene, [""] * 18 + ["edge_lost"] + [""] * 2 + lost)
+    said = advice.next_hint(NO_FILM, scene, [""] * 18 + ["edge_lost"] + [""] * 2 + lost)
     assert said.startswith("the hints fit the first 21 frames, of which 20 were read: cut the film to these")
     assert said.endswith("frame 21 (no_fit: folded)")
-    assert advice.next_hint(None, scene, [""] * 18 + lost, scale_off="the scale").startswith("the hints fit the first ")
-    assert advice.next_hint(None, scene, [""] * 5 + lost, scale_off="the scale") == "the scale"
-    said = advice.next_hint(None, scene, [""] * 5 + lost)
+    assert advice.next_hint(NO_FILM, scene, [""] * 18 + lost, scale_off="the scale").startswith("the hints fit the first ")
+    assert advice.next_hint(NO_FILM, scene, [""] * 5 + lost, scale_off="the scale") == "the scale"
+    said = advice.next_hint(NO_FILM, scene, [""] * 5 + lost)
     assert said == "see what changes in frame 5, the first that was refused (no_fit: folded), and check the hints against frame 0"
-    assert advice.next_hint(None, scene, lost).startswith("check the hints")
+    assert advice.next_hint(NO_FILM, scene, lost).startswith("check the hints")
 
 
 @pytest.mark.parametrize(

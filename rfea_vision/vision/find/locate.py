@@ -147,7 +147,7 @@ def cut_at(path: Path, ends_px: FloatArray, length_px: float) -> Path:
     middle = part[1:-1] if len(part) > 4 else part[:0]
     points = np.vstack([ends_px[0], middle, ends_px[1]])
     length = float(along(points)[-1])
-    score = path.score if len(middle) == 0 else _length_score(length / length_px) * path.strength
+    score = path.score if len(middle) == 0 else length_score(length / length_px) * path.strength
     return Path(points, path.polarity, score, path.strength)
 
 
@@ -156,7 +156,7 @@ def hinted_paths(line_px: FloatArray) -> list[Path]:
     return [Path(evenly(line_px, 40), polarity, 1.0) for polarity in (1, -1)]
 
 
-def _length_score(ratio: float) -> float:
+def length_score(ratio: float) -> float:
     """How well a length fits, `ratio` to that of the tube: it may be partly hidden, and grows a little when bent."""
     misfit = np.log(ratio) / (0.25 if ratio < 1 else 0.18)
     return float(np.exp(-0.5 * misfit**2))
@@ -170,7 +170,7 @@ def _passes(path: Path, near_px: FloatArray, reach: float) -> bool:
 def _scored(points: FloatArray, polarity: int, response: float, contrast: float, length_px: float) -> Path:
     ratio = float(along(points)[-1]) / length_px
     strength = float(np.sqrt(min(response / contrast, 3.0)))
-    return Path(points, polarity, _length_score(ratio) * strength + 0.02 * min(ratio, 1.0), strength)
+    return Path(points, polarity, length_score(ratio) * strength + 0.02 * min(ratio, 1.0), strength)
 
 
 def _seeds(best: NDArray[np.float32], spacing: int) -> list[tuple[int, int]]:
