@@ -54,8 +54,8 @@ GAIN = 0.05  # of these frames: less is no reason to point again
 def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_off: str = "", side_off: str = "") -> str:
     """Say which hint to give, and what it brought on the first frames where it could be tried.
 
-    Where length and width are both off, one scale is the cause of both, and no hint mends it; where only the length is, hints are
-    tried first.
+    Where length and width are both off, one scale may be the cause of both, which no hint mends: that is said first. Where only the
+    length is, a hint that helps comes before it.
 
     Parameters
     ----------
@@ -69,8 +69,7 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
     if moved := base_moved(source, scene, around_loss(reasons)):
         return moved
-    if scale_off and Counter(filter(None, reasons)).most_common(1)[0][0].startswith("width_off"):
-        return scale_off
+    of_scale = Counter(filter(None, reasons)).most_common(1)[0][0].startswith("width_off") and scale_off
     looked = reasons[:: (step := _step(source))][:MOST_LOOKED]
     before, count = sum(not reason for reason in looked), len(looked)
     suggested = _candidates(source, scene, len(reasons)) if before < (1.0 - GAIN) * count else ()
@@ -78,9 +77,11 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     best, words = max(tried, key=lambda pair: pair[0].worth, default=(Trial(0, 0.0), ""))
     if best.good >= before + GAIN * count and (scene.is_pointed_at or best.sways >= LEAST_SWAY):
         said = f"check this against the picture and give it: {words} ({best.words(count, step)}, and {before} were read without it)"
+        if of_scale:
+            return f"{of_scale}; where these are right, {said}"
         return f"{side_off}; {said}" if side_off else _scale_first(reasons) + said
-    if side_off:
-        return side_off
+    if of_scale or side_off:
+        return of_scale or side_off
     if scene.is_pointed_at and (told := _read_until(reasons) or film_lacks(source, scene)):
         return told  # no scale that is off loses a tube that it has let be read
     if scale_off:

@@ -80,6 +80,8 @@ def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch)
     monkeypatch.setattr(advice, "_trial", lambda source, scene, count, step: advice.Trial(2, 3.0))
     said = advice.next_hint(NO_FILM, UNHINTED, ["no_tube", *[OTHER_LENGTH] * 4])
     assert said.startswith("check the board's square (or camera.scale)") and "give it: camera.tip: [3, 4] (tried, it reads 2" in said
+    said = advice.next_hint(NO_FILM, UNHINTED, ["width_off"] * 4, scale_off="it measures +20 %")
+    assert said.startswith("it measures +20 %; where these are right, check this against the picture and give it: camera.tip: [3, 4]")
 
 
 def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(monkeypatch):
