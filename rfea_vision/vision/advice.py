@@ -224,6 +224,7 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
         length_px = scene.length_mm * scene.px_per_mm
         motion = Motion.of(source.frames(0), count, 2 * half_px)
         paths = find_paths(picture, 2 * half_px, length_px, allowed=allowed_pixels(picture.shape, scene.hints))
+        paths += motion.ribbons(2 * half_px, length_px)
         for way in (unhinted, replace(unhinted, down=-scene.down), *[scene] * bool(len(scene.line_px))):
             if not isinstance(found := begin(picture, way, new_buffers()), str):
                 paths.append(Path(project(scene.camera, line_of(found.state)), found.polarity, found.score, found.score))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, at, evenly
-from rfea_vision.vision.find.locate import WIDTH_SCALED_PX, Path, length_score
+from rfea_vision.vision.find.locate import WIDTH_SCALED_PX, Path, find_paths, length_score
 
 LOOKS = 24  # frames that are compared with the first, over all of a film
+BRIGHTEST = 0.998  # of the pixels that are not brighter in the picture of what changes: glare and flicker are few
 STATIONS, END = 40, 10  # places along a line, and how many of them are one of its ends
 # What moves as a tube does changes at its tip by so many times what its clamp does, and what rests does. Of lines in the first frames
 # of fifteen phone films of silicone arms those on an arm changed 2.3 to 11 times as much there, and most others less than twice.
@@ -53,6 +54,12 @@ class Motion:
         """Change (STATIONS,) along a line (n, 2) px of the film, over what most of the picture does."""
         x, y = ((evenly(line_px, STATIONS) + 0.5) * self.scale - 0.5).astype(np.float32).T
         return cv2.remap(self.change, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).ravel().astype(float)
+
+    def ribbons(self, width_px: float, length_px: float) -> list[Path]:
+        """Lines of the tube's width in what changes: where the wall is no plainer than the tube, that shows it best."""
+        picture = np.clip(255.0 * self.change / max(float(np.quantile(self.change, BRIGHTEST)), 1e-3), 0, 255).astype(np.uint8)
+        paths = find_paths(picture, width_px * self.scale, length_px * self.scale)
+        return [replace(path, points=(path.points + 0.5) / self.scale - 0.5) for path in paths if path.polarity > 0]
 
 
 def moving_lines(paths: Iterable[Path], motion: Motion, length_px: float) -> list[FloatArray]:
