@@ -158,7 +158,10 @@ def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px
     off = np.stack(np.meshgrid(np.arange(left, right, COARSE), np.arange(top, bottom, COARSE)), axis=2) - foot[0]
     behind = (off @ foot[1] < 0.0) & (np.linalg.norm(off, axis=2) < HELD * half_px)
     # What looked like it in the last picture, where it was not, is another thing: the arm that holds it, of the same discs.
-    another = _look_alike(last.lab[window], wall, window, body) & (covered(picture.shape, body)[window] == 0)
+    # What is that near to it is its own: a line that lags leaves some of it out.
+    near = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(0.5 * half_px) + 1,) * 2)
+    own = cv2.dilate(covered(picture.shape, body), near)
+    another = _look_alike(last.lab[window], wall, window, body) & (own[window] == 0)
     alike = np.asarray(_look_alike(picture[window], wall, window, body) & ~behind & ~another, dtype=np.uint8)
     depth = cv2.distanceTransform(cv2.medianBlur(alike, 3), cv2.DIST_L2, 3) * (COARSE / half_px)
     column, row = np.round((foot[0] + 0.5 * half_px * foot[1] - (left, top)) / COARSE).astype(int)
