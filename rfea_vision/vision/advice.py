@@ -31,10 +31,11 @@ from rfea_vision.vision.follow.follower import Follower
 
 TRIED = 60  # frames: two seconds of a phone's film
 PHONE_HZ, MOST_LOOKED = 30.0, 240  # hints are tried at this rate, on so many frames: eight seconds, and as many to wait
-MOST_TRIED = 4  # lines, the clearest first: of fifteen films with two arms each the first was on an arm in 13, and the first two in 14
+MOST_TRIED = 4  # lines, those first whose ends edges tell, then the clearest: in all of fifteen films with two arms one was on an arm
 # Half widths by which the tip of a line sways that is suggested: on seven other films those on the body swayed by 1.5 to 6.4 where they
 # were read, and others by 0.1 to 0.8, but for a second body that moved.
 LEAST_SWAY = 1.0
+AS_GOOD = 0.8  # of what the best brings: chosen, one that ends farther out sways more; of these it is the first
 # The picture around the clamp, to 3 half widths, is looked for up to 2 half widths aside. In four real films whose base rested it lay
 # within 0.25, or fitted as well in its place (a stem, along itself); in four whose base or view moved it went 1.2 to 2.
 AROUND_CLAMP, ASIDE = 3.0, 2.0
@@ -74,7 +75,8 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     before, count = sum(not reason for reason in looked), len(looked)
     suggested = _candidates(source, scene, len(reasons)) if before < (1.0 - GAIN) * count else ()
     tried = [(_trial(source, replace(scene, hints=hints), count, step), words) for hints, words in suggested]
-    best, words = max(tried, key=lambda pair: pair[0].worth, default=(Trial(0, 0.0), ""))
+    most = max((trial.worth for trial, _ in tried), default=0.0)
+    best, words = next((pair for pair in tried if pair[0].worth >= AS_GOOD * most), (Trial(0, 0.0), ""))
     if best.good >= before + GAIN * count and (scene.is_pointed_at or best.sways >= LEAST_SWAY):
         said = f"check this against the picture and give it: {words} ({best.words(count, step)}, and {before} were read without it)"
         if of_scale:
@@ -225,10 +227,11 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
         motion = Motion.of(source.frames(0), count, 2 * half_px)
         paths = find_paths(picture, 2 * half_px, length_px, allowed=allowed_pixels(picture.shape, scene.hints))
         paths += motion.ribbons(2 * half_px, length_px)
+        fitted = []  # whose ends edges tell
         for way in (unhinted, replace(unhinted, down=-scene.down), *[scene] * bool(len(scene.line_px))):
             if not isinstance(found := begin(picture, way, new_buffers()), str):
-                paths.append(Path(project(scene.camera, line_of(found.state)), found.polarity, found.score, found.score))
-        for line in moving_lines(paths, motion, length_px)[:MOST_TRIED]:
+                fitted.append(Path(project(scene.camera, line_of(found.state)), found.polarity, found.score, found.score))
+        for line in [line for some in (fitted, paths) for line in moving_lines(some, motion, length_px)][:MOST_TRIED]:
             ahead = line[int(np.argmax(along(line) > half_px))] - line[0]
             across = half_px * np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead)
             one, other, tip = np.round([line[0] + across, line[0] - across, line[-1]], 1)
