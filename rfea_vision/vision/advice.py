@@ -31,7 +31,7 @@ from rfea_vision.vision.follow.follower import Follower
 
 TRIED = 60  # frames: two seconds of a phone's film
 PHONE_HZ, MOST_LOOKED = 30.0, 240  # hints are tried at this rate, on so many frames: eight seconds, and as many to wait
-MOST_TRIED = 4  # lines, those first whose ends edges tell, then the clearest: in all of fifteen films with two arms one was on an arm
+MOST_TRIED = 8  # lines: those whose ends edges tell, of the first frame, and of what changes; most are given up after three frames
 # Half widths by which the tip of a line sways that is suggested: on seven other films those on the body swayed by 1.5 to 6.4 where they
 # were read, and others by 0.1 to 0.8, but for a second body that moved.
 LEAST_SWAY = 1.0
@@ -226,12 +226,12 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
         length_px = scene.length_mm * scene.px_per_mm
         motion = Motion.of(source.frames(0), count, 2 * half_px)
         paths = find_paths(picture, 2 * half_px, length_px, allowed=allowed_pixels(picture.shape, scene.hints))
-        paths += motion.ribbons(2 * half_px, length_px)
         fitted = []  # whose ends edges tell
         for way in (unhinted, replace(unhinted, down=-scene.down), *[scene] * bool(len(scene.line_px))):
             if not isinstance(found := begin(picture, way, new_buffers()), str):
                 fitted.append(Path(project(scene.camera, line_of(found.state)), found.polarity, found.score, found.score))
-        for line in [line for some in (fitted, paths) for line in moving_lines(some, motion, length_px)][:MOST_TRIED]:
+        kinds = fitted, paths, motion.ribbons(2 * half_px, length_px)
+        for line in [line for kind in kinds for line in moving_lines(kind, motion, length_px)][:MOST_TRIED]:
             ahead = line[int(np.argmax(along(line) > half_px))] - line[0]
             across = half_px * np.array([ahead[1], -ahead[0]]) / np.linalg.norm(ahead)
             one, other, tip = np.round([line[0] + across, line[0] - across, line[-1]], 1)
