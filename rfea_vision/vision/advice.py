@@ -70,7 +70,8 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
     if moved := base_moved(source, scene, around_loss(reasons)):
         return moved
-    of_scale = Counter(filter(None, reasons)).most_common(1)[0][0].startswith("width_off") and scale_off
+    commonest = Counter(filter(None, reasons)).most_common(1)
+    of_scale = scale_off if commonest and commonest[0][0].startswith("width_off") else ""
     looked = reasons[:: (step := _step(source))][:MOST_LOOKED]
     before, count = sum(not reason for reason in looked), len(looked)
     suggested = _candidates(source, scene, len(reasons)) if before < (1.0 - GAIN) * count else ()

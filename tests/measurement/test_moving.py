@@ -73,3 +73,12 @@ def test_a_line_that_rests_is_none_and_one_that_runs_on_is_cut():
     short = np.column_stack([np.full(40, 50.0), np.linspace(5, 40, 40)])
     assert len(moving_lines([Path(short, 1, 1.0)], Motion(change[55:], 1.0), 35.0)) == 1
     assert moving_lines([Path(short, 1, 1.0)], Motion(change[55:], 1.0), 60.0) == []  # its clamp would be out of the picture
+
+
+@pytest.mark.parametrize("width_px", [2.0, 18.0, 50_000.0])
+def test_a_tube_that_is_wider_than_the_picture_by_its_scale_is_no_error(width_px):
+    """Metres for millimetres had been typed."""
+    frames = [(0.1 * k, np.full((48, 64), 40 * k, dtype=np.uint8)) for k in range(4)]
+    motion = Motion.of(frames, 4, width_px)
+    assert min(motion.change.shape) >= 16
+    assert moving_lines(motion.ribbons(width_px, 5 * width_px), motion, 5 * width_px) == []

@@ -13,6 +13,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, at, evenly
 from rfea_vision.vision.find.locate import WIDTH_SCALED_PX, Path, find_paths, length_score
 
+LEAST_SIDE_PX = 16  # of the smaller pictures
 LOOKS = 24  # frames that are compared with the first, over all of a film
 BRIGHTEST = 0.998  # of the pixels that are not brighter in the picture of what changes: glare and flicker are few
 STATIONS, END = 40, 10  # places along a line, and how many of them are one of its ends
@@ -33,14 +34,15 @@ class Motion:
     @classmethod
     def of(cls, frames: Iterable[tuple[float, NDArray[np.uint8]]], count: int, width_px: float) -> Motion:
         """What moves in the first `count` frames (h, w), for a tube of a width."""
-        scale = min(WIDTH_SCALED_PX / width_px, 1.0)
         looked = {int(k) for k in np.linspace(0, count - 1, LOOKS + 1)}
-        first, changes = None, []
+        scale, first, changes = 1.0, None, []
         for number, (_, luma) in enumerate(frames):
             if number >= count:
                 break
             if number not in looked:
                 continue
+            if first is None:  # by a scale that is wrong the tube may be wider than the picture
+                scale = min(max(WIDTH_SCALED_PX / width_px, LEAST_SIDE_PX / min(luma.shape)), 1.0)
             small = cv2.resize(luma, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA).astype(np.float32)
             if first is None:
                 first = small
