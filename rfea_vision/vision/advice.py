@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
 from rfea_vision.calibration.projection import project, unproject
 from rfea_vision.lines import along
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.body.begin import hinted_lines, leaving, scale_for
+from rfea_vision.vision.body.begin import hinted_lines, scale_for
 from rfea_vision.vision.body.follower import BodyFollower
+from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.model import frame_of
 from rfea_vision.vision.body.rules import LEAST_SLENDER
 from rfea_vision.vision.body.still import StillView
@@ -36,12 +36,9 @@ MOST_TRIED = 8  # lines: those whose ends edges tell, of the first frame, and of
 # were read, and others by 0.1 to 0.8, but for a second body that moved.
 LEAST_SWAY = 1.0
 AS_GOOD = 0.8  # of what the best brings: chosen, one that ends farther out sways more; of these it is the first
-# The picture around the clamp, to 3 half widths, is looked for up to 2 half widths aside. In four real films whose base rested it lay
-# within 0.25, or fitted as well in its place (a stem, along itself); in four whose base or view moved it went 1.2 to 2.
-AROUND_CLAMP, ASIDE = 3.0, 2.0
-BASE_MOVED, BASE_ALIKE, BASE_GONE = 0.5, 0.7, 0.15  # half widths; least correlation there, and by how much it beats that in its place
-BASE_TURNS = 0.0, -20.0, 20.0, -40.0, 40.0  # degrees: chosen, tape and rubber give way by less at a clamp that rests
-LOOKS = 12  # frames in which this is looked at
+# By half widths that what holds the tube moves, by radians that it turns (chosen: tape and rubber give way by less at a clamp that
+# rests), and by so many standard errors, before that is said.
+BASE_MOVED, BASE_TURNED, SURELY = 0.5, 0.25, 3.0
 READ, BEGUN = 0.95, 12  # share of a film that is read as one; frames, half a second of most films: fewer may be luck
 _UPSIDE_DOWN = (
     ", by which the tube leads upwards: if it hangs, the film is upside down (turn it and the photos of the board by half a turn), if "
@@ -169,49 +166,24 @@ def base_moved(source: FrameSource, scene: Scene, count: int) -> str:
     if scene.clamp_px is None:
         return ""
     scale = scale_for(scene, source.size)
-    half = 0.5 * scale * float(np.linalg.norm(scene.clamp_px[1] - scene.clamp_px[0]))
-    foot = (scene.clamp_px.mean(axis=0) + 0.5) * scale - 0.5
-    near, far = (round(reach * half) for reach in (AROUND_CLAMP, AROUND_CLAMP + ASIDE))
-    least_px = max(BASE_MOVED * half, POINTING_PX * scale)
-    away = np.stack(np.meshgrid(*[np.arange(-far, far + 1)] * 2), axis=2) @ leaving(scene.clamp_px, scene.line_px)
-    held = np.asarray(255 * (away < 0.0), dtype=np.uint8)  # in front of its clamp is the body, which moves while its base rests
-    looked = {int(k) for k in np.linspace(0, count - 1, LOOKS)}
-    rests, first, still = 0, None, StillView(np.vstack([foot, (scene.line_px + 0.5) * scale - 0.5]), half)
+    clamp, line = ((places + 0.5) * scale - 0.5 for places in (scene.clamp_px, scene.line_px))
+    half = 0.5 * float(np.linalg.norm(clamp[1] - clamp[0]))
+    still, held = StillView(line, half), HeldView(clamp, line, half)  # a camera that drifts is followed
+    least_px, rests = max(BASE_MOVED * half, POINTING_PX * scale), 0
     with closing(source.colours(scale)) as pictures:
-        for frame, (_, seen) in enumerate(islice(pictures, count)):
-            picture = still(seen)  # a camera that drifts is followed
-            if frame not in looked:
-                continue
-            grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.uint8)
-            if first is None:
-                first = [[_turned(part, turn, near) for part in (_around(grey, foot, far), held)] for turn in BASE_TURNS]
-                continue
-            around = _around(grey, foot, far)
-            looks = [cv2.matchTemplate(around, patch, cv2.TM_CCOEFF_NORMED, mask=mask) for patch, mask in first]
-            looks = [np.where(np.abs(look) < 1.01, look, -1.0) for look in looks]  # infinite on a plain wall, which is like nothing
-            best = int(np.argmax([look.max() for look in looks]))
-            row, column = np.unravel_index(int(np.argmax(looks[best])), looks[best].shape)
-            off, turn = float(np.hypot(row - (far - near), column - (far - near))), abs(BASE_TURNS[best])
-            least = max(BASE_ALIKE, looks[0][far - near, far - near] + BASE_GONE)
-            if (turn or off > least_px) and looks[best].max() > least:
+        for frame, (_, picture) in enumerate(islice(pictures, count)):
+            held.look(still(picture))
+            off, turn = held.off
+            sure_px, sure_turn = SURELY * held.stderr[:2].max(), SURELY * held.stderr[2]
+            turned = turn > max(BASE_TURNED, sure_turn)
+            if held.seen and (turned or off > max(least_px, sure_px)):
                 cut = f"its first {rests + 1} frames" if rests >= BEGUN else "where both rest"
-                how = f"turned in the picture, by some {turn:.0f} degrees" if turn else f"moved in the picture, by {off / scale:.0f} px"
+                by = f"by some {np.rad2deg(turn):.0f} degrees" if turned else f"by {off / scale:.0f} px"
+                how = f"{'turned' if turned else 'moved'} in the picture, {by}"
                 return f"what holds the tube has {how} in frame {frame}: hold the base and the camera still, or cut the film to {cut}"
-            rests = frame
+            if off < 0.5 * least_px:
+                rests = frame
     return ""
-
-
-def _turned(patch: NDArray[np.uint8], turn_deg: float, reach: int) -> NDArray[np.uint8]:
-    """What lies within `reach` px of the middle of a square patch that is turned about it."""
-    middle = (len(patch) - 1) / 2
-    turned = cv2.warpAffine(patch, cv2.getRotationMatrix2D((middle, middle), turn_deg, 1.0), patch.shape)
-    return _around(np.asarray(turned, dtype=np.uint8), np.array([middle, middle]), reach)
-
-
-def _around(grey: NDArray[np.uint8], place: FloatArray, reach: int) -> NDArray[np.uint8]:
-    """What a picture shows within `reach` px of a place."""
-    size = 2 * reach + 1
-    return np.asarray(cv2.getRectSubPix(grey, (size, size), (float(place[0]), float(place[1]))), dtype=np.uint8)
 
 
 def scale_doubt(length_check: str) -> str:

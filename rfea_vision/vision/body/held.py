@@ -53,11 +53,17 @@ class HeldView:
 
     def __call__(self, picture: NDArray[np.uint8], places: FloatArray | None = None, reach: float = np.inf) -> NDArray[np.uint8]:
         """The picture (h, w, 3) as it would be, had what holds the body stayed; nothing of it farther than `reach` px from `places`."""
+        first = self._first is None
+        self.look(picture)
+        return picture if first else turned_back(picture, self.moved, places, reach)
+
+    def look(self, picture: NDArray[np.uint8]) -> None:
+        """See in a picture (h, w, 3) by how much what holds the body has moved and turned."""
         grey = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
         blurred = [np.asarray(cv2.GaussianBlur(grey, (0, 0), blur * self._half), dtype=np.float32) for blur in BLURS]
         if self._first is None:
             self._first = [_sampled(level, self._put(np.zeros(3))) for level in blurred]
-            return picture
+            return
         self._covariance += np.diag(np.array([GOES * self._half, GOES * self._half, TURNS]) ** 2)
         found = [self._aligned(blurred, start) for start in (self._pose + self._step, self._pose)]
         pose, alike, covariance = max(found, key=lambda way: way[1])
@@ -66,7 +72,11 @@ class HeldView:
             self._step, self._pose, self._covariance = pose - self._pose, pose, covariance
             turns = _turn(pose[2])
             self.moved = np.column_stack([turns, self._foot + pose[:2] - turns @ self._foot])
-        return turned_back(picture, self.moved, places, reach)
+
+    @property
+    def off(self) -> tuple[float, float]:
+        """How far the clamp is from where it was, px, and by how much it has turned, rad."""
+        return float(np.linalg.norm(self._pose[:2])), abs(float(self._pose[2]))
 
     @property
     def stderr(self) -> FloatArray:
