@@ -24,6 +24,7 @@ from rfea_vision.vision.body.model import (
     SeenBody,
     Sight,
     frame_of,
+    middle,
     robust_displacement,
     skin_of,
 )
@@ -107,7 +108,7 @@ def as_long(picture: Picture, wall: Wall, body: SeenBody, skin: FloatArray, leng
 def _unlike(skin: FloatArray, before: FloatArray) -> float:
     """How little the inner half of a skin (S, V, 3) is like what it was: grey levels, without a change of light."""
     off = (skin - before)[:, np.abs(ACROSS_TEXTURE) < 0.5]
-    return float(np.mean(np.minimum(np.abs(off - np.median(off, axis=(0, 1))), ALIKE)))
+    return float(np.mean(np.minimum(np.abs(off - middle(off.reshape(-1, 3).T)), ALIKE)))
 
 
 def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
-from rfea_vision.vision.body.model import MARKED, SHARES, STATIONS, Picture, SeenBody, frame_of
+from rfea_vision.vision.body.model import MARKED, SHARES, STATIONS, Picture, SeenBody, frame_of, middle
 from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
 
@@ -103,10 +103,10 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
         window = np.s_[top : top + height, left : left + width]
         colour = np.median(hue[window][labels[window] == k], axis=0)
         # The whole patch counts, also what lies beyond the outline.
-        middle, area = _middle(hue, own, colour, middles[k], 2.0 * float(body.half.max()))
-        if middle is None or not LEAST_PX * enlarged**2 <= area <= (3.0 * float(body.half.max())) ** 2:
+        place, area = _middle(hue, own, colour, middles[k], 2.0 * float(body.half.max()))
+        if place is None or not LEAST_PX * enlarged**2 <= area <= (3.0 * float(body.half.max())) ** 2:
             continue
-        share, across = place_on(middle, body)
+        share, across = place_on(place, body)
         beyond = (share - 1.0) * body.length / body.half[-1]  # half widths: people point at the middle of a mark for the tip,
         if share >= 0.0 and (beyond <= 0.0 or max(beyond, abs(across)) < 1.0):  # and what lies beside the end is another thing
             marks.setdefault((share, across), Mark(share, across, colour, own, area))
@@ -115,12 +115,11 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
 
 def marks_in(picture: Picture, marks: list[Mark], body: SeenBody, wall: Wall) -> list[SeenMark]:
     """The marks of the first frame that are seen near where the body would carry them."""
-    found = []
+    found, reach = [], REACH * float(middle(body.half))
     for mark in marks:
-        reach = REACH * float(np.median(body.half))
-        middle, area = _middle(picture[..., 1:], mark.around, mark.colour, place_of(mark, body), reach, wall)
-        if middle is not None and SIZES[0] < area / mark.area < SIZES[1]:
-            found.append(SeenMark(mark, middle, MARK_PX + MARK_SHARE * float(np.sqrt(area / np.pi))))
+        place, area = _middle(picture[..., 1:], mark.around, mark.colour, place_of(mark, body), reach, wall)
+        if place is not None and SIZES[0] < area / mark.area < SIZES[1]:
+            found.append(SeenMark(mark, place, MARK_PX + MARK_SHARE * float(np.sqrt(area / np.pi))))
     return found
 
 
