@@ -97,7 +97,8 @@ def moves_elsewhere(source: FrameSource, scene: Scene, tips_mm: FloatArray, coun
     for hints, words in _candidates(source, scene, step * count):
         trial = _trial(source, replace(scene, hints=hints), count, step)
         if trial.good >= READ * count and trial.sways >= LEAST_SWAY:
-            return f"what was followed rests, and another tube moves; if that is the one, give it: {words} ({trial.words(count, step)})"
+            told = f"point at the one that is meant; that one is {words} ({trial.words(count, step)})"
+            return f"what was found rests, and another tube moves: {told}"
     return ""
 
 

@@ -87,7 +87,7 @@ def track_frames(
         If the calibration has no plane or belongs to pictures of another shape, or a frame takes longer to read than the next
         one is away.
     DataError
-        If no tube is found, or fewer than half of the frames could be measured.
+        If no tube is found, or fewer than half of the frames could be measured, or what nobody pointed at rests and another tube moves.
     """
     calibration = matched_to(calibration, source)
     scene = make_scene(calibration, actuator, vertical, hints or Hints(), source.size, gravity_deg)
@@ -104,13 +104,13 @@ def track_frames(
     }
     rows.marked = follower.marked and follower.good >= 3
     data = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, attributes, shutter)
+    if told := moves_elsewhere(source, scene, data["tip"].values[data["valid"].values.astype(bool)], len(rows)):
+        raise DataError(f"{source.path}: {told}")
     said = [CARRIED_ABOUT] if isinstance(follower, BodyFollower) and follower.held else []
     if told := end_like_wall(follower):
         said.append(told)
     elif rows.share < EDGES_ENOUGH and not said:
         said.append(next_hint(source, scene, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
-    elif told := moves_elsewhere(source, scene, data["tip"].values[data["valid"].values.astype(bool)], len(rows)):
-        said.append(told)
     if said:
         data.attrs["advice"] = "; ".join(said)
     return Track(data)

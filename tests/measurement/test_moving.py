@@ -8,6 +8,7 @@ import pytest
 
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
+from rfea_vision.errors import DataError
 from rfea_vision.readers.video import open_frames
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.find.locate import Path
@@ -49,11 +50,13 @@ def filmed(request, tmp_path_factory):
 
 
 def test_a_film_without_hints_is_told_those_of_what_moves(filmed):
-    """A resting twin had been as good, and which end is held was asked of gravity alone."""
+    """A resting twin is no measurement of the one that moves, and which end is held had been asked of gravity alone."""
     folder, line, stands = filmed
     source, calibration = open_frames(folder, None, 30.0), scaled_by_distance((WIDE, HEIGHT), [[0, 0], [100, 0]], 100.0)
     tube = Actuator(outer_radius=0.009, inner_radius=0.004, length=LENGTH / 1000, bends="left" if stands else "right")
-    said = track_frames(source, calibration, tube, vertical="image").dataset.attrs["advice"]
+    with pytest.raises(DataError, match="what was found rests, and another tube moves: point at the one that is meant") as refused:
+        track_frames(source, calibration, tube, vertical="image")
+    said = str(refused.value)
     assert ("leads upwards" in said) == stands
     one, other, tip = (np.array(place, dtype=float) for place in re.findall(r"\[([\d.]+), ([\d.]+)\]", said)[:3])
     assert np.linalg.norm(0.5 * (one + other) - line[0]) < 9.0
