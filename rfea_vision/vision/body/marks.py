@@ -17,6 +17,9 @@ from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
 
 LEAST_PX = 12  # of a mark in the picture, or in the film where that is smaller: fewer are noise of a compressed picture's colours
+# Of the half width, radius of one: smaller patches are the shading of windings and the rims of glare, and of many alike the nearest is
+# followed. Marks on ten scenes of testing/phone.py have 0.3 and more.
+LEAST_RADIUS = 0.25
 # Patches of no named colour: more are a pattern, or grain, of which none is told from its neighbours, and each costs time in every
 # fit. Fifteen scenes of testing/phone.py and three real arms have 0 to 4, two dithered GIFs 25 and more.
 MOST = 16
@@ -97,6 +100,7 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
         other &= np.max(np.abs(seen - hinted[1:]), axis=-1) < HINTED
     inside[there] = other
     count, labels, stats, middles = cv2.connectedComponentsWithStats(inside)
+    least = max(LEAST_PX * enlarged**2, np.pi * (LEAST_RADIUS * float(middle(body.half))) ** 2)
     marks: dict[tuple[float, float], Mark] = {}  # by their places: what is one mark may be several patches within the outline
     for k in range(1, count):
         left, top, width, height, _ = stats[k]
@@ -104,11 +108,11 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
         colour = np.median(hue[window][labels[window] == k], axis=0)
         # The whole patch counts, also what lies beyond the outline.
         place, area = _middle(hue, own, colour, middles[k], 2.0 * float(body.half.max()))
-        if place is None or not LEAST_PX * enlarged**2 <= area <= (3.0 * float(body.half.max())) ** 2:
+        if place is None or not least <= area <= (3.0 * float(body.half.max())) ** 2:
             continue
         share, across = place_on(place, body)
-        beyond = (share - 1.0) * body.length / body.half[-1]  # half widths: people point at the middle of a mark for the tip,
-        if share >= 0.0 and (beyond <= 0.0 or max(beyond, abs(across)) < 1.0):  # and what lies beside the end is another thing
+        beyond = (share - 1.0) * body.length / body.half[-1]  # half widths: people point at the middle of a mark for the tip.
+        if 0.0 <= share and beyond < 1.0 and abs(across) < 1.0:  # what lies beside the body is another thing, or the wall
             marks.setdefault((share, across), Mark(share, across, colour, own, area))
     return list(marks.values()) if hinted is not None or len(marks) <= MOST else []
 
