@@ -112,7 +112,7 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
             continue
         share, across = place_on(place, body)
         beyond = (share - 1.0) * body.length / body.half[-1]  # half widths: people point at the middle of a mark for the tip.
-        if 0.0 <= share and beyond < 1.0 and abs(across) < 1.0:  # what lies beside the body is another thing, or the wall
+        if share >= 0.0 and beyond < 1.0 and abs(across) < 1.0:  # what lies beside the body is another thing, or the wall
             marks.setdefault((share, across), Mark(share, across, colour, own, area))
     return list(marks.values()) if hinted is not None or len(marks) <= MOST else []
 
