@@ -9,9 +9,9 @@ import pytest
 from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision.body.begin import first_body, hinted_lines
-from rfea_vision.vision.body.fit import Fit, looks_around
+from rfea_vision.vision.body.fit import Fit, looks_around, off_middle
 from rfea_vision.vision.body.follower import BodyFollower
-from rfea_vision.vision.body.model import SHARES, STATIONS
+from rfea_vision.vision.body.model import SHARES, STATIONS, SeenBody
 from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges.fitted import new_buffers
@@ -245,3 +245,19 @@ def test_an_arm_that_ends_behind_its_clamp_leaves_it_on_the_side_to_which_it_goe
     np.testing.assert_allclose(follower.foot[1], [0.0, -1.0], atol=0.01)
     off = np.linalg.norm((follower.body.points[8:, None] + 0.5) / 1.2 - 0.5 - line[None], axis=2).min(axis=1)
     assert off[:-4].max() < 1.0, "up to its round end"
+
+
+def test_a_line_that_leaves_the_middle_of_its_edges_is_known_by_so_much_less():
+    line = np.column_stack([np.full(STATIONS, 50.0), 10.0 + 240.0 * SHARES])
+    body = SeenBody(line, np.full(STATIONS, 12.0), np.ones((STATIONS, 2, 3)), np.ones((STATIONS, 2, 2, 3)))
+    edges = np.full((STATIONS, 2, 2), 0.5)  # a body that has swelled: both edges lie farther out
+    still = np.zeros(STATIONS)
+    assert off_middle(body, edges, still) == 0.0
+    edges[-10:] = [[3.0, 0.5], [-2.0, 0.5]]  # but for its end, which lies 2.5 px beside the line
+    assert abs(off_middle(body, edges, still) - 2.5) < 1e-9
+    assert off_middle(body, edges, np.where(SHARES > 0.85, 2.5, 0.0)) < 0.1, "the line has gone there"
+    edges[10:, 1, 1] = np.inf  # one edge alone says nothing of the middle
+    assert off_middle(body, edges, still) == 0.0
+    body.told = SHARES < 0.85
+    edges[10:, 1, 1] = 0.5
+    assert off_middle(body, edges, still) == 0.0, "edges of the wall are none"

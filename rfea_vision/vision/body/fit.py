@@ -100,6 +100,7 @@ class Fit:
     standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
     reason : why it is no measurement; empty where it is one
     stretched : px by which it is longer than what was carried into the frame
+    off_edges : px by which the middle between its edges lies off its line, where it does most
     """
 
     body: SeenBody
@@ -114,6 +115,7 @@ class Fit:
     standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     reason: str = ""
     stretched: float = 0.0
+    off_edges: float = 0.0
 
     @property
     def likeness(self) -> float:
@@ -146,8 +148,8 @@ class Evidence:
 
     def add_outline(
         self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, span: float
-    ) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Both edges, looked for within `span` px; which (S, 2) were seen, and how much (S,) of the inside looks like the body."""
+    ) -> tuple[FloatArray, FloatArray]:
+        """Both edges (S, 2, 2), looked for within `span` px, with their variances; how much (S,) of the inside looks like the body."""
         edges, backing = np.full((STATIONS, 2, 2), np.inf), np.ones(STATIONS)
         if self.outline:
             seen = self.wall.behind(self.picture), body.points, normals, body.half, body.inside, body.outside
@@ -155,7 +157,7 @@ class Evidence:
             held = held_by_clamp(body, float(middle(self.rest_half))) if self.skin is not None else 1.0
             leans = LEANS * float(middle(body.half)) if self.marks else 0.0
             _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
-        return np.isfinite(edges[:, :, 1]), backing
+        return edges, backing
 
     def add_skin(self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, slips: FloatArray) -> None:
         """The skin of an earlier frame, which counts where enough of it is recognised, `slips` (S,) px along the body at most."""
@@ -198,7 +200,7 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
         matrix[NORMAL, NORMAL] += shape
         vector[NORMAL] -= shape @ total[NORMAL]
         _add_shape(matrix, vector, body, normals, evidence.rest_half, rest)
-        seen, backing = evidence.add_outline(matrix, vector, body, normals, span)
+        edges, backing = evidence.add_outline(matrix, vector, body, normals, span)
         evidence.add_skin(matrix, vector, body, normals, slips)
         end = evidence.add_end(matrix, vector, body, span)
         _add_clamp(matrix, vector, body, evidence.clamp, tangents[0], evidence.rest_half)
@@ -215,7 +217,21 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
     body.points = gradual(body.points, rest)
     own = TRUSTED * (matrix[ALONG, ALONG] - prior[ALONG, ALONG])
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
-    return Fit(body, inverse, own, seen, backing, end, evidence.marks, stretched=body.length - predicted.length)
+    seen, off = np.isfinite(edges[:, :, 1]), off_middle(body, edges, NORMAL_BASIS @ step[NORMAL])
+    return Fit(body, inverse, own, seen, backing, end, evidence.marks, stretched=body.length - predicted.length, off_edges=off)
+
+
+def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:
+    """How far (px) the middle between both edges lies off the line when it has `moved` (S,) px, where it does most over a body width.
+
+    What was carried into the frame may outweigh them: it errs alike in many frames, at an end most, and its covariance does not say so.
+    """
+    both = np.isfinite(edges[:, :, 1]).all(axis=1) & body.told
+    left, right = np.where(both[:, None], edges[:, :, 0], 0.0).T
+    off = np.where(both, 0.5 * (left - right) - moved, 0.0)
+    window = np.ones(min(max(round(2.0 * float(middle(body.half)) / body.length * STATIONS), 3), STATIONS))
+    seen = np.maximum(np.convolve(both, window, "same"), 0.5 * len(window))  # a few alone tell little
+    return float(np.abs(np.convolve(off, window, "same") / seen).max())
 
 
 def held_by_clamp(body: SeenBody, rest: float) -> FloatArray:
