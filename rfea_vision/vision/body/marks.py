@@ -17,7 +17,7 @@ from rfea_vision.vision.body.sampling import SEEN
 from rfea_vision.vision.body.wall import Wall
 
 LEAST_PX = 12  # of a mark in the picture, or in the film where that is smaller: fewer are noise of a compressed picture's colours
-# Of the half width, radius of one: smaller patches are the shading of windings and the rims of glare, and of many alike the nearest is
+# Of the half width, radius of one of no named colour: smaller ones are the shading of windings and rims of glare; of many one is
 # followed. Marks on ten scenes of testing/phone.py have 0.3 and more.
 LEAST_RADIUS = 0.25
 # Patches of no named colour: more are a pattern, or grain, of which none is told from its neighbours, and each costs time in every
@@ -100,7 +100,8 @@ def find_marks(picture: Picture, body: SeenBody, hinted: FloatArray | None, enla
         other &= np.max(np.abs(seen - hinted[1:]), axis=-1) < HINTED
     inside[there] = other
     count, labels, stats, middles = cv2.connectedComponentsWithStats(inside)
-    least = max(LEAST_PX * enlarged**2, np.pi * (LEAST_RADIUS * float(middle(body.half))) ** 2)
+    named = LEAST_PX * enlarged**2
+    least = named if hinted is not None else max(named, np.pi * (LEAST_RADIUS * float(middle(body.half))) ** 2)
     marks: dict[tuple[float, float], Mark] = {}  # by their places: what is one mark may be several patches within the outline
     for k in range(1, count):
         left, top, width, height, _ = stats[k]
