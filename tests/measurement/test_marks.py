@@ -62,6 +62,13 @@ def test_grain_and_patterns_are_no_marks():
     assert len(find_marks(large, first_body(large, 3 * points + 1, 30.0), None)) == 3  # what are marks, and none of the grain
 
 
+def test_a_streak_along_the_body_is_no_mark():
+    """Glare in the wall's light: the middle of what a window cut out of it lay wherever it was expected, and the line slipped."""
+    lab = picture()
+    lab[24:176, 52:55] = lab[30, 60] + np.array([40, 20, 5], dtype=np.uint8)
+    assert len(find_marks(lab, arm(), None)) == 2  # the red and the green one
+
+
 @pytest.mark.parametrize("aside", [-12.0, 9.0])
 def test_marks_are_followed_and_pins_are_not(aside):
     """The arm moves aside, foretold where it was; a pin of the mark's colour hangs on the wall that is known."""

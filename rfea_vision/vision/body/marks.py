@@ -158,8 +158,10 @@ def _middle(
     count, _, stats, middles = cv2.connectedComponentsWithStats(like.astype(np.uint8))
     if count < 2:
         return None, 0.0
-    sizes = stats[1:, cv2.CC_STAT_AREA]
-    apart = np.linalg.norm(middles[1:] + low - at, axis=1) + np.where(sizes < LEAST_PX, np.inf, 0.0)
+    left, top, width, height, sizes = stats[1:].T
+    # What runs out of the window has no middle in it: a streak of glare follows whatever is expected of it.
+    cut = (left == 0) | (top == 0) | (left + width == like.shape[1]) | (top + height == like.shape[0])
+    apart = np.linalg.norm(middles[1:] + low - at, axis=1) + np.where(cut | (sizes < LEAST_PX), np.inf, 0.0)
     best = int(np.argmin(apart))
     if not np.isfinite(apart[best]):
         return None, 0.0
