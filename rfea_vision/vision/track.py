@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Actuator, Calibration, Hints, Track, bend_sign
@@ -20,8 +20,6 @@ from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import around_loss, base_moved, end_like_wall, moves_elsewhere, next_hint, scale_doubt
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
-from rfea_vision.vision.body.held import HeldView
-from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.shape import build_dataset
 from rfea_vision.vision.derive.shutter import Shutter
@@ -138,20 +136,34 @@ def follow_edges(
     source: FrameSource, scene: Scene, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress
 ) -> tuple[Follower | BodyFollower, Rows]:
     """Follow the edges, as far as there is a tube to follow; if a tube was pointed at, as far as edges alone will do."""
-    follower, pointed, total = Follower(scene), scene.is_pointed_at, _frame_count(source)
-    with closing(read_ahead(source.frames(0), frames_ahead(source.size))) as frames:
-        for done, (time_s, luma) in enumerate(frames):
-            reason = follower.next(luma, time_s)
+    follower, pointed = Follower(scene), scene.is_pointed_at
+    for done in _added(rows, follower, source, source.frames(0), lamp, progress):
+        if follower.start is None and done >= (FIRST_TRIES if pointed else GIVE_UP_AFTER):
+            break
+        if pointed and too_few(done, rows.good, rows.copies):
+            break
+    return follower, rows
+
+
+def _added(
+    rows: Rows,
+    follower: Follower | BodyFollower,
+    source: FrameSource,
+    frames: Iterator[tuple[float, NDArray[np.uint8]]],
+    lamp: tuple[slice, slice] | None,
+    progress: Progress,
+) -> Iterator[int]:
+    """Follow what is in the frames and add a row for each; yields how many there are."""
+    total = _frame_count(source)
+    with closing(read_ahead(frames, frames_ahead(source.size))) as pictures:
+        for done, (time_s, picture) in enumerate(pictures, 1):
+            reason = follower.next(picture, time_s)
             if follower.good < rows.good:
                 rows.reject_all()
-            rows.append(time_s, reason, follower, float(luma[lamp].mean()) if lamp is not None else np.nan)
-            if follower.start is None and done >= GIVE_UP_AFTER:
-                break
-            not_there = follower.start is None and done + 1 >= FIRST_TRIES
-            if pointed and (not_there or too_few(len(rows), rows.good, rows.copies)):
-                break
-            _tell(progress, done, total)
-    return follower, rows
+            rows.append(time_s, reason, follower, np.nan if lamp is None else float(picture[lamp].mean()))
+            yield done
+            if progress is not None and (done % 8 == 1 or done == total):
+                progress(done, max(total, done))
 
 
 def _why_lost(
@@ -181,12 +193,6 @@ def _frame_count(source: FrameSource) -> int:
     return source.frame_count or len(source.times_s())
 
 
-def _tell(progress: Progress, done: int, total: int) -> None:
-    """Tell of a frame now and then."""
-    if progress is not None and (done % 8 == 0 or done + 1 == total):
-        progress(done + 1, max(total, done + 1))
-
-
 def too_few(frames: int, good: int, copies: int) -> bool:
     """Whether the edges read less than `EDGES_ALONE` of the frames that are no copies, of `EDGES_TRIED` at least."""
     return frames - copies - good > (1.0 - EDGES_ALONE) * max(frames - copies, EDGES_TRIED)
@@ -206,31 +212,17 @@ def follow_body(
 
     Where it has gone and its end stayed behind, that is wall, and none of the body from the first frame on: it is followed anew.
     """
-    scale, walls = scale_for(scene, source.size), None
+    scale, walls, total = scale_for(scene, source.size), None, _frame_count(source)
+    small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
     while True:
         follower, seen = BodyFollower(scene, scale, walls, held=held), Rows(rows.nodes, rows.segments)
-        _follow(follower, source, lamp, seen, progress)
+        for done in _added(seen, follower, source, source.colours(scale), small, progress):
+            late = too_late(done, seen.good, seen.copies, total, lost=follower.missed)
+            if follower.learned or follower.hopeless() or late:
+                break
         if not follower.learned:
             return follower, seen
         walls = follower.walls
-
-
-def _follow(follower: BodyFollower, source: FrameSource, lamp: tuple[slice, slice] | None, rows: Rows, progress: Progress) -> None:
-    """Follow the body as far as there is one, or until more of it turns out to be wall; a row for every frame."""
-    scale, total = follower.scale, _frame_count(source)
-    line, half = np.vstack([follower.clamp.mean(axis=0), follower.line]), follower.pointed_half()
-    still = HeldView(follower.clamp, follower.line, half) if follower.held else StillView(line, half)
-    small = None if lamp is None else tuple(slice(int(scale * s.start), int(scale * s.stop) + 1) for s in lamp)
-    with closing(read_ahead(source.colours(scale), frames_ahead(source.size))) as frames:
-        for done, (time_s, picture) in enumerate(frames):
-            turned = still(picture, *follower.looked_at())
-            follower.held_stderr = still.stderr
-            reason = follower.next(turned, time_s) if still.seen else follower.skip("off_hints: what holds the tube is not seen")
-            light = np.nan if small is None else float(picture[small].mean())
-            rows.append(time_s, reason, follower, light, still.view(scale))
-            if follower.learned or follower.hopeless() or too_late(done + 1, rows.good, rows.copies, total, lost=follower.missed):
-                break
-            _tell(progress, done, total)
 
 
 def too_late(done: int, good: int, copies: int, total: int, *, lost: int) -> bool:

@@ -33,6 +33,7 @@ from rfea_vision.vision.body.fit import (
 )
 from rfea_vision.vision.body.gone import CARRIED, FLOW_SCATTER, UNIFORMLY, as_long, flown, reached
 from rfea_vision.vision.body.guide import guide_of
+from rfea_vision.vision.body.held import HeldView
 from rfea_vision.vision.body.known import POINTED_PX, as_state, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
@@ -53,6 +54,7 @@ from rfea_vision.vision.body.model import (
 )
 from rfea_vision.vision.body.rules import LENGTHS, First, elsewhere, in_front, refused
 from rfea_vision.vision.body.sampling import RAYS
+from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.find.begin import FIRST_TRIES, Initialisation, Scene, allowed_pixels, beside, off_hints
@@ -89,7 +91,6 @@ class BodyFollower:
     def __init__(self, scene: Scene, scale: float, walls: NDArray[np.bool_] | None = None, *, held: bool = False) -> None:
         assert scene.clamp_px is not None and scene.tip_px is not None
         self.scene, self.scale, self.held = scene, scale, held
-        self.held_stderr = np.zeros(3)  # px, px, rad: how well it is known where what holds it is
         self.walls = np.zeros(STATIONS, dtype=bool) if walls is None else walls
         self.learned = False  # more of these than was known in the first frame
         self.px_per_mm = scene.px_per_mm * scale
@@ -99,6 +100,8 @@ class BodyFollower:
         self.clamp = (scene.clamp_px + 0.5) * scale - 0.5
         self.line = (scene.line_px + 0.5) * scale - 0.5
         self.foot = np.array([self.clamp.mean(axis=0), leaving(self.clamp, self.line[:2])])
+        half = self.pointed_half()
+        self.seen_from = HeldView(self.clamp, self.line, half) if held else StillView(self.line, half)
         self.state: fitted.State | None = None
         self.work = fitted.new_buffers()
         self.start: Initialisation | None = None
@@ -120,6 +123,10 @@ class BodyFollower:
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
         self.frame += 1
+        picture = self.seen_from(picture, *self.looked_at())
+        if not self.seen_from.seen:
+            self.missed, self.refusal = self.missed + 1, "off_hints: what holds the tube is not seen"
+            return self.refusal
         if self.hopeless():
             return self.refusal
         if self.good and self.missed == 0 and np.array_equal(picture, self.seen):
@@ -157,10 +164,10 @@ class BodyFollower:
             self.doubted = Sight(fit.body, fit.covariance, lab, skin_of(self.wall.cleared(lab), fit.body))
         return reason
 
-    def skip(self, reason: str) -> str:
-        """Pass over a frame, for a reason that is returned."""
-        self.frame, self.missed, self.refusal = self.frame + 1, self.missed + 1, reason
-        return reason
+    @property
+    def view(self) -> FloatArray:
+        """Map (2, 3) from a place in the film's first picture to that in the last one."""
+        return self.seen_from.view(self.scale)
 
     def _lab(self, picture: NDArray[np.uint8]) -> Picture:
         """CIELAB of a picture in which the body is looked for."""
@@ -373,10 +380,11 @@ class BodyFollower:
         self.wall.learn(lab, self.body)
         self.state = as_state(self.camera, self.body, self.work)
         mistaken, ranged = float(middle(self.first.half)) - self.pointed_half(), self.lengths[1] - self.lengths[0]
-        pointed = float(np.hypot(self.pointed_px, np.linalg.norm(self.held_stderr[:2]) / self.scale))
+        seen_from = self.seen_from.stderr
+        pointed = float(np.hypot(self.pointed_px, np.linalg.norm(seen_from[:2]) / self.scale))
         fill_numbers(
             self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held, pointed=pointed,
-            turned=float(self.held_stderr[2]), slipped=slipped,
+            turned=float(seen_from[2]), slipped=slipped,
         )  # fmt: skip
         self.work.numbers["width"][0] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it
         self.material = along_line(fit.material, self.body, unproject(self.camera, self.body.points), self.px_per_mm)

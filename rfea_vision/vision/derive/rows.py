@@ -40,7 +40,6 @@ def _add_covariance(covariance, noise, total):
 
 
 BLOCK = 1024  # frames
-STILL = np.eye(2, 3)  # the view of a camera that stays
 
 
 class Rows:
@@ -154,14 +153,14 @@ class Rows:
         self.material.clear()
         self.profiles.clear()
 
-    def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan, view: NDArray[Any] = STILL) -> None:
-        """Add a frame; `view` (2, 3) is from places in the first picture to those in it."""
+    def append(self, time_s: float, reason: str, follower: Any, lamp: float = np.nan) -> None:
+        """Add a frame as a follower has left it."""
         n = len(self) % BLOCK
         if n == 0:
             self._blocks.append(self._new_block())
         block = self._blocks[-1]
         block["time"][n] = time_s
-        block["lamp"][n], block["view"][n] = lamp, view
+        block["lamp"][n], block["view"][n] = lamp, follower.view
         self.reasons.append(reason)
         self.copies += reason == "duplicate"
         if reason:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ class Follower:
     """Carries the tube's state from frame to frame."""
 
     scene: Scene
+    view: FloatArray = field(default_factory=lambda: np.eye(2, 3))  # from places in the first picture to those in the last: as they are
 
     def __post_init__(self) -> None:
         self.work = fitted.new_buffers()
