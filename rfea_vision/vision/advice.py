@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Hints
@@ -135,9 +136,8 @@ def film_lacks(source: FrameSource, scene: Scene) -> str:
             f"the tube is {wide_px:.1f} px wide in the film, and of less than {LEAST_WIDE_PX:g} px too little is seen: film it from "
             f"nearer, or with more pixels, some {max(1.5, 2 * LEAST_WIDE_PX / wide_px):.1f} times as many across it"
         )
-    seen = BodyFollower(scene, scale_for(scene, source.size))
-    with closing(source.colours(seen.scale)) as pictures:
-        seen.next(*next((picture, time_s) for time_s, picture in pictures))
+    seen, picture = _first_look(source, scene)
+    seen.next(picture, 0.0)
     within, beside = seen.body.inside[:, None], seen.body.outside
     clear = np.median(np.abs(within[:, :, 0] - beside[:, :, 0]) / np.sqrt(within[:, :, 1] + beside[:, :, 1]), axis=0).max(axis=-1)
     if clear.min() >= LEAST_CLEAR:
@@ -214,14 +214,19 @@ def _candidates(source: FrameSource, scene: Scene, count: int) -> Iterator[tuple
             hints = replace(unhinted.hints, clamp=(_pixel(one), _pixel(other)), tip=_pixel(tip))
             yield hints, f"camera.clamp: [{_words(one)}, {_words(other)}] and camera.tip: {_words(tip)}{remark}"
     elif len(scene.hints.centre_line) < 2:
-        seen = BodyFollower(scene, scale_for(scene, source.size))
-        with closing(source.colours(seen.scale)) as pictures:
-            _, picture = next(pictures)
+        seen, picture = _first_look(source, scene)
         lab = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2LAB), dtype=np.uint8)
         for line in hinted_lines(lab, seen.clamp, seen.line, seen.pointed_half(), scene.length_mm * seen.px_per_mm):
             points = np.round((line[[16, 32, 48]] + 0.5) / seen.scale - 0.5, 1)
             hints = replace(scene.hints, centre_line=tuple(_pixel(point) for point in points))
             yield hints, f"camera.centre_line: [{', '.join(map(_words, points))}]"
+
+
+def _first_look(source: FrameSource, scene: Scene) -> tuple[BodyFollower, NDArray[np.uint8]]:
+    """One that would follow the body, and its first picture."""
+    follower = BodyFollower(scene, scale_for(scene, source.size))
+    with closing(source.colours(follower.scale)) as pictures:
+        return follower, next(pictures)[1]
 
 
 class Trial(NamedTuple):

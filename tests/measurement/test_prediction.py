@@ -61,7 +61,7 @@ def foretold(angles, dt=1 / 240, noise=0.0):
     motion.begin(swung(angles[0]))
     for n, angle in enumerate(angles):
         true = swung(angle)
-        if motion.known:
+        if motion.past:
             motion.predict(n * dt, out)
             off.append(np.abs(out - true)[1:-1].max())
         motion.follow(true + rng.normal(0, noise, true.shape), n * dt)
@@ -84,7 +84,7 @@ def test_a_clamp_that_is_hardly_seen_does_not_run_away():
     motion.begin(base)
     state = base.copy()
     for n in range(300):  # nothing ever corrects the first coefficient; all others are seen
-        if motion.known:
+        if motion.past:
             motion.predict(n / 240, state)
         state[1:] = base[1:] + rng.normal(0, 0.02, base[1:].shape)
         state[0] += rng.normal(0, 0.005, 2)

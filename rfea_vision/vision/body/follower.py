@@ -134,7 +134,7 @@ class BodyFollower:
         lab = self._lab(picture)
         guided = self._guided()
         if self.good == 0:
-            self._begin(lab, guided)
+            self._begin(lab)
             fits = [self._fit(lab, self.body, self._spread(), 0.8)]
         else:
             fits = [self._fit(lab, *self._predicted(lab, self.last), 0.8 if self.missed == 0 else 1.5)]
@@ -214,7 +214,7 @@ class BodyFollower:
         near = int(np.argmin(np.linalg.norm(line - clamp, axis=1)))  # a mask may reach back into the clamp
         return even(smooth_line(np.vstack([clamp, line[near + 1 :]]))) if near < len(line) - 2 else None
 
-    def _begin(self, lab: Picture, guided: FloatArray | None) -> None:
+    def _begin(self, lab: Picture) -> None:
         """Outline, colours, texture and end in the first frame."""
         self.first.shape = lab.shape[:2]
         self.first.allowed = allowed_pixels(lab.shape, self.scene.hints, self.scale)

@@ -68,7 +68,7 @@ def midline_from_mask(mask: NDArray[np.bool_], *, nodes: int = 50) -> Midline | 
         return Refusal("branched: more than one axis, the body touches itself or another")
     if distance.max() > WIDEST * half + 0.7:
         return Refusal("folded: far wider in one place than elsewhere, the body touches itself")
-    points = _smooth(path[:, ::-1].astype(float), half)
+    points = _smooth(path[:, ::-1].astype(float))
     points = _to_ends(points, body, half)
     length = float(along(points)[-1])
     if length < LEAST_SLENDER * 2 * half:
@@ -111,7 +111,7 @@ def _longest_path(skeleton: NDArray[np.bool_]) -> tuple[NDArray[np.int64], float
     return path, branch
 
 
-def _smooth(points: FloatArray, half: float, count: int = 200) -> FloatArray:
+def _smooth(points: FloatArray, count: int = 200) -> FloatArray:
     """A smoothing spline that takes out the pixel steps of the skeleton."""
     if len(points) < 6:
         return points

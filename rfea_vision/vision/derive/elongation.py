@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.compiled import compiled
-from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
+from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix, tangents
 
 FINE = 257
 
@@ -19,49 +16,32 @@ def angles(coefficients: FloatArray, sign: float, u: FloatArray) -> FloatArray:
     return np.unwrap(np.arctan2(-sign * slope[..., 0], -slope[..., 1]), axis=1)
 
 
-@compiled
-def _centre_over_hinge(slope, signed_radius, segments, out):
-    """Fill `out` (t, segments): centre-line over hinge-side length minus one, for parts even along the hinge side.
+def _centre_over_hinge(slope: FloatArray, signed_radius: float, segments: int) -> tuple[FloatArray, FloatArray]:
+    """Centre-line over hinge-side length minus one (t, segments), for parts even along the hinge side, whose length (t,) comes with it.
 
     `slope` (t, n, 2) is the derivative of the centre line at even steps; `signed_radius` is that of the tube, positive
-    where a counter-clockwise turn lengthens the hinge side. Returns the length of the hinge side (t,).
+    where a counter-clockwise turn lengthens the hinge side.
     """
-    frames, fine, _ = slope.shape
-    centre, hinge, whole = np.zeros(fine), np.zeros(fine), np.empty(frames)
-    for t in range(frames):
-        x, y = slope[t, 0, 0], slope[t, 0, 1]
-        speed = math.sqrt(x * x + y * y)
-        for k in range(1, fine):
-            x1, y1 = slope[t, k, 0], slope[t, k, 1]
-            speed1 = math.sqrt(x1 * x1 + y1 * y1)
-            turning = math.asin(min(max((x * y1 - y * x1) / (speed * speed1), -1.0), 1.0))
-            centre[k] = centre[k - 1] + 0.5 * (speed + speed1) / (fine - 1)
-            hinge[k] = hinge[k - 1] + (centre[k] - centre[k - 1]) + signed_radius * turning
-            x, y, speed = x1, y1, speed1
-        whole[t] = hinge[fine - 1]
-        part = whole[t] / segments
-        k, before = 0, 0.0
-        for j in range(segments):
-            target = part * (j + 1)
-            while k < fine - 2 and hinge[k + 1] < target:
-                k += 1
-            share = (target - hinge[k]) / max(hinge[k + 1] - hinge[k], 1e-12)
-            here = centre[k] + share * (centre[k + 1] - centre[k])
-            out[t, j] = (here - before) / part - 1.0
-            before = here
-    return whole
+    speed = np.linalg.norm(slope, axis=-1)
+    cross = slope[:, :-1, 0] * slope[:, 1:, 1] - slope[:, :-1, 1] * slope[:, 1:, 0]
+    turning = np.arcsin(np.clip(cross / (speed[:, :-1] * speed[:, 1:]), -1.0, 1.0))
+    centre, hinge = np.zeros(speed.shape), np.zeros(speed.shape)
+    np.cumsum(0.5 * (speed[:, :-1] + speed[:, 1:]) / (speed.shape[1] - 1), axis=1, out=centre[:, 1:])
+    np.cumsum(np.diff(centre, axis=1) + signed_radius * turning, axis=1, out=hinge[:, 1:])
+    whole = hinge[:, -1]
+    joints = whole[:, None] * np.linspace(0, 1, segments + 1)
+    there = np.array([np.interp(*frame) for frame in zip(joints, hinge, centre, strict=True)]).reshape(joints.shape)
+    return np.diff(there, axis=1) * segments / whole[:, None] - 1.0, whole
 
 
 def elongation_of(segments, coefficients, sign, variance, length, radius, calibrated):
     """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
     slope = np.matmul(basis_matrix(np.linspace(0, 1, FINE), COEFFICIENTS, 1), coefficients)
-    out = np.empty((len(slope), segments))
-    hinge = _centre_over_hinge(slope, sign * radius, segments, out)
+    out, hinge = _centre_over_hinge(slope, sign * radius, segments)
     step = hinge[:, None] / segments
     noise = radius * np.sqrt(variance) / length[:, None] / step
-    at = np.matmul(basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS), coefficients)
-    slope = np.matmul(basis_matrix(np.linspace(0, 1, segments + 1), COEFFICIENTS, 1), coefficients)
-    tangent = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
-    turning = np.diff(calibrated.rotation(at, tangent), axis=-1)
+    joints = np.linspace(0, 1, segments + 1)
+    places = np.matmul(basis_matrix(joints, COEFFICIENTS), coefficients)
+    turning = np.diff(calibrated.rotation(places, tangents(coefficients, joints)), axis=-1)
     systematic = np.sum((radius * turning / step[None]) ** 2, axis=0)
     return out, noise, np.sqrt(noise**2 + systematic), hinge

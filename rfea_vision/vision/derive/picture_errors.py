@@ -36,24 +36,23 @@ class PictureErrors:
     smear: FloatArray
     beyond: FloatArray
 
-    def with_camera_moved(self, start_mm: FloatArray, stderr_mm: FloatArray) -> PictureErrors:
-        """With what a clamp that is elsewhere than in most frames, `start_mm` (t,) across the tube, tells of the camera.
+    def grown(self, moved_mm: FloatArray, missed_mm: float) -> PictureErrors:
+        """With what all of the picture seems to have `moved` (t,) in a frame, and the end to be `missed` in all."""
+        return PictureErrors(np.hypot(self.across, moved_mm), self.smear, np.hypot(np.hypot(self.beyond, moved_mm), missed_mm))
 
-        The clamp does not move: where it seems to, by more than its error allows, all of the picture has moved, and in
-        the direction that is not seen about as far.
-        """
-        off = np.abs(start_mm - np.median(start_mm))
-        moved = np.where(off > UNLIKELY_MOVE * np.maximum(stderr_mm, ORIGIN_MOVE_MM), off, 0.0)
-        return PictureErrors(np.hypot(self.across, moved), self.smear, np.hypot(self.beyond, moved))
+    def part(self, frames: slice) -> PictureErrors:
+        """Those of some frames."""
+        return PictureErrors(self.across[frames], self.smear[frames], self.beyond[frames])
 
-    def with_end_missed(self, missed_mm: float) -> PictureErrors:
-        """With what the place at which a person sees the end tells of it: it is known no better than the two agree."""
-        return PictureErrors(self.across, self.smear, np.hypot(self.beyond, missed_mm))
 
-    @property
-    def shared_across(self) -> float:
-        """What all frames have in common: it moves the origin as well."""
-        return float(np.median(self.across))
+def camera_moved(start_mm: FloatArray, stderr_mm: FloatArray) -> FloatArray:
+    """By how much (t,) all of the picture seems to have moved where the clamp is elsewhere than in most frames, `start_mm` (t,).
+
+    The clamp does not move: where it seems to across the tube, by more than its error allows, the camera did, and in
+    the direction that is not seen about as far.
+    """
+    off = np.abs(start_mm - np.median(start_mm))
+    return np.where(off > UNLIKELY_MOVE * np.maximum(stderr_mm, ORIGIN_MOVE_MM), off, 0.0)
 
 
 def picture_errors(numbers: NDArray[Any], half_mm: float, px_per_mm: float) -> PictureErrors:

@@ -10,34 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.vision.compiled import lean
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from rfea_vision.vision.edges import fitted
-
-
-@lean
-def _quadratic_forms(rows, covariance, first, out):
-    """Diagonal of rows @ covariance[first:, first:] @ rows.T."""
-    size = rows.shape[1]
-    for n in range(rows.shape[0]):
-        total = 0.0
-        for i in range(size):
-            if rows[n, i] != 0.0:
-                inner = 0.0
-                for j in range(size):
-                    inner += covariance[first + i, first + j] * rows[n, j]
-                total += rows[n, i] * inner
-        out[n] = total
-
-
-@lean
-def _add_covariance(covariance, noise, total):
-    """Add the covariance of the centre line, at unit pixel noise."""
-    weight = 1.0 / max(noise, 1e-3) ** 2
-    for i in range(total.shape[0]):
-        for j in range(total.shape[1]):
-            total[i, j] += weight * covariance[i, j]
-
 
 BLOCK = 1024  # frames
 
@@ -50,17 +24,9 @@ class Rows:
         at_nodes = np.linspace(0, 1, nodes)
         joints = np.linspace(0, 1, segments + 1)
         slopes = basis_matrix(joints, COEFFICIENTS, 1)
-        self.shift_rows = np.ascontiguousarray(
-            np.vstack(
-                [
-                    basis_matrix(at_nodes, COEFFICIENTS),
-                    basis_matrix(at_nodes, COEFFICIENTS, 2),
-                    basis_matrix(np.array([1.0]), COEFFICIENTS, 1),
-                    np.diff(slopes, axis=0),
-                ]
-            )
-        )
-        self._width_rows = np.ascontiguousarray(basis_matrix(at_nodes, WIDTH_COEFFICIENTS))
+        places, bends = basis_matrix(at_nodes, COEFFICIENTS), basis_matrix(at_nodes, COEFFICIENTS, 2)
+        self.shift_rows = np.vstack([places, bends, slopes[-1:], np.diff(slopes, axis=0)])
+        self._width_rows = basis_matrix(at_nodes, WIDTH_COEFFICIENTS)
         self._row = np.dtype(
             [
                 ("time", np.float64),
@@ -139,12 +105,8 @@ class Rows:
     def part(self, name: str) -> slice:
         """Rows of `shift_rows`: ``node`` positions, ``bend2`` d2/du2, ``tip_slope`` d/du, ``joint`` its differences."""
         n = self.nodes
-        return {
-            "node": slice(0, n),
-            "bend2": slice(n, 2 * n),
-            "tip_slope": slice(2 * n, 2 * n + 1),
-            "joint": slice(2 * n + 1, None),
-        }[name]
+        ends = {"node": (0, n), "bend2": (n, 2 * n), "tip_slope": (2 * n, 2 * n + 1), "joint": (2 * n + 1, None)}
+        return slice(*ends[name])
 
     def reject_all(self) -> None:
         """What was followed so far was not the tube."""
@@ -173,6 +135,6 @@ class Rows:
         self.material.append(follower.material)
         self.good += 1
         covariance, k = follower.work.covariance, COEFFICIENTS
-        _add_covariance(covariance, follower.work.numbers["noise"][0], self.covariance_sum)
-        _quadratic_forms(self.shift_rows, covariance, 0, block["shift_variance"][n])
-        _quadratic_forms(self._width_rows, covariance, k, block["width_variance"][n])
+        self.covariance_sum += covariance[:k, :k] / max(follower.work.numbers["noise"][0], 1e-3) ** 2
+        for name, rows, part in (("shift", self.shift_rows, covariance[:k, :k]), ("width", self._width_rows, covariance[k:, k:])):
+            block[f"{name}_variance"][n] = np.sum(rows @ part * rows, axis=1)

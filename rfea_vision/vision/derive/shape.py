@@ -13,7 +13,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import project
-from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
+from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, tangents
 from rfea_vision.vision.derive.elongation import angles, elongation_of
 from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
 from rfea_vision.vision.derive.picture_errors import PictureErrors
@@ -194,8 +194,7 @@ def _derive(rows: Rows, block: NDArray[Any], smoothed: Smoothed, part: slice, vi
     variances = smoothed.variance_factor * block["shift_variance"]
     variance = {name: variances[:, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
     nodes = np.linspace(0, 1, rows.nodes)
-    from_picture = view.from_picture
-    from_picture = PictureErrors(from_picture.across[part], from_picture.smear[part], from_picture.beyond[part])
+    from_picture = view.from_picture.part(part)
     line = _line_of(coefficients, nodes, view.sign)
     node_noise = np.sqrt(variance["node"])
     node_sigma = _node_sigma(line, nodes, node_noise, from_picture, view)
@@ -261,9 +260,7 @@ def _bend(
     angle -= 2 * np.pi * np.round(angle[:, :1] / (2 * np.pi))
     noise = np.sqrt(variance[:, 0]) / length
     ends = np.matmul(basis_matrix(np.array([1.0]), COEFFICIENTS), coefficients)[:, 0]
-    slope = np.matmul(basis_matrix(np.array([1.0]), COEFFICIENTS, 1), coefficients)[:, 0]
-    tangent = slope / np.linalg.norm(slope, axis=1, keepdims=True)
-    systematic = np.sum(view.calibrated.rotation(ends, tangent) ** 2, axis=0)
+    systematic = np.sum(view.calibrated.rotation(ends, tangents(coefficients, np.array([1.0]))[:, 0]) ** 2, axis=0)
     return angle[:, -1], noise, np.sqrt(noise**2 + systematic)
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.curve import basis_matrix
+from rfea_vision.vision.curve import tangents
 from rfea_vision.vision.derive.rows import Rows
 
 TAUS_MM = np.geomspace(3e-3, 10.0, 36)
@@ -73,9 +73,7 @@ def _wiggles(coefficients: FloatArray, third: FloatArray) -> FloatArray:
 
 def _normals(coefficients: FloatArray, u: FloatArray) -> FloatArray:
     """Left-hand unit normals (t, len(u), 2)."""
-    slope = np.matmul(basis_matrix(u, coefficients.shape[1], 1), coefficients)
-    slope /= np.linalg.norm(slope, axis=-1, keepdims=True)
-    return np.stack([-slope[..., 1], slope[..., 0]], axis=-1)
+    return tangents(coefficients, u)[..., ::-1] * (-1.0, 1.0)
 
 
 def inflation_of(wiggles: FloatArray, variances: FloatArray) -> float:

@@ -12,8 +12,8 @@ from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.lines import along
 from rfea_vision.scatter import scatter
-from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix, point_and_tangent
-from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, picture_errors
+from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix, point_and_tangent, tangents
+from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, camera_moved, picture_errors
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.derive.smooth import Smoothed
 from rfea_vision.vision.derive.systematic import CalibrationError
@@ -75,10 +75,9 @@ def view_of(
     down = _rest_direction(coefficients) if vertical == "rest" else scene.down
     start_variance = smoothed.variance_factor[0] * rows.good_ones("shift_variance", 0)
     started = _start_stderr(coefficients, start_variance, scene.px_per_mm)
-    from_picture = picture_errors(numbers, scene.half_mm, scene.px_per_mm)
-    from_picture = from_picture.with_camera_moved(_start_across(coefficients), np.sqrt(start_variance))
-    if rows.valid[:FIRST_TRIES].any():
-        from_picture = from_picture.with_end_missed(_end_missed(coefficients[0], scene))
+    moved = camera_moved(_start_across(coefficients), np.sqrt(start_variance))
+    missed = _end_missed(coefficients[0], scene) if rows.valid[:FIRST_TRIES].any() else 0.0
+    from_picture = picture_errors(numbers, scene.half_mm, scene.px_per_mm).grown(moved, missed)
     return View(
         origin=origin,
         to_rig=np.array([[-down[1], down[0]], [-down[0], -down[1]]]),  # rows: camera-right, up
@@ -87,16 +86,20 @@ def view_of(
         half_mm=float(np.median(rows.good_ones("width")[:, 1:-1])),
         calibrated=CalibrationError(calibration, scene.camera, coefficients, origin),
         origin_sigma=_clamp_stderr(*clamp_stderr_mm, smoothed.inflation * np.median(numbers["tip_variance"])),
-        lateral_sigma=float(np.hypot(from_picture.shared_across, started)),
+        lateral_sigma=float(np.hypot(np.median(from_picture.across), started)),
         from_picture=from_picture,
     )
 
 
 def _origin(coefficients: FloatArray) -> FloatArray:
     """Middle of the first visible cross-section: the clamp does not move, so all frames are averaged."""
-    first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
-    starts = np.einsum("k,tkc->tc", first, coefficients)
+    starts = _starts(coefficients)
     return np.median(starts[min(len(starts) // 2, 30) :], axis=0)
+
+
+def _starts(coefficients: FloatArray) -> FloatArray:
+    """Where the curves begin (t, 2) mm."""
+    return np.einsum("k,tkc->tc", basis_matrix(np.zeros(1), COEFFICIENTS)[0], coefficients)
 
 
 def _end_missed(coefficients: FloatArray, scene: Scene) -> float:
@@ -148,7 +151,5 @@ def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: flo
 
 def _start_across(coefficients: FloatArray) -> FloatArray:
     """Where the curves begin, along the normal of the tube at its clamp (t,) mm."""
-    first = basis_matrix(np.array([0.0]), COEFFICIENTS)[0]
-    slope = np.matmul(basis_matrix(np.array([0.0]), COEFFICIENTS, 1)[0], coefficients)
-    normal = np.column_stack([-slope[:, 1], slope[:, 0]]) / np.linalg.norm(slope, axis=1, keepdims=True)
-    return np.sum(np.einsum("k,tkc->tc", first, coefficients) * np.median(normal, axis=0), axis=1)
+    normal = tangents(coefficients, np.zeros(1))[:, 0, ::-1] * (-1.0, 1.0)
+    return _starts(coefficients) @ np.median(normal, axis=0)

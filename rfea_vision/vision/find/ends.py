@@ -15,7 +15,7 @@ from rfea_vision.lines import along
 from rfea_vision.vision.curve import VERTEX_U, points_and_tangents
 
 STEP_MM = 0.05
-HALF_WINDOW_MM = 1.0
+HALF_WINDOW = 20  # steps of `STEP_MM` to either side of a place, over which light is averaged
 LEAST_STEP = 0.3  # of the contrast between tube and background
 LEAST_TIP_STEP = 0.2  # the same where a tube of its own light may end in a ferrule of another
 CLAMP_NEAR_MM = 4.0, 5.0  # so far beyond the clamp and within the tube it is looked for again,
@@ -93,28 +93,33 @@ def clamp_step(
     """
     s, points, tangents = extended(coefficients, False, *CLAMP_NEAR_MM)
     means, seen = strips(picture, camera, points, tangents, half_mm)
-    m = round(HALF_WINDOW_MM / STEP_MM)
-    k, size = _steps(means, m, contrast)
+    k, size = _steps(means, contrast)
     size[~seen[k]] = 0.0
     strongest = size.max(axis=1)
-    first_unseen = int(np.argmin(seen)) if not seen.all() else len(s)
-    peaks = np.flatnonzero(_peaks(strongest, LEAST_STEP, m) & (k < first_unseen))
+    peaks = np.flatnonzero(_peaks(strongest, LEAST_STEP) & (k < _first_unseen(seen)))
     if len(peaks) == 0:
         return None
     strong = strongest[peaks] > STRONG_STEP * strongest[peaks].max()
-    return _end_at(s, means, size, k, int(peaks[np.argmax(strong)]), m, False)
+    return _end_at(s, means, size, k, int(peaks[np.argmax(strong)]), False)
 
 
-def _steps(means: FloatArray, m: int, contrast: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """How much the light (n, 3) changes, over `m` rows to either side of a row, in units of the contrast; and which rows these are."""
+def _first_unseen(seen: NDArray[np.bool_]) -> int:
+    """The first row (n,) that is not in the picture, or `n`."""
+    return int(np.argmin(seen)) if not seen.all() else len(seen)
+
+
+def _steps(means: FloatArray, contrast: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """How much the light (n, 3) changes at a row, from window to window, in units of the contrast; and which rows these are."""
+    m = HALF_WINDOW
     total = np.vstack([np.zeros(3), np.cumsum(means, axis=0)])
     k = np.arange(m, len(means) - m)
     return k, np.abs((total[k + m] - total[k] - (total[k] - total[k - m])) / m / abs(contrast))
 
 
-def _peaks(strongest: FloatArray, least: float, m: int) -> NDArray[np.bool_]:
+def _peaks(strongest: FloatArray, least: float) -> NDArray[np.bool_]:
     """Where a step is larger than `least`, and than what is beside it."""
-    return (strongest > least) & (strongest >= _sliding_max(strongest, m // 2) - 1e-12)
+    beside = cv2.dilate(strongest.reshape(-1, 1), np.ones((HALF_WINDOW + 1, 1), dtype=np.uint8)).ravel()
+    return (strongest > least) & (strongest >= beside - 1e-12)
 
 
 def light_at_end(
@@ -144,20 +149,20 @@ def end_candidates(
     least = LEAST_TIP_STEP if at_tip else LEAST_STEP
     s, points, tangents = extended(coefficients, at_tip, reach_mm, reach_mm)
     means, seen = strips(picture, camera, points, tangents, half_mm)
-    m = round(HALF_WINDOW_MM / STEP_MM)
+    m = HALF_WINDOW
     reach = max(round(half_mm / STEP_MM), m)
-    last = int(np.argmin(seen)) if not seen.all() else len(s)
+    last = _first_unseen(seen)
     out: list[tuple[End, float]] = []
     if last < len(s):
         out.append((End(float(s[max(last - 1, 0)]), 0.1, "border"), 0.3))
     if len(s) <= 2 * m:  # of a worm under a microscope: no step is so sharp
         return out
-    k, size = _steps(means, m, contrast)
+    k, size = _steps(means, contrast)
     size[k + m > last] = 0.0
     strongest = (size[:, :1] if at_tip else size).max(axis=1)
     likeness = np.clip((means[:, :1] - means[:, 1:]) / contrast, 0.0, 1.0).mean(axis=1)
     total = np.concatenate([[0.0], np.cumsum(likeness)])
-    for peak in np.flatnonzero(_peaks(strongest, least, m)):
+    for peak in np.flatnonzero(_peaks(strongest, least)):
         centre = int(k[peak])
         low, high = max(centre - reach, 0), min(centre + reach, len(s))
         before = (total[centre] - total[low]) / max(centre - low, 1)
@@ -167,20 +172,20 @@ def end_candidates(
         jump = float(min(strongest[peak], 1.0))
         strength = jump * fades if at_tip else max(jump * (0.4 + 0.6 * fades), 0.0)
         if strength > 0.1:
-            out.append((_end_at(s, means, size, k, int(peak), m, at_tip), strength))
+            out.append((_end_at(s, means, size, k, int(peak), at_tip), strength))
     return out
 
 
 def _end_at(
-    s: FloatArray, means: FloatArray, size: FloatArray, k: NDArray[np.int64], peak: int, m: int, at_tip: bool
+    s: FloatArray, means: FloatArray, size: FloatArray, k: NDArray[np.int64], peak: int, at_tip: bool
 ) -> End:
     """Place of the step at `peak`, over all strips that show it; what they disagree about is its standard error."""
     places, weights, doubts = [], [], []
     for channel in range(1 if at_tip else 3):
-        near = slice(max(peak - m // 2, 0), peak + m // 2 + 1)
+        near = slice(max(peak - HALF_WINDOW // 2, 0), peak + HALF_WINDOW // 2 + 1)
         if size[near, channel].max() > (LEAST_TIP_STEP if at_tip else LEAST_STEP):
             centre = k[near.start + int(size[near, channel].argmax())]
-            place, doubt = _crossing(s, means[:, channel], centre, m)
+            place, doubt = _crossing(s, means[:, channel], centre)
             places.append(place)
             doubts.append(doubt)
             weights.append(float(size[near, channel].max()))
@@ -209,18 +214,14 @@ def choose_ends(
     return chosen
 
 
-def _sliding_max(values: FloatArray, half: int) -> FloatArray:
-    kernel = np.ones((2 * half + 1, 1), dtype=np.uint8)
-    return np.asarray(cv2.dilate(values.reshape(-1, 1), kernel), dtype=float).ravel()
-
-
-def _crossing(s: FloatArray, values: FloatArray, centre: int, m: int) -> tuple[float, float]:
+def _crossing(s: FloatArray, values: FloatArray, centre: int) -> tuple[float, float]:
     """Place of a step from the area under its profile: exact for any symmetric blur; and the doubt about it.
 
     The area rests on level light to either side. Where it is not level (a band, a shadow), the place is off by about
     the share of the step by which the light varies there, times the reach that is summed. What varies from pixel to
     pixel averages out, and is no doubt: it is in the scatter from frame to frame.
     """
+    m = HALF_WINDOW
     low, high = max(centre - 2 * m, 0), min(centre + 2 * m, len(s) - 1)
     inner, outer = values[low : centre - m // 2], values[centre + m // 2 : high]
     before, after = inner.mean(), outer.mean()
