@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 
@@ -149,8 +149,8 @@ def _added(
     rows: Rows,
     follower: Follower | BodyFollower,
     source: FrameSource,
-    frames: Iterator[tuple[float, NDArray[np.uint8]]],
-    lamp: tuple[slice, slice] | None,
+    frames: Generator[tuple[float, NDArray[np.uint8]], None, None],
+    lamp: tuple[slice, ...] | None,
     progress: Progress,
 ) -> Iterator[int]:
     """Follow what is in the frames and add a row for each; yields how many there are."""

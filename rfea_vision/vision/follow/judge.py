@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfea_vision.scatter import NORMAL
+from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.edges.fitted import FrameFit, Shot
 from rfea_vision.vision.find.begin import Scene
 from rfea_vision.vision.follow.frame import LEAST_CAP_CONTRAST, MOST_BLUR
@@ -22,6 +23,27 @@ GIVEN_LENGTH_OFF = 0.35  # the same against the length that was given
 FIRST_LENGTHS_OFF = 0.06  # the same while only a few frames were seen
 ROWS, COLUMNS = 11, 8  # of these, one picture row and column each is compared with those of the frame before
 LIGHT_PLACES = 20  # rows, and columns, whose pixels tell how bright the light is
+
+
+@lean
+def _same(shot, other):
+    """Whether two pictures are the same wherever they are compared: over all of them first, so that a change is soon met."""
+    for first in range(8):
+        for i in range(first * ROWS, shot.rows.shape[0], 8 * ROWS):
+            for j in range(0, shot.width, COLUMNS):
+                if shot.rows[i, j] != other.rows[i, j]:
+                    return False
+    return True
+
+
+@compiled
+def _gain(picture, first):
+    """Median over pixels of their light over that in `first`."""
+    ratio = np.empty(first.shape)
+    for i in range(first.shape[0]):
+        for j in range(first.shape[1]):
+            ratio[i, j] = (picture[i, j] + 1.0) / first[i, j]
+    return np.median(ratio)
 
 
 class Tube(NamedTuple):
@@ -153,10 +175,7 @@ class Judge:
 
     def repeated(self, shot: Shot) -> bool:
         """Whether a picture is identical to the one seen last."""
-        if self._last is None:
-            return False
-        now, before = (seen.rows[::ROWS, : seen.width : COLUMNS] for seen in (shot, self._last))
-        return bool(np.array_equal(now, before))
+        return self._last is not None and bool(_same(shot, self._last))
 
     def brightening(self, shot: Shot) -> float:
         """How much brighter a picture is than the one before: lamps flicker, exposure drifts."""
@@ -166,6 +185,6 @@ class Judge:
         if self._first is None:
             self._first = seen.astype(np.float64) + 1.0
         # Pixel by pixel, and the middle of all: what moves through the picture is no change of the light.
-        gain = float(np.clip(np.median((seen + 1.0) / self._first), 0.05, 20.0))
+        gain = min(max(_gain(seen, self._first), 0.05), 20.0)
         ratio, self._gain = gain / self._gain, gain
         return ratio

@@ -57,16 +57,18 @@ class CurvePredictor:
         if len(self.past) < 2:
             return 0.0
         (now, here), (then, there) = self.past[:2]
-        return float(np.linalg.norm(here - there, axis=1).max()) / max(now - then, 1e-6) * max(time_s - now, 0.0)
+        return float(np.sqrt(((here - there) ** 2).sum(axis=1).max())) / (now - then) * max(time_s - now, 0.0)
 
     def _foretold(self, time_s: float) -> list[FloatArray]:
         """The curves at `time_s` by Newton's polynomials of each order through the last ones: how the tube as a whole goes on."""
         if len(self.past) < 2:
             return [self.last] * len(self.past)
-        times, curves = zip(*self.past, strict=True)
-        ahead = min(max(time_s - times[0], 0.0), FARTHEST_S)
-        paces = [(curves[k] - curves[k + 1]) / (times[k] - times[k + 1]) for k in range(len(times) - 1)]
-        goes = [ahead * paces[0]]
-        if len(paces) > 1:
-            goes.append(goes[0] + ahead * (ahead + times[0] - times[1]) * (paces[0] - paces[1]) / (times[0] - times[2]))
+        (now, here), (then, there) = self.past[:2]
+        ahead = min(max(time_s - now, 0.0), FARTHEST_S)
+        pace = (here - there) / (now - then)
+        goes = [ahead * pace]
+        if len(self.past) > 2:
+            first, start = self.past[2]
+            turns = (pace - (there - start) / (then - first)) / (now - first)
+            goes.append(goes[0] + ahead * (ahead + now - then) * turns)
         return [self.last, *(self.last + SLOW @ way for way in goes)]
