@@ -30,7 +30,8 @@ def _centre_over_hinge(slope: FloatArray, signed_radius: float, segments: int) -
     np.cumsum(np.diff(centre, axis=1) + signed_radius * turning, axis=1, out=hinge[:, 1:])
     whole = hinge[:, -1]
     joints = whole[:, None] * np.linspace(0, 1, segments + 1)
-    there = np.array([np.interp(*frame) for frame in zip(joints, hinge, centre, strict=True)]).reshape(joints.shape)
+    reached = np.maximum.accumulate(hinge, axis=1)  # a body that was followed may bend within its own width
+    there = np.array([np.interp(*frame) for frame in zip(joints, reached, centre, strict=True)]).reshape(joints.shape)
     return np.diff(there, axis=1) * segments / whole[:, None] - 1.0, whole
 
 

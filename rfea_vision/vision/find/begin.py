@@ -223,7 +223,7 @@ def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Buffers, path: Path
     if len(points) < 5:
         return "no_tube: the candidate lies outside the plane of motion"
     points = oriented(points, scene)
-    state = new_state(_smoothed(points), scene.half_mm, path.polarity)
+    state = new_state(points, scene.half_mm, path.polarity)
     kept = refine(picture, scene, state, work, 6)
     if kept < 0.25:
         return f"no_tube: only {100 * kept:.0f} % of the edges fit a tube of {2 * scene.half_mm:.1f} mm"
@@ -294,30 +294,18 @@ def _both_ends(
     return choose_ends(bases, tips, hinge, scene.length_mm)
 
 
-def _smoothed(points: FloatArray) -> FloatArray:
-    """A first curve of few coefficients through a ragged path, as dense points."""
-    coarse = fit_curve(points, 7)
-    return basis_matrix(np.linspace(0, 1, 200), 7) @ coarse
-
-
-def new_state(points: FloatArray, half_mm: float, polarity: int) -> State:
-    """A state on given centre points, with everything else still unknown."""
-    x, y, tx, ty, _ = point_and_tangent(fit_curve(points), 0.0)
-    return State(
-        fit_curve(points),
-        np.full(WIDTH_COEFFICIENTS, half_mm),
-        np.zeros((3, VERTICES, 2)),
-        np.full((3, VERTICES), 1.0),
-        np.full((3, VERTICES), polarity * 1e-3),
-        np.zeros(2),
-        np.array([x, y, tx, ty]),
-    )
+def new_state(path_mm: FloatArray, half_mm: float, polarity: int) -> State:
+    """A state on a ragged path (n, 2), by a first curve of few coefficients, with everything else still unknown."""
+    curve = fit_curve(basis_matrix(np.linspace(0, 1, 200), 7) @ fit_curve(path_mm, 7))
+    width, levels, blurs = np.full(WIDTH_COEFFICIENTS, half_mm), np.zeros((3, VERTICES, 2)), np.full((3, VERTICES), 1.0)
+    state = State(curve, width, levels, blurs, polarity * 1e-3 * blurs, np.zeros(2), np.zeros(4))
+    fix_clamp(state)
+    return state
 
 
 def fix_clamp(state: State) -> None:
     """Let the clamp line be where the curve starts now."""
-    x, y, tx, ty, _ = point_and_tangent(state.coefficients, 0.0)
-    state.clamp[:] = x, y, tx, ty
+    state.clamp[:] = point_and_tangent(state.coefficients, 0.0)[:4]
 
 
 def move_ends(state: State, before_mm: float, beyond_mm: float) -> None:

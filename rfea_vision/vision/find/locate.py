@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -37,17 +38,11 @@ class Path:
     strength: float = 1.0
 
 
-@dataclass(frozen=True)
-class RibbonField:
-    """Response (2, orientations, h, w) to a lighter and a darker ribbon; `scale` from picture to field px."""
+def ribbons(picture: NDArray[np.uint8], width_px: float) -> tuple[NDArray[np.float32], float, float]:
+    """Pairs of opposite edges one width apart, for every orientation of the ribbon's axis.
 
-    response: NDArray[np.float32]
-    scale: float
-    contrast: float
-
-
-def ribbon_field(picture: NDArray[np.uint8], width_px: float) -> RibbonField:
-    """Pairs of opposite edges one width apart, for every orientation of the ribbon's axis."""
+    Response (2, orientations, h, w) to a lighter and a darker ribbon, the scale from picture to its px, and the usual contrast.
+    """
     scale = min(WIDTH_SCALED_PX / width_px, 1.0)
     size = (max(round(picture.shape[1] * scale), 16), max(round(picture.shape[0] * scale), 16))
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -57,36 +52,21 @@ def ribbon_field(picture: NDArray[np.uint8], width_px: float) -> RibbonField:
     gy = cv2.Sobel(small, cv2.CV_32F, 0, 1, ksize=3) / 8
     contrast = float(np.percentile(np.hypot(gx, gy), 98)) + 0.2
     response = np.zeros((2, ORIENTATIONS, size[1], size[0]), dtype=np.float32)
-    _pair_edges(np.asarray(gx, dtype=np.float32), np.asarray(gy, dtype=np.float32), width, response)
-    return RibbonField(response, size[0] / picture.shape[1], contrast)
 
+    def seen_from(values: NDArray[Any], right: float, down: float) -> NDArray[Any]:
+        row, column = margin + round(down), margin + round(right)
+        return np.pad(values, margin)[row : row + size[1], column : column + size[0]]
 
-@njit(cache=True, nogil=True)
-def _pair_edges(gx, gy, width, response):
-    """Fill `response` (2, orientations, h, w): the weaker of two opposite edges, averaged along one width of the axis."""
-    count, height, length = response.shape[1:]
-    slope = np.empty((height, length), dtype=np.float32)
-    along = np.zeros((height, length), dtype=np.float32)
-    for k in range(count):
-        angle = math.pi * k / count
-        tx, ty = math.cos(angle), math.sin(angle)
-        nx, ny = np.float32(-ty), np.float32(tx)
-        ai, aj = round(0.33 * width * ty), round(0.33 * width * tx)
-        bi, bj = round(0.5 * width * tx), round(-0.5 * width * ty)
-        for i in range(height):
-            for j in range(length):
-                slope[i, j] = (gx[i, j] * nx + gy[i, j] * ny) / np.float32(3.0)
-        margin_i, margin_j = abs(ai), abs(aj)
-        along[:] = 0.0
-        for i in range(margin_i, height - margin_i):
-            for j in range(margin_j, length - margin_j):
-                along[i, j] = slope[i, j] + slope[i + ai, j + aj] + slope[i - ai, j - aj]
-        margin_i, margin_j = abs(bi), abs(bj)
-        for i in range(margin_i, height - margin_i):
-            for j in range(margin_j, length - margin_j):
-                rising, falling = along[i - bi, j - bj], -along[i + bi, j + bj]
-                response[0, k, i, j] = max(min(rising, falling), np.float32(0.0))
-                response[1, k, i, j] = max(min(-rising, -falling), np.float32(0.0))
+    margin = int(np.ceil(width))
+    for k, angle in enumerate(np.pi * np.arange(ORIENTATIONS) / ORIENTATIONS):
+        tx, ty = width * np.cos(angle), width * np.sin(angle)
+        slope = np.float32(tx / (3.0 * width)) * gy - np.float32(ty / (3.0 * width)) * gx
+        # Averaged along one width of the axis; then the weaker of two opposite edges.
+        slope = slope + seen_from(slope, 0.33 * tx, 0.33 * ty) + seen_from(slope, -0.33 * tx, -0.33 * ty)
+        rising, falling = seen_from(slope, 0.5 * ty, -0.5 * tx), -seen_from(slope, -0.5 * ty, 0.5 * tx)
+        response[0, k] = np.maximum(np.minimum(rising, falling), 0.0)
+        response[1, k] = np.maximum(np.minimum(-rising, -falling), 0.0)
+    return response, size[0] / picture.shape[1], contrast
 
 
 def find_paths(
@@ -106,36 +86,33 @@ def find_paths(
     near_px : points (n, 2) that the path must pass within three widths (a clamp or tip that is known)
     allowed : (h, w) where the tube may be
     """
-    field = ribbon_field(picture, width_px)
+    response, scale, contrast = ribbons(picture, width_px)
     if allowed is not None:
-        size = (field.response.shape[3], field.response.shape[2])
-        field.response[:, :, cv2.resize(allowed.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) == 0] = 0.0
-    step = 0.35 * width_px * field.scale
+        small = cv2.resize(allowed.astype(np.uint8), response.shape[:1:-1], interpolation=cv2.INTER_NEAREST)
+        response[:, :, small == 0] = 0.0
+    step, longest = 0.35 * width_px * scale, 1.5 * length_px * scale
     paths: list[Path] = []
-    for polarity in (0, 1):
-        stack = field.response[polarity]
+    for stack, polarity in zip(response, (1, -1), strict=True):
         best = stack.max(axis=0)
-        seeds = _seeds(best, round(0.8 * width_px * field.scale))
         taken = np.zeros(best.shape, dtype=bool)
-        for y, x in seeds:
+        for y, x in _seeds(best, round(0.8 * width_px * scale)):
             if taken[y, x]:
                 continue
             strength = float(best[y, x])
             direction = np.pi * int(stack[:, y, x].argmax()) / ORIENTATIONS
-            floor = 0.3 * strength
-            ahead = _follow(stack, float(x), float(y), direction, step, floor, 1.5 * length_px * field.scale)
-            behind = _follow(stack, float(x), float(y), direction + np.pi, step, floor, 1.5 * length_px * field.scale)
-            points = np.vstack([behind[::-1, :2], [[x, y]], ahead[:, :2]])
-            for px, py in points.round().astype(int):
-                r = 2
-                taken[max(py - r, 0) : py + r + 1, max(px - r, 0) : px + r + 1] = True
-            if len(points) < 5:
+            ahead, behind = (
+                _follow(stack, float(x), float(y), direction + turn, step, 0.3 * strength, longest) for turn in (0.0, np.pi)
+            )
+            found = np.vstack([behind[::-1], [[x, y, strength]], ahead])
+            for px, py in found[:, :2].round().astype(int):
+                taken[max(py - 2, 0) : py + 3, max(px - 2, 0) : px + 3] = True
+            points = (found[:, :2] + 0.5) / scale - 0.5
+            gaps = [] if near_px is None else [np.linalg.norm(points - place, axis=1).min() for place in near_px]
+            if len(points) < 5 or max(gaps, default=0.0) >= 3 * width_px:
                 continue
-            values = np.concatenate([behind[:, 2], [strength], ahead[:, 2]])
-            pixels = (points + 0.5) / field.scale - 0.5
-            path = _scored(pixels, 1 if polarity == 0 else -1, float(np.median(values)), field.contrast, length_px)
-            if near_px is None or _passes(path, near_px, 3 * width_px):
-                paths.append(path)
+            ratio = float(along(points)[-1]) / length_px
+            clear = float(np.sqrt(min(float(np.median(found[:, 2])) / contrast, 3.0)))
+            paths.append(Path(points, polarity, length_score(ratio) * clear + 0.02 * min(ratio, 1.0), clear))
     return sorted(paths, key=lambda path: -path.score)
 
 
@@ -160,17 +137,6 @@ def length_score(ratio: float) -> float:
     """How well a length fits, `ratio` to that of the tube: it may be partly hidden, and grows a little when bent."""
     misfit = np.log(ratio) / (0.25 if ratio < 1 else 0.18)
     return float(np.exp(-0.5 * misfit**2))
-
-
-def _passes(path: Path, near_px: FloatArray, reach: float) -> bool:
-    gaps = np.linalg.norm(path.points[:, None] - np.asarray(near_px, dtype=float)[None], axis=-1)
-    return bool(np.all(gaps.min(axis=0) < reach))
-
-
-def _scored(points: FloatArray, polarity: int, response: float, contrast: float, length_px: float) -> Path:
-    ratio = float(along(points)[-1]) / length_px
-    strength = float(np.sqrt(min(response / contrast, 3.0)))
-    return Path(points, polarity, length_score(ratio) * strength + 0.02 * min(ratio, 1.0), strength)
 
 
 def _seeds(best: NDArray[np.float32], spacing: int) -> list[tuple[int, int]]:
