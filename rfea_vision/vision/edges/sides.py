@@ -22,12 +22,7 @@ from rfea_vision.vision.edges.edgels import (
     smooth_levels,
 )
 from rfea_vision.vision.edges.fitted import SECTIONS
-from rfea_vision.vision.edges.solve import (
-    PRIOR_BEND_MM,
-    PRIOR_WIDTH_MM,
-    normal_equations,
-    residuals_of,
-)
+from rfea_vision.vision.edges.solve import PRIOR_BEND_MM, PRIOR_WIDTH_MM, normal_equations, residuals_of
 
 LEVEL_WINDOW, BLUR_WINDOW = 8, 48
 LEAST_CONTRAST = 0.35  # of the light step at the edges, in the first frame
@@ -121,29 +116,35 @@ def _select(state, work, filled, limit_mm, noise, uneven_light):
 
 
 @lean
+def section_of(u):
+    """In which of the `SECTIONS` a station is."""
+    return min(max(int(u * SECTIONS), 0), SECTIONS - 1)
+
+
+@lean
+def _count_sections(work, filled):
+    """Count in `work.sections` the stations that are kept, to the left and to the right, and those that are odd, likewise."""
+    work.sections[:] = 0.0
+    for n in range(filled):
+        if work.keep[n] or work.odd[n]:
+            row = (0 if work.keep[n] else 2) + (0 if work.stations[n, SIDE] > 0 else 1)
+            work.sections[row, section_of(work.stations[n, U])] += 1.0
+
+
+@lean
 def drop_odd_sections(work, filled):
     """Where one edge is clear and not where a tube of this width has it, the other does not count either.
 
     A sleeve on the tube, or another body beside it: one edge alone would draw the centre line to its side. Returns
     how many stations are left.
     """
-    stations, keep, odd, seen = work.stations, work.keep, work.odd, work.sections
-    seen[:] = 0.0  # odd ones to the left and to the right, then even ones
-    kept = strange = 0
+    _count_sections(work, filled)
+    seen, kept = work.sections, 0
     for n in range(filled):
-        kept += keep[n]
-        strange += odd[n]
-        if odd[n] or keep[n]:
-            k = min(max(int(stations[n, U] * SECTIONS), 0), SECTIONS - 1)
-            seen[(0 if odd[n] else 2) + (0 if stations[n, SIDE] > 0 else 1), k] += 1.0
-    if strange == 0:
-        return kept
-    kept = 0
-    for n in range(filled):
-        k = min(max(int(stations[n, U] * SECTIONS), 0), SECTIONS - 1)
-        if seen[0, k] > max(seen[2, k], 2.0) or seen[1, k] > max(seen[3, k], 2.0):
-            keep[n] = False
-        kept += keep[n]
+        k = section_of(work.stations[n, U])
+        if seen[2, k] > max(seen[0, k], 2.0) or seen[3, k] > max(seen[1, k], 2.0):
+            work.keep[n] = False
+        kept += work.keep[n]
     return kept
 
 
@@ -248,15 +249,8 @@ def gaps(work, filled, numbers, to_u):
     At the free end: how much is not seen at all, how much is seen from one side or beside its place, and how much of
     the latter shows clear edges that are not where those of the tube should be.
     """
-    bins = SECTIONS
-    stations, keep, odd, seen = work.stations, work.keep, work.odd, work.sections
-    seen[:] = 0.0  # to the left, to the right, and odd ones
-    for n in range(filled):
-        k = min(max(int(stations[n, U] * bins), 0), bins - 1)
-        if keep[n]:
-            seen[0 if stations[n, SIDE] > 0 else 1, k] += 1.0
-        elif odd[n]:
-            seen[2, k] += 1.0
+    _count_sections(work, filled)
+    bins, seen = SECTIONS, work.sections
     run = longest = lone = strange = broken = unseen = 0
     for k in range(bins):
         left, right = seen[0, k] > 0, seen[1, k] > 0
@@ -267,8 +261,9 @@ def gaps(work, filled, numbers, to_u):
         unseen = 0 if left and right else unseen + (not left and not right)
         if unseen > UNSEEN_SECTIONS:
             longest = max(longest, broken - LONE_SECTIONS)
-        lone = 0 if left and right else lone + (left != right or seen[2, k] > 2)
-        strange = 0 if left and right else strange + (seen[2, k] > 2)
+        odd = seen[2, k] + seen[3, k] > 2
+        lone = 0 if left and right else lone + (left != right or odd)
+        strange = 0 if left and right else strange + odd
     hidden = 1.0 - to_u
     numbers.longest_gap = longest / bins
     numbers.end_gap = max(run / bins - hidden, 0.0)
