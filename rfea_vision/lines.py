@@ -29,6 +29,16 @@ def evenly(points: FloatArray, count: int) -> FloatArray:
     return at(points, np.linspace(0.0, 1.0, count) * along(points)[-1])
 
 
+def leftwards(vectors: FloatArray) -> FloatArray:
+    """Vectors (..., 2), y up, turned to their left by a quarter."""
+    return vectors[..., ::-1] * (-1.0, 1.0)
+
+
+def rig_axes(down: FloatArray) -> FloatArray:
+    """The rig's x and y (2, 2), to the camera's right and up, as directions in the plane in which `down` (2,) is down."""
+    return np.array([[-down[1], down[0]], [-down[0], -down[1]]])
+
+
 def from_down(vectors: FloatArray, sign: float) -> FloatArray:
     """Angles (...) in rad of vectors (..., 2), y up: 0 straight down, positive towards the bend; `sign` is that of `bend_sign`."""
     return np.arctan2(-sign * vectors[..., 0], -vectors[..., 1])

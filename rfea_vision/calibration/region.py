@@ -14,6 +14,7 @@ from rfea_vision.calibration.projection import (
     plane_mm_to_pixels,
     unproject,
 )
+from rfea_vision.lines import rig_axes
 
 MOST_FRAMES = 40  # of a track: the region that it visits changes slowly
 
@@ -91,8 +92,7 @@ def visited(calibration: Calibration, track: Track, length_mm: float) -> RegionQ
         return None
     chosen = valid[np.linspace(0, len(valid) - 1, min(MOST_FRAMES, len(valid))).astype(int)]
     line = dataset["midline"].values[chosen][:, 2::3].reshape(-1, 2)
-    axes = np.array([[-down[1], down[0]], [-down[0], -down[1]]])  # camera-right and up on the plane
-    return over_region(calibration, origin + line @ axes, origin, length_mm)
+    return over_region(calibration, origin + line @ rig_axes(down), origin, length_mm)
 
 
 def reach_of(calibration: Calibration, clamp_px: FloatArray, length_mm: float) -> tuple[FloatArray, FloatArray]:

@@ -15,6 +15,7 @@ from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.photos import unlike_film
 from rfea_vision.calibration.projection import camera_vector, has_plane, unproject
 from rfea_vision.errors import DataError, InputError
+from rfea_vision.lines import rig_axes
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.advice import around_loss, base_moved, end_like_wall, moves_elsewhere, next_hint, scale_doubt
@@ -378,5 +379,4 @@ def rig_axes_mm(
     camera = camera_vector(calibration)
     middle = np.array([calibration.image_width / 2, calibration.image_height / 2])
     down = turned(down_direction(camera, vertical, middle), gravity_deg, bends)
-    axes = np.array([[-down[1], down[0]], [-down[0], -down[1]]])
-    return lambda pixels: unproject(camera, pixels) @ axes.T
+    return lambda pixels: unproject(camera, pixels) @ rig_axes(down).T

@@ -11,7 +11,7 @@ from scipy.interpolate import splev, splprep
 from scipy.ndimage import map_coordinates
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.lines import along, evenly
+from rfea_vision.lines import along, evenly, leftwards
 from rfea_vision.vision.body.ways import Ways, thinned
 
 LEAST_SLENDER = 4.0  # length over width
@@ -151,7 +151,7 @@ def _centred(points: FloatArray, body: NDArray[np.bool_], half: float, nodes: in
         points = evenly(points, nodes)
         tangent = np.gradient(points, axis=0)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True) + 1e-12
-        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+        normal = leftwards(tangent)
         reach = np.arange(0.0, 1.8 * half + 1.5, 0.1)
         sides = []
         for sign in (1, -1):

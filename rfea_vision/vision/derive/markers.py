@@ -16,6 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import leftwards
 from rfea_vision.vision.curve import points_and_tangents
 from rfea_vision.vision.find.ends import light_between
 
@@ -42,7 +43,7 @@ ASSUMPTION = (
 def light_along(picture: NDArray[np.uint8], camera: FloatArray, coefficients: FloatArray, half_mm: float) -> FloatArray:
     """Mean light (SAMPLES,) over the middle half of the tube at even steps of the centre line."""
     points, tangents = points_and_tangents(coefficients, (np.arange(SAMPLES) + 0.5) / SAMPLES)
-    return light_between(picture, camera, points, half_mm * np.column_stack([-tangents[:, 1], tangents[:, 0]]), [ACROSS])[:, 0]
+    return light_between(picture, camera, points, half_mm * leftwards(tangents), [ACROSS])[:, 0]
 
 
 def texture_of(profiles: FloatArray) -> FloatArray:

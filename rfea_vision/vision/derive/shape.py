@@ -13,6 +13,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import project
+from rfea_vision.lines import leftwards
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, tangents
 from rfea_vision.vision.derive.elongation import angles, elongation_of
 from rfea_vision.vision.derive.markers import elongation_between, marker_elongation
@@ -182,10 +183,9 @@ def _line_of(coefficients: FloatArray, nodes: FloatArray, sign: float) -> _Line:
     second = np.matmul(basis_matrix(nodes, COEFFICIENTS, 2), coefficients)
     speed = np.linalg.norm(slope, axis=-1)
     tangent = slope / speed[..., None]
-    left = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
     # Walking down, the left-hand side is the camera's right: the outside of a bend to the left.
     curvature = -sign * (tangent[..., 0] * second[..., 1] - tangent[..., 1] * second[..., 0]) / speed**2
-    return _Line(points, tangent, left, curvature)
+    return _Line(points, tangent, leftwards(tangent), curvature)
 
 
 def _derive(rows: Rows, block: NDArray[Any], smoothed: Smoothed, part: slice, view: View) -> Derived:
@@ -270,7 +270,7 @@ def _tip(
     """Place of the tip in the rig frame, its noise and its standard errors: (t, 2) mm each."""
     tip_plane, tangent = line.points[:, -1], line.tangent[:, -1]
     axial = np.sqrt(view.inflation * numbers["tip_variance"])
-    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    normal = line.left[:, -1]
 
     def seen_in_rig(along: FloatArray, across: FloatArray) -> FloatArray:
         """Variances (t, 2) in x and y of errors along and across the tube."""

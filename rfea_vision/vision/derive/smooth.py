@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
+from rfea_vision.lines import leftwards
 from rfea_vision.vision.curve import tangents
 from rfea_vision.vision.derive.rows import Rows
 
@@ -73,7 +74,7 @@ def _wiggles(coefficients: FloatArray, third: FloatArray) -> FloatArray:
 
 def _normals(coefficients: FloatArray, u: FloatArray) -> FloatArray:
     """Left-hand unit normals (t, len(u), 2)."""
-    return tangents(coefficients, u)[..., ::-1] * (-1.0, 1.0)
+    return leftwards(tangents(coefficients, u))
 
 
 def inflation_of(wiggles: FloatArray, variances: FloatArray) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.calibration.projection import perturbed_cameras, project, unproject
+from rfea_vision.lines import leftwards
 from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix
 
 
@@ -55,5 +56,4 @@ class CalibrationError:
         """Turning (axes, ...) in rad of short lines at `points` along unit `tangents`."""
         step = 0.5
         change = self._terms(points + step * tangents) - self._terms(points - step * tangents)
-        normal = np.stack([-tangents[..., 1], tangents[..., 0]], axis=-1)
-        return self._along(change, normal) / (2 * step)
+        return self._along(change, leftwards(tangents)) / (2 * step)

@@ -10,7 +10,7 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.artefacts import Calibration
 from rfea_vision.artefacts.measurement import Vertical
 from rfea_vision.calibration.projection import unproject
-from rfea_vision.lines import along
+from rfea_vision.lines import along, leftwards, rig_axes
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix, point_and_tangent, tangents
 from rfea_vision.vision.derive.picture_errors import ORIGIN_PX, PictureErrors, camera_moved, picture_errors
@@ -80,7 +80,7 @@ def view_of(
     from_picture = picture_errors(numbers, scene.half_mm, scene.px_per_mm).grown(moved, missed)
     return View(
         origin=origin,
-        to_rig=np.array([[-down[1], down[0]], [-down[0], -down[1]]]),  # rows: camera-right, up
+        to_rig=rig_axes(down),
         sign=scene.actuator.mirror,
         inflation=smoothed.inflation,
         half_mm=float(np.median(rows.good_ones("width")[:, 1:-1])),
@@ -151,5 +151,5 @@ def _start_stderr(coefficients: FloatArray, variance: FloatArray, px_per_mm: flo
 
 def _start_across(coefficients: FloatArray) -> FloatArray:
     """Where the curves begin, along the normal of the tube at its clamp (t,) mm."""
-    normal = tangents(coefficients, np.zeros(1))[:, 0, ::-1] * (-1.0, 1.0)
+    normal = leftwards(tangents(coefficients, np.zeros(1))[:, 0])
     return _starts(coefficients) @ np.median(normal, axis=0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import project
-from rfea_vision.lines import along
+from rfea_vision.lines import along, leftwards
 from rfea_vision.vision.curve import VERTEX_U, points_and_tangents
 
 STEP_MM = 0.05
@@ -64,7 +64,7 @@ def strips(
     picture: NDArray[np.uint8], camera: FloatArray, points: FloatArray, tangents: FloatArray, half_mm: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Mean light (n, 3) in the tube, beside its left and its right edge, along the axis; and which rows are in the picture."""
-    across = half_mm * np.column_stack([-tangents[:, 1], tangents[:, 0]])
+    across = half_mm * leftwards(tangents)
     means = light_between(picture, camera, points, across, BANDS)
     seen = np.ones(len(points), dtype=bool)
     height, width = picture.shape

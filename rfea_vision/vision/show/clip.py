@@ -17,6 +17,7 @@ from rfea_vision.artefacts import Calibration, Track
 from rfea_vision.calibration.projection import camera_vector, project
 from rfea_vision.errors import DataError
 from rfea_vision.files import whole_file
+from rfea_vision.lines import rig_axes
 from rfea_vision.readers.video import FrameSource
 from rfea_vision.vision.track import matched_to
 
@@ -37,8 +38,7 @@ def rig_to_plane(track: Track, rig_mm: FloatArray) -> FloatArray:
         raise DataError(
             "the track does not say where its clamp lies in the picture; track the video again with --force"
         ) from error
-    to_rig = np.array([[-down[1], down[0]], [-down[0], -down[1]]])
-    return origin + np.asarray(rig_mm) @ to_rig
+    return origin + np.asarray(rig_mm) @ rig_axes(down)
 
 
 def in_frame(track: Track, pixels: FloatArray, frame: int | slice = slice(None)) -> FloatArray:
