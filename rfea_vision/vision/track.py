@@ -178,7 +178,7 @@ def _why_lost(
     """How little of a film could be measured, the commonest reason, and what would help most."""
     total = _frame_count(source)
     looked = f"the first {len(rows)}" if len(rows) < total else str(len(rows))
-    measured = f"{rows.good} of {looked} frames could be measured" if rows.any_valid else "no tube found"
+    measured = f"{rows.good} of {looked} frames could be measured" if rows.good else "no tube found"
     side, off = "", ""
     if follower.start is not None and rows.good >= 3:
         told = build_dataset(rows, calibration, scene, follower.clamp_stderr_mm(), vertical, {})

@@ -26,6 +26,9 @@ class Rows:
         slopes = basis_matrix(joints, COEFFICIENTS, 1)
         places, bends = basis_matrix(at_nodes, COEFFICIENTS), basis_matrix(at_nodes, COEFFICIENTS, 2)
         self.shift_rows = np.vstack([places, bends, slopes[-1:], np.diff(slopes, axis=0)])
+        # Rows of these: positions, d2/du2, d/du at the tip, and differences of d/du between joints.
+        cuts = np.cumsum([0, nodes, nodes, 1, segments])
+        self.parts = {name: slice(*cuts[k : k + 2]) for k, name in enumerate(("node", "bend2", "tip_slope", "joint"))}
         self._width_rows = basis_matrix(at_nodes, WIDTH_COEFFICIENTS)
         self._row = np.dtype(
             [
@@ -47,12 +50,6 @@ class Rows:
         self.marked = False  # whether the profiles are worth reading
         self.reasons: list[str] = []
         self.material: list[dict[float, tuple[float, float]]] = []  # of every good frame: marks by their share
-
-    def _new_block(self) -> NDArray[Any]:
-        # Memory of its own, that goes back to the system when the block is dropped.
-        block = np.frombuffer(mmap(-1, BLOCK * self._row.itemsize), self._row)
-        block[:] = np.full(1, np.nan, dtype=self._row)
-        return block
 
     def __len__(self) -> int:
         return len(self.reasons)
@@ -92,21 +89,10 @@ class Rows:
         return self.good / max(len(self) - self.copies, 1)
 
     @property
-    def any_valid(self) -> bool:
-        """Whether one was."""
-        return any(reason == "" for reason in self.reasons)
-
-    @property
     def commonest_reason(self) -> str:
         """The commonest reason, in the words of the first frame that has it; empty where all frames were measured."""
         codes = Counter(reason.partition(":")[0] for reason in self.reasons if reason).most_common(1)
         return next((reason for reason in self.reasons if codes and reason.startswith(codes[0][0])), "")
-
-    def part(self, name: str) -> slice:
-        """Rows of `shift_rows`: ``node`` positions, ``bend2`` d2/du2, ``tip_slope`` d/du, ``joint`` its differences."""
-        n = self.nodes
-        ends = {"node": (0, n), "bend2": (n, 2 * n), "tip_slope": (2 * n, 2 * n + 1), "joint": (2 * n + 1, None)}
-        return slice(*ends[name])
 
     def reject_all(self) -> None:
         """What was followed so far was not the tube."""
@@ -119,7 +105,9 @@ class Rows:
         """Add a frame as a follower has left it."""
         n = len(self) % BLOCK
         if n == 0:
-            self._blocks.append(self._new_block())
+            # Memory of its own, that goes back to the system when the block is dropped.
+            self._blocks.append(np.frombuffer(mmap(-1, BLOCK * self._row.itemsize), self._row))
+            self._blocks[-1][:] = np.full(1, np.nan, dtype=self._row)
         block = self._blocks[-1]
         block["time"][n] = time_s
         block["lamp"][n], block["view"][n] = lamp, follower.view

@@ -139,7 +139,10 @@ def _of_all_frames(data: Derived, rows: Rows) -> Derived:
     variables: Derived = {}
     for name in list(data):  # one at a time, so that little of a long recording is in memory twice
         dims, values = data.pop(name)
-        variables[name] = (dims, _spread(values, valid))
+        if not valid.all():
+            measured, values = values, np.full((len(valid), *values.shape[1:]), np.nan, dtype=values.dtype)
+            values[valid] = measured
+        variables[name] = (dims, values)
     variables["valid"] = (("time",), valid.astype(np.int8))
     for name, texts in (
         ("reason", [text.split(":")[0] for text in rows.reasons]),
@@ -192,7 +195,7 @@ def _derive(rows: Rows, block: NDArray[Any], smoothed: Smoothed, part: slice, vi
     """Everything in the rig frame for the frames of `block`, which are `part` of the valid ones."""
     numbers, coefficients = block["numbers"], smoothed.coefficients[part]
     variances = smoothed.variance_factor * block["shift_variance"]
-    variance = {name: variances[:, rows.part(name)] for name in ("node", "bend2", "tip_slope", "joint")}
+    variance = {name: variances[:, columns] for name, columns in rows.parts.items()}
     nodes = np.linspace(0, 1, rows.nodes)
     from_picture = view.from_picture.part(part)
     line = _line_of(coefficients, nodes, view.sign)
@@ -287,14 +290,6 @@ def _tip(
     total[:, 1] += view.origin_sigma**2
     total[:, 0] += view.lateral_sigma**2
     return view.in_rig(tip_plane), np.sqrt(noise), np.sqrt(total)
-
-
-def _spread(values: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
-    if valid.all():
-        return values
-    out = np.full((len(valid), *values.shape[1:]), np.nan, dtype=values.dtype)
-    out[valid] = values
-    return out
 
 
 def _length_check(data: Derived, scene: Scene, *, of_body: bool) -> dict[str, Any]:

@@ -196,24 +196,19 @@ def allowed_pixels(shape: tuple[int, ...], hints: Hints, scale: float = 1.0) -> 
 
 def oriented(path_mm: FloatArray, scene: Scene) -> FloatArray:
     """Order a path from clamp to tip: the tube leaves its clamp downwards, and bends to its side."""
-    if scene.clamp_px is not None or scene.tip_px is not None:
-        forward = 0.0  # how much nearer the hints are to the ends that they should be at
-        if scene.clamp_px is not None:
-            clamp = unproject(scene.camera, scene.clamp_px).mean(axis=0)
-            forward += float(np.linalg.norm(path_mm[-1] - clamp) - np.linalg.norm(path_mm[0] - clamp))
-        if scene.tip_px is not None:
-            tip = unproject(scene.camera, scene.tip_px)
-            forward += float(np.linalg.norm(path_mm[0] - tip) - np.linalg.norm(path_mm[-1] - tip))
-        return path_mm if forward >= 0 else path_mm[::-1]
-    n = max(len(path_mm) // 10, 1)
-    first = path_mm[n] - path_mm[0]
-    last = path_mm[-1 - n] - path_mm[-1]
-    falls = float(first @ scene.down / np.linalg.norm(first) - last @ scene.down / np.linalg.norm(last))
-    if abs(falls) < 0.4:
-        right = np.array([-scene.down[1], scene.down[0]])
-        side = float((path_mm[0] - path_mm[-1]) @ right) * scene.actuator.mirror
-        return path_mm if side > 0 else path_mm[::-1]
-    return path_mm if falls > 0 else path_mm[::-1]
+    hinted = [(end, pixels) for end, pixels in ((0, scene.clamp_px), (-1, scene.tip_px)) if pixels is not None]
+    forward = 0.0  # how much nearer the hints are to the ends that they should be at
+    for end, pixels in hinted:
+        place = unproject(scene.camera, pixels).reshape(-1, 2).mean(axis=0)
+        forward += float(np.linalg.norm(path_mm[-1 - end] - place) - np.linalg.norm(path_mm[end] - place))
+    if not hinted:
+        n = max(len(path_mm) // 10, 1)
+        first, last = path_mm[n] - path_mm[0], path_mm[-1 - n] - path_mm[-1]
+        forward = float(first @ scene.down / np.linalg.norm(first) - last @ scene.down / np.linalg.norm(last))
+        if abs(forward) < 0.4:
+            right = np.array([-scene.down[1], scene.down[0]])
+            forward = float((path_mm[0] - path_mm[-1]) @ right) * scene.actuator.mirror
+    return path_mm if forward >= 0 else path_mm[::-1]
 
 
 def fit_path(picture: NDArray[np.uint8], scene: Scene, work: Buffers, path: Path) -> Initialisation | str:

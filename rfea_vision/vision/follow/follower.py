@@ -37,6 +37,7 @@ class Follower:
     """Carries the tube's state from frame to frame."""
 
     scene: Scene
+    state: fitted.State = field(init=False)  # from the first frame in which a tube is found on
     view: FloatArray = field(default_factory=lambda: np.eye(2, 3))  # from places in the first picture to those in the last: as they are
 
     def __post_init__(self) -> None:
@@ -48,7 +49,6 @@ class Follower:
         """Reset: nothing is known of the tube yet, or what was followed was not the tube."""
         self.start: Initialisation | None = None
         self.judge = Judge(self.scene)
-        self.state: fitted.State | None = None
         self.motion = CurvePredictor()
         self.missed = 0
         self.good = 0
@@ -73,7 +73,6 @@ class Follower:
             return "duplicate"
         self._brighten(self.judge.brightening(shot))
         reason = self._fit_predicted(shot, time_s)
-        assert self.state is not None
         start = np.array([point_and_tangent(self.state.coefficients, 0.0)[:2]])
         reason = reason or off_hints(start, self.scene)
         if self.good and reason not in ("", "width_off"):  # a tube that is found, but has the wrong width, is not looked for
@@ -81,7 +80,6 @@ class Follower:
             reason = again if again in ("", "blurred") else reason
         if reason:
             self.missed += 1
-            assert self.state is not None
             reason = self._explained(reason, luma)
             self.state.coefficients[:] = self.motion.last
             if self.good == 0 or (self.good < LEAST_GOOD and self.missed >= PATIENCE):
@@ -123,7 +121,7 @@ class Follower:
 
     def _looks(self, luma: NDArray[np.uint8], ends: FloatArray) -> str:
         """What the light between two places `ends` (shares of the length) is: the tube's, or of what is beside it; else empty."""
-        assert self.state is not None and self._seen is not None
+        assert self._seen is not None
         now, before = (self._light_along(picture, self.motion.last) for picture in (luma, self._seen))
         part = slice(int(ends[0] * SAMPLES), max(int(ends[1] * SAMPLES), int(ends[0] * SAMPLES) + 4))
         limit = max(COVERED_STEP * abs(float(np.median(self.state.reference[:2]))), 6.0 * self.noise)
@@ -149,7 +147,6 @@ class Follower:
 
     def _brighten(self, gain: float) -> None:
         """Scale what the light is expected to be; the sums of a frame then correct the rest."""
-        assert self.state is not None
         self.state.levels[:] *= gain
         self.state.reference[:] *= gain
 
@@ -157,7 +154,6 @@ class Follower:
         """The light along the tube, as long as the first frames show marks in it."""
         if not self.marked:
             return
-        assert self.state is not None
         self.profile = self._light_along(luma, self.state.coefficients)
         if self.good <= 3:
             self.first_profiles.append(self.profile)
@@ -165,12 +161,10 @@ class Follower:
             self.marked = has_texture(np.array(self.first_profiles), float(np.median(self.state.reference[:2])))
 
     def _light_along(self, luma: NDArray[np.uint8], coefficients: FloatArray) -> FloatArray:
-        assert self.state is not None
         return light_along(luma, self.scene.camera, coefficients, float(np.mean(self.state.width)))
 
     def _clamp_in(self, luma: NDArray[np.uint8]) -> tuple[FloatArray, float] | None:
         """Where the tube begins in this frame, and its standard error along the tube; None where it is not seen."""
-        assert self.state is not None and self.start is not None
         half = float(self.work.numbers["width"][0]) / 2
         contrast = float(np.median(self.state.reference[:2]))
         end = clamp_step(luma, self.scene.camera, self.state.coefficients, half, contrast)
@@ -181,7 +175,7 @@ class Follower:
 
     def _look_at_clamp(self, luma: NDArray[np.uint8]) -> None:
         """The clamp does not move: average where it is seen in the first frames."""
-        assert self.state is not None and self.start is not None
+        assert self.start is not None
         seen = self._clamp_in(luma) if self.start.base.kind == "step" else None
         start = np.array(point_and_tangent(self.state.coefficients, 0.0)[:2])
         if seen is None or np.linalg.norm(seen[0] - start) > CLAMP_NEAR_MM:
@@ -194,7 +188,6 @@ class Follower:
 
     def _watch_camera(self, luma: NDArray[np.uint8]) -> None:
         """Follow a clamp that is elsewhere and stays there: it was the camera that moved."""
-        assert self.state is not None
         if self.watch is None:
             if len(self.clamps) < LEAST_CLAMPS:
                 return
@@ -211,7 +204,7 @@ class Follower:
 
         Beside it the scatter of its place from frame to frame; None where it was not seen again, or was given.
         """
-        assert self.start is not None and self.state is not None
+        assert self.start is not None
         first = self.start.base.stderr_mm
         if len(self.clamps) < LEAST_CLAMPS:
             # A clamp that was taken from a step in the light, and is not seen there again, may be anything near it.
@@ -223,7 +216,6 @@ class Follower:
         return float(np.hypot(1.25 * scatter / np.sqrt(len(along)), shared)), scatter
 
     def _fit_predicted(self, shot: fitted.Shot, time_s: float) -> str:
-        assert self.state is not None
         saved, reach = [array.copy() for array in self.state], SEARCH_PX * min(1 + self.missed, 3)
         if self.missed or not self.good:
             return self._fit(shot, saved, reach)
@@ -234,7 +226,6 @@ class Follower:
         return reason
 
     def _fit(self, shot: fitted.Shot, saved: list[FloatArray], reach: float) -> str:
-        assert self.state is not None
         gain = 0.3 if self.good < FIRST_FRAMES else 0.02
         for _ in range(TRIES):
             self.work.numbers.view(np.float64).fill(0.0)
@@ -250,7 +241,6 @@ class Follower:
 
     def _find_again(self, luma: NDArray[np.uint8]) -> str:
         """Search the whole picture; the clamp must be where it was."""
-        assert self.state is not None and self.start is not None
         if self.missed > 4 and self.missed % 10:  # a search of the whole picture takes long
             return "no_tube"
         found = begin(luma, replace(self.scene, hints=replace(self.scene.hints, tip=None, centre_line=())), self.work)
@@ -263,7 +253,6 @@ class Follower:
         return self._fit(self.scene.shot(luma), saved, SEARCH_PX)
 
     def _accept(self, time_s: float) -> None:
-        assert self.state is not None
         if self.missed:
             self.motion.forget()
         self.motion.follow(self.state.coefficients, time_s)
