@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rfea_vision.artefacts import Actuator, Hints
+from rfea_vision.calibration.projection import unproject
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision.body.begin import first_body, hinted_lines
 from rfea_vision.vision.body.fit import Fit, looks_around, off_middle
@@ -15,7 +16,7 @@ from rfea_vision.vision.body.model import SHARES, STATIONS, SeenBody
 from rfea_vision.vision.body.rules import First, elsewhere, refused
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges.fitted import new_buffers
-from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of
+from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of, off_hints
 from rfea_vision.vision.track import make_scene
 
 
@@ -261,3 +262,18 @@ def test_a_line_that_leaves_the_middle_of_its_edges_is_known_by_so_much_less():
     body.told = SHARES < 0.85
     edges[10:, 1, 1] = 0.5
     assert off_middle(body, edges, still) == 0.0, "edges of the wall are none"
+
+
+def test_a_click_may_miss_a_thin_body_and_its_middle_at_once():
+    """People miss a pixel by 3 px, and a body's middle by half its width: of a stem of 5 px both were not allowed at once."""
+    line = np.column_stack([np.linspace(0.0, 100.0, 65), np.full(65, 50.0)])
+
+    def said(half, off):
+        hints = Hints(clamp=((0.0, 50.0 - half), (0.0, 50.0 + half)), tip=(100.0, 50.0 + off), centre_line=((40.0, 50.0 - off),))
+        calibration = scaled_by_distance((200, 100), [[0, 0], [100, 0]], 100.0)
+        actuator = Actuator(outer_radius=half / 1e3, inner_radius=half / 2e3, length=0.1)
+        scene = make_scene(calibration, actuator, "image", hints, (200, 100))
+        return off_hints(unproject(scene.camera, line), scene, first=True)
+
+    assert said(2.5, 3.8) == "" and re.match(r"off_hints: what was found lies 4.0 mm from camera.tip", said(2.5, 4.0))
+    assert said(20.0, 20.0) == "" and said(20.0, 20.5)

@@ -29,7 +29,7 @@ from rfea_vision.vision.find.locate import Path, cut_at, find_paths, hinted_path
 
 LEAST_SCORE = 0.02  # of something of unknown place: below it lies all that is a quarter longer or shorter than the tube
 # How far from where a person points the tube may be, in half widths: at the clamp both its edges were pointed at; its end may
-# be ragged, and a point of the centre line is one of the tube. Never less than people miss a pixel by. Set on films with
+# be ragged, and a point of the centre line is one of the tube; people miss a pixel by so many px besides. Set on films with
 # hints beside the arm (tests/measurement/test_body.py).
 HINT_CLAMP, HINT_ELSEWHERE, POINTING_PX = 0.6, 1.0, 3.0
 FIRST_TRIES = 3  # frames in which a tube is looked for where it was pointed at in the first one
@@ -151,7 +151,7 @@ def off_hints(line_mm: FloatArray, scene: Scene, *, first: bool = False) -> str:
         places += [("centre_line", np.array(point), line_mm, HINT_ELSEWHERE) for point in scene.hints.centre_line]
     for name, pixel, points, reach in places:
         off = beside(points, unproject(scene.camera, pixel))
-        if off > max(reach * scene.half_mm, pointing):
+        if off > np.hypot(reach * scene.half_mm, pointing):
             return f"off_hints: what was found lies {off:.{digits_of(scene.length_mm) + 1}f} mm from camera.{name}"
     return _askew(line_mm, scene) if first and scene.clamp_px is not None else ""
 
