@@ -144,6 +144,7 @@ def test_copies_of_a_moving_arm_are_said_and_do_not_count_against_a_film():
         rows.append(float(frame), follower.next(picture, float(frame)), follower)
     assert [reason == "duplicate" for reason in rows.reasons] == [False, *[False, True] * 3, *[False] * 3]
     assert rows.good == 7 and rows.share == 1.0
+    assert follower.good == rows.good, "one that knows of fewer has begun anew, and rows before that do not count"
 
 
 def test_edges_are_given_up_once_they_must_be_and_not_later_for_what_they_missed_before():

@@ -192,6 +192,8 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     body.half = np.where(SHARES > 0.95, 1.0, 0.8) * first.half
     assert said(narrow, everywhere) == "", "drawn out, it is thinner all along"
     body.points[1:3] = body.points[0] + [[1.5, -1.0], [2.5, 1.0]]
+    assert said(narrow, everywhere) == "", "beside what holds it the line is known no better"
+    body.points[1:3] = body.points[0] + [[1.5, -4.0], [2.5, 1.0]]
     assert said(narrow, everywhere) == "no_fit: the line that fits is folded", "it runs back into its clamp"
 
 

@@ -12,9 +12,11 @@ from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.readers.video import open_frames
 from rfea_vision.vision import track_frames
 from rfea_vision.vision.advice import end_like_wall
+from rfea_vision.vision.body.begin import as_pointed, pointing
 from rfea_vision.vision.body.fit import gradual
 from rfea_vision.vision.body.follower import BodyFollower
-from rfea_vision.vision.body.model import SHARES
+from rfea_vision.vision.body.gone import UNIFORMLY, held_to_length
+from rfea_vision.vision.body.model import ALONG_BASIS, SHARES
 from rfea_vision.vision.curve import COEFFICIENTS
 from rfea_vision.vision.derive.rows import Rows
 from rfea_vision.vision.track import follow_body, make_scene
@@ -156,9 +158,9 @@ def test_a_body_that_is_found_again_shorter_than_it_was_says_how_little_its_end_
     for k in range(4, 8):
         refusal = follower.next(np.full((240, 240, 3), 30, np.uint8), 0.1 * k)
         assert refusal and not refusal.startswith("occluded"), "it is dark"
-    line = middle_of(1.3, 110.0)
+    line = middle_of(1.1, 110.0)
     picture = drawn(line, np.full(65, HALF))
-    cv2.polylines(picture, [np.round(line[57:]).astype(np.int32)], False, WALL, 28)
+    cv2.polylines(picture, [np.round(line[55:]).astype(np.int32)], False, WALL, 28)
     refusal, off = follower.next(picture, 0.8), float(np.linalg.norm(follower.body.points[-1] - line[-1]))
     assert refusal == "" and off > 20.0
     assert follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm > max(0.3 * off, 5 * known)
@@ -244,7 +246,7 @@ def test_an_end_that_stayed_where_it_was_while_the_body_went_away_is_none_of_it(
     assert end_like_wall(follower_of(lines[0])) == ""
 
 
-@pytest.mark.parametrize(("aside", "least", "most"), [(0.0, 1.0, 1.0), (5.0, 2.5, 5.0)])
+@pytest.mark.parametrize(("aside", "least", "most"), [(0.0, 1.0, 1.2), (5.0, 2.5, 6.5)])
 def test_how_well_a_person_points_is_told_by_what_the_clicks_miss(aside, least, most):
     """Of a clamp, a tip and two points of the line the first frame shows where they should be: the clamp is known no better."""
     line = middle_of(0.5, 110.0)
@@ -314,3 +316,37 @@ def test_a_dot_that_is_stuck_on_the_end_is_no_end_of_the_body():
         ends.append((reason, float(np.linalg.norm(follower.body.points[-1] - line[-1]))))
     assert [reason for reason, _ in ends] == [""] * 4
     assert max(off for _, off in ends) < 0.5 * half
+
+
+def test_a_first_frame_lies_between_outline_and_clicks_by_what_both_are_worth():
+    """A shadow beyond the end, or gaps between discs, had pulled the line off a tip that was pointed at, in all frames."""
+    line = np.column_stack([100.0 - 2.0 * np.arange(65.0), np.full(65, 50.0)])
+    clicks, aside = np.array([line[0], line[32], line[-1] + [-6.0, 8.0]]), np.full(65, 2.0)
+    moved = as_pointed(line, clicks, HALF, clicked_px=2.0, aside_px=aside, end_px=4.0)
+    assert np.allclose(moved[-1] - line[-1], [-4.8, 4.0], atol=0.1)
+    assert np.abs(moved[:32, 1] - 50.0).max() < 0.4, "elsewhere clicks and outline agree"
+    aside[50:] = 20.0  # an end of the wall's colour is where the person says
+    assert np.linalg.norm(as_pointed(line, clicks, HALF, 2.0, aside, 40.0)[-1] - clicks[-1]) < 0.2
+    assert np.abs(as_pointed(line, clicks, HALF, clicked_px=40.0, aside_px=np.full(65, 2.0), end_px=4.0) - line).max() < 0.2
+
+
+def test_people_point_alike_everywhere():
+    """One click of five that the outline misses by much is the outline's fault; where it misses all, it is the person's."""
+    assert pointing(np.array([0.5, -1.0, 12.0, 0.3, 0.8]), 1.0, 2.0) == 1.0
+    assert pointing(np.array([5.0, -6.0, 6.0, -5.5, 7.0]), 1.0, 2.0) == pytest.approx((8.895**2 - 2.0**2) ** 0.5, rel=0.01)
+
+
+def test_a_body_is_held_to_the_length_that_it_had():
+    """As far as it is known, all along the body; an end that a cable crossed had stayed behind there by five half widths."""
+    follower, line = follower_of(middle_of(0.4, 110.0)), middle_of(0.4, 110.0)
+    assert follower.next(drawn(line, np.full(65, HALF)), 0.0) == "" and not follower.unseen
+    body, spread = follower.body.copy(), 1e-6 * np.eye(25)
+    spread[11:17, 11:17] += 16.0 * UNIFORMLY
+    held, known = held_to_length(body, spread, body.length + 10.0, stderr=2.0)
+    assert held.length == pytest.approx(body.length + 8.0, abs=0.2)
+    assert ALONG_BASIS[-1] @ known[11:17, 11:17] @ ALONG_BASIS[-1] == pytest.approx(3.2, rel=0.02)
+    cover = ((0, 0, int(line[-1, 0]) + 8, 240), WALL)
+    picture = drawn(line, np.full(65, HALF))
+    picture[:, : cover[0][2]] = cv2.GaussianBlur(np.full_like(picture, WALL), (0, 0), 0.8)[:, : cover[0][2]]
+    follower.next(picture, 0.1)
+    assert follower.unseen or follower.refusal

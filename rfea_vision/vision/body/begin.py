@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, evenly
+from rfea_vision.scatter import NORMAL as QUARTILE
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.model import (
     NORMAL_BASIS,
@@ -24,7 +25,7 @@ from rfea_vision.vision.body.model import (
 from rfea_vision.vision.body.sampling import read_strip
 from rfea_vision.vision.body.ways import Ways
 from rfea_vision.vision.curve import basis_matrix, fit_curve
-from rfea_vision.vision.find.begin import Scene
+from rfea_vision.vision.find.begin import Scene, beside
 
 HALF_PX = 12.0  # the picture is scaled until the body is twice as wide: windows in px are for such a body
 MOST_ENLARGED, MOST_PIXELS = 4.0, 2_000_000  # of such a picture: more takes longer than it brings
@@ -36,6 +37,7 @@ CLEAR = 3.0  # standard deviations between two colours that are never confused
 NOISE = (2.0, 1.0, 1.0)  # of L, a and b: of a median along a piece, in a compressed picture
 ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
 HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue
+SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
 DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
 ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
 STEADY = 0.05  # what one px more or less off the line, from station to station, weighs against all of the contrast
@@ -122,6 +124,45 @@ def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float
     return line + off * np.minimum(1.0, near / np.maximum(np.linalg.norm(off, axis=1, keepdims=True), 1e-9))
 
 
+def missed_by(clicks: FloatArray, body: SeenBody, clamped_px: float, *, believed: bool) -> FloatArray:
+    """What `clicks` (n, 2) px miss that a first frame shows, px: the clamp's width (`clamped_px` is half of it), the line, and the tip.
+
+    Across the body, and along it where its end is `believed`.
+    """
+    tangents, normals = frame_of(body.points)
+    tip = clicks[-1] - body.points[-1]
+    missed = [2.0**0.5 * (float(middle(body.half[: SQUARE + 1])) - clamped_px), tip @ normals[-1]]
+    return np.array(missed + [beside(body.points, point) for point in clicks[1:-1]] + [tip @ tangents[-1]] * believed)
+
+
+def pointing(missed: FloatArray, least_px: float, doubt_px: float) -> float:
+    """How well a person points, px (1 s.d.), `least_px` at best, by what clicks missed; of that `doubt_px` is the outline's own.
+
+    By the median of it: people point alike everywhere, and an outline is led astray in one place.
+    """
+    return max(least_px, float(np.sqrt(max((np.median(np.abs(missed)) / QUARTILE) ** 2 - doubt_px**2, 0.0))))
+
+
+def as_pointed(
+    points: FloatArray, clicks: FloatArray, half_px: float, clicked_px: float, aside_px: FloatArray, end_px: float
+) -> FloatArray:
+    """Stations (S, 2) px between an outline and the `clicks` (n, 2) px, from the clamp's middle to the tip, by what both are worth.
+
+    The middle of an outline errs by `aside_px` (S,) (1 s.d.), alike within a body width, and by `end_px` where it ends; a click
+    by `clicked_px`. Kriging: Rasmussen and Williams, Gaussian Processes for Machine Learning, eq. 2.23.
+    """
+    tangents, normals = frame_of(points)
+    places = along(points)
+    near = np.array([0, *np.argmin(np.linalg.norm(points[:, None] - clicks[1:-1], axis=2), axis=0), STATIONS - 1], dtype=int)
+    missed = np.sum((clicks - points[near]) * normals[near], axis=1)
+    alike = np.exp(-0.5 * ((places[:, None] - places[near]) / (2.0 * half_px)) ** 2)
+    doubt = np.outer(aside_px, aside_px[near]) * alike
+    across = np.linalg.solve(doubt[near] + clicked_px**2 * np.eye(len(near)), missed)
+    beyond = (clicks[-1] - points[-1]) @ tangents[-1] / (1.0 + (clicked_px / end_px) ** 2)
+    points = points + (doubt * across) @ normals[near] + beyond * alike[:, -1:] * tangents[-1]
+    return even(points)
+
+
 def leaving(clamp_px: FloatArray, line_px: FloatArray) -> FloatArray:
     """Unit vector (2,) square to a clamp's edges (2, 2), to the side on which the line (n, 2) ends."""
     across = clamp_px[1] - clamp_px[0]
@@ -185,6 +226,12 @@ def smooth_line(points: FloatArray) -> FloatArray:
     first, last = points[[0, -1]] - line[[0, -1]]
     moved: FloatArray = (1 - share)[:, None] * first + share[:, None] * last
     return line + moved
+
+
+def onwards(line: FloatArray, clamp: FloatArray) -> FloatArray | None:
+    """Stations (S, 2) on a line (n, 2) from the clamp's middle (2,) on: a mask may reach back into it. None where nothing is left."""
+    near = int(np.argmin(np.linalg.norm(line - clamp, axis=1)))
+    return even(smooth_line(np.vstack([clamp, line[near + 1 :]]))) if near < len(line) - 2 else None
 
 
 def even(points: FloatArray) -> FloatArray:

@@ -10,18 +10,23 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.vision.body.begin import (
+    SQUARE,
+    as_pointed,
     even,
     first_body,
     held_near,
     hinted_lines,
     leaving,
     like_colour,
-    smooth_line,
+    missed_by,
+    onwards,
+    pointing,
     standing_out,
 )
 from rfea_vision.vision.body.fit import (
     ALONG,
     NORMAL,
+    TO_NORMAL,
     TRUSTED,
     UNKNOWNS,
     WIDTH,
@@ -31,10 +36,10 @@ from rfea_vision.vision.body.fit import (
     fit_body,
     looks_around,
 )
-from rfea_vision.vision.body.gone import CARRIED, FLOW_SCATTER, UNIFORMLY, as_long, flown, reached
+from rfea_vision.vision.body.gone import CARRIED, FLOW_SCATTER, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView
-from rfea_vision.vision.body.known import POINTED_PX, as_state, fill_numbers
+from rfea_vision.vision.body.known import POINTED_PX, SYSTEMATIC, TURNED, as_state, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
     SHARES,
@@ -57,11 +62,10 @@ from rfea_vision.vision.body.sampling import RAYS
 from rfea_vision.vision.body.still import StillView
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges import fitted
-from rfea_vision.vision.find.begin import FIRST_TRIES, Initialisation, Scene, allowed_pixels, beside, off_hints
+from rfea_vision.vision.find.begin import FIRST_TRIES, Initialisation, Scene, allowed_pixels, off_hints
 from rfea_vision.vision.find.ends import End
 
 FIRST_TURNS = 8
-SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
 # The outline is sought from ones that narrow or widen to these shares, too. Another is taken where so much of its edges is seen, and
 # where it leaves at most so much unseen of what the first does: in no film of 20 bodies that keep their width, nor in 12 drawn ones.
 OTHER_ENDS, WELL_SEEN, LEFT_UNSEEN = (0.5, 0.25, 2.0), 0.9, 0.5
@@ -73,6 +77,10 @@ STRETCH_SHARE = 0.006  # of the length: by how much all of it stretches from one
 END_NEAR = 0.45  # half widths off the hint: an end farther off is a line behind the body, or a shadow
 END_LEVEL = 0.2  # half widths: chosen, rays that differ by less have all found one end, and a round one at that
 LOOKED_AT = 8.0  # half widths around where it was: skin and edges are looked for within four, and it moves by less than the rest
+# Share of a way across the body that its skin may miss, 1 s.d., chosen: glare and shadows stay behind where a body turns, and
+# a line that was carried by them from frame to frame lagged behind both edges.
+FLOW_MISSES = 0.05
+POINTED_SHARE = 0.05  # of the half width, 1 s.d., chosen: the middle of a wide body is not pointed at to the pixel
 MOVING_PX = 0.5  # from frame to frame: a body that moves so and then not at all was written twice
 LENGTH_SPREAD = 0.1  # how well the length and the scale are known when the first frame is searched
 
@@ -106,12 +114,12 @@ class BodyFollower:
         self.work = fitted.new_buffers()
         self.start: Initialisation | None = None
         self.good, self.missed = 0, 0
-        self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was
+        self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was where its end was seen
         self.refusal = ""
         self.doubted: Sight | None = None  # the body in the last frame, where that was no measurement
         self.frame = -1
         self.moved_px = 0.0  # by the last frame, where it moved most
-        self.lost, self.known_length = False, 0.0  # since all rays saw its end; and px, how long it was then
+        self.lost, self.unseen, self.known_length = False, False, 0.0  # since rays saw its end; px, how long it was then
         self.guide = guide_of(scene.hints, scene.clamp_px)
         self.marked, self.profile, self.moved_mm = False, None, np.zeros(2)
         self.marks: list[Mark] = []
@@ -130,7 +138,9 @@ class BodyFollower:
         if self.hopeless():
             return self.refusal
         if self.good and self.missed == 0 and np.array_equal(picture, self.seen):
-            return "duplicate" if self.moved_px > MOVING_PX else ""  # of a body at rest they may be alike, too
+            copied = self.moved_px > MOVING_PX  # of a body at rest pictures may be alike, too
+            self.good += not copied
+            return "duplicate" if copied else ""
         lab = self._lab(picture)
         guided = self._guided()
         if self.good == 0:
@@ -207,12 +217,7 @@ class BodyFollower:
     def _guided(self) -> FloatArray | None:
         """Stations where another program saw the body in this frame, from the clamp on."""
         line = None if self.guide is None else self.guide(self.frame)
-        if line is None:
-            return None
-        line = (line + 0.5) * self.scale - 0.5
-        clamp = self.clamp.mean(axis=0)
-        near = int(np.argmin(np.linalg.norm(line - clamp, axis=1)))  # a mask may reach back into the clamp
-        return even(smooth_line(np.vstack([clamp, line[near + 1 :]]))) if near < len(line) - 2 else None
+        return None if line is None else onwards((line + 0.5) * self.scale - 0.5, self.clamp.mean(axis=0))
 
     def _begin(self, lab: Picture) -> None:
         """Outline, colours, texture and end in the first frame."""
@@ -230,12 +235,17 @@ class BodyFollower:
                 self.body, unseen = body, left
         offsets = self._end_seen(lab, half)
         seen = offsets[np.isfinite(offsets)]
-        # People point beside the end; where it is clearly seen, it is there, and the hints are held against it.
-        if len(seen) > RAYS // 2 and np.abs(np.median(seen)) < END_NEAR * half:
+        clear = len(seen) > RAYS // 2 and bool(np.abs(np.median(seen)) < END_NEAR * half)
+        if clear:
             self.body.points[-1] += np.median(seen) * frame_of(self.body.points)[0][-1]
-            self.body.points = even(self.body.points)
-            learn_colours(lab, self.body)
-            offsets = self._end_seen(lab, half)
+        # People point beside the body; its outline is led astray by shadows, gaps and what lies behind it.
+        doubt, least = SYSTEMATIC * half, float(np.hypot(POINTED_PX * self.scale, POINTED_SHARE * half))
+        clicked = pointing(missed_by(self.line, self.body, half, believed=clear), least, doubt)
+        self.body.told = told_from_wall(self.body)
+        aside = doubt + TURNED * np.clip(self.body.untold - (1.0 - SHARES) * self.body.length, 0.0, None)
+        self.body.points = as_pointed(self.body.points, self.line, half, clicked, aside, doubt if clear else END_NEAR * half)
+        learn_colours(lab, self.body)
+        offsets = self._end_seen(lab, half)
         self.walls = self.walls | ~told_from_wall(self.body)
         self.body.told = ~self.walls
         if self.body.untold:  # then the end that is seen is that of the rest, if all rays see one
@@ -255,21 +265,10 @@ class BodyFollower:
         self.first.leaves, self.first_body, self.stayed = self.foot[1], self.body.copy(), np.zeros(STATIONS, dtype=int)
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
         self.first.standing_out = standing_out(lab, self.body, half)
-        self.pointed_px = self._pointed_px(believed=bool(believed))
+        missed = np.array([clicked, *missed_by(self.line, self.body, half, believed=bool(believed))])
+        self.pointed_px = max(clicked, float(np.sqrt(np.mean(missed**2)))) / self.scale
         pointed = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
         self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, End(0.0, 0.0, "hint"), 0, 1.0)
-
-    def _pointed_px(self, *, believed: bool) -> float:
-        """How well, px of the film, this person points: what the clicks miss that the first frame shows, and `POINTED_PX` as one more.
-
-        The clamp's width, the points of the line, and the tip: across the body, and along it where its end is `believed`.
-        """
-        tangents, normals = frame_of(self.body.points)
-        tip = self.line[-1] - self.body.points[-1]
-        missed = [2.0**0.5 * (float(middle(self.body.half[: SQUARE + 1])) - self.pointed_half()), tip @ normals[-1]]
-        missed += [beside(self.body.points, point) for point in self.line[1:-1]] + [tip @ tangents[-1]] * believed
-        squares = np.square(np.array(missed) / self.scale).sum()
-        return max(POINTED_PX, float(np.sqrt((squares + POINTED_PX**2) / (len(missed) + 1))))
 
     def _outline(self, lab: Picture, lines: list[FloatArray], half: float, length: float, end: float) -> tuple[SeenBody, float]:
         """The body along the line that is seen best, sought from one that narrows to a share `end`; how much of its edges is not."""
@@ -339,6 +338,12 @@ class BodyFollower:
             near = as_long(lab, self.wall, near, self.skin[0], np.array(LENGTHS) * self.first.length)
             spread = self._spread(LENGTH_SPREAD)
         moved = fit_body(Evidence(lab, self.wall, self.foot, self.first.half, skin, outline=False), near, spread, 5.0)
+        gone = TO_NORMAL @ np.sum((moved.body.points - last.body.points) * frame_of(last.body.points)[1], axis=1)
+        moved.covariance[NORMAL, NORMAL] += np.diag((FLOW_MISSES * gone) ** 2)
+        if self.unseen:
+            # Its end: it is as long as when that was last seen, within the lengths that it has had.
+            stderr = self.lengths[1] - self.lengths[0] + STRETCH_SHARE * self.known_length
+            return held_to_length(moved.body, moved.covariance, self.known_length, stderr)
         return moved.body, moved.covariance
 
     def _outlined(self, lab: Picture) -> tuple[SeenBody, FloatArray] | None:
@@ -351,12 +356,15 @@ class BodyFollower:
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
         held = (1.0 + self.missed) * (STRETCH_SHARE * self.body.length) ** 2  # px^2 of the length that was carried
-        level = self.end_offsets is not None and np.ptp(fit.end) < END_LEVEL * self.pointed_half()  # not so where a ray is NaN
+        end = fit.end[np.isfinite(fit.end)]
+        level = self.end_offsets is not None and len(end) > RAYS // 2 and bool(np.ptp(end) < END_LEVEL * self.pointed_half())
+        self.unseen = self.end_offsets is not None and not level
         # Found again, it may lie off by a disc: until all rays see its end again, it may as well be as long as when they last did.
         self.lost = (self.lost or self.missed > 0) and not level
         self.known_length = self.known_length if self.good and not level else fit.body.length
-        slipped = (fit.body.length - self.known_length) ** 2 if self.lost else 0.0
-        self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
+        slipped = (fit.body.length - self.known_length) ** 2 if self.lost or self.unseen else 0.0
+        if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
+            self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:
             self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
         self.body, self.covariance = fit.body, fit.covariance

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, at
 from rfea_vision.vision.body.begin import PIECES, smooth_line
-from rfea_vision.vision.body.fit import TO_ALONG
+from rfea_vision.vision.body.fit import ALONG, NORMAL, TO_ALONG
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
     ALONG_BASIS,
@@ -144,6 +144,18 @@ def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:
     most = float(np.max(np.abs(np.diff(gains)) / np.maximum(np.diff(stations), 1e-9)))
     wanted = ALONG_BASIS @ (TO_ALONG @ (stations + gains * min(1.0, MOST_STRETCH / max(most, 1e-9))))
     return at(line, wanted - wanted[0])
+
+
+def held_to_length(body: SeenBody, covariance: FloatArray, length: float, stderr: float) -> tuple[SeenBody, FloatArray]:
+    """A body foretold to a `covariance` (25, 25) px^2, and what it is if its length is `length` px to `stderr`: Kalman's update.
+
+    The end of a smooth body has little to hold it: unseen, it stayed behind where a cable crossed it.
+    """
+    stretches = covariance[:, ALONG] @ (ALONG_BASIS[-1] - ALONG_BASIS[0])
+    gain = stretches / ((ALONG_BASIS[-1] - ALONG_BASIS[0]) @ stretches[ALONG] + stderr**2)
+    step, (tangents, normals) = gain * (length - body.length), frame_of(body.points)
+    shift = (ALONG_BASIS @ step[ALONG])[:, None] * tangents + (NORMAL_BASIS @ step[NORMAL])[:, None] * normals
+    return replace(body, points=body.points + shift), covariance - np.outer(gain, stretches)
 
 
 def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px: float, length: float) -> FloatArray | None:

@@ -45,7 +45,7 @@ LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther b
 SHARPEST = 0.9  # curvature times half width
 # Of the half width, from one station to the next, near the clamp: as well as an edge is known (SYSTEMATIC in known). An arm whose base
 # turns in what holds it, or that swells to one side there, ran back by 0.01 to 0.07 in 400 frames with its line in it otherwise.
-RUNS_BACK = 0.1
+RUNS_BACK = 0.25
 END_UNLIKE = 0.5  # of the last body width must look like the body, or have its edges: else the line runs on beyond its end
 # Of what stood out of its last fifth so much must: a wire of 2 px that tweezers bent was followed beside its end, where nothing did.
 END_OUT = 0.2
@@ -227,7 +227,7 @@ def _folded(first: First, fit: Fit) -> str:
     chords = fit.body.points[span:] - fit.body.points[:-span]  # half a width long: shorter ones wiggle
     heading = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     bend = np.abs(heading[span:] - heading[:-span]) / (span * step)
-    sharpest = float(np.max(bend * fit.body.half[span:-span]))
+    sharpest = float(np.max((bend * fit.body.half[span:-span])[span:]))  # nearer to the clamp edges count less
     gathered = float(np.linalg.norm(chords, axis=1).min()) / (span * step)
     back = -float(np.diff(fit.body.points[: span + 1] @ first.leaves).min())
     return "" if sharpest < SHARPEST and gathered > 0.4 and back < RUNS_BACK * half else "the line that fits is folded"
