@@ -153,10 +153,11 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     body, wall = first_body(narrow, line, 12.0), Wall(narrow.shape)
     first = First(180.0, body.half, 1.0, np.ones(5), narrow.shape[:2], 100.0, 1.8, None, np.array([0.0, 1.0]))
 
-    def said(picture, seen, end=0.0, out=(1.0, 1.0, 1.0, 1.0, 1.0)):
+    def said(picture, seen, end=0.0, like=1.0):
         rays = np.array([np.nan, np.nan, end, end, end, end, np.nan])
         around = looks_around(picture, wall, body)
-        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, np.ones(STATIONS), rays, (), *around, np.array(out)))
+        backing = np.where(SHARES > 0.83, like, 1.0)
+        return refused(first, Fit(body, 1e-3 * np.eye(25), np.eye(6), seen, backing, rays, (), *around, np.ones(5)))
 
     everywhere = np.ones((STATIONS, 2), bool)
     assert said(narrow, everywhere) == said(wide, everywhere) == "", "where an edge is seen, the tube ends"
@@ -167,10 +168,9 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     first.beside = np.ones((STATIONS, 2), bool)
     assert said(wide, lost) == "", "what was beside it from the first frame on is another thing"
     first.beside = False
-    beside_it = (1.0, 1.0, 1.0, 1.0, 0.1)
-    assert said(narrow, everywhere, out=beside_it).startswith("tip_hidden: 10 % of the last fifth stands out")
-    first.standing_out[-1] = 0.1
-    assert said(narrow, everywhere, out=beside_it) == "", "its end never stood out"
+    assert said(narrow, everywhere, like=0.3) == "", "its end has its edges"
+    beside_it = np.where(SHARES[:, None] > 0.83, [True, False], True)
+    assert said(narrow, beside_it, like=0.3) == "tip_hidden: 30 % of the last body width looks like the tube, or has its edges"
     assert said(narrow, everywhere, 6.0) == "", (
         "what the rays find there is another thing: nothing of the tube is between"
     )

@@ -47,8 +47,6 @@ SHARPEST = 0.9  # curvature times half width
 # turns in what holds it, or that swells to one side there, ran back by 0.01 to 0.07 in 400 frames with its line in it otherwise.
 RUNS_BACK = 0.25
 END_UNLIKE = 0.5  # of the last body width must look like the body, or have its edges: else the line runs on beyond its end
-# Of what stood out of its last fifth so much must: a wire of 2 px that tweezers bent was followed beside its end, where nothing did.
-END_OUT = 0.2
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
 # 0.43 to 0.71 and 0.57 to 0.86 where an arm that swelled went on by up to 10 mm. Either alone is seen in films that are followed
 # well: rays find a ruled line, and lines look like rubber; both together were not. Where rays find no end, so much of all up to one and
@@ -113,18 +111,15 @@ def _elsewhere(first: First, fit: Fit) -> str:
 
 def _beyond(first: First, fit: Fit) -> str:
     """The end is measured only where the body reaches to it."""
-    count = max(round(2.0 * float(middle(fit.body.half)) / fit.body.length * STATIONS), 3)
-    # A dot that is stuck on the end looks like nothing of the body, but has its edges.
-    there = np.maximum(fit.backing, fit.seen.all(axis=1))
-    share = float(np.mean(there[: fit.body.last + 1][-count:]))
-    if share < END_UNLIKE:
-        return f"{100 * share:.0f} % of the last body width looks like the tube, or has its edges"
-    if np.any(np.isnan(fit.beside[-(STATIONS // len(first.standing_out)) :])):
-        return ""  # it lies beside itself, and does not stand out from that
-    before, now = first.standing_out[-1], fit.standing_out[-1]
-    if before < LEAST_STANDING_OUT or now >= END_OUT * before:
-        return ""
-    return f"{100 * now:.0f} % of the last fifth stands out from what is around it, {100 * before:.0f} % in the first frame"
+    width = max(round(2.0 * float(middle(fit.body.half)) / fit.body.length * STATIONS), 3)
+    # A dot that is stuck on the end looks like nothing of the body, but has its edges. Of a line that had left a fish's thin tail a
+    # third of the last fifth at most was like it.
+    there = np.maximum(fit.backing, fit.seen.all(axis=1))[: fit.body.last + 1]
+    for count, part in ((width, "body width"), (STATIONS // PIECES, "fifth")):
+        share = float(np.mean(there[-count:]))
+        if share < END_UNLIKE:
+            return f"{100 * share:.0f} % of the last {part} looks like the tube, or has its edges"
+    return ""
 
 
 def _squat(first: First, fit: Fit) -> str:
