@@ -150,20 +150,24 @@ def test_ribbed_rubber_is_as_long_as_its_first_skin_says_where_flow_has_lost_it(
 
 
 def test_a_body_that_is_found_again_shorter_than_it_was_says_how_little_its_end_is_known():
-    """What hid it has gone, and its end is of the wall's colour now: nothing has carried its length there."""
-    follower = follower_of(middle_of(0.0, 110.0))
-    for k in range(4):
-        assert follower.next(drawn(middle_of(0.05 * k, 110.0), np.full(65, HALF)), 0.1 * k) == ""
-    known = follower.work.numbers["tip_variance"][0] ** 0.5
-    for k in range(4, 8):
-        refusal = follower.next(np.full((240, 240, 3), 30, np.uint8), 0.1 * k)
-        assert refusal and not refusal.startswith("occluded"), "it is dark"
-    line = middle_of(1.1, 110.0)
-    picture = drawn(line, np.full(65, HALF))
-    cv2.polylines(picture, [np.round(line[55:]).astype(np.int32)], False, WALL, 28)
-    refusal, off = follower.next(picture, 0.8), float(np.linalg.norm(follower.body.points[-1] - line[-1]))
-    assert refusal == "" and off > 20.0
-    assert follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm > max(0.3 * off, 5 * known)
+    """What hid it has gone, and its end is of the wall's colour now: nothing carried its length there. It is refused, or says so."""
+    far = 0
+    for covered, bend in [(56, 1.2), (56, 1.3), (58, 1.1), (58, 1.2), (58, 1.3), (59, 1.1)]:
+        follower = follower_of(middle_of(0.0, 110.0))
+        for k in range(4):
+            assert follower.next(drawn(middle_of(0.05 * k, 110.0), np.full(65, HALF)), 0.1 * k) == ""
+        known = follower.work.numbers["tip_variance"][0] ** 0.5
+        for k in range(4, 8):
+            refusal = follower.next(np.full((240, 240, 3), 30, np.uint8), 0.1 * k)
+            assert refusal and not refusal.startswith("occluded"), "it is dark"
+        line = middle_of(bend, 110.0)
+        picture = drawn(line, np.full(65, HALF))
+        cv2.polylines(picture, [np.round(line[covered:]).astype(np.int32)], False, WALL, 28)
+        if follower.next(picture, 0.8) == "":
+            off = float(np.linalg.norm(follower.body.points[-1] - line[-1]))
+            assert follower.work.numbers["tip_variance"][0] ** 0.5 * follower.px_per_mm > max(0.3 * off, 5 * known)
+            far += off > 10.0
+    assert far >= 2
 
 
 @pytest.mark.parametrize(
