@@ -359,7 +359,7 @@ class BodyFollower:
         end = fit.end[np.isfinite(fit.end)]
         level = self.end_offsets is not None and len(end) > RAYS // 2 and bool(np.ptp(end) < END_LEVEL * self.pointed_half())
         self.unseen = self.end_offsets is not None and not level
-        # Found again, it may lie off by a disc: until all rays see its end again, it may as well be as long as when they last did.
+        # Found again, it may lie off by a disc: until most rays see its end alike, it may as well be as long as when they last did.
         self.lost = (self.lost or self.missed > 0) and not level
         self.known_length = self.known_length if self.good and not level else fit.body.length
         slipped = (fit.body.length - self.known_length) ** 2 if self.lost or self.unseen else 0.0
