@@ -19,10 +19,10 @@ from rfea_vision.calibration.board import Board
 from rfea_vision.calibration.calibrate import calibrate
 from rfea_vision.readers.video import open_video
 from rfea_vision.vision import track_frames
-from rfea_vision.vision.body.ways import thinned
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix
 from testing.scenes import Lens, Look, Shape, bending, board_pictures, film, picture, plane_picture, shape
 from testing.sources import memory_source, true_calibration
+from testing.thinning import thinned
 
 NOISE = 3.0
 POSTURES = (3.0, 45.0, 110.0)

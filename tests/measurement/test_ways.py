@@ -1,4 +1,4 @@
-"""Cheapest ways over a picture, beside a search that tries every step; and what a mask thins to."""
+"""Cheapest ways over a picture, beside a search that tries every step; the way through the middle of a body; what a mask thins to."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from rfea_vision.vision.body.ways import Ways, thinned
+from rfea_vision.vision.body.ways import Ways, middle_way
+from rfea_vision.vision.find.begin import beside
+from testing.thinning import thinned
 
 
 def _by_relaxing(cost, starts):
@@ -50,6 +52,17 @@ def _drawn(*points, wide=9):
     mask = np.zeros((120, 160), np.uint8)
     cv2.polylines(mask, [np.array(points, np.int32)], isClosed=False, color=1, thickness=wide)
     return mask > 0
+
+
+def test_the_way_through_a_body_goes_to_its_end_and_ends_at_its_outline():
+    """Another body beside it is not reached, and a corner of the end is not run into."""
+    line = np.array([[20.0, 20.0], [60.0, 90.0], [140.0, 100.0]])
+    mask = (_drawn(*line) | _drawn((100, 20), (150, 60))).astype(np.uint8)
+    way = middle_way(mask, (20, 20), 4.5)
+    assert way is not None
+    np.testing.assert_allclose(way[[0, -1]], [[20, 20], [144, 100]], atol=2.0)
+    assert max(beside(line, point) for point in way[:-1]) < 3.0
+    assert middle_way(mask, (5, 100), 4.5) is None
 
 
 def test_a_mask_thins_to_a_line_in_its_middle():

@@ -30,7 +30,7 @@ from rfea_vision.vision.body.model import (
 )
 from rfea_vision.vision.body.sampling import ALIKE, INDEPENDENT, NOISE_SLOPE, SEEN, WALL_SCATTER
 from rfea_vision.vision.body.wall import Wall, covered
-from rfea_vision.vision.body.ways import Ways
+from rfea_vision.vision.body.ways import middle_way
 
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
 FLOW_WINDOW = (17, 17)
@@ -49,7 +49,6 @@ EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement 
 UNIFORMLY = np.outer(EVENLY, EVENLY)
 COARSE = 2  # px: every second pixel tells where a body of 24 px has gone
 REACHED = 1.25  # times as long as it is: chosen, so much of a way is smoothed before it is cut to that
-DEEP = 0.9  # of the half width that the way has in the median: chosen, rounded and blunt ends are shallower
 HELD = 2.0  # half widths around the clamp within which what lies behind it is no more of the body
 
 
@@ -176,23 +175,15 @@ def reached(picture: Picture, wall: Wall, last: Sight, foot: FloatArray, half_px
     own = cv2.dilate(covered(picture.shape, body), near)
     another = _look_alike(last.lab[window], wall, window, body) & (own[window] == 0)
     alike = np.asarray(_look_alike(picture[window], wall, window, body) & ~behind & ~another, dtype=np.uint8)
-    depth = cv2.distanceTransform(cv2.medianBlur(alike, 3), cv2.DIST_L2, 3) * (COARSE / half_px)
-    column, row = np.round((foot[0] + 0.5 * half_px * foot[1] - (left, top)) / COARSE).astype(int)
-    if not (0 <= row < depth.shape[0] and 0 <= column < depth.shape[1]) or depth[row, column] == 0.0:
+    row, column = np.round((foot[0] + 0.5 * half_px * foot[1] - (left, top))[::-1] / COARSE).astype(int).tolist()
+    if not (0 <= row < alike.shape[0] and 0 <= column < alike.shape[1]):
         return None
-    ways = Ways(np.where(depth > 0.0, np.maximum(depth, 0.01) ** -2.0, np.inf), [(row, column)])
-    end = np.unravel_index(int(np.argmax(np.where(np.isfinite(ways.total), ways.total, -1.0))), depth.shape)
-    found = ways.to(end)
-    deep = depth[found[:, 0], found[:, 1]]
-    # It runs into a corner of the end from half a width before that on, and would go straight.
-    found = found[: int(np.flatnonzero(deep >= DEEP * np.median(deep))[-1]) + 1]
-    way = np.vstack([foot[:1], COARSE * found[:, ::-1].astype(np.float64) + (left, top)])
-    way = way[(lengths := along(way)) < reach]
-    if lengths[-1] < half_px:
+    way = middle_way(np.asarray(cv2.medianBlur(alike, 3), dtype=np.uint8), (row, column), half_px / COARSE)
+    if way is None:
         return None
-    ahead = way[-1] - way[int(np.searchsorted(lengths, lengths[len(way) - 1] - half_px))]
-    end_px = way[-1] + float(np.median(deep)) * half_px * ahead / np.linalg.norm(ahead)
-    line = smooth_line(np.vstack([way[:: max(len(way) // 60, 1)], end_px]))
+    way = np.vstack([foot[:1], COARSE * way + (left, top)])
+    way = way[along(way) < reach]
+    line = smooth_line(np.vstack([way[: -1 : max(len(way) // 60, 1)], way[-1:]]))
     return at(np.vstack([line, line[-1] + length * frame_of(line)[0][-1]]), SHARES * length)
 
 

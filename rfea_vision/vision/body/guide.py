@@ -18,7 +18,7 @@ from rfea_vision.errors import InputError
 from rfea_vision.readers.kinds.base import unseen
 from rfea_vision.readers.pictures import numbered_pictures, read_grey
 from rfea_vision.readers.tables import read_table
-from rfea_vision.vision.body.midline import Refusal, midline_from_mask
+from rfea_vision.vision.body.ways import middle_way
 
 Guide = Callable[[int], FloatArray | None]  # number of a frame to points (n, 2) px from clamp to tip
 
@@ -39,7 +39,7 @@ def guide_of(hints: Hints, clamp_px: FloatArray) -> Guide | None:
     if hints.keypoints is not None:
         rows = _rows(hints.keypoints, clamp)
         return lambda frame: _enough(rows.get(frame))
-    return None if hints.masks is None else _by_masks(hints.masks, clamp)
+    return None if hints.masks is None else _by_masks(hints.masks, clamp, 0.5 * float(np.linalg.norm(clamp_px[1] - clamp_px[0])))
 
 
 def _rows(path: Path, clamp: FloatArray) -> dict[int, FloatArray]:
@@ -91,7 +91,7 @@ def _enough(found: FloatArray | None) -> FloatArray | None:
     return seen if seen is not None and len(seen) >= LEAST_POINTS else None
 
 
-def _by_masks(folder: Path, clamp: FloatArray) -> Guide:
+def _by_masks(folder: Path, clamp: FloatArray, half_px: float) -> Guide:
     files = numbered_pictures(folder, PICTURES)
     if not files:
         raise InputError(f"{folder}: camera.masks holds no picture ({', '.join(PICTURES)}); give one mask per frame")
@@ -99,10 +99,11 @@ def _by_masks(folder: Path, clamp: FloatArray) -> Guide:
     def points(frame: int) -> FloatArray | None:
         picture = read_grey(files[frame]) if frame < len(files) else None
         # Programs write a body as 255, as 1, or in the colour of its number.
-        found = midline_from_mask(picture > picture.max() / 2) if picture is not None else Refusal("no mask")
-        if isinstance(found, Refusal):
+        inside = np.empty((0, 0), dtype=np.uint8) if picture is None else np.asarray(picture > picture.max() / 2, dtype=np.uint8)
+        places = np.argwhere(inside)
+        if len(places) == 0:
             return None
-        ends = np.linalg.norm(found.points[[0, -1]] - clamp, axis=1)
-        return found.points if ends[0] <= ends[1] else found.points[::-1].copy()
+        row, column = places[int(np.argmin(np.linalg.norm(places[:, ::-1] - clamp, axis=1)))].tolist()
+        return middle_way(inside, (row, column), half_px)
 
     return points
