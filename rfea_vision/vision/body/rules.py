@@ -38,9 +38,6 @@ STILL_OUT = 0.7  # or so much of what stood out: with less of both it may be any
 LONGEST_BESIDE = 0.1
 SURELY_BESIDE = 0.6  # of what is beside a station looks like the body
 WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone that was filmed swelled to 1.7
-# Of the first frame's half width, over a tenth of the length: a body that narrows to that has lost an edge to the middle of itself.
-# In 13 rendered films no place fell below 0.86; where the line had left a lattice arm, a third of it was at 0.3.
-NARROWED, LONGEST_NARROW = 0.6, 0.1
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 SHARPEST = 0.9  # curvature times half width
 # Of the half width, from one station to the next, near the clamp: as well as an edge is known (SYSTEMATIC in known). An arm whose base
@@ -200,13 +197,7 @@ def _edges(first: First, fit: Fit) -> str:
 
 def _width(first: First, fit: Fit) -> str:
     share = float(middle(fit.body.half / first.half))
-    if not WIDTHS[0] <= share <= WIDTHS[1]:
-        return f"{share:.2f} times as wide as in the first frame"
-    narrow = _longest(fit.body.half < NARROWED * first.half)
-    if len(narrow) <= LONGEST_NARROW * STATIONS:
-        return ""
-    share = float(np.median((fit.body.half / first.half)[narrow]))
-    return f"{share:.2f} times as wide as in the first frame, {_stretch(first, narrow)}"
+    return "" if WIDTHS[0] <= share <= WIDTHS[1] else f"{share:.2f} times as wide as in the first frame"
 
 
 def _length(first: First, fit: Fit) -> str:
