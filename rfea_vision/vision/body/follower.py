@@ -26,6 +26,7 @@ from rfea_vision.vision.body.begin import (
 from rfea_vision.vision.body.fit import (
     ALONG,
     NORMAL,
+    SYSTEMATIC,
     TO_NORMAL,
     TRUSTED,
     UNKNOWNS,
@@ -39,7 +40,7 @@ from rfea_vision.vision.body.fit import (
 from rfea_vision.vision.body.gone import CARRIED, FLOW_SCATTER, UNIFORMLY, as_long, flown, held_to_length, reached
 from rfea_vision.vision.body.guide import guide_of
 from rfea_vision.vision.body.held import HeldView
-from rfea_vision.vision.body.known import POINTED_PX, SYSTEMATIC, TURNED, as_state, fill_numbers
+from rfea_vision.vision.body.known import POINTED_PX, TURNED, as_state, fill_numbers
 from rfea_vision.vision.body.marks import Mark, along_line, find_marks, marks_in
 from rfea_vision.vision.body.model import (
     SHARES,

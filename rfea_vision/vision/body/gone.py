@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along, at
 from rfea_vision.vision.body.begin import PIECES, smooth_line
-from rfea_vision.vision.body.fit import ALONG, NORMAL, TO_ALONG
+from rfea_vision.vision.body.fit import ALONG, BENDING, NORMAL, TO_ALONG
 from rfea_vision.vision.body.model import (
     ACROSS_TEXTURE,
     ALONG_BASIS,
@@ -45,6 +45,7 @@ CARRIED = 0.25  # of what slopes along the body tell: in six real films flow car
 LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
 MOST_STRETCH = 0.3  # anywhere, chosen: what flow says beyond that is of another thing, or of a clamp that has moved
 WINDOW_SHARED = 8.0  # stations that lie in one window of a body of 65 stations, 1 to 4 px apart, and tell the same
+GRADUALLY = 3.0 * BENDING + 1e-3 * np.eye(len(BENDING))  # information on what flow says across the body, chosen
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(EVENLY, EVENLY)
 COARSE = 2  # px: every second pixel tells where a body of 24 px has gone
@@ -73,7 +74,7 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     if kept.sum() < STATIONS // 3:
         return body, 0.0
     across = np.sum(moved * normals[station], axis=1)
-    n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], across, kept, FLOW_PX)
+    n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], across, kept.astype(float), FLOW_PX**2, GRADUALLY)
     # Smooth rubber goes where its length lets it, dt/ds = curvature n; what is seen to stretch beyond that has texture along it.
     turns = np.diff(np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0])))
     t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
@@ -125,14 +126,8 @@ def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> F
 def _stretch(off: FloatArray, known: FloatArray, length: float) -> FloatArray:
     """Gains (S,) px along the body of which flow says `off` (S,), known to `known` 1/px^2: none where it is smooth."""
     prior = np.linalg.inv(UNIFORMLY * (FLOW_STRETCH * length) ** 2 + np.eye(len(UNIFORMLY)) * FLOW_SLIP**2)
-    alone, gains = known / WINDOW_SHARED, np.zeros(STATIONS)
-    weight = alone
-    for scale in (8.0, 4.0, 2.0, 1.0, 1.0):
-        matrix = prior + ALONG_BASIS.T @ (weight[:, None] * ALONG_BASIS)
-        gains = ALONG_BASIS @ np.linalg.solve(matrix, ALONG_BASIS.T @ (weight * off))
-        spread = scale**2 * (FLOW_PX**2 + 1.0 / np.maximum(known, 1e-9))
-        weight = alone / (1.0 + (off - gains) ** 2 / spread) ** 2
-    return gains
+    variance = FLOW_PX**2 + 1.0 / np.maximum(known, 1e-9)
+    return ALONG_BASIS @ robust_displacement(ALONG_BASIS, off, known / WINDOW_SHARED, variance, prior)
 
 
 def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.lines import along
-from rfea_vision.vision.body.fit import ALONG, NORMAL, WIDTH, Fit
+from rfea_vision.vision.body.fit import ALONG, NORMAL, SYSTEMATIC, WIDTH, Fit
 from rfea_vision.vision.body.gone import UNIFORMLY
 from rfea_vision.vision.body.model import ALONG_BASIS, NORMAL_BASIS, SHARES, WIDTH_BASIS, SeenBody, middle
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, turning, vertices_of
@@ -16,9 +16,6 @@ from rfea_vision.vision.edges import fitted
 
 LAGS = 0.25  # of the lengths that it has had: what is followed from frame to frame lags behind where the skin is smooth
 POINTED_PX = 1.0  # how well a person points at best, in px of the film
-# Of the half width: rims, glare and shadows move an edge alike in many frames. Over eleven clear scenes of testing/phone.py the
-# line was off by 0.04 to 0.27 of it, most where the body was found wider than it was pointed at, which counts besides.
-SYSTEMATIC = 0.1
 TURNED = 0.3  # of its length, 1 s.d., chosen: an end that cannot be told from the wall may turn, or lie elsewhere
 FLOOR = 0.02  # of the half width: noise of a line and of an end that are seen at their best
 

@@ -193,16 +193,15 @@ def lab_of(colour: tuple[int, int, int]) -> FloatArray:
     return np.asarray(cv2.cvtColor(pixel, cv2.COLOR_RGB2LAB)[0, 0], dtype=float)
 
 
-def robust_displacement(rows: FloatArray, values: FloatArray, kept: NDArray[np.bool_], scatter_px: float) -> FloatArray:
-    """Coefficients of a smooth displacement through `values` (n,), of which some may be anything; the others scatter by so much."""
-    count = rows.shape[1]
-    bend = np.diff(np.eye(count), n=2, axis=0)
-    penalty = 3.0 * bend.T @ bend + 1e-3 * np.eye(count)
-    weight = kept.astype(float)
-    solution = np.zeros(count)
+def robust_displacement(
+    rows: FloatArray, values: FloatArray, known: FloatArray, variance: FloatArray | float, prior: FloatArray
+) -> FloatArray:
+    """Coefficients of a displacement through `values` (n,), of which some may be anything; the others scatter by `variance`.
+
+    `known` (n,) is how much each counts, and `prior` the information on the coefficients before.
+    """
+    weight, solution = known, np.zeros(rows.shape[1])
     for scale in (8.0, 4.0, 2.0, 1.0, 1.0):
-        matrix = rows.T @ (weight[:, None] * rows) + penalty
-        solution = np.linalg.solve(matrix, rows.T @ (weight * values))
-        off = (values - rows @ solution) / (scale * scatter_px)
-        weight = kept / (1.0 + off**2) ** 2
+        solution = np.linalg.solve(prior + rows.T @ (weight[:, None] * rows), rows.T @ (weight * values))
+        weight = known / (1.0 + (values - rows @ solution) ** 2 / (scale**2 * variance)) ** 2
     return np.asarray(solution, dtype=float)
