@@ -10,6 +10,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import evenly
@@ -63,23 +64,9 @@ def value_at(coefficients, u):
 
 
 def basis_matrix(u: FloatArray, count: int, derivative: int = 0) -> FloatArray:
-    """Basis (or its 1st or 2nd derivative with respect to u) at each `u`, (len(u), count)."""
-    u = np.asarray(u, dtype=float)
-    spans = count - 3
-    x = u * spans
-    i = np.clip(np.floor(x).astype(int), 0, spans - 1)
-    t = x - i
-    r = 1.0 - t
-    if derivative == 0:
-        columns = [r**3 / 6, (3 * t**3 - 6 * t**2 + 4) / 6, (3 * r**3 - 6 * r**2 + 4) / 6, t**3 / 6]
-    elif derivative == 1:
-        columns = [-0.5 * r**2, 1.5 * t**2 - 2 * t, 2 * r - 1.5 * r**2, 0.5 * t**2]
-    else:
-        columns = [r, 3 * t - 2, 3 * r - 2, t]
-    matrix = np.zeros((len(u), count))
-    for k in range(4):
-        matrix[np.arange(len(u)), i + k] = columns[k] * float(spans) ** derivative
-    return matrix
+    """Basis (or a derivative of it with respect to u) at each `u`, (len(u), count)."""
+    knots = np.arange(-3, count + 1) / (count - 3)
+    return np.asarray(BSpline(knots, np.eye(count), 3)(np.asarray(u, dtype=float), derivative), dtype=float)
 
 
 def tangents(coefficients: FloatArray, u: FloatArray) -> FloatArray:
