@@ -19,36 +19,35 @@ from rfea_vision.vision.find.begin import digits_of
 
 MIDDLES = slice(STATIONS // PIECES // 2, None, STATIONS // PIECES)  # of five pieces along the body
 INNER = np.abs(ACROSS_TEXTURE) < 0.7  # half widths: what lies farther out is read with an edge
-# Limits of the table at the end, set on the even scenes of testing/phone.py,
-# that of the last body width on scene 7.
-# Most of the inside looks like the body in the first frame (chosen: between an arm's discs wall was seen in a third of it),
-FIRST_BACKING = 0.5
-LEAST_BACKING = 0.65  # so much of that must look like it later,
+# Limits of the table at the end, set on the even scenes of testing/phone.py, that of the last body width on scene 7.
+# Most of the inside looks like the body in the first frame (chosen: between an arm's discs wall was seen in a third of it); most of the
+# last body width, and of the last fifth, does, or has its edges; and most of what lies beyond the end does not.
+MOST = 0.5
+# Of what the first frame shows so much is still seen: of the inside; and of the edges, on one side at least, or of what stands out.
+STILL = 0.65
+# Of the length: what holds for less than that in one piece may be chance, and so much of the line may lie where the hints forbid it.
+# Where no edge is seen and what is beside it looks like the body, the body is wider than the line's. In one piece that was 0.09 of
+# the length at most on 14 arms that were followed well, rendered and real, and 0.12 to 0.22 where an arm that swelled was lost.
+PIECE = 0.1
+SURELY_BESIDE = 0.6  # of what is beside a station looks like the body
 # In the first frame so much of the body must stand out from what is around it. Of ten hard scenes of testing/phone.py the
 # arms had 0.24 and more, and what was pointed at beside them (1.6 to 5 half widths) 0.15 at most.
 LEAST_STANDING_OUT = 0.2
 # Times as long as wide. Chosen between 1.2 and 1.8: of filmed bodies of 1.0, 1.0 and 1.2 none was followed well, one of 1.8 was.
 LEAST_SLENDER = 1.5
-# Of both its edges so much must be seen there (arms 0.31 and more; beside them the worse edge 0.22 at most),
+# Of both its edges so much must be seen there (arms 0.31 and more; beside them the worse edge 0.22 at most).
 FIRST_SEEN = 0.25
-STILL_SEEN = 0.6  # and later so much of that, on one side at least,
-STILL_OUT = 0.7  # or so much of what stood out: with less of both it may be anything
-# Where no edge is seen and what is beside it looks like the body, the body is wider than the line's. In one piece that was 0.09 of
-# the length at most on 14 arms that were followed well, rendered and real, and 0.12 to 0.22 where an arm that swelled was lost.
-LONGEST_BESIDE = 0.1
-SURELY_BESIDE = 0.6  # of what is beside a station looks like the body
 WIDTHS = (0.75, 2.0)  # median half width, of the first frame's: thin silicone that was filmed swelled to 1.7
 LENGTHS = (0.75, 1.5)  # of the first frame's: rubber is not drawn out farther by its own pressure
 SHARPEST = 0.9  # curvature times half width
 # Of the half width, from one station to the next, near the clamp: as well as an edge is known (SYSTEMATIC in known). An arm whose base
 # turns in what holds it, or that swells to one side there, ran back by 0.01 to 0.07 in 400 frames with its line in it otherwise.
 RUNS_BACK = 0.25
-END_UNLIKE = 0.5  # of the last body width must look like the body, or have its edges: else the line runs on beyond its end
 # The line ends short where rays find the end so many half widths beyond it, and so much of what lies between looks like the body:
 # 0.43 to 0.71 and 0.57 to 0.86 where an arm that swelled went on by up to 10 mm. Either alone is seen in films that are followed
 # well: rays find a ruled line, and lines look like rubber; both together were not. Where rays find no end, so much of all up to one and
 # a half half widths beyond it: so in 9 of 15 wrong frames of two films, in none of 1700 of 18 films that were followed well.
-END_OFF, GOES_ON = 0.3, 0.5
+END_OFF = 0.3
 # Between discs or coils there is wall, at which rays find an end: where up to four half widths beyond it look so much like the body as
 # the body does itself, and did not in the first frame, it goes on. That was 0.60 at most in 3700 frames of 25 films that are followed
 # well, and 0.9 and more where the line ended a fifth before the end of an arm of discs.
@@ -56,7 +55,6 @@ FARTHER_ON = 0.7
 # Of neither colour, in variances of the body's over three channels: where evidence has stopped to count it (7 standard deviations).
 # Of all of a body, chosen: a hand leaves more.
 STRANGE, MOST_HIDDEN = 50.0, 0.95
-ELSEWHERE = 0.1  # of the line may lie where region and exclude say that the body never is
 
 
 @dataclass
@@ -102,7 +100,7 @@ def elsewhere(first: First, points: FloatArray) -> float:
 def _elsewhere(first: First, fit: Fit) -> str:
     share = elsewhere(first, fit.body.points)
     return (
-        "" if share <= ELSEWHERE else f"{100 * share:.0f} % of it lies where camera.region or camera.exclude forbid it"
+        "" if share <= PIECE else f"{100 * share:.0f} % of it lies where camera.region or camera.exclude forbid it"
     )
 
 
@@ -114,7 +112,7 @@ def _beyond(first: First, fit: Fit) -> str:
     there = np.maximum(fit.backing, fit.seen.all(axis=1))[: fit.body.last + 1]
     for count, part in ((width, "body width"), (STATIONS // PIECES, "fifth")):
         share = float(np.mean(there[-count:]))
-        if share < END_UNLIKE:
+        if share < MOST:
             return f"{100 * share:.0f} % of the last {part} looks like the tube, or has its edges"
     return ""
 
@@ -135,7 +133,7 @@ def _wall(first: First, fit: Fit) -> str:
 
 
 def _unlike(first: First, fit: Fit) -> str:
-    share, least = float(np.mean(fit.backing)), FIRST_BACKING if first.seen is None else LEAST_BACKING * first.backing
+    share, least = float(np.mean(fit.backing)), MOST if first.seen is None else STILL * first.backing
     return "" if share >= least else f"{100 * share:.0f} % of what is there looks like the tube"
 
 
@@ -146,17 +144,17 @@ def _goes_on(first: First, fit: Fit) -> str:
     # A leaf, a bracket or a tendon that was beside it when it was pointed at is no more of it later.
     more = ~fit.seen & (fit.beside > SURELY_BESIDE) & np.logical_not(first.beside)
     more = max((_longest(more[:, side]) for side in (0, 1)), key=len)
-    return "" if len(more) <= LONGEST_BESIDE * STATIONS else f"the tube goes on beside the line, {_stretch(first, more)}"
+    return "" if len(more) <= PIECE * STATIONS else f"the tube goes on beside the line, {_stretch(first, more)}"
 
 
 def _short(first: First, fit: Fit) -> str:
     """The body does not go on beyond the line, up to where the rays find its end, or farther where they find none."""
     seen = fit.end[np.isfinite(fit.end)].tolist()
-    if 2 * len(seen) < len(fit.end) and first.beyond <= GOES_ON < nearly_on(fit):
+    if 2 * len(seen) < len(fit.end) and first.beyond <= MOST < nearly_on(fit):
         return "the tube goes on beyond the line's end, and where it ends is not seen"
     if first.farther <= FARTHER_ON < farther_on(fit):
         return "the tube goes on beyond the line's end, by two of its widths and more"
-    if median(seen or [0.0]) <= END_OFF * float(middle(fit.body.half)) or fit.beyond[0] <= GOES_ON:
+    if median(seen or [0.0]) <= END_OFF * float(middle(fit.body.half)) or fit.beyond[0] <= MOST:
         return ""
     off = median(seen)
     return f"the tube goes on beyond the line's end, by {off / first.px_per_mm:.{digits_of(first.length_mm) + 1}f} mm or more"
@@ -190,7 +188,7 @@ def _edges(first: First, fit: Fit) -> str:
     if first.seen is None:
         return "" if min(left, right) >= FIRST_SEEN else f"{seen} where it was pointed at"
     share = float(np.mean(fit.standing_out))
-    if max(left, right) >= STILL_SEEN * first.seen or share >= STILL_OUT * float(np.mean(first.standing_out)):
+    if max(left, right) >= STILL * first.seen or share >= STILL * float(np.mean(first.standing_out)):
         return ""
     return f"{seen}, and {100 * share:.0f} % of the body stands out from what is around it"
 
@@ -262,7 +260,7 @@ def in_front(first: First, picture: Picture, wall: Wall, body: SeenBody) -> str:
     apart += [np.sum((strip - mean) ** 2 / spread, axis=2) for mean, spread in body.inside[MIDDLES]]  # it may have slipped
     strange = np.mean(np.min(apart, axis=0) > STRANGE, axis=1) > 0.5
     run = _longest(strange)
-    if len(run) <= LONGEST_BESIDE * STATIONS or np.mean(strange) > MOST_HIDDEN:
+    if len(run) <= PIECE * STATIONS or np.mean(strange) > MOST_HIDDEN:
         return ""
     return f"occluded: something of another colour is in front of it, {_stretch(first, run)}"
 
