@@ -103,7 +103,7 @@ def test_a_body_under_a_microscope_has_ends_too(length_mm):
 
 
 def test_the_share_of_a_line_that_lies_where_the_arm_never_is():
-    first = First(100.0, np.ones(65), 1.0, np.ones(1), (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool), np.zeros(2))
+    first = First(100.0, np.ones(65), (120, 120), 50.0, 2.0, np.ones((120, 120), dtype=bool), np.zeros(2))
     assert first.allowed is not None
     line = np.column_stack([np.full(50, 60.0), np.linspace(10.0, 110.0, 50)])
     first.allowed[:, 40:80] = False
@@ -142,6 +142,12 @@ def test_a_thin_body_is_found_beside_the_clicks_and_a_short_one_is_not_folded():
     assert np.abs(np.cumsum(turns)).max() < 1.0
 
 
+def as_first(body, share=1.0):
+    """What was seen of a body in the first frame: all of it, or a share of its inside."""
+    everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
+    return Fit(body, 1e-3 * np.eye(25), np.eye(6), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
+
+
 def test_a_line_beside_which_the_tube_goes_on_is_refused():
     """An arm that has swelled to three widths: a line along one of its edges has that edge, and is not its middle."""
     narrow = np.full((200, 160, 3), (60, 128, 128), np.uint8)
@@ -151,7 +157,8 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     wide[80:150, 68:130] = (200, 120, 140)
     line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
     body, wall = first_body(narrow, line, 12.0), Wall(narrow.shape)
-    first = First(180.0, body.half, 1.0, np.ones(5), narrow.shape[:2], 100.0, 1.8, None, np.array([0.0, 1.0]))
+    first = First(180.0, body.half, narrow.shape[:2], 100.0, 1.8, None, np.array([0.0, 1.0]), as_first(body))
+    first.fit.beyond[:] = 1.0
 
     def said(picture, seen, end=0.0, like=1.0):
         rays = np.array([np.nan, np.nan, end, end, end, end, np.nan])
@@ -165,9 +172,9 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     lost[np.abs(line[:, 1] - 115) < 35] = False
     assert said(narrow, lost) == "", "nothing is beside it"
     assert re.match(r"no_fit: the tube goes on beside the line, 39 to 77 mm", said(wide, lost))
-    first.beside = np.ones((STATIONS, 2), bool)
+    first.fit.beside[:] = 1.0
     assert said(wide, lost) == "", "what was beside it from the first frame on is another thing"
-    first.beside = False
+    first.fit.beside[:] = 0.0
     assert said(narrow, everywhere, like=0.3) == "", "its end has its edges"
     beside_it = np.where(SHARES[:, None] > 0.83, [True, False], True)
     assert said(narrow, beside_it, like=0.3) == "tip_hidden: 30 % of the last body width looks like the tube, or has its edges"
@@ -181,7 +188,7 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
     assert said(narrow, everywhere, 6.0) == "no_fit: the tube goes on beyond the line's end, by 3.3 mm or more"
     body.points[:, 1] *= 0.9
     assert said(narrow, everywhere, np.nan) == "", "it did so from the first frame on"
-    first.beyond = 0.4
+    first.fit.beyond[:] = 0.4
     assert said(narrow, everywhere, np.nan) == "no_fit: the tube goes on beyond the line's end, and where it ends is not seen"
     body.points[:, 1] *= 1.17
     assert said(narrow, everywhere, np.nan) == "", "it may end within half its width"
@@ -202,8 +209,9 @@ def test_a_line_beside_which_the_tube_goes_on_is_refused():
 def test_between_the_discs_of_an_arm_there_is_wall_from_the_first_frame_on(first_share, share, says):
     line = np.column_stack([np.full(STATIONS, 80.0), 10 + 180 * SHARES])
     body = first_body(np.zeros((200, 160, 3), np.uint8), line, 12.0)
-    seen = None if first_share is None else 1.0
-    first = First(180.0, body.half, seen, np.ones(5), (200, 160), 100.0, 1.8, None, np.array([0.0, 1.0]), backing=first_share or 1.0)
+    first = First(180.0, body.half, (200, 160), 100.0, 1.8, None, np.array([0.0, 1.0]))
+    if first_share is not None:
+        first.fit = as_first(body, first_share)
     everywhere, rays = np.ones((STATIONS, 2), bool), np.full(7, np.nan)
     fit = Fit(body, 1e-3 * np.eye(25), np.eye(6), everywhere, np.full(STATIONS, share), rays, (), standing_out=np.ones(5))
     assert refused(first, fit) == (says and f"no_tube: {says} of what is there looks like the tube")
@@ -216,7 +224,7 @@ def test_an_arm_that_rolls_up_lies_beside_itself_and_is_no_wider():
     cv2.polylines(rolled, [np.round(line * 16).astype(np.int32)], False, (200, 120, 140), 24, cv2.LINE_AA, 4)
     body, wall, out = first_body(rolled, line, 12.0), Wall(rolled.shape), np.array([1.0, 1.0, 1.0, 1.0, 0.1])
     body.outside[:, :, 0] = (60, 128, 128)
-    first = First(body.length, body.half, 1.0, np.ones(5), (220, 220), 100.0, 3.0, None, np.array([1.0, 0.0]))
+    first = First(body.length, body.half, (220, 220), 100.0, 3.0, None, np.array([1.0, 0.0]), as_first(body))
 
     def said(beside, beyond):
         seen = np.nan_to_num(beside, nan=1.0) < 0.5

@@ -126,8 +126,7 @@ class BodyFollower:
         self.marks: list[Mark] = []
         self.material: dict[float, tuple[float, float]] = {}  # mm along the line, and standard error, by a mark's share
         self.colour = None if scene.hints.colour is None else lab_of(scene.hints.colour)
-        size, unknown = (scene.length_mm, self.px_per_mm), np.zeros(2)
-        self.first = First(1.0, np.ones(STATIONS), None, np.zeros(1), (0, 0), *size, None, unknown)
+        self.first = First(1.0, np.ones(STATIONS), (0, 0), scene.length_mm, self.px_per_mm, None, np.zeros(2))
 
     def next(self, picture: NDArray[np.uint8], time_s: float) -> str:
         """Fit one frame (h, w, 3) BGR; returns an empty string, or the reason why it is refused."""
@@ -265,7 +264,6 @@ class BodyFollower:
         self.foot[:] = self.body.points[0], leaving(self.clamp, self.body.points[:SQUARE])
         self.first.leaves, self.first_body, self.stayed = self.foot[1], self.body.copy(), np.zeros(STATIONS, dtype=int)
         self.first.length, self.first.half = self.body.length, self.body.half.copy()
-        self.first.standing_out = standing_out(lab, self.body, half)
         missed = np.array([clicked, *missed_by(self.line, self.body, half, believed=bool(believed))])
         self.pointed_px = max(clicked, float(np.sqrt(np.mean(missed**2)))) / self.scale
         pointed = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
@@ -370,7 +368,7 @@ class BodyFollower:
             self.moved_px = float(np.abs(fit.body.points - self.body.points).max())
         self.body, self.covariance = fit.body, fit.covariance
         if self.good == 0:
-            self.first.take(fit)
+            self.first.fit = fit
         self.good, self.missed = self.good + 1, 0
         if self.end_offsets is None:
             self.stayed += left_behind(lab, self.wall.window, self.first_body, self.skin[0], self.body)

@@ -59,33 +59,20 @@ STRANGE, MOST_HIDDEN = 50.0, 0.95
 
 @dataclass
 class First:
-    """The first frame, to which all others are compared: length and half width (S,) px, shares of edges seen and of its inside.
+    """The first frame, to which all others are compared: length and half width (S,) px, and its `fit`, None until it is accepted.
 
-    `seen` is None while the first frame itself is judged, and `backing` 1; `standing_out` is the share of it that differs from what is
-    around it, piece by piece of its length; `shape` is that of the picture, `length_mm` the tube's; `allowed` (h, w)
-    says where the hints let it be (None: everywhere); `leaves` (2,) is the direction in which it leaves its clamp; `beside`
-    (S, 2) is where something beside it looks like it; `beyond` is the least share of what lies just beyond its end that does, and
-    `farther` the share up to four half widths beyond it, over that of its inside.
+    `shape` is that of the picture, `length_mm` the tube's; `allowed` (h, w) says where the hints let it be (None: everywhere); `leaves`
+    (2,) is the direction in which it leaves its clamp.
     """
 
     length: float
     half: FloatArray
-    seen: float | None
-    standing_out: FloatArray
     shape: tuple[int, int]
     length_mm: float
     px_per_mm: float
     allowed: NDArray[np.bool_] | None
     leaves: FloatArray
-    beside: NDArray[np.bool_] | bool = False
-    backing: float = 1.0
-    beyond: float = 1.0
-    farther: float = 1.0
-
-    def take(self, fit: Fit) -> None:
-        """What was seen where the first frame was accepted."""
-        self.seen, self.backing = float(np.max(np.mean(fit.seen, axis=0))), float(np.mean(fit.backing))
-        self.beside, self.beyond, self.farther = fit.beside > SURELY_BESIDE, nearly_on(fit), farther_on(fit)
+    fit: Fit | None = None
 
 
 def elsewhere(first: First, points: FloatArray) -> float:
@@ -120,29 +107,27 @@ def _beyond(first: First, fit: Fit) -> str:
 def _squat(first: First, fit: Fit) -> str:
     """Of a body about as long as wide the edges do not say which way its line goes."""
     slender = fit.body.length / (2.0 * float(middle(fit.body.half)))
-    return "" if first.seen is not None or slender >= LEAST_SLENDER else f"it is {slender:.1f} times as long as wide"
+    return "" if first.fit is not None or slender >= LEAST_SLENDER else f"it is {slender:.1f} times as long as wide"
 
 
 def _wall(first: First, fit: Fit) -> str:
-    share = float(np.mean(first.standing_out))
-    return (
-        ""
-        if share >= LEAST_STANDING_OUT
-        else f"{100 * share:.0f} % of what was pointed at stands out from what is around it"
-    )
+    share = float(np.mean(fit.standing_out))
+    if first.fit is not None or share >= LEAST_STANDING_OUT:
+        return ""
+    return f"{100 * share:.0f} % of what was pointed at stands out from what is around it"
 
 
 def _unlike(first: First, fit: Fit) -> str:
-    share, least = float(np.mean(fit.backing)), MOST if first.seen is None else STILL * first.backing
+    share, least = float(np.mean(fit.backing)), MOST if first.fit is None else STILL * float(np.mean(first.fit.backing))
     return "" if share >= least else f"{100 * share:.0f} % of what is there looks like the tube"
 
 
 def _goes_on(first: First, fit: Fit) -> str:
     """A long stretch beside which there is more of the body: the line has left its middle."""
-    if first.seen is None:
+    if first.fit is None:
         return ""
     # A leaf, a bracket or a tendon that was beside it when it was pointed at is no more of it later.
-    more = ~fit.seen & (fit.beside > SURELY_BESIDE) & np.logical_not(first.beside)
+    more = ~fit.seen & (fit.beside > SURELY_BESIDE) & ~(first.fit.beside > SURELY_BESIDE)
     more = max((_longest(more[:, side]) for side in (0, 1)), key=len)
     return "" if len(more) <= PIECE * STATIONS else f"the tube goes on beside the line, {_stretch(first, more)}"
 
@@ -150,9 +135,9 @@ def _goes_on(first: First, fit: Fit) -> str:
 def _short(first: First, fit: Fit) -> str:
     """The body does not go on beyond the line, up to where the rays find its end, or farther where they find none."""
     seen = fit.end[np.isfinite(fit.end)].tolist()
-    if 2 * len(seen) < len(fit.end) and first.beyond <= MOST < nearly_on(fit):
+    if first.fit is not None and 2 * len(seen) < len(fit.end) and _nearly_on(first.fit) <= MOST < _nearly_on(fit):
         return "the tube goes on beyond the line's end, and where it ends is not seen"
-    if first.farther <= FARTHER_ON < farther_on(fit):
+    if first.fit is not None and _farther_on(first.fit) <= FARTHER_ON < _farther_on(fit):
         return "the tube goes on beyond the line's end, by two of its widths and more"
     if median(seen or [0.0]) <= END_OFF * float(middle(fit.body.half)) or fit.beyond[0] <= MOST:
         return ""
@@ -160,12 +145,12 @@ def _short(first: First, fit: Fit) -> str:
     return f"the tube goes on beyond the line's end, by {off / first.px_per_mm:.{digits_of(first.length_mm) + 1}f} mm or more"
 
 
-def nearly_on(fit: Fit) -> float:
+def _nearly_on(fit: Fit) -> float:
     """Least share of what lies up to one and a half half widths beyond the end that surely looks like the body."""
     return float(fit.beyond[:3].min())
 
 
-def farther_on(fit: Fit) -> float:
+def _farther_on(fit: Fit) -> float:
     """Share of what lies up to four half widths beyond the end that surely looks like the body, over that of the body itself."""
     return float(np.mean(fit.beyond)) / max(float(np.mean(fit.backing)), 1e-9)
 
@@ -185,10 +170,10 @@ def _stretch(first: First, stations: NDArray[np.int64]) -> str:
 def _edges(first: First, fit: Fit) -> str:
     left, right = (float(np.mean(fit.seen[:, side])) for side in (0, 1))
     seen = f"{100 * left:.0f} % of the left edge and {100 * right:.0f} % of the right one are seen"
-    if first.seen is None:
+    if first.fit is None:
         return "" if min(left, right) >= FIRST_SEEN else f"{seen} where it was pointed at"
-    share = float(np.mean(fit.standing_out))
-    if max(left, right) >= STILL * first.seen or share >= STILL * float(np.mean(first.standing_out)):
+    share, before = float(np.mean(fit.standing_out)), first.fit
+    if max(left, right) >= STILL * np.mean(before.seen, axis=0).max() or share >= STILL * np.mean(before.standing_out):
         return ""
     return f"{seen}, and {100 * share:.0f} % of the body stands out from what is around it"
 
