@@ -40,8 +40,7 @@ HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light chan
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
 DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
 ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
-STEADY = 0.05  # what one px more or less off the line, from station to station, weighs against all of the contrast
-ROUTE_FLOOR = 0.02  # cost of a pixel that is surely the body, over that of one that surely is not
+ROUTE_FLOOR = 0.02  # cost of a way where surely the body is, over that where it surely is not
 ACROSS_SMOOTH = NORMAL_BASIS @ np.linalg.pinv(NORMAL_BASIS)
 
 
@@ -90,7 +89,7 @@ def hinted_lines(
 def on_ridge(picture: Picture, line: FloatArray, half_px: float) -> FloatArray:
     """A line of stations (S, 2) px moved across itself to where most stands out on both sides: people click beside a thin body.
 
-    Of all ways along the line within 12 px of it, one that changes gradually and is clearest in sum.
+    Of all ways along the line within 12 px of it the one that is cheapest where what is clear costs little.
     """
     steps = np.arange(-HALF_PX, HALF_PX + 0.5)  # off the line,
     section = np.arange(-HALF_PX - 2.2 * half_px, HALF_PX + 2.2 * half_px + 0.5, 0.5)  # and of what is read around it
@@ -106,15 +105,9 @@ def on_ridge(picture: Picture, line: FloatArray, half_px: float) -> FloatArray:
         one, other = (inside - left) / NOISE, (inside - right) / NOISE
         clear[:, k] = np.max(np.where(one * other > 0, np.minimum(np.abs(one), np.abs(other)), 0.0), axis=1)
     clear = np.minimum(clear / max(float(np.median(clear.max(axis=1))), 1e-6), 1.0)
-    best, came = clear[0].copy(), np.zeros(clear.shape, dtype=int)
-    for s in range(1, STATIONS):
-        before = best[None] - STEADY * (steps[:, None] - steps[None]) ** 2
-        came[s] = np.argmax(before, axis=1)
-        best = before.max(axis=1) + clear[s]
-    way = [int(np.argmax(best))]
-    for s in range(STATIONS - 1, 0, -1):
-        way.append(int(came[s][way[-1]]))
-    off = ACROSS_SMOOTH @ steps[way[::-1]]
+    ways = Ways(1.0 / (clear + ROUTE_FLOOR), [(0, k) for k in range(len(steps))])
+    stations, taken = ways.to((STATIONS - 1, int(np.argmin(ways.total[-1])))).T
+    off = ACROSS_SMOOTH @ np.interp(np.arange(STATIONS), stations, steps[taken])
     return line + off[:, None] * normals
 
 
