@@ -65,8 +65,9 @@ class HeldView:
             self._first = [_sampled(level, self._put(np.zeros(3))) for level in blurred]
             return
         self._covariance += np.diag(np.array([GOES * self._half, GOES * self._half, TURNS]) ** 2)
-        found = [self._aligned(blurred, start) for start in (self._pose + self._step, self._pose)]
-        pose, alike, covariance = max(found, key=lambda way: way[1])
+        pose, alike, covariance = self._aligned(blurred, self._pose + self._step)
+        if alike <= ALIKE:  # it has not gone on as it went
+            pose, alike, covariance = self._aligned(blurred, self._pose)
         self.seen = alike > ALIKE
         if self.seen:
             self._step, self._pose, self._covariance = pose - self._pose, pose, covariance
