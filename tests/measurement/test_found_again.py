@@ -22,7 +22,7 @@ def scene_of(half_px, size=SIZE):
 
 
 def test_what_was_covered_while_it_bent_on_is_found_where_it_has_gone():
-    """For 13 frames a sleeve covers near half of an arm whose end goes 8 px per frame: its way is followed, and no frame accepted."""
+    """For 13 frames a sleeve covers near half of an arm whose end goes 8 px per frame: no frame is accepted, and it is found."""
     follower = BodyFollower(scene_of(10.0), 1.0)
     share = np.linspace(0, 1, 80)
     wall = cv2.GaussianBlur(np.random.default_rng(3).normal(0, 14, (240, 260, 3)), (0, 0), 2.0)

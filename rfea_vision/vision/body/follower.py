@@ -117,7 +117,6 @@ class BodyFollower:
         self.good, self.missed = 0, 0
         self.lengths = np.inf, 0.0  # px: the shortest and the longest that it was where its end was seen
         self.refusal = ""
-        self.doubted: Sight | None = None  # the body in the last frame, where that was no measurement
         self.frame = -1
         self.moved_px = 0.0  # by the last frame, where it moved most
         self.lost, self.unseen, self.known_length = False, False, 0.0  # since rays saw its end; px, how long it was then
@@ -147,10 +146,7 @@ class BodyFollower:
             self._begin(lab)
             fits = [self._fit(lab, self.body, self._spread(), 0.8)]
         else:
-            fits = [self._fit(lab, *self._predicted(lab, self.last), 0.8 if self.missed == 0 else 1.5)]
-            if self.doubted is not None:
-                # A frame that is no measurement may still show the way from the last one that was.
-                fits.append(self._fit(lab, *self._predicted(lab, self.doubted), 0.8, covariance=self.doubted.covariance))
+            fits = [self._fit(lab, *self._predicted(lab), 0.8 if self.missed == 0 else 1.5)]
             if guided is not None:
                 fits.append(self._fit(lab, replace(self.body, points=guided), self._spread(), 0.8))
         fit = max((self._judged(lab, fit) for fit in fits), key=lambda found: (not found.reason, found.likeness))
@@ -170,8 +166,6 @@ class BodyFollower:
         if not reason:
             self._accept(lab, fit)
             self.seen = picture
-        elif self.good:
-            self.doubted = Sight(fit.body, fit.covariance, lab, skin_of(self.wall.cleared(lab), fit.body))
         return reason
 
     @property
@@ -329,8 +323,9 @@ class BodyFollower:
             evidence = replace(evidence, skin=self.skin, end_offsets=self.end_offsets, marks=marks)
         return fit_body(evidence, predicted, (self.covariance if covariance is None else covariance) + spread, max(reach * half, 5.0))
 
-    def _predicted(self, lab: Picture, last: Sight) -> tuple[SeenBody, FloatArray]:
-        """The body of an earlier frame, moved as its skin has moved since, and the covariance of this movement."""
+    def _predicted(self, lab: Picture) -> tuple[SeenBody, FloatArray]:
+        """The body of the last frame that was measured, moved as its skin has moved since, and the covariance of this movement."""
+        last = self.last
         skin, spread = (last.skin, np.full_like(last.skin, FLOW_SCATTER**2), self.skin[2]), self._spread()
         near, carried = flown(last, lab, self.wall, self.foot[0])
         if self.end_offsets is None and carried < CARRIED:  # nothing else measures how long it is
@@ -379,7 +374,7 @@ class BodyFollower:
             self._learn_end(lab)
         cleared = self.wall.cleared(lab)
         follow_colours(cleared, lab, self.body, fit.backing)
-        self.last, self.doubted = Sight(self.body, self.covariance, lab, skin_of(cleared, self.body)), None
+        self.last = Sight(self.body, lab, skin_of(cleared, self.body))
         skin, variance, _ = self.skin
         off = self.last.skin - skin
         off -= off.mean(axis=1, keepdims=True)

@@ -86,10 +86,9 @@ class SeenBody:
 
 @dataclass
 class Sight:
-    """The body in a picture: where it was, how well (25, 25) that is known, and its skin there (S, V, 3)."""
+    """The body in a picture: where it was, and its skin there (S, V, 3)."""
 
     body: SeenBody
-    covariance: FloatArray
     lab: Picture
     skin: FloatArray
 
