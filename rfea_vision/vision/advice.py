@@ -40,7 +40,9 @@ AS_GOOD = 0.8  # of what the best brings: chosen, one that ends farther out sway
 # By half widths that what holds the tube moves, by radians that it turns (chosen: tape and rubber give way by less at a clamp that
 # rests), and by so many standard errors, before that is said.
 BASE_MOVED, BASE_TURNED, SURELY = 0.5, 0.25, 3.0
-READ, BEGUN = 0.95, 12  # share of a film that is read as one; frames, half a second of most films: fewer may be luck
+# Share of a film that is read as one: where edges read less, the body is followed, too; frames, half a second of most films: fewer may
+# be luck.
+READ, BEGUN = 0.95, 12
 _UPSIDE_DOWN = (
     ", by which the tube leads upwards: if it hangs, the film is upside down (turn it and the photos of the board by half a turn), if "
     "it stands, write rig: {gravity: up}"

@@ -18,7 +18,15 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.lines import rig_axes
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.advice import around_loss, base_moved, end_like_wall, moves_elsewhere, next_hint, scale_doubt
+from rfea_vision.vision.advice import (
+    READ,
+    around_loss,
+    base_moved,
+    end_like_wall,
+    moves_elsewhere,
+    next_hint,
+    scale_doubt,
+)
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.derive.rows import Rows
@@ -31,7 +39,6 @@ Progress = Callable[[int, int], None] | None
 
 LEAST_SHARE = 0.5  # of the frames: a film of which less was measured tells more of what disturbs than of the tube
 WRONG_SIDE_DEG = 5.0  # chosen: more than a hanging tube at rest is turned by in a camera put up by eye
-EDGES_ENOUGH = 0.95  # of the frames read by the edges: below it the body is followed, too, where it was pointed at
 # Below this share the edges that are found may be another thing's: of the films of testing/phone.py one that was read
 # to 81 % held, and those read to 72 and 64 % were off by a tenth of the range.
 EDGES_ALONE = 0.8
@@ -108,7 +115,7 @@ def track_frames(
     said = [CARRIED_ABOUT] if isinstance(follower, BodyFollower) and follower.held else []
     if told := end_like_wall(follower):
         said.append(told)
-    elif rows.share < EDGES_ENOUGH and not said:
+    elif rows.share < READ and not said:
         said.append(next_hint(source, scene, rows.reasons, scale_off=scale_doubt(data.attrs["length_check"])))
     if said:
         data.attrs["advice"] = "; ".join(said)
@@ -120,9 +127,9 @@ def _followed(
 ) -> tuple[Follower | BodyFollower, Rows]:
     """Follow the edges, and the whole body, too, where these read too little: that of the two which is to be kept."""
     follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
-    if scene.is_pointed_at and rows.share < EDGES_ENOUGH:
+    if scene.is_pointed_at and rows.share < READ:
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
-        if seen.share < EDGES_ENOUGH and base_moved(source, scene, around_loss(seen.reasons)):
+        if seen.share < READ and base_moved(source, scene, around_loss(seen.reasons)):
             held = follow_body(source, scene, lamp, Rows(nodes, segments), progress, held=True)
             body, seen = max((body, seen), held, key=lambda way: way[1].good)
         # Where the body reads nothing, nothing is where it was pointed at.

@@ -14,6 +14,7 @@ from rfea_vision.lines import along, evenly
 from rfea_vision.scatter import NORMAL as QUARTILE
 from rfea_vision.scatter import scatter
 from rfea_vision.vision.body.model import (
+    CLEAR,
     NORMAL_BASIS,
     STATIONS,
     Picture,
@@ -33,7 +34,6 @@ FIRST_COEFFICIENTS = 7
 SECTION = np.linspace(-2.2, 2.2, 45)  # half widths across the body,
 BESIDE = 1.35  # of which what lies beyond this is around it
 PIECES = 5  # of the length, whose cross-sections are read apart
-CLEAR = 3.0  # standard deviations between two colours that are never confused
 NOISE = (2.0, 1.0, 1.0)  # of L, a and b: of a median along a piece, in a compressed picture
 ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
 HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import along
 from rfea_vision.vision.body.model import MARKED, SHARES, STATIONS, Picture, SeenBody, frame_of, middle
-from rfea_vision.vision.body.sampling import SEEN
+from rfea_vision.vision.body.sampling import EDGE_PX, SEEN
 from rfea_vision.vision.body.wall import Wall
 
 LEAST_PX = 12  # of a mark in the picture, or in the film where that is smaller: fewer are noise of a compressed picture's colours
@@ -26,8 +26,7 @@ MOST = 16
 LIKE = 0.5  # of the way from the body's colour to the mark's: nearer is the mark
 SIZES = (0.5, 1.8)  # area over that of the first frame: less is half covered, more runs into another mark
 REACH = 2.0  # half widths around its predicted place; faster than that no skin is recognised either
-MARK_PX = 0.4  # standard error of a mark's middle: its colours have half the picture's resolution,
-MARK_SHARE = 0.1  # and glare and folds take this share of its radius
+MARK_SHARE = 0.1  # of its radius, standard error of a mark's middle beside that of an edge: glare and folds take so much
 HINTED = 30.0  # of a or b in 8 bits: a mark's colour from the one that is named
 
 
@@ -124,7 +123,7 @@ def marks_in(picture: Picture, marks: list[Mark], body: SeenBody, wall: Wall) ->
     for mark in marks:
         place, area = _middle(picture[..., 1:], mark.around, mark.colour, place_of(mark, body), reach, wall)
         if place is not None and SIZES[0] < area / mark.area < SIZES[1]:
-            found.append(SeenMark(mark, place, MARK_PX + MARK_SHARE * float(np.sqrt(area / np.pi))))
+            found.append(SeenMark(mark, place, EDGE_PX + MARK_SHARE * float(np.sqrt(area / np.pi))))
     return found
 
 

@@ -28,7 +28,8 @@ BACKED = 0.7  # share of a station that looks like the body
 ANOTHER_STRETCH = 4.0  # half widths along the body: no bend brings what is nearer beside itself
 # Standard deviations of the picture, chosen. Of 24 drawn bodies whose last fifth is the wall's or hardly covers it, 9 stations and more
 # are so at the end (of one 3), of 20 other films none but three of clear silicone with a taped end (4, 8, 8) and two real ones (6).
-SAME_COLOUR, ANOTHER_COLOUR = 2.0, 3.0
+SAME_COLOUR = 2.0
+CLEAR = 3.0  # standard deviations between two colours that are never confused
 LEFT = 9.0  # times less, squared: chosen, a third of what tells the body from what is around it
 INNER = 0.5  # half widths off the line: what lies farther out is read with an edge
 NEIGHBOURS = 4  # stations on either side whose colours are taken together
@@ -116,7 +117,7 @@ def told_from_wall(body: SeenBody) -> NDArray[np.bool_]:
     inside, around = body.inside[:, 0] / scatter, body.outside[:, :, 0].reshape(-1, 3) / scatter
     own = np.linalg.norm(inside[:, None] - inside, axis=2)
     own[np.abs(np.arange(STATIONS)[:, None] - np.arange(STATIONS)) < STATIONS // 5] = np.inf
-    walls = (own.min(axis=1) > ANOTHER_COLOUR) & (np.linalg.norm(inside[:, None] - around, axis=2).min(axis=1) < SAME_COLOUR)
+    walls = (own.min(axis=1) > CLEAR) & (np.linalg.norm(inside[:, None] - around, axis=2).min(axis=1) < SAME_COLOUR)
     if (count := end_of(walls)) <= STATIONS // 10:
         return np.ones(STATIONS, dtype=bool)
     walls &= np.arange(STATIONS) >= STATIONS - count
@@ -135,7 +136,7 @@ def left_behind(picture: Picture, window: tuple[slice, slice], first: SeenBody, 
     gone &= np.all((first.points - first.half[:, None] > low) & (first.points + first.half[:, None] < high), axis=1)
     off = (skin_of(picture, first) - skin)[:, np.abs(ACROSS_TEXTURE) < INNER]
     clear = np.median(np.sum((first.inside[:, None, 0] - first.outside[:, :, 0]) ** 2 / LEAST_VARIANCE, axis=2))
-    stayed = np.mean(np.sum(off**2 / LEAST_VARIANCE, axis=2), axis=1) < min(ANOTHER_COLOUR**2, clear / LEFT)
+    stayed = np.mean(np.sum(off**2 / LEAST_VARIANCE, axis=2), axis=1) < min(CLEAR**2, clear / LEFT)
     return np.where(gone, np.where(stayed, 1, -1), 0)
 
 

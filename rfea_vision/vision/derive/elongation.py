@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rfea_vision.arrays import FloatArray
-from rfea_vision.vision.curve import COEFFICIENTS, basis_matrix, tangents
-
-FINE = 257
+from rfea_vision.vision.curve import COEFFICIENTS, VERTICES, basis_matrix, tangents
 
 
 def angles(coefficients: FloatArray, sign: float, u: FloatArray) -> FloatArray:
@@ -37,7 +35,7 @@ def _centre_over_hinge(slope: FloatArray, signed_radius: float, segments: int) -
 
 def elongation_of(segments, coefficients, sign, variance, length, radius, calibrated):
     """Centre-line over hinge-side length minus one, for segments even along the hinge side (PHYSICS 1)."""
-    slope = np.matmul(basis_matrix(np.linspace(0, 1, FINE), COEFFICIENTS, 1), coefficients)
+    slope = np.matmul(basis_matrix(np.linspace(0, 1, VERTICES), COEFFICIENTS, 1), coefficients)
     out, hinge = _centre_over_hinge(slope, sign * radius, segments)
     step = hinge[:, None] / segments
     noise = radius * np.sqrt(variance) / length[:, None] / step

@@ -22,11 +22,10 @@ import numpy as np
 from rfea_vision.arrays import FloatArray
 from rfea_vision.lines import leftwards
 from rfea_vision.vision.curve import tangents
-from rfea_vision.vision.derive.rows import Rows
+from rfea_vision.vision.derive.rows import BLOCK, Rows
 
 TAUS_MM = np.geomspace(3e-3, 10.0, 36)
 SAMPLE = 400
-PART = 1024
 
 
 @dataclass(frozen=True)
@@ -57,8 +56,8 @@ def smooth(rows: Rows, *, inflated: bool) -> Smoothed:
     posterior = np.linalg.inv(np.linalg.inv(covariance) + third.T @ third / tau**2)
     pull = third @ posterior / tau**2
     places = np.clip((np.arange(count) - 1) / (count - 3), 0, 1)
-    for start in range(0, len(coefficients), PART):  # in parts, which need little memory
-        part = coefficients[start : start + PART]
+    for start in range(0, len(coefficients), BLOCK):  # in parts, which need little memory
+        part = coefficients[start : start + BLOCK]
         part -= (_wiggles(part, third) @ pull)[..., None] * _normals(part, places)
     before = np.einsum("ri,ij,rj->r", rows.shift_rows, covariance, rows.shift_rows)
     after = np.einsum("ri,ij,rj->r", rows.shift_rows, posterior, rows.shift_rows)

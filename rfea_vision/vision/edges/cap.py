@@ -9,7 +9,7 @@ import numpy as np
 from rfea_vision.calibration.projection import project_point
 from rfea_vision.vision.compiled import compiled, lean
 from rfea_vision.vision.curve import point_and_tangent, value_at
-from rfea_vision.vision.edges.edgels import CAP, INFO, MISFIT, SHIFT, U, measure_polyline, smooth_levels
+from rfea_vision.vision.edges.edgels import CAP, INFO, LEVEL_WINDOW, MISFIT, SHIFT, U, measure_polyline, smooth_levels
 
 CAP_VERTICES = 33
 MOST_CAP_STEP = 2.4  # an end whose step is that much larger than before, and one that has none, are as unlikely
@@ -22,7 +22,6 @@ CLEAR_CAP = 0.08  # of its light step: by how much even a clear end, with its co
 UNLIKELY = 6.0  # standard errors by which a sum of squares must exceed its mean to say anything
 PIXELS_ACROSS = 4.0  # of an edge, that tell its fit
 CAP_PARTS = 3.0
-LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 
 
 @lean

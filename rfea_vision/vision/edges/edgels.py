@@ -31,6 +31,7 @@ LEVEL_COLUMNS = 6
 LEFT, RIGHT, CAP = 0, 1, 2  # rows of a state's levels and blurs, and of their sums
 HOP = 4  # points from one piece of an edge to the next, where not every row is used
 PLATEAU_PX = 3.2  # of the level light to either side that is read with an edge
+LEVEL_WINDOW = 8  # vertices to either side over which the light is averaged
 
 
 @lean

@@ -13,6 +13,7 @@ from rfea_vision.vision.edges.edgels import (
     BLUR_DOWN,
     BLUR_UP,
     INFO,
+    LEVEL_WINDOW,
     LIGHT,
     MISFIT,
     SHIFT,
@@ -24,7 +25,7 @@ from rfea_vision.vision.edges.edgels import (
 from rfea_vision.vision.edges.fitted import SECTIONS
 from rfea_vision.vision.edges.solve import PRIOR_BEND_MM, PRIOR_WIDTH_MM, normal_equations, residuals_of
 
-LEVEL_WINDOW, BLUR_WINDOW = 8, 48
+BLUR_WINDOW = 48  # vertices to either side over which blurs are averaged
 LEAST_CONTRAST = 0.35  # of the light step at the edges, in the first frame
 UNEVEN_LIGHT = 0.1  # of the light step at the edge: how much a place on the tube may differ from its surroundings
 UNSEEN_SECTIONS = 3  # where more than so many running are not seen at all,

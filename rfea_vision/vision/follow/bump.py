@@ -10,7 +10,7 @@ from rfea_vision.scatter import scatter
 LEAST_PX, LEAST_MM = 0.5, 0.15  # less than either is no bump: a clamp may give way a little
 UNLIKELY = 6.0  # times the scatter of the clamp's place in the first frames
 AGREEING = 3  # looks running that must find the clamp at one new place
-ENOUGH = 30  # looks of which the place is the median
+ENOUGH = 30  # looks of which the place is the median; and frames in which the shape of the tube's end is learned fast
 NOW_AND_THEN = 48  # frames between looks at a clamp from which the tube still comes; a look costs as much as two frames
 FARTHEST_MM = 12.0
 

@@ -15,7 +15,7 @@ from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.edges.cap import CAP_VERTICES
 from rfea_vision.vision.find.begin import Initialisation, Scene, begin, off_hints
 from rfea_vision.vision.find.ends import clamp_step
-from rfea_vision.vision.follow.bump import CameraWatch
+from rfea_vision.vision.follow.bump import ENOUGH, CameraWatch
 from rfea_vision.vision.follow.frame import fit_frame
 from rfea_vision.vision.follow.judge import SETTLED_PX, Judge
 from rfea_vision.vision.follow.motion import CurvePredictor
@@ -29,7 +29,6 @@ PATIENCE = 24  # bad frames after fewer good ones than that, before something el
 SEARCH_ALL, SEARCH_EVERY = 48, 4  # the first frames are all searched for a tube, later ones now and then
 COVERED_STEP = 0.3  # of the light step at the edges: by so much the light on the tube changes where something covers it
 LEAST_CLAMPS = 4
-FIRST_FRAMES = 30  # frames in which the shape of the tube's end is learned fast
 
 
 @dataclass
@@ -89,7 +88,7 @@ class Follower:
         self._accept(time_s)
         self._seen = luma
         self._read_marks(luma)
-        if self.good <= FIRST_FRAMES:
+        if self.good <= ENOUGH:
             self._look_at_clamp(luma)
         else:
             self._watch_camera(luma)
@@ -226,7 +225,7 @@ class Follower:
         return reason
 
     def _fit(self, shot: fitted.Shot, saved: list[FloatArray], reach: float) -> str:
-        gain = 0.3 if self.good < FIRST_FRAMES else 0.02
+        gain = 0.3 if self.good < ENOUGH else 0.02
         for _ in range(TRIES):
             self.work.numbers.view(np.float64).fill(0.0)
             fit_frame(shot, self.state, self.work, reach, gain, self.judge.hinge_mm, self.scene.turn_sign, self.noise)
