@@ -125,8 +125,8 @@ def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> F
 
 def _stretch(off: FloatArray, known: FloatArray, length: float) -> FloatArray:
     """Gains (S,) px along the body of which flow says `off` (S,), known to `known` 1/px^2: none where it is smooth."""
-    prior = np.linalg.inv(UNIFORMLY * (FLOW_STRETCH * length) ** 2 + np.eye(len(UNIFORMLY)) * FLOW_SLIP**2)
-    variance = FLOW_PX**2 + 1.0 / np.maximum(known, 1e-9)
+    slips = UNIFORMLY * (FLOW_STRETCH * length) ** 2 + np.eye(len(UNIFORMLY)) * FLOW_SLIP**2
+    prior, variance = np.asarray(np.linalg.inv(slips), dtype=float), FLOW_PX**2 + 1.0 / np.maximum(known, 1e-9)
     return ALONG_BASIS @ robust_displacement(ALONG_BASIS, off, known / WINDOW_SHARED, variance, prior)
 
 
