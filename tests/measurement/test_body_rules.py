@@ -10,10 +10,11 @@ from rfea_vision.artefacts import Actuator, Hints
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.calibration.scale import scaled_by_distance
 from rfea_vision.vision.body.begin import first_body, hinted_lines
-from rfea_vision.vision.body.fit import Fit, looks_around, off_middle
+from rfea_vision.vision.body.fit import SURELY, Fit, looks_around, off_middle
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.body.model import SHARES, STATIONS, SeenBody
 from rfea_vision.vision.body.rules import First, elsewhere, refused
+from rfea_vision.vision.body.sampling import Behind, support
 from rfea_vision.vision.body.wall import Wall
 from rfea_vision.vision.edges.fitted import new_buffers
 from rfea_vision.vision.find.begin import begin, beside, digits_of, length_of, off_hints
@@ -285,3 +286,18 @@ def test_a_click_may_miss_a_thin_body_and_its_middle_at_once():
 
     assert said(2.5, 3.8) == "" and re.match(r"off_hints: what was found lies 4.0 mm from camera.tip", said(2.5, 4.0))
     assert said(20.0, 20.0) == "" and said(20.0, 20.5)
+
+
+@pytest.mark.parametrize(
+    ("light", "around", "like"),
+    [((197, 128, 132), 190.0, False), ((60, 128, 131), 190.0, True), ((250, 128, 132), 190.0, True), ((197, 128, 132), 140.0, True)],
+    ids=["the wall without the shadow", "dark as the body", "a gleam lighter than all around", "lighter than all around"],
+)
+def test_a_wall_from_which_the_shadow_has_gone_is_no_body(light, around, like):
+    """Beside a dark body that shortens the wall is lit where it was in its shadow; bright fittings at its end scatter its colour."""
+    shaded, often = np.full((40, 40, 3), (135.0, 128.0, 132.0), np.float32), np.full((40, 40), 20, np.int32)
+    behind = Behind(np.full((40, 40, 3), light, np.uint8), shaded, often, np.zeros((40, 40, 3), np.float32))
+    points, half = np.array([[20.0, 20.0]]), np.array([6.0])
+    inside = np.array([[(81.0, 128.0, 131.0), (54.0**2, 9.0, 15.0)]])
+    outside = np.array([[[(around, 128.0, 132.0), (23.0**2, 16.0, 16.0)]] * 2])
+    assert support(behind, points, np.array([[0.0, 1.0]]), half, inside, outside, SURELY) == float(like)

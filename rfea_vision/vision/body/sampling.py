@@ -84,6 +84,14 @@ def _evidence(seen, x, y, inside, outside, body, behind, colour):
         for c in range(1, 3):
             off = colour[c] - wall[i, j, c]
             behind += 0.5 * off * off * IN_LIGHT
+        if inside[0, 0] < wall[i, j, 0] < colour[0]:
+            # Beside a dark body it was seen in its shadow; where that has gone, it is as light as what is around.
+            off = colour[0] - outside[0, 0]
+            lit = 0.5 * off * off * IN_SHADOW + LOG_IN_SHADOW
+            for c in range(1, 3):
+                off = colour[c] - outside[0, c]
+                lit += 0.5 * off * off * IN_LIGHT
+            behind = min(behind, lit)
     else:
         for c in range(3):
             off = colour[c] - outside[0, c]
