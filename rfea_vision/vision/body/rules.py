@@ -9,7 +9,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.arrays import FloatArray
+from rfea_vision.arrays import FloatArray, longest
 from rfea_vision.vision.body.begin import PIECES
 from rfea_vision.vision.body.fit import Fit
 from rfea_vision.vision.body.model import ACROSS_TEXTURE, SHARES, STATIONS, Picture, SeenBody, frame_of, middle, skin_of
@@ -128,8 +128,8 @@ def _goes_on(first: First, fit: Fit) -> str:
         return ""
     # A leaf, a bracket or a tendon that was beside it when it was pointed at is no more of it later.
     more = ~fit.seen & (fit.beside > SURELY_BESIDE) & ~(first.fit.beside > SURELY_BESIDE)
-    more = max((_longest(more[:, side]) for side in (0, 1)), key=len)
-    return "" if len(more) <= PIECE * STATIONS else f"the tube goes on beside the line, {_stretch(first, more)}"
+    said = next(filter(None, (_stretch(first, more[:, side]) for side in (0, 1))), "")
+    return said and f"the tube goes on beside the line, {said}"
 
 
 def _short(first: First, fit: Fit) -> str:
@@ -155,15 +155,12 @@ def _farther_on(fit: Fit) -> float:
     return float(np.mean(fit.beyond)) / max(float(np.mean(fit.backing)), 1e-9)
 
 
-def _longest(where: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Stations of the longest piece in which something holds."""
-    found = np.flatnonzero(where)
-    breaks = np.flatnonzero(np.diff(found) > 1) + 1
-    return max(np.split(found, breaks), key=len) if len(breaks) else found
-
-
-def _stretch(first: First, stations: NDArray[np.int64]) -> str:
-    ends = [f"{end * first.length_mm:.{digits_of(first.length_mm)}f}" for end in SHARES[[stations[0], stations[-1]]]]
+def _stretch(first: First, where: NDArray[np.bool_]) -> str:
+    """The longest stretch of stations (S,) in which something holds, in words; empty where it is no longer than may be chance."""
+    run = longest(where)
+    if run is None or run.stop - run.start <= PIECE * STATIONS:
+        return ""
+    ends = [f"{end * first.length_mm:.{digits_of(first.length_mm)}f}" for end in SHARES[[run.start, run.stop - 1]]]
     return f"{' to '.join(ends)} mm from the clamp"
 
 
@@ -244,10 +241,8 @@ def in_front(first: First, picture: Picture, wall: Wall, body: SeenBody) -> str:
     apart = [np.sum((off - share[..., None] * way) ** 2 / variance, axis=2)]
     apart += [np.sum((strip - mean) ** 2 / spread, axis=2) for mean, spread in body.inside[MIDDLES]]  # it may have slipped
     strange = np.mean(np.min(apart, axis=0) > STRANGE, axis=1) > 0.5
-    run = _longest(strange)
-    if len(run) <= PIECE * STATIONS or np.mean(strange) > MOST_HIDDEN:
-        return ""
-    return f"occluded: something of another colour is in front of it, {_stretch(first, run)}"
+    said = "" if np.mean(strange) > MOST_HIDDEN else _stretch(first, strange)
+    return said and f"occluded: something of another colour is in front of it, {said}"
 
 
 def refused(first: First, fit: Fit, *, lost: bool = False) -> str:

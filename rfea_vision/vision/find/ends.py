@@ -18,8 +18,6 @@ STEP_MM = 0.05
 HALF_WINDOW = 20  # steps of `STEP_MM` to either side of a place, over which light is averaged
 LEAST_STEP = 0.3  # of the contrast between tube and background
 LEAST_TIP_STEP = 0.2  # the same where a tube of its own light may end in a ferrule of another
-CLAMP_NEAR_MM = 4.0, 5.0  # so far beyond the clamp and within the tube it is looked for again,
-STRONG_STEP = 0.4  # where less of the strongest step is no step
 END_STRIP_MM = (0.6, 2.0)  # so far from the tip its light is read, to either side
 BANDS = (-0.6, 0.6), (1.18, 1.75), (-1.75, -1.18)  # half widths off the line: in the tube, and beside it,
 BAND_PLACES = 9  # at so many places of which the light is read
@@ -84,30 +82,6 @@ def light_between(
     return values.reshape(len(points), len(bands), -1).mean(axis=2, dtype=float)
 
 
-def clamp_step(
-    picture: NDArray[np.uint8], camera: FloatArray, coefficients: FloatArray, half_mm: float, contrast: float
-) -> End | None:
-    """The first cross-section, going outwards, where a tube that was followed stops looking like one at its clamp, if any does.
-
-    The light on the tube changes there, or that beside it; a shadow's weak step does not count beside a much stronger one.
-    """
-    s, points, tangents = extended(coefficients, False, *CLAMP_NEAR_MM)
-    means, seen = strips(picture, camera, points, tangents, half_mm)
-    k, size = _steps(means, contrast)
-    size[~seen[k]] = 0.0
-    strongest = size.max(axis=1)
-    peaks = np.flatnonzero(_peaks(strongest, LEAST_STEP) & (k < _first_unseen(seen)))
-    if len(peaks) == 0:
-        return None
-    strong = strongest[peaks] > STRONG_STEP * strongest[peaks].max()
-    return _end_at(s, means, size, k, int(peaks[np.argmax(strong)]), False)
-
-
-def _first_unseen(seen: NDArray[np.bool_]) -> int:
-    """The first row (n,) that is not in the picture, or `n`."""
-    return int(np.argmin(seen)) if not seen.all() else len(seen)
-
-
 def _steps(means: FloatArray, contrast: float) -> tuple[NDArray[np.int64], FloatArray]:
     """How much the light (n, 3) changes at a row, from window to window, in units of the contrast; and which rows these are."""
     m = HALF_WINDOW
@@ -151,7 +125,7 @@ def end_candidates(
     means, seen = strips(picture, camera, points, tangents, half_mm)
     m = HALF_WINDOW
     reach = max(round(half_mm / STEP_MM), m)
-    last = _first_unseen(seen)
+    last = len(s) if seen.all() else int(np.argmin(seen))  # first row that is not in the picture
     out: list[tuple[End, float]] = []
     if last < len(s):
         out.append((End(float(s[max(last - 1, 0)]), 0.1, "border"), 0.3))

@@ -7,21 +7,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfea_vision.arrays import FloatArray
+from rfea_vision.arrays import FloatArray, longest
 from rfea_vision.vision.curve import VERTICES, point_and_tangent
 from rfea_vision.vision.derive.markers import SAMPLES, has_texture, light_along
 from rfea_vision.vision.derive.picture_errors import ORIGIN_PX
 from rfea_vision.vision.edges import fitted
 from rfea_vision.vision.edges.cap import CAP_VERTICES
 from rfea_vision.vision.find.begin import Initialisation, Scene, begin, off_hints
-from rfea_vision.vision.find.ends import clamp_step
+from rfea_vision.vision.find.ends import end_candidates
 from rfea_vision.vision.follow.bump import ENOUGH, CameraWatch
 from rfea_vision.vision.follow.frame import fit_frame
 from rfea_vision.vision.follow.judge import SETTLED_PX, Judge
 from rfea_vision.vision.follow.motion import CurvePredictor
 
 SEARCH_PX = 12.0
-CLAMP_NEAR_MM = 1.0  # how far from the first one the clamp is believed in later frames
+CLAMP_NEAR_MM, CLAMP_REACH_MM = 1.0, 5.0  # how far from the first one the clamp is believed in later frames; and looked for
 TRIES = 3  # at a tube that was far from where it was predicted,
 WHOLE = 0.85  # of whose edges so much is seen
 LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
@@ -104,11 +104,8 @@ class Follower:
         if reason not in ("edge_lost", "tip_hidden") or self._seen is None:
             return reason
         left, right = self.work.sections[0] > 0, self.work.sections[1] > 0
-        lost = np.flatnonzero(~(left & right))
-        if lost.size == 0:
-            lost = np.array([len(left) - 1])
-        run = max(np.split(lost, np.flatnonzero(np.diff(lost) > 1) + 1), key=len)
-        ends = np.array([run[0], run[-1] + 1]) / len(left)
+        run = longest(~(left & right)) or slice(len(left) - 1, len(left))
+        ends = np.array([run.start, run.stop]) / len(left)
         sides = ("left", not left[run].any()), ("right", not right[run].any())
         side = " and ".join(name for name, gone in sides if gone) or "one"
         looks = self._looks(luma, ends)
@@ -166,9 +163,12 @@ class Follower:
         """Where the tube begins in this frame, and its standard error along the tube; None where it is not seen."""
         half = float(self.work.numbers["width"][0]) / 2
         contrast = float(np.median(self.state.reference[:2]))
-        end = clamp_step(luma, self.scene.camera, self.state.coefficients, half, contrast)
-        if end is None:
+        curve = self.scene.camera, self.state.coefficients
+        seen = end_candidates(luma, *curve, half, contrast, at_tip=False, reach_mm=CLAMP_REACH_MM)
+        steps = [(clear, end) for end, clear in seen if end.kind == "step"]
+        if not steps:
             return None
+        _, end = max(steps, key=lambda pair: pair[0])
         start = point_and_tangent(self.state.coefficients, 0.0)
         return np.array(start[:2]) - end.along_mm * np.array(start[2:4]), end.stderr_mm
 
