@@ -65,10 +65,9 @@ def next_hint(source: FrameSource, scene: Scene, reasons: list[str], *, scale_of
     reasons : why each frame was refused, empty where it was measured
     scale_off, side_off : what the tube as measured says against the scale, and against its side, if anything
     """
-    gone = sum(reason.startswith("touches_border") for reason in reasons)
-    if 2 * gone > sum(bool(reason) for reason in reasons):  # no hint shows what is not in the picture
+    if gone := _left_picture(reasons):  # no hint shows what is not in it
         return f"film a wider view: in {gone} of {len(reasons)} frames the tip is at the border of the picture or beyond it"
-    if moved := base_moved(source, scene, around_loss(reasons)):
+    if moved := base_moved(source, scene, reasons):
         return moved
     commonest = Counter(filter(None, reasons)).most_common(1)
     of_scale = scale_off if commonest and commonest[0][0].startswith("width_off") else ""
@@ -105,10 +104,15 @@ def moves_elsewhere(source: FrameSource, scene: Scene, tips_mm: FloatArray, coun
     return ""
 
 
-def around_loss(reasons: list[str]) -> int:
-    """How many frames there are up to `TRIED` after the first that was refused."""
-    lost = next((frame for frame, reason in enumerate(reasons) if reason and not reason.startswith("duplicate")), 0)
-    return min(lost + TRIED, len(reasons))
+def _first_lost(reasons: list[str]) -> int:
+    """The first frame that was refused, and is no copy; 0 where none was."""
+    return next((frame for frame, reason in enumerate(reasons) if reason and not reason.startswith("duplicate")), 0)
+
+
+def _left_picture(reasons: list[str]) -> int:
+    """In how many frames the tip is out of the picture, where that is so in most that were refused; else 0."""
+    gone = sum(reason.startswith("touches_border") for reason in reasons)
+    return gone if 2 * gone > sum(bool(reason) for reason in reasons) else 0
 
 
 def _read_until(reasons: list[str]) -> str:
@@ -164,10 +168,11 @@ def end_like_wall(follower: Follower | BodyFollower) -> str:
     )
 
 
-def base_moved(source: FrameSource, scene: Scene, count: int) -> str:
-    """Say that what holds the tube has moved since the first of `count` frames: no hint mends that. Empty where it rests."""
-    if scene.clamp_px is None:
+def base_moved(source: FrameSource, scene: Scene, reasons: list[str]) -> str:
+    """Say that what holds the tube has moved up to where frames were refused: no hint mends that. Empty where it rests."""
+    if scene.clamp_px is None or _left_picture(reasons):
         return ""
+    count = min(_first_lost(reasons) + TRIED, len(reasons))
     scale = scale_for(scene, source.size)
     clamp, line = ((places + 0.5) * scale - 0.5 for places in (scene.clamp_px, scene.line_px))
     half = 0.5 * float(np.linalg.norm(clamp[1] - clamp[0]))
@@ -284,8 +289,7 @@ def _untried(scene: Scene, reasons: list[str]) -> str:
         return _scale_first(reasons) + hints
     if len(scene.hints.centre_line) < 2:
         return "give a few points of the tube in the first frame as camera.centre_line, from the clamp to the tip"
-    first = next((k for k, reason in enumerate(reasons) if reason and not reason.startswith("duplicate")), 0)
-    if first:  # nothing says that the hints are wrong: they were enough for the frames before
+    if first := _first_lost(reasons):  # nothing says that the hints are wrong: they were enough for the frames before
         return f"see what changes in frame {first}, the first that was refused ({reasons[first]}), and check the hints against frame 0"
     return (
         "check the hints against the first frame, and actuator.outer_radius and actuator.length against the tube, "

@@ -18,15 +18,7 @@ from rfea_vision.errors import DataError, InputError
 from rfea_vision.lines import rig_axes
 from rfea_vision.readers.ahead import read_ahead
 from rfea_vision.readers.video import FrameSource
-from rfea_vision.vision.advice import (
-    READ,
-    around_loss,
-    base_moved,
-    end_like_wall,
-    moves_elsewhere,
-    next_hint,
-    scale_doubt,
-)
+from rfea_vision.vision.advice import READ, base_moved, end_like_wall, moves_elsewhere, next_hint, scale_doubt
 from rfea_vision.vision.body.begin import scale_for
 from rfea_vision.vision.body.follower import BodyFollower
 from rfea_vision.vision.derive.rows import Rows
@@ -129,7 +121,7 @@ def _followed(
     follower, rows = follow_edges(source, scene, lamp, Rows(nodes, segments), progress)
     if scene.is_pointed_at and rows.share < READ:
         body, seen = follow_body(source, scene, lamp, Rows(nodes, segments), progress)
-        if seen.share < READ and base_moved(source, scene, around_loss(seen.reasons)):
+        if seen.share < READ and base_moved(source, scene, seen.reasons):
             held = follow_body(source, scene, lamp, Rows(nodes, segments), progress, held=True)
             body, seen = max((body, seen), held, key=lambda way: way[1].good)
         # Where the body reads nothing, nothing is where it was pointed at.

@@ -87,7 +87,7 @@ def test_hints_that_make_up_for_a_wrong_scale_do_not_come_before_it(monkeypatch)
 def test_a_film_that_is_lost_on_the_way_is_not_asked_for_hints_that_were_right(monkeypatch):
     """It says up to where it was read; whether that is so, the frames told."""
     monkeypatch.setattr(advice, "_candidates", lambda source, scene, count: iter(()))
-    monkeypatch.setattr(advice, "base_moved", lambda source, scene, count: "")
+    monkeypatch.setattr(advice, "base_moved", lambda source, scene, reasons: "")
     monkeypatch.setattr(advice, "film_lacks", lambda source, scene: "")
     given = Hints(clamp=((0.0, 0.0), (0.0, 0.0)), tip=(0.0, 0.0), centre_line=((1.0, 2.0), (3.0, 4.0)))
     scene = replace(UNHINTED, hints=given)
@@ -129,7 +129,7 @@ def test_a_base_that_moves_is_said_and_a_camera_that_drifts_is_not(base_px, wall
         (240, 260),
     )
     source: Any = SimpleNamespace(size=(240, 260), colours=colours)
-    said = advice.base_moved(source, scene, 30)
+    said = advice.base_moved(source, scene, 30 * ["no_fit"])
     assert bool(re.fullmatch(f"what holds the tube has moved in the picture, by .* or cut the film to {cut}" if cut else "", said))
 
 
@@ -176,7 +176,7 @@ def test_a_base_that_turns_is_told_by_its_turn():
             yield k / 30, np.where(there, cv2.warpAffine(link, turn, (240, 260)), 120.0).astype(np.uint8)
 
     source: Any = SimpleNamespace(size=(240, 260), colours=colours)
-    said = advice.base_moved(source, pointed_at(((108.0, 40.0), (132.0, 40.0)), (120.0, 200.0)), 30)
+    said = advice.base_moved(source, pointed_at(((108.0, 40.0), (132.0, 40.0)), (120.0, 200.0)), 30 * ["no_fit"])
     assert re.match("what holds the tube has turned in the picture, by some 1[5-9] degrees in frame 1[1-4]:", said)
 
 
@@ -195,7 +195,7 @@ def test_a_body_that_swings_in_a_clamp_that_rests_is_no_base_that_turns(half):
             yield k / 30, np.clip(cv2.resize(picture + noise, None, fx=scale, fy=scale), 0, 255).astype(np.uint8)
 
     source: Any = SimpleNamespace(size=(240, 260), colours=colours)
-    assert advice.base_moved(source, pointed_at(((120.0 - half, 40.0), (120.0 + half, 40.0)), (120.0, 200.0)), 30) == ""
+    assert advice.base_moved(source, pointed_at(((120.0 - half, 40.0), (120.0 + half, 40.0)), (120.0, 200.0)), 30 * ["no_fit"]) == ""
 
 
 def test_a_base_that_moves_by_less_than_people_point_is_not_the_cause():
@@ -210,4 +210,4 @@ def test_a_base_that_moves_by_less_than_people_point_is_not_the_cause():
             yield k / 30, cv2.resize(cv2.warpAffine(picture, moved, (240, 260), borderValue=(120, 120, 120)), None, fx=scale, fy=scale)
 
     source: Any = SimpleNamespace(size=(240, 260), colours=colours)
-    assert advice.base_moved(source, pointed_at(((118.0, 40.0), (122.0, 40.0)), (120.0, 200.0)), 30) == ""
+    assert advice.base_moved(source, pointed_at(((118.0, 40.0), (122.0, 40.0)), (120.0, 200.0)), 30 * ["no_fit"]) == ""
