@@ -17,13 +17,11 @@ from rfea_vision.vision.find.begin import Initialisation, Scene, begin, off_hint
 from rfea_vision.vision.find.ends import end_candidates
 from rfea_vision.vision.follow.bump import ENOUGH, CameraWatch
 from rfea_vision.vision.follow.frame import fit_frame
-from rfea_vision.vision.follow.judge import SETTLED_PX, Judge
+from rfea_vision.vision.follow.judge import Judge
 from rfea_vision.vision.follow.motion import CurvePredictor
 
 SEARCH_PX = 12.0
 CLAMP_NEAR_MM, CLAMP_REACH_MM = 1.0, 5.0  # how far from the first one the clamp is believed in later frames; and looked for
-TRIES = 3  # at a tube that was far from where it was predicted,
-WHOLE = 0.85  # of whose edges so much is seen
 LEAST_GOOD = 3  # good frames among many bad ones that make a track: fewer may be anything that looks like a tube
 PATIENCE = 24  # bad frames after fewer good ones than that, before something else is looked for
 SEARCH_ALL, SEARCH_EVERY = 48, 4  # the first frames are all searched for a tube, later ones now and then
@@ -226,12 +224,8 @@ class Follower:
 
     def _fit(self, shot: fitted.Shot, saved: list[FloatArray], reach: float) -> str:
         gain = 0.3 if self.good < ENOUGH else 0.02
-        for _ in range(TRIES):
-            self.work.numbers.view(np.float64).fill(0.0)
-            fit_frame(shot, self.state, self.work, reach, gain, self.judge.hinge_mm, self.scene.turn_sign, self.noise)
-            on_its_way = self.work.numbers["last_step"][0] > SETTLED_PX
-            if not on_its_way or self.work.numbers["used"][0] < WHOLE:
-                break
+        self.work.numbers.view(np.float64).fill(0.0)
+        fit_frame(shot, self.state, self.work, reach, gain, self.judge.hinge_mm, self.scene.turn_sign, self.noise)
         reason = self.judge(shot, self.work.numbers[0])
         if reason:
             for array, old in zip(self.state, saved, strict=True):
