@@ -69,6 +69,18 @@ def test_a_streak_along_the_body_is_no_mark():
     assert len(find_marks(lab, arm(), None)) == 2  # the red and the green one
 
 
+def test_patches_within_the_scatter_of_a_body_s_own_hue_are_no_marks():
+    """Shaded windings: patches of a hue that half the body nearly has came and went beside their places, and held the line."""
+    lab, body = picture().astype(float), arm()
+    lab[20:180, 50:70, 1:] += np.random.default_rng(1).normal(0.0, 6.0, (160, 20, 2))
+    lab[40:48, 56:64, 2] += 35.0
+    lab = np.clip(np.round(lab), 0, 255).astype(np.uint8)
+    pale = lab_of(GREY) + [0, 0, 35]
+    places = [place_of(mark, body)[1] for mark in find_marks(lab, body, None)]
+    assert sorted(round(place, -1) for place in places) == [90, 150]  # the red and the green one
+    assert any(abs(place_of(mark, body)[1] - 44.0) < 1.5 for mark in find_marks(lab, body, pale))  # its colour was named
+
+
 @pytest.mark.parametrize("aside", [-12.0, 9.0])
 def test_marks_are_followed_and_pins_are_not(aside):
     """The arm moves aside, foretold where it was; a pin of the mark's colour hangs on the wall that is known."""
@@ -99,6 +111,18 @@ def test_rubber_that_swells_to_one_side_leaves_its_material_where_the_marks_are(
         body = fit_body(evidence, body, covariance, 8.0).body
     assert np.median(body.points[20:60, 0]) - 59.5 == pytest.approx(aside, abs=1.0)
     assert np.median(body.half[20:60]) == pytest.approx(12.0, abs=0.7)
+
+
+def test_marks_outweigh_what_was_carried():
+    """On silicone glare stays where the light comes from: flow and skin claimed half a pixel, and marks had gone 3 px."""
+    body, wall = arm(), Wall(picture().shape)
+    marks = find_marks(picture(), body, None)
+    seen = picture(3.0)
+    found = marks_in(seen, marks, body, wall)
+    clamp = np.array([body.points[0] + np.array([3.0, 0.0]), [0.0, 1.0]])
+    evidence = Evidence(seen, wall, clamp, np.full(STATIONS, 10.0), None, marks=found, outline=False)
+    body = fit_body(evidence, body, 0.5**2 * np.eye(UNKNOWNS), 8.0).body
+    assert [place_of(mark.mark, body)[0] for mark in found] == [pytest.approx(mark.place[0], abs=1.0) for mark in found]
 
 
 @pytest.mark.parametrize(("top", "bottom"), [(60, 138), (30, 140)])

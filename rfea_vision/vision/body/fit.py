@@ -327,12 +327,12 @@ def _add_clamp(
 def _add_marks(
     matrix: FloatArray, vector: FloatArray, body: SeenBody, marks: Sequence[SeenMark], tangents: FloatArray, normals: FloatArray
 ) -> None:
-    """Marks hold the material where they are seen; along the body they are on the scale of what claims too much there."""
+    """Marks hold the material where they are seen: on the scale of skin and flow, which claim too much, along the body and across."""
     for seen in marks:
         near = min(round(seen.mark.share * (STATIONS - 1)), STATIONS - 1)
-        off = seen.place - place_of(seen.mark, body)
-        add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[near], off @ normals[near], seen.stderr)
-        add_row(matrix, vector, ALONG.start, ALONG_BASIS[near], off @ tangents[near], TRUSTED**0.5 * seen.stderr)
+        off, stderr = seen.place - place_of(seen.mark, body), TRUSTED**0.5 * seen.stderr
+        add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[near], off @ normals[near], stderr)
+        add_row(matrix, vector, ALONG.start, ALONG_BASIS[near], off @ tangents[near], stderr)
 
 
 def _add_edges(matrix: FloatArray, vector: FloatArray, edges: FloatArray, share_seen: FloatArray, leans: float) -> None:

@@ -355,7 +355,8 @@ class BodyFollower:
         # Found again, it may lie off by a disc: until most rays see its end alike, it may as well be as long as when they last did.
         self.lost = (self.lost or self.missed > 0) and not level
         self.known_length = self.known_length if self.good and not level else fit.body.length
-        slipped = (fit.body.length - self.known_length) ** 2 if self.lost or self.unseen else 0.0
+        beyond = 1.0 - max((min(seen.mark.share, 1.0) for seen in fit.material), default=0.0)  # the last mark that is seen
+        slipped = (beyond * (fit.body.length - self.known_length)) ** 2 if self.lost or self.unseen else 0.0
         if self.good == 0 or self.end_offsets is None or len(end) > RAYS // 2:
             self.lengths = min(self.lengths[0], fit.body.length), max(self.lengths[1], fit.body.length)
         if self.good:

@@ -61,7 +61,7 @@ def fill_numbers(
     held : px^2, variance of the length that was carried into the frame
     pointed : px of the film, how well the clamp and the tip were pointed at
     turned : rad, how well it is known by how much what holds it has turned
-    slipped : px^2, variance of the length of a body that was lost, and whose end was not seen since
+    slipped : px^2, variance of the length of a body that was lost, and whose end was not seen since, beyond the last mark on it
     """
     numbers = work.numbers
     numbers.view(np.float64).fill(0.0)
