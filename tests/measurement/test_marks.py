@@ -75,7 +75,7 @@ def test_patches_within_the_scatter_of_a_body_s_own_hue_are_no_marks():
     lab[20:180, 50:70, 1:] += np.random.default_rng(1).normal(0.0, 6.0, (160, 20, 2))
     lab[40:48, 56:64, 2] += 35.0
     lab = np.clip(np.round(lab), 0, 255).astype(np.uint8)
-    pale = lab_of(GREY) + [0, 0, 35]
+    pale = lab_of(GREY) + np.array([0, 0, 35])
     places = [place_of(mark, body)[1] for mark in find_marks(lab, body, None)]
     assert sorted(round(place, -1) for place in places) == [90, 150]  # the red and the green one
     assert any(abs(place_of(mark, body)[1] - 44.0) < 1.5 for mark in find_marks(lab, body, pale))  # its colour was named
