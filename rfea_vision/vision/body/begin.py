@@ -38,6 +38,7 @@ NOISE = (2.0, 1.0, 1.0)  # of L, a and b: of a median along a piece, in a compre
 ALIKE = (10.0, 5.0, 5.0)  # of L, a and b: scatter of one rubber's colour in one picture
 HINTED_ALIKE = (40.0, 15.0, 15.0)  # of a colour that a person names: light changes it more than its hue
 SQUARE = STATIONS // 8  # from the clamp on: of a body that bends far round, the tip may be on the clamp's other side
+DRAWN_NEAR = 0.5, 2.0  # half widths, and px of the film: so near a line that was drawn the body is
 ALONG_IT = 7  # stations over which the cross-sections of such a line are averaged
 ROUTE_FLOOR = 0.02  # cost of a way where surely the body is, over that where it surely is not
 ACROSS_SMOOTH = NORMAL_BASIS @ np.linalg.pinv(NORMAL_BASIS)
@@ -108,6 +109,12 @@ def on_ridge(picture: Picture, line: FloatArray, half_px: float) -> FloatArray:
     stations, taken = ways.to((STATIONS - 1, int(np.argmin(ways.total[-1])))).T
     off = ACROSS_SMOOTH @ np.interp(np.arange(STATIONS), stations, steps[taken])
     return line + off[:, None] * normals
+
+
+def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float) -> FloatArray:
+    """Stations (S, 2) px held near a line that a person drew: the round end of a short body draws them aside."""
+    off, near = points - line, DRAWN_NEAR[0] * half_px + DRAWN_NEAR[1] * scale
+    return line + off * np.minimum(1.0, near / np.maximum(np.linalg.norm(off, axis=1, keepdims=True), 1e-9))
 
 
 def missed_by(clicks: FloatArray, body: SeenBody, clamped_px: float, *, believed: bool) -> FloatArray:

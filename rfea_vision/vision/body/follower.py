@@ -14,6 +14,7 @@ from rfea_vision.vision.body.begin import (
     as_pointed,
     even,
     first_body,
+    held_near,
     hinted_lines,
     leaving,
     like_colour,
@@ -272,7 +273,7 @@ class BodyFollower:
         width = half * (1.0 - (1.0 - end) * SHARES)
         body = replace(first_body(lab, line, half), half=width.copy())
         learn_colours(lab, body)
-        fit = None
+        fit, drawn = None, len(self.line) >= 4
         self.foot[1] = leaving(self.clamp, line[:SQUARE])
         for turn in range(FIRST_TURNS):
             if turn < FIRST_TURNS - 2:
@@ -280,7 +281,7 @@ class BodyFollower:
             self.first.half = body.half
             fit = self._fit(lab, body, np.zeros((UNKNOWNS, UNKNOWNS)), 0.45, skin=False)
             body = fit.body
-            body.points = even(body.points)
+            body.points = held_near(even(body.points), line, half, self.scale) if drawn else even(body.points)
             learn_colours(lab, body)
         assert fit is not None
         known = np.exp(-0.5 * ((body.length / length - 1.0) / LENGTH_SPREAD) ** 2)
