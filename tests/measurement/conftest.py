@@ -21,6 +21,12 @@ def small_lens() -> Lens:
     return Lens().scaled(SMALL)
 
 
+@pytest.fixture
+def unadvised(monkeypatch) -> None:
+    """Hints for a film that is refused are not tried: that takes longer than the film, and has tests of its own."""
+    monkeypatch.setattr("rfea_vision.vision.track.next_hint", lambda *_, **__: "no hint is tried")
+
+
 @pytest.fixture(scope="session")
 def calibrated(tmp_path_factory, small_lens):
     """Photos on disk and the calibration made from them."""

@@ -191,6 +191,7 @@ def decoy(picture: np.ndarray) -> None:
     cv2.line(picture, (190, 30), (185, 215), (118.0, 140.0, 165.0), 26, cv2.LINE_AA)
 
 
+@pytest.mark.usefixtures("unadvised")
 @pytest.mark.parametrize(
     ("arm", "room", "aside"),
     [

@@ -57,6 +57,7 @@ def test_a_shutter_open_while_the_tube_moves(exposure_s, small_lens):
     assert np.sqrt(np.mean(z**2)) < 1.6
 
 
+@pytest.mark.usefixtures("unadvised")
 def test_a_film_in_which_nothing_is_measured_has_no_lucky_frame(small_lens):
     def steadily(times: np.ndarray) -> np.ndarray:
         return 10 + 250 * times  # no turning point, where even a slow shutter sees it sharp
@@ -78,6 +79,7 @@ def test_a_camera_that_was_bumped_is_no_motion_of_the_tube(small_lens):
     assert np.abs(z).max() < 4.0
 
 
+@pytest.mark.usefixtures("unadvised")
 @pytest.mark.parametrize("sleeve", [(12.0, 1.5), (8.0, 1.25)])
 def test_a_sleeve_on_the_end_is_not_taken_for_the_tube(sleeve, small_lens):
     pictures, times, _ = film(small_lens, Look(ferrule=sleeve), ANGLES, rate_Hz=100)

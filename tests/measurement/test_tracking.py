@@ -205,6 +205,7 @@ def test_hints_override_what_is_found(small_lens):
         )
 
 
+@pytest.mark.usefixtures("unadvised")
 def test_no_tube_and_wrong_camera_are_errors(small_lens):
     rng = np.random.default_rng(0)
     noise = [rng.normal(100, 5, (640, 360)).astype(np.uint8) for _ in range(3)]
