@@ -112,7 +112,7 @@ def on_ridge(picture: Picture, line: FloatArray, half_px: float) -> FloatArray:
 
 
 def held_near(points: FloatArray, line: FloatArray, half_px: float, scale: float) -> FloatArray:
-    """Stations (S, 2) px held near a line that a person drew: the round end of a short body draws them aside."""
+    """Stations (S, 2) px held near a line that a person drew: a short body's round end draws them aside, and gaps between discs."""
     off, near = points - line, DRAWN_NEAR[0] * half_px + DRAWN_NEAR[1] * scale
     return line + off * np.minimum(1.0, near / np.maximum(np.linalg.norm(off, axis=1, keepdims=True), 1e-9))
 
