@@ -24,8 +24,8 @@ LEAST_RADIUS = 0.25
 # Patches of no named colour: more are a pattern, or grain, of which none is told from its neighbours, and each costs time in every
 # fit. Fifteen scenes of testing/phone.py and three real arms have 0 to 4, two dithered GIFs 25 and more.
 MOST = 16
-# Standard deviations of the body's own hue: a patch within it comes and goes with the light. Marks on sixteen real arms are 7 and more
-# off, patches on eight drawn bodies without marks 5.3 at most, most of them 2 to 4.
+# Standard deviations of the body's own hue: a patch within comes and goes with the light. Marks on five real arms are 7 and more off;
+# patches on seven drawn bodies without marks 0.5 to 4, on an eighth with a hose at its end 11 and 20.
 STANDS_OUT = 5.0
 LIKE = 0.5  # of the way from the body's colour to the mark's: nearer is the mark
 SIZES = (0.5, 1.8)  # area over that of the first frame: less is half covered, more runs into another mark
