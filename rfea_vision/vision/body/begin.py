@@ -247,7 +247,7 @@ def standing_out(picture: Picture, body: SeenBody, half_px: float) -> FloatArray
     return np.mean(clear[:, np.abs(SECTION) < 1.0], axis=1)
 
 
-def first_body(picture: Picture, line: FloatArray, half_px: float) -> SeenBody:
+def first_body(picture: Picture, line: FloatArray, half_px: float | FloatArray) -> SeenBody:
     """A body on a line of stations, with the colours that it has there."""
     body = SeenBody(line, np.full(STATIONS, half_px), np.zeros((STATIONS, 2, 3)), np.zeros((STATIONS, 2, 2, 3)))
     learn_colours(picture, body)

@@ -88,7 +88,6 @@ class Fit:
     ----------
     body : where it is now
     covariance : (25, 25) px^2 of the displacement's coefficients
-    own : (6, 6) information along the body from this frame alone, as far as it is trusted
     seen : (S, 2) whether each side's edge was found
     backing : (S,) share of the inside that looks like the body
     end : (RAYS,) px how far the end lies beyond where the rays had it, NaN where it was not found
@@ -101,13 +100,11 @@ class Fit:
     beyond : (8,) share of what is beyond its end that does, ever farther
     standing_out : (PIECES,) share of the body that differs from what is around it, along pieces of its length
     reason : why it is no measurement; empty where it is one
-    stretched : px by which it is longer than what was carried into the frame
     off_edges : px by which the middle between its edges lies off its line, where it does most
     """
 
     body: SeenBody
     covariance: FloatArray
-    own: FloatArray
     seen: NDArray[np.bool_]
     backing: FloatArray
     end: FloatArray
@@ -116,7 +113,6 @@ class Fit:
     beyond: FloatArray = field(default_factory=lambda: np.zeros(len(BEYOND)))
     standing_out: FloatArray = field(default_factory=lambda: np.zeros(1))
     reason: str = ""
-    stretched: float = 0.0
     off_edges: float = 0.0
 
     @property
@@ -217,10 +213,9 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
         if turn + 1 == TURNS or (turn and np.abs(shift).max() < 0.05):
             break
     body.points = gradual(body.points, rest)
-    own = TRUSTED * (matrix[ALONG, ALONG] - prior[ALONG, ALONG])
     inverse = np.asarray(np.linalg.inv(matrix), dtype=float)
     seen, off = np.isfinite(edges[:, :, 1]), off_middle(body, edges, NORMAL_BASIS @ step[NORMAL])
-    return Fit(body, inverse, own, seen, backing, end, evidence.marks, stretched=body.length - predicted.length, off_edges=off)
+    return Fit(body, inverse, seen, backing, end, evidence.marks, off_edges=off)
 
 
 def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:

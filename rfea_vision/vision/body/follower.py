@@ -153,8 +153,6 @@ class BodyFollower:
         if self.good and fit.reason and not fit.reason.startswith("touches_border") and (gone := self._outlined(lab)) is not None:
             anew = self._judged(lab, self._fit(lab, *gone, 0.8))
             fit = fit if anew.reason else anew
-        if fit is not fits[0]:  # no flow from the last frame that was measured has carried its length
-            fit.stretched = fit.body.length - self.body.length
         reason = fit.reason
         if reason and self.good and self.refusal.startswith("touches_border") and not reason.startswith("touches_border"):
             reason = "touches_border: the tip has left the picture, and is not found again"
@@ -221,9 +219,10 @@ class BodyFollower:
         length = self.scene.length_mm * self.px_per_mm
         self.covariance = self.pointed = np.diag([*np.full(11, half**2), *np.full(6, 1e-4), *np.full(8, (0.15 * half) ** 2)])
         lines = hinted_lines(lab, self.clamp, self.line, half, length, colour=self.colour, allowed=self.first.allowed)
-        self.body, unseen = self._outline(lab, lines, half, length, 1.0)
+        outlines = [(*self._drawn(lab, line, half, length, 1.0), line) for line in lines]
+        self.body, _, unseen, line = max(outlines, key=lambda way: way[1])
         for end in OTHER_ENDS if unseen > 0.0 else ():
-            body, left = self._outline(lab, lines, half, length, end)
+            body, _, left = self._drawn(lab, line, half, length, end)
             held = abs(float(middle(body.half[: SQUARE + 1])) / half - 1.0)
             if left < min(1.0 - WELL_SEEN, LEFT_UNSEEN * unseen) and held < AS_POINTED:
                 self.body, unseen = body, left
@@ -263,17 +262,10 @@ class BodyFollower:
         pointed = End(0.0, self.pointed_px / self.scene.px_per_mm, "hint")
         self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, End(0.0, 0.0, "hint"), 0, 1.0)
 
-    def _outline(self, lab: Picture, lines: list[FloatArray], half: float, length: float, end: float) -> tuple[SeenBody, float]:
-        """The body along the line that is seen best, sought from one that narrows to a share `end`; how much of its edges is not."""
-        body, _, unseen = max((self._drawn(lab, line, half, length, end) for line in lines), key=lambda way: way[1])
-        return body, unseen
-
     def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float, end: float) -> tuple[SeenBody, float, float]:
-        """The outline around a line, sought from one that narrows to `end`; how well it is seen, how much of its edges is not."""
+        """The outline around a line, sought from one that narrows to a share `end`; how well it is seen, how much of its edges is not."""
         width = half * (1.0 - (1.0 - end) * SHARES)
-        body = replace(first_body(lab, line, half), half=width.copy())
-        learn_colours(lab, body)
-        fit, drawn = None, len(self.line) >= 4
+        body, drawn, fit = first_body(lab, line, width), len(self.line) >= 4, None
         self.foot[1] = leaving(self.clamp, line[:SQUARE])
         for turn in range(FIRST_TURNS):
             if turn < FIRST_TURNS - 2:
@@ -349,7 +341,6 @@ class BodyFollower:
         return near.body, self._spread(self.body.length / self.known_length - 1.0)
 
     def _accept(self, lab: Picture, fit: Fit) -> None:
-        held = (1.0 + self.missed) * (STRETCH_SHARE * self.body.length) ** 2  # px^2 of the length that was carried
         end = fit.end[np.isfinite(fit.end)]
         level = self.end_offsets is not None and len(end) > RAYS // 2 and bool(np.ptp(end) < END_LEVEL * self.pointed_half())
         self.unseen = self.end_offsets is not None and not level
@@ -386,7 +377,7 @@ class BodyFollower:
         seen_from = self.seen_from.stderr
         pointed = float(np.hypot(self.pointed_px, np.linalg.norm(seen_from[:2]) / self.scale))
         fill_numbers(
-            self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, held=held, pointed=pointed,
+            self.work, self.state, fit, self.px_per_mm, self.scale, mistaken=mistaken, ranged=ranged, pointed=pointed,
             turned=float(seen_from[2]), slipped=slipped,
         )  # fmt: skip
         self.work.numbers["width"][0] = 2.0 * self.scene.half_mm  # that of this body, not a doubt about it

@@ -8,7 +8,6 @@ from rfea_vision.arrays import FloatArray
 from rfea_vision.calibration.projection import unproject
 from rfea_vision.lines import along
 from rfea_vision.vision.body.fit import ALONG, NORMAL, SYSTEMATIC, WIDTH, Fit
-from rfea_vision.vision.body.gone import UNIFORMLY
 from rfea_vision.vision.body.model import ALONG_BASIS, NORMAL_BASIS, SHARES, WIDTH_BASIS, SeenBody, middle
 from rfea_vision.vision.curve import COEFFICIENTS, WIDTH_COEFFICIENTS, basis_matrix, fit_curve, turning, vertices_of
 from rfea_vision.vision.derive.picture_errors import PROFILE_SHARE
@@ -46,7 +45,6 @@ def fill_numbers(
     *,
     mistaken: float,
     ranged: float,
-    held: float,
     pointed: float,
     turned: float = 0.0,
     slipped: float = 0.0,
@@ -58,7 +56,6 @@ def fill_numbers(
     px_per_mm, scale : of the picture that was fitted; and this over the film's own
     mistaken : px by which the first frame's half width differs from the one that was pointed at
     ranged : px between the shortest and the longest that the body was
-    held : px^2, variance of the length that was carried into the frame
     pointed : px of the film, how well the clamp and the tip were pointed at
     turned : rad, how well it is known by how much what holds it has turned
     slipped : px^2, variance of the length of a body that was lost, and whose end was not seen since, beyond the last mark on it
@@ -85,10 +82,5 @@ def fill_numbers(
     work.covariance[:k, :k] += np.outer(aside, aside) * mm2
     aside = _TO_LINE @ (turned * SHARES * fit.body.length)
     work.covariance[:k, :k] += np.outer(aside, aside) * mm2
-    # What the frame itself says along the body counts in full; what was carried into it may lag.
-    carried = np.linalg.inv(fit.covariance[ALONG, ALONG] + (LAGS * ranged) ** 2 * UNIFORMLY)
-    known = np.linalg.inv(fit.own + carried), fit.covariance[ALONG, ALONG]
-    along = max(float(ALONG_BASIS[-1] @ covariance @ ALONG_BASIS[-1]) for covariance in known)
-    # Where the length that was carried and the frame disagree by more than both allow, one of them is wrong: Birge's ratio.
-    along *= max(1.0, fit.stretched**2 / (along + held))
+    along = float(ALONG_BASIS[-1] @ fit.covariance[ALONG, ALONG] @ ALONG_BASIS[-1]) + (LAGS * ranged) ** 2
     numbers["tip_variance"] = (along + slipped + (TURNED * fit.body.untold) ** 2) * mm2 + floor + (pointed * scale) ** 2 * mm2
