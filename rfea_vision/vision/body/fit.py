@@ -145,14 +145,17 @@ class Evidence:
     outline: bool = True
 
     def add_outline(
-        self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, span: float
+        self, matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, lengths: FloatArray, span: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Both edges (S, 2, 2), looked for within `span` px, with their variances; how much (S,) of the inside looks like the body."""
+        """Both edges (S, 2, 2), looked for within `span` px, with their variances; how much (S,) of the inside looks like the body.
+
+        After the first frame edges count less within a half width of the clamp, where rubber swells beside what holds it.
+        """
         edges, backing = np.full((STATIONS, 2, 2), np.inf), np.ones(STATIONS)
         if self.outline:
             seen = self.wall.behind(self.picture), body.points, normals, body.half, body.inside, body.outside
             backing, edges = support(*seen, 0.0), measure_edges(*seen, span)
-            held = held_by_clamp(body, float(middle(self.rest_half))) if self.skin is not None else 1.0
+            held = np.clip(lengths / float(middle(self.rest_half)), LEAST_HELD, 1.0) if self.skin is not None else 1.0
             leans = SYSTEMATIC * float(middle(body.half)) if self.marks else 0.0
             _add_edges(matrix, vector, edges, np.clip(2.0 * backing, 0.1, 1.0) * held * body.told, leans)
         return edges, backing
@@ -192,21 +195,20 @@ def fit_body(evidence: Evidence, predicted: SeenBody, covariance: FloatArray, re
     slips = np.sqrt(np.sum((ALONG_BASIS @ covariance[ALONG, ALONG]) * ALONG_BASIS, axis=1))
     rest = float(middle(evidence.rest_half))
     for turn in range(TURNS):
-        tangents, normals = frame_of(body.points)
+        (tangents, normals), lengths = frame_of(body.points), along(body.points)
         span = reach if turn == 0 else max(0.5 * reach, 4.0)
         matrix, vector = prior.copy(), -prior @ total
         matrix[NORMAL, NORMAL] += shape
         vector[NORMAL] -= shape @ total[NORMAL]
-        _add_shape(matrix, vector, body, normals, evidence.rest_half, rest)
-        edges, backing = evidence.add_outline(matrix, vector, body, normals, span)
+        _add_shape(matrix, vector, body, normals, lengths, evidence.rest_half)
+        edges, backing = evidence.add_outline(matrix, vector, body, normals, lengths, span)
         evidence.add_skin(matrix, vector, body, normals, slips)
         end = evidence.add_end(matrix, vector, body, span)
-        _add_clamp(matrix, vector, body, evidence.clamp, tangents[0], evidence.rest_half)
+        _add_clamp(matrix, vector, body, evidence.clamp, tangents[0], lengths[-1], evidence.rest_half)
         _add_marks(matrix, vector, body, evidence.marks, tangents, normals)
         step = np.linalg.solve(matrix, vector)
         total += step
-        across, along = NORMAL_BASIS @ step[NORMAL], ALONG_BASIS @ step[ALONG]
-        shift = across[:, None] * normals + along[:, None] * tangents
+        shift = (NORMAL_BASIS @ step[NORMAL])[:, None] * normals + (ALONG_BASIS @ step[ALONG])[:, None] * tangents
         limit = np.minimum(1.0, 1.5 * span / np.maximum(np.linalg.norm(shift, axis=1, keepdims=True), 1e-9))
         body.points = body.points + shift * limit
         body.half = np.maximum(body.half + WIDTH_BASIS @ step[WIDTH], 0.4 * predicted.half)
@@ -229,11 +231,6 @@ def off_middle(body: SeenBody, edges: FloatArray, moved: FloatArray) -> float:
     window = np.ones(min(max(round(2.0 * float(middle(body.half)) / body.length * STATIONS), 3), STATIONS))
     seen = np.maximum(np.convolve(both, window, "same"), 0.5 * len(window))  # a few alone tell little
     return float(np.abs(np.convolve(off, window, "same") / seen).max())
-
-
-def held_by_clamp(body: SeenBody, rest: float) -> FloatArray:
-    """How much (S,) edges count after the first frame: within a half width `rest` of its clamp rubber swells beside what holds it."""
-    return np.clip(along(body.points) / rest, LEAST_HELD, 1.0)
 
 
 def gradual(points: FloatArray, rest: float) -> FloatArray:
@@ -283,17 +280,16 @@ def looks_around(picture: Picture, wall: Wall, body: SeenBody) -> tuple[FloatArr
 
 
 def _add_shape(
-    matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, rest_half: FloatArray, rest: float
+    matrix: FloatArray, vector: FloatArray, body: SeenBody, normals: FloatArray, lengths: FloatArray, rest_half: FloatArray
 ) -> None:
-    """Rubber bends and stretches gradually, and swells within limits; `rest` is the median of its half width before.
+    """Rubber bends and stretches gradually, and swells within limits, from `rest_half` (S,) px on.
 
     Third differences across and second differences along are small, and so is what the half width has gained.
     """
+    rest, length = float(middle(rest_half)), lengths[-1]
     swells = SWELLS * rest
     matrix[WIDTH, WIDTH] += np.eye(8) / swells**2
     vector[WIDTH] -= TO_WIDTH @ (body.half - rest_half) / swells**2
-    steps = along(body.points)
-    length = steps[-1]
     spacing = length / (NORMAL_BASIS.shape[1] - 3)
     # No body bends anew within its own half width: in a short one the splines lie closer than that.
     sigma = BENDS_GRADUALLY * spacing * min(1.0, spacing / rest) ** 3
@@ -302,17 +298,17 @@ def _add_shape(
     vector[NORMAL] -= THIRD.T @ wiggle / sigma**2
     sigma = STRETCHES_GRADUALLY * length / (ALONG_BASIS.shape[1] - 3)
     matrix[ALONG, ALONG] += SECOND_TWICE / sigma**2
-    vector[ALONG] -= SECOND_OF @ steps / sigma**2
+    vector[ALONG] -= SECOND_OF @ lengths / sigma**2
 
 
 def _add_clamp(
-    matrix: FloatArray, vector: FloatArray, body: SeenBody, clamp: FloatArray, tangent: FloatArray, rest_half: FloatArray
+    matrix: FloatArray, vector: FloatArray, body: SeenBody, clamp: FloatArray, tangent: FloatArray, length: float, rest_half: FloatArray
 ) -> None:
     """The body begins where it was pointed at, squarely and as wide as it was: around a clamp there is tape, and a bracket."""
     normal = np.array([-tangent[1], tangent[0]])
     off = clamp[0] - body.points[0]
     turn = float(np.arctan2(normal @ clamp[1], tangent @ clamp[1]))
-    length, gains = body.length, rest_half[0] - body.half[0]
+    gains = rest_half[0] - body.half[0]
     add_row(matrix, vector, NORMAL.start, NORMAL_BASIS[0], off @ normal, CLAMP_SHARE * rest_half[0])
     add_row(matrix, vector, ALONG.start, ALONG_BASIS[0], off @ tangent, CLAMP_PX)
     add_row(matrix, vector, NORMAL.start, TURN_ROW, turn * length, CLAMP_TURNS * length)

@@ -263,7 +263,7 @@ class BodyFollower:
         self.start = Initialisation(as_state(self.camera, self.body, self.work), pointed, End(0.0, 0.0, "hint"), 0, 1.0)
 
     def _drawn(self, lab: Picture, line: FloatArray, half: float, length: float, end: float) -> tuple[SeenBody, float, float]:
-        """The outline around a line, sought from one that narrows to a share `end`; how well it is seen, how much of its edges is not."""
+        """The outline along a line, sought from one that narrows to a share `end`; how well it is seen, how much of its edges not."""
         width = half * (1.0 - (1.0 - end) * SHARES)
         body, drawn, fit = first_body(lab, line, width), len(self.line) >= 4, None
         self.foot[1] = leaving(self.clamp, line[:SQUARE])
