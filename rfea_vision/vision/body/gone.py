@@ -33,6 +33,7 @@ from rfea_vision.vision.body.wall import Wall, covered
 from rfea_vision.vision.body.ways import middle_way
 
 FLOW_ACROSS = (-0.5, 0.0, 0.5)  # half widths
+FLOW_ALONG = np.arange(0, STATIONS, 2)  # stations: windows about those between hold what these hold
 FLOW_WINDOW = (17, 17)
 FLOW_BACK_PX = 0.7  # by how much a point may miss its start when it is followed back
 FLOW_PX = 0.5  # scatter of the flow about a smooth displacement
@@ -44,7 +45,7 @@ CARRIED = 0.25  # of what slopes along the body tell: in six real films flow car
 # differed by 0.64 to 0.72 of that where they stretched at once by eye, and by 0.98 and more where they had turned out of the plane.
 LENGTHS_TRIED, ANOTHER_LENGTH, CLEARLY = 31, 0.08, 0.8
 MOST_STRETCH = 0.3  # anywhere, chosen: what flow says beyond that is of another thing, or of a clamp that has moved
-WINDOW_SHARED = 8.0  # stations that lie in one window of a body of 65 stations, 1 to 4 px apart, and tell the same
+WINDOW_SHARED = 4.0  # of these lie in one window, 2 to 8 px apart, and tell the same
 GRADUALLY = 3.0 * BENDING + 1e-3 * np.eye(len(BENDING))  # information on what flow says across the body, chosen
 EVENLY = np.linalg.pinv(ALONG_BASIS) @ SHARES  # coefficients of a displacement that grows evenly along the body
 UNIFORMLY = np.outer(EVENLY, EVENLY)
@@ -59,30 +60,31 @@ def flown(last: Sight, picture: Picture, wall: Wall, foot: FloatArray) -> tuple[
     And the share that flow has carried of what slopes of the skin tell along the body: of its length.
     """
     tangents, normals = frame_of(last.body.points)
-    places = [last.body.points + v * last.body.half[:, None] * normals for v in FLOW_ACROSS]
+    station = np.tile(FLOW_ALONG, len(FLOW_ACROSS))
+    across = np.repeat(FLOW_ACROSS, len(FLOW_ALONG)) * last.body.half[station]
     window = wall.window
-    before = (np.vstack(places) - [window[1].start, window[0].start]).astype(np.float32)[:, None]
+    before = last.body.points[station] + across[:, None] * normals[station] - [window[1].start, window[0].start]
+    before = before.astype(np.float32)[:, None]
     options: dict[str, Any] = {"winSize": FLOW_WINDOW, "maxLevel": 3}
     seen, grey = (cv2.extractChannel(wall.cleared(shown)[window], 0) for shown in (last.lab, picture))
     after, there, _ = cv2.calcOpticalFlowPyrLK(seen, grey, before, before.copy(), **options)
     back, again, _ = cv2.calcOpticalFlowPyrLK(grey, seen, after, after.copy(), **options)
     kept = (there[:, 0] > 0) & (again[:, 0] > 0) & (np.linalg.norm(back - before, axis=-1)[:, 0] < FLOW_BACK_PX)
     moved = (after - before)[:, 0].astype(float)
-    station = np.tile(np.arange(STATIONS), len(FLOW_ACROSS))
     kept &= last.body.told[station]
     body = last.body.copy()
-    if kept.sum() < STATIONS // 3:
+    if kept.sum() < len(station) // 9:
         return body, 0.0
-    across = np.sum(moved * normals[station], axis=1)
-    n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], across, kept.astype(float), FLOW_PX**2, GRADUALLY)
+    aside = np.sum(moved * normals[station], axis=1)
+    n = NORMAL_BASIS @ robust_displacement(NORMAL_BASIS[station], aside, kept.astype(float), FLOW_PX**2, GRADUALLY)
     # Smooth rubber goes where its length lets it, dt/ds = curvature n; what is seen to stretch beyond that has texture along it.
     turns = np.diff(np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0])))
     t = np.concatenate([[0.0], np.cumsum(0.5 * (n[1:] + n[:-1]) * turns)])
-    middles = slice(STATIONS, 2 * STATIONS)  # to either side windows hold the wall, which stays
-    beyond = np.sum(moved[middles] * tangents, axis=1) - t
+    middles = across == 0.0  # to either side windows hold the wall, which stays
+    beyond = np.sum(moved[middles] * tangents[FLOW_ALONG], axis=1) - t[FLOW_ALONG]
     lengths = along(body.points)
     inner = np.abs(lengths[-1] - 2.0 * lengths) < lengths[-1] - FLOW_WINDOW[0]  # nor what holds it, nor what is beyond
-    textured = _textured(seen, before[middles, 0], tangents) * (inner & last.body.told)
+    textured = _textured(seen, before[middles, 0], tangents[FLOW_ALONG]) * (inner & last.body.told)[FLOW_ALONG]
     known = textured * kept[middles]
     line = np.vstack([foot, (body.points + n[:, None] * normals + t[:, None] * tangents)[1:]])
     # What flow found by chance, as on a body that swells at once, makes its skin no more like what it was.
@@ -112,7 +114,7 @@ def _unlike(skin: FloatArray, before: FloatArray) -> float:
 
 
 def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> FloatArray:
-    """What flow knows along the body (S,) 1/px^2 in its windows about `places` (S, 2): by slopes beyond those of noise."""
+    """What flow knows along the body (n,) 1/px^2 in its windows about `places` (n, 2): by slopes beyond those of noise."""
     columns, rows = np.clip(np.round(places), 0, np.array(seen.shape[::-1]) - 1).astype(int).T
     half = FLOW_WINDOW[0] // 2
     around = cv2.copyMakeBorder(seen, half, half, half, half, cv2.BORDER_REFLECT_101)
@@ -124,10 +126,10 @@ def _textured(seen: Any, places: NDArray[np.float32], tangents: FloatArray) -> F
 
 
 def _stretch(off: FloatArray, known: FloatArray, length: float) -> FloatArray:
-    """Gains (S,) px along the body of which flow says `off` (S,), known to `known` 1/px^2: none where it is smooth."""
+    """Gains (S,) px along the body of which flow says `off`, known to `known` 1/px^2, at `FLOW_ALONG`: none where it is smooth."""
     slips = UNIFORMLY * (FLOW_STRETCH * length) ** 2 + np.eye(len(UNIFORMLY)) * FLOW_SLIP**2
     prior, variance = np.asarray(np.linalg.inv(slips), dtype=float), FLOW_PX**2 + 1.0 / np.maximum(known, 1e-9)
-    return ALONG_BASIS @ robust_displacement(ALONG_BASIS, off, known / WINDOW_SHARED, variance, prior)
+    return ALONG_BASIS @ robust_displacement(ALONG_BASIS[FLOW_ALONG], off, known / WINDOW_SHARED, variance, prior)
 
 
 def spaced(line: FloatArray, like: FloatArray, gains: FloatArray) -> FloatArray:
